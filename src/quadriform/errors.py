@@ -1,0 +1,101 @@
+"""One error tree and one enum of named warnings.
+
+Every error message is one sentence chain: what is wrong, where, what was expected, what was found, what to try.
+"""
+
+from enum import StrEnum
+
+
+class QuadriformError(Exception):
+    """Root of every error this package raises on purpose; `exit_code` is what the terminal returns."""
+
+    exit_code = 70
+
+
+class InputError(QuadriformError, ValueError):
+    """The input cannot be used."""
+
+    exit_code = 4
+
+
+class PointsError(InputError):
+    """Points, weights or normals are unusable (shape, type, not finite)."""
+
+
+class MaskError(InputError):
+    """A mask, label image or grey image gives no usable object."""
+
+
+class AffineError(InputError):
+    """The transform from voxels to the world is missing, singular or not finite."""
+
+
+class OptionError(InputError):
+    """An option has an unknown name or a value out of its range."""
+
+    exit_code = 2
+
+
+class DegenerateError(QuadriformError, ValueError):
+    """Too few distinct points, or points without three-dimensional extent."""
+
+    exit_code = 4
+
+
+class FitError(QuadriformError, RuntimeError):
+    """The fit is not good enough; raised only on request (`strict`)."""
+
+    exit_code = 3
+
+
+class FileFormatError(QuadriformError, ValueError):
+    """A file is not what its name says, is damaged, or has a field that cannot be."""
+
+    exit_code = 4
+
+
+class FileLimitError(QuadriformError, MemoryError):
+    """A file or its declared content is beyond the budget."""
+
+    exit_code = 6
+
+
+class OutputError(QuadriformError, OSError):
+    """An output cannot be written; what stood there before is untouched."""
+
+    exit_code = 5
+
+
+class WarningKind(StrEnum):
+    """The named warnings. A result carries them as a mapping from the kind to a sentence."""
+
+    PARTIAL_COVERAGE = "PARTIAL_COVERAGE"
+    ILL_CONDITIONED = "ILL_CONDITIONED"
+    NEAR_SYMMETRIC = "NEAR_SYMMETRIC"
+    OUTLIERS = "OUTLIERS"
+    DUPLICATES = "DUPLICATES"
+    PRECISION_LOSS = "PRECISION_LOSS"
+    AT_BOUND = "AT_BOUND"
+    FOLDING = "FOLDING"
+    OUTSIDE_LATTICE = "OUTSIDE_LATTICE"
+    BORDER_CUT = "BORDER_CUT"
+    ANISOTROPIC = "ANISOTROPIC"
+    AFFINE_REPAIRED = "AFFINE_REPAIRED"
+    MULTIPLE_MINIMA = "MULTIPLE_MINIMA"
+    MAX_ITERATIONS = "MAX_ITERATIONS"
+    POOR_FIT = "POOR_FIT"
+
+
+Warnings = dict[WarningKind, str]
+"""From the kind of a warning to its sentence; `"OUTLIERS" in fit.warnings` works, for a kind is a string."""
+
+
+def choose(value: object, choices: tuple[str, ...], option: str) -> str:
+    """Return `value` when it is one of `choices`.
+
+    Raises:
+        OptionError: naming the option, the value and what is allowed.
+    """
+    if not isinstance(value, str) or value not in choices:
+        raise OptionError(f"option {option}={value!r} is unknown; expected one of {', '.join(map(repr, choices))}")
+    return value

@@ -1,0 +1,136 @@
+"""The gate: the outside world becomes checked float64 arrays here, once; centre-and-scale and its undoing."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from quadriform.errors import DegenerateError, OptionError, PointsError
+
+Array = NDArray[np.float64]
+
+DISTINCT = 1e-12
+"""Points closer than this share of the cloud's RMS radius count as one."""
+FLAT = 1e-6
+"""A smallest singular value below this share of the largest is a plane, a line or a point."""
+
+
+def check_points(points: ArrayLike, what: str = "points") -> Array:
+    """Return `points` as a finite float64 array of shape (n, 3); the input is never changed.
+
+    Args:
+        points: anything with rows x, y, z; (3, 3) is taken as three rows.
+        what: the name that an error message uses.
+
+    Raises:
+        PointsError: wrong type or shape, no points, masked or not finite values.
+    """
+    array = _as_numbers(points, what)
+    if array.ndim != 2 or array.shape[1] != 3:
+        hint = "; try points.T" if array.ndim == 2 and array.shape[0] == 3 else ""
+        raise PointsError(f"{what}: expected an array of shape (n, 3), found {array.shape}{hint}")
+    if len(array) == 0:
+        raise PointsError(f"{what}: there are no points; expected at least one row x, y, z")
+    bad = ~np.isfinite(array).all(axis=1)
+    if bad.any():
+        raise PointsError(
+            f"{what}: {int(bad.sum())} of {len(array)} rows are not finite, the first at index {int(bad.argmax())} "
+            f"({array[bad.argmax()]}); remove or repair them first"
+        )
+    return np.ascontiguousarray(array, dtype=np.float64)
+
+
+def _as_numbers(values: ArrayLike, what: str) -> Array:
+    if isinstance(values, np.ma.MaskedArray) and np.ma.getmaskarray(values).any():
+        raise PointsError(f"{what}: a masked array with masked values; drop those rows or fill them first")
+    try:
+        array = np.asarray(values)
+    except ValueError as error:
+        raise PointsError(f"{what}: rows of unequal length; expected (n, 3)") from error
+    if array.dtype.kind not in "iuf":
+        raise PointsError(f"{what}: expected real numbers, found type {array.dtype}")
+    if array.dtype.kind in "iu" and array.size and int(np.abs(array.astype(object)).max()) > 2**53:
+        raise PointsError(f"{what}: whole numbers above 2^53 cannot be kept exactly; shift them first")
+    with np.errstate(over="ignore"):
+        return array.astype(np.float64)
+
+
+def check_weights(weights: ArrayLike | None, n: int) -> Array:
+    """Return non-negative finite weights of shape (n,), all one for None.
+
+    Raises:
+        PointsError: wrong length, negative, not finite or all zero.
+    """
+    if weights is None:
+        return np.ones(n)
+    array = _as_numbers(weights, "weights")
+    if array.shape != (n,):
+        raise PointsError(f"weights: expected shape ({n},), found {array.shape}")
+    if not np.isfinite(array).all() or (array < 0).any() or not array.any():
+        raise PointsError("weights: expected finite values >= 0 that are not all zero")
+    return array
+
+
+def check_number(value: float, option: str, low: float, high: float = np.inf) -> float:
+    """Return `value` as a float when it lies in [low, high].
+
+    Raises:
+        OptionError: not a number, or out of the range.
+    """
+    number = float(value) if isinstance(value, (int, float, np.number)) and not isinstance(value, bool) else np.nan
+    if not low <= number <= high:
+        raise OptionError(f"option {option}={value!r} is out of range; expected a number from {low:g} to {high:g}")
+    return number
+
+
+def check_spread(points: Array, needed: int) -> None:
+    """Refuse clouds that no closed surface can be fitted to.
+
+    Raises:
+        DegenerateError: fewer than `needed` distinct points, or all of them on one plane, line or point.
+    """
+    frame = Frame.of(points)
+    if not 1e-150 < frame.scale < 1e150:
+        if len(np.unique(points, axis=0)) == 1:
+            raise DegenerateError(f"zero extent: all {len(points)} points are equal")
+        raise PointsError(f"points: scale out of range (RMS radius {frame.scale:g}); expected 1e-150 to 1e150")
+    local = frame.to_local(points)
+    distinct = len(np.unique(np.round(local / DISTINCT), axis=0))
+    singular = np.linalg.svd(local, compute_uv=False)
+    rank = int((singular > FLAT * singular[0]).sum())
+    if distinct >= 4 and rank < 3:
+        shape = {1: "collinear", 2: "coplanar"}[rank]
+        raise DegenerateError(f"points are {shape} (rank {rank} of 3); expected points around a solid body")
+    if distinct < needed:
+        raise DegenerateError(f"{distinct} distinct points; expected at least {needed}, one for each parameter")
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Centre and scale of a cloud: lengths inside are divided by its RMS radius.
+
+    Attributes:
+        centre: (3,), mean of the points, in their unit.
+        scale: RMS distance of the points to the centre, in their unit.
+    """
+
+    centre: Array
+    scale: float
+
+    @classmethod
+    def of(cls, points: Array) -> "Frame":
+        """Frame of (n, 3) points."""
+        centre = points.mean(axis=0)
+        largest = float(np.abs(points - centre).max())
+        if largest == 0:
+            return cls(centre, 0.0)
+        scaled = (points - centre) / largest  # squares of 1e-160 would vanish
+        return cls(centre, largest * float(np.sqrt((scaled**2).sum(axis=1).mean())))
+
+    def to_local(self, points: Array) -> Array:
+        """Points (n, 3) in the centred, unit-free frame."""
+        return (points - self.centre) / self.scale
+
+    def to_world(self, points: Array) -> Array:
+        """Points (n, 3) back in the unit of the data."""
+        return points * self.scale + self.centre
