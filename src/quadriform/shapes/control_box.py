@@ -1,0 +1,203 @@
+"""The free-form deformation: a box of control points that carries the space inside it (paper 3.1, appendix B)."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial import cKDTree
+
+from quadriform.errors import OptionError, PointsError
+from quadriform.points import Array, check_points
+from quadriform.shapes import bernstein, pose
+from quadriform.shapes.superquadric import Superquadric
+
+NEWTON_STEPS = 60
+EXACT = 1e-13
+"""`undeform` stops when the residual is below this share of the box's diagonal."""
+
+
+@dataclass(frozen=True)
+class ControlBox:
+    """A parallelepiped with (l+1)(m+1)(n+1) control points; points inside follow them.
+
+    Attributes:
+        origin: (3,), the corner X0 of the undeformed box, in the world.
+        edges: (3, 3), rows S, T, U, orthogonal to each other.
+        control_points: (l+1, m+1, n+1, 3); index i runs along S, j along T, k along U, all upwards.
+    """
+
+    origin: Array
+    edges: Array
+    control_points: Array
+
+    def __post_init__(self) -> None:
+        for name, shape in (("origin", (3,)), ("edges", (3, 3)), ("control_points", None)):
+            array = np.array(getattr(self, name), dtype=np.float64)
+            if (shape and array.shape != shape) or not np.isfinite(array).all():
+                raise OptionError(f"{name}: expected finite numbers of shape {shape}, found shape {array.shape}")
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+        grid = self.control_points.shape
+        if len(grid) != 4 or grid[3] != 3 or min(grid[:3]) < 2:
+            raise OptionError(f"control_points: expected shape (l+1, m+1, n+1, 3) with l, m, n >= 1, found {grid}")
+
+    @classmethod
+    def around(cls, superquadric: Superquadric, shape: tuple[int, int, int] = (5, 5, 5)) -> "ControlBox":
+        """The undeformed box that touches a superquadric: sides 2 a1, 2 a2, 2 a3 in its pose (paper 3.2.1).
+
+        Args:
+            superquadric: its pose gives the axes; kinds other than the ellipsoid take the box of their extent.
+            shape: control points along each axis.
+        """
+        half = superquadric.semi_axes
+        if superquadric.kind != "ellipsoid":
+            mesh = superquadric.mesh(16)
+            half = np.abs(pose.to_local(mesh.vertices, superquadric.rotation, superquadric.translation)).max(axis=0)
+        edges = 2 * half[:, None] * superquadric.rotation.T
+        return cls.undeformed(superquadric.translation - edges.sum(axis=0) / 2, edges, shape)
+
+    @classmethod
+    def undeformed(cls, origin: Array, edges: Array, shape: tuple[int, int, int]) -> "ControlBox":
+        """The box whose control points stand in their even places, so that nothing moves."""
+        steps = [np.linspace(0, 1, count) for count in shape]
+        lattice = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1)
+        return cls(origin, edges, origin + lattice @ edges)  # P17
+
+    @property
+    def degrees(self) -> tuple[int, int, int]:
+        """(l, m, n): one less than the control points along each axis."""
+        l, m, n = (count - 1 for count in self.control_points.shape[:3])
+        return l, m, n
+
+    @property
+    def rest(self) -> Array:
+        """The control points of the undeformed box, (l+1, m+1, n+1, 3)."""
+        l, m, n = self.control_points.shape[:3]
+        return ControlBox.undeformed(self.origin, self.edges, (l, m, n)).control_points
+
+    def with_control_points(self, control_points: Array) -> "ControlBox":
+        """The same box with its control points elsewhere; any array of 3 (l+1)(m+1)(n+1) numbers."""
+        return replace(self, control_points=np.reshape(control_points, self.control_points.shape))
+
+    def local(self, points: ArrayLike) -> Array:
+        """Local coordinates s, t, u of world points, (n, 3); inside the box they lie in [0, 1]."""
+        lengths = (self.edges**2).sum(axis=1)
+        return (check_points(points) - self.origin) @ self.edges.T / lengths  # P15, P16
+
+    def _chunks(self, points: ArrayLike) -> Iterator[tuple[slice, Array]]:
+        local = self.local(points)
+        for start in range(0, len(local), bernstein.CHUNK):
+            part = slice(start, start + bernstein.CHUNK)
+            yield part, local[part]
+
+    def deform(self, points: ArrayLike) -> Array:
+        """Where the box carries world points (n, 3); any points, not only those of the surface.
+
+        Outside the undeformed box the same polynomials go on (extrapolation).
+        """
+        result = np.empty((len(np.asarray(points)), 3))
+        for part, local in self._chunks(points):
+            factors = [bernstein.basis(local[:, axis], degree) for axis, degree in enumerate(self.degrees)]
+            result[part] = bernstein.combine(factors, self.control_points)  # P18, P19
+        return result
+
+    def matrix(self, points: ArrayLike) -> Array:
+        """Deformation matrix B, (n, (l+1)(m+1)(n+1)), with deformed points = B P; the last index runs fastest."""
+        local = self.local(points)
+        factors = [bernstein.basis(local[:, axis], degree) for axis, degree in enumerate(self.degrees)]
+        return bernstein.products(factors)  # P5
+
+    def jacobian(self, points: ArrayLike) -> Array:
+        """d deformed / d point, (n, 3, 3), rows the deformed coordinates; the deformation gradient."""
+        result = np.empty((len(np.asarray(points)), 3, 3))
+        inverse_edges = self.edges / (self.edges**2).sum(axis=1, keepdims=True)  # d (s, t, u) / d point
+        for part, local in self._chunks(points):
+            result[part] = self._by_local(local) @ inverse_edges
+        return result
+
+    def _by_local(self, local: Array) -> Array:
+        """d deformed / d (s, t, u), (n, 3, 3)."""
+        plain = [bernstein.basis(local[:, a], d) for a, d in enumerate(self.degrees)]
+        slopes = [bernstein.basis_derivative(local[:, a], d) for a, d in enumerate(self.degrees)]
+        columns = []
+        for axis in range(3):
+            factors = [slopes[a] if a == axis else plain[a] for a in range(3)]
+            columns.append(bernstein.combine(factors, self.control_points))
+        return np.stack(columns, axis=2)
+
+    def undeform(self, points: ArrayLike) -> Array:
+        """Where deformed points (n, 3) came from: the inverse of `deform`, by damped Newton steps.
+
+        Starts from the nearest of a lattice of deformed points, so that a point with several origins (a folded box)
+        gets one near it.
+
+        Raises:
+            PointsError: points that no place in or near the box is carried to.
+        """
+        target = check_points(points)
+        result = np.empty_like(target)
+        for start in range(0, len(target), bernstein.CHUNK):
+            part = slice(start, start + bernstein.CHUNK)
+            result[part] = self._newton(target[part])
+        missed = np.linalg.norm(self.deform(result) - target, axis=1) > 1e4 * EXACT * self._size
+        if missed.any():
+            first = int(missed.argmax())
+            raise PointsError(
+                f"undeform: {int(missed.sum())} of {len(target)} points have no origin near the box, the first at index "
+                f"{first} ({target[first]}); expected points inside the deformed box"
+            )
+        return result
+
+    @property
+    def _size(self) -> float:
+        return float(np.linalg.norm(self.edges))
+
+    def _newton(self, target: Array) -> Array:
+        point = self._nearest_origin(target)
+        error = self.deform(point) - target
+        damping = np.ones(len(target))
+        for _ in range(NEWTON_STEPS):
+            active = np.flatnonzero(np.linalg.norm(error, axis=1) > EXACT * self._size)
+            active = active[damping[active] > 1e-9]
+            if not len(active):
+                break
+            jacobian = self.jacobian(point[active])
+            step = _solve_each(jacobian, error[active])
+            trial = point[active] - damping[active, None] * step
+            moved = self.deform(trial) - target[active]
+            better = np.linalg.norm(moved, axis=1) < np.linalg.norm(error[active], axis=1)
+            good, bad = active[better], active[~better]
+            point[good], error[good] = trial[better], moved[better]
+            damping[good], damping[bad] = np.minimum(1, 2 * damping[good]), damping[bad] / 4
+        return point
+
+    def _nearest_origin(self, target: Array) -> Array:
+        steps = np.linspace(-0.2, 1.2, 15)
+        lattice = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), -1).reshape(-1, 3)
+        origins = self.origin + lattice @ self.edges
+        return origins[cKDTree(self.deform(origins)).query(target)[1]]
+
+    def elevate(self, degrees: tuple[int, int, int]) -> "ControlBox":
+        """The same deformation with more control points, exactly.
+
+        Args:
+            degrees: the new (l, m, n), none below the present ones.
+
+        Raises:
+            OptionError: a degree would have to go down.
+        """
+        if any(high < low for low, high in zip(self.degrees, degrees)):
+            raise OptionError(f"degrees={degrees}: expected none below the present {self.degrees}")
+        raised = self.control_points
+        for axis, (low, high) in enumerate(zip(self.degrees, degrees)):
+            raised = np.moveaxis(np.tensordot(bernstein.elevation(low, high), raised, (1, axis)), 0, axis)
+        return replace(self, control_points=raised)
+
+
+def _solve_each(matrices: Array, right: Array) -> Array:
+    """Solve (n, 3, 3) x = (n, 3) by least squares with a small damping, so that a singular one moves little."""
+    transposed = matrices.transpose(0, 2, 1)
+    gram = transposed @ matrices
+    gram = gram + 1e-14 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+    return np.linalg.solve(gram, transposed @ right[:, :, None])[:, :, 0]

@@ -1,0 +1,91 @@
+"""Samples and triangles of the unit sphere, of the torus and of a disc: one grid for all surfaces.
+
+The sphere's grid is a cube's, blown up: no pole, no sliver, unchanged by every turn and mirror of the cube, with lines
+on the coordinate planes and on the cube's edges, where superellipsoids have their edges.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadriform.points import Array
+
+Faces = NDArray[np.int64]
+
+
+def split_quads(quads: Faces, vertices: Array) -> Faces:
+    """Two triangles for each quad (m, 4), cut along the shorter diagonal (ties keep the first)."""
+    a, b, c, d = (vertices[quads[:, k]] for k in range(4))
+    first = np.linalg.norm(a - c, axis=1) <= np.linalg.norm(b - d, axis=1) * (1 + 1e-9)
+    with_ac = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]], axis=1)
+    with_bd = np.concatenate([quads[:, [0, 1, 3]], quads[:, [1, 2, 3]]], axis=1)
+    return np.where(first[:, None], with_ac, with_bd).reshape(-1, 3)
+
+
+@lru_cache(maxsize=16)
+def sphere_grid(resolution: int) -> tuple[Array, Faces]:
+    """Unit directions and the quads between them.
+
+    Args:
+        resolution: cells along an edge of the cube, made even; n gives 6 n^2 + 2 directions.
+
+    Returns:
+        Directions (6 n^2 + 2, 3) and quads (6 n^2, 4), counter-clockwise from outside. Do not write into them.
+    """
+    n = 2 * max(1, (resolution + 1) // 2)
+    corners, quads = _cube_surface(n)
+    tangents = np.tan(np.pi / 4 * (2 * corners / n - 1))
+    directions = tangents / np.linalg.norm(tangents, axis=1, keepdims=True)
+    directions.setflags(write=False)
+    return directions, quads
+
+
+def _cube_surface(n: int) -> tuple[NDArray[np.int64], Faces]:
+    """Integer points (k, 3) of the surface of the cube [0, n]^3 and its unit quads (6 n^2, 4)."""
+    i, j = (g.ravel() for g in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))
+    loops = []
+    for axis in range(3):
+        for level in (0, n):
+            around = [(0, 0), (1, 0), (1, 1), (0, 1)] if level else [(0, 0), (0, 1), (1, 1), (1, 0)]
+            quad = np.empty((n * n, 4, 3), np.int64)
+            quad[:, :, axis] = level
+            for corner, (di, dj) in enumerate(around):
+                quad[:, corner, (axis + 1) % 3], quad[:, corner, (axis + 2) % 3] = i + di, j + dj
+            loops.append(quad)
+    points, index = np.unique(np.concatenate(loops).reshape(-1, 3), axis=0, return_inverse=True)
+    return points, index.reshape(-1, 4)
+
+
+@lru_cache(maxsize=16)
+def torus_grid(resolution: int) -> tuple[Array, Faces]:
+    """Latitude and longitude (n, 2) on a torus, 2 n of the first by 4 n of the second, and the quads between."""
+    rows, columns = 2 * resolution, 4 * resolution
+    return _angle_grid(2 * np.pi * np.arange(rows) / rows, 2 * np.pi * np.arange(columns) / columns, wrap_rows=True)
+
+
+def tube_grid(latitudes: Array, columns: int) -> tuple[Array, Faces]:
+    """Given latitudes by an even ring of longitudes: (n, 2) angles and quads, open at both ends."""
+    return _angle_grid(latitudes, 2 * np.pi * np.arange(columns) / columns, wrap_rows=False)
+
+
+def _angle_grid(latitudes: Array, longitudes: Array, wrap_rows: bool) -> tuple[Array, Faces]:
+    rows, columns = len(latitudes), len(longitudes)
+    angles = np.stack(np.meshgrid(latitudes, longitudes, indexing="ij"), -1).reshape(-1, 2)
+    index = np.arange(rows * columns).reshape(rows, columns)
+    up = np.roll(index, -1, axis=0) if wrap_rows else index[1:]
+    low = index if wrap_rows else index[:-1]
+    quads = np.stack([low, np.roll(low, -1, axis=1), np.roll(up, -1, axis=1), up], -1).reshape(-1, 4)
+    return angles, quads
+
+
+@lru_cache(maxsize=16)
+def disc_grid(resolution: int) -> tuple[Array, Faces]:
+    """Points (n, 2) of the unit disc and quads between them: a square grid pushed out to the circle."""
+    steps = np.linspace(-1, 1, 2 * resolution + 1)
+    square = np.stack(np.meshgrid(steps, steps, indexing="ij"), -1).reshape(-1, 2)
+    largest, length = np.abs(square).max(axis=1), np.linalg.norm(square, axis=1)
+    disc = square * (largest / np.maximum(length, 1e-300))[:, None]
+    index = np.arange(len(square)).reshape(len(steps), -1)
+    quads = np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]], -1).reshape(-1, 4)
+    return disc, quads

@@ -1,0 +1,94 @@
+"""The deformable model: superquadric surface(s) carried by one control box (paper 3)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from quadriform.errors import OptionError
+from quadriform.points import Array, check_points
+from quadriform.shapes.closest import FootPoints, closest_on
+from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.directions import split_quads
+from quadriform.shapes.mesh import Mesh
+from quadriform.shapes.superquadric import Superquadric
+
+
+@dataclass(frozen=True)
+class DeformableModel:
+    """Named superquadrics in one box of control points.
+
+    Attributes:
+        surfaces: name -> superquadric before deformation; a single one is called "surface", the first is the outer
+            one for measures without a name.
+        box: the deformation that carries them all.
+        space: the frame of the world coordinates: "LPS", "RAS" or "unknown".
+        unit: "mm", "m" or "unknown".
+        input_sha256: hash of the input that the model was fitted to, empty for models built by hand.
+    """
+
+    surfaces: dict[str, Superquadric]
+    box: ControlBox
+    space: str = "unknown"
+    unit: str = "unknown"
+    input_sha256: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.surfaces:
+            raise OptionError("surfaces: expected at least one named superquadric")
+
+    @property
+    def n_parameters(self) -> int:
+        """How many numbers the model is: 11 a superellipsoid (12 a toroid) and 3 a control point."""
+        return sum(len(s.parameters) for s in self.surfaces.values()) + self.box.control_points.size
+
+    def superquadric(self, surface: str | None = None) -> Superquadric:
+        """The superquadric of a name; without a name the first.
+
+        Raises:
+            OptionError: unknown name.
+        """
+        name = next(iter(self.surfaces)) if surface is None else surface
+        if name not in self.surfaces:
+            raise OptionError(f"surface={name!r} is unknown; expected one of {', '.join(map(repr, self.surfaces))}")
+        return self.surfaces[name]
+
+    def mesh(self, surface: str | None = None, resolution: int = 24) -> Mesh:
+        """Triangles of a deformed surface; `resolution` as in `Superquadric.mesh`."""
+        before, quads = self.superquadric(surface).grid(resolution)
+        vertices = self.box.deform(before)
+        return Mesh(vertices, split_quads(quads, vertices))
+
+    def deform(self, points: ArrayLike) -> Array:
+        """Where the volumetric map carries world points (n, 3)."""
+        return self.box.deform(points)
+
+    def undeform(self, points: ArrayLike) -> Array:
+        """The inverse of `deform`, (n, 3)."""
+        return self.box.undeform(points)
+
+    def foot_points(self, points: ArrayLike, surface: str | None = None) -> FootPoints:
+        """The closest surface points with their normals and signed distances."""
+        return closest_on(self.superquadric(surface), self.box, check_points(points))
+
+    def closest(self, points: ArrayLike, surface: str | None = None) -> Array:
+        """The closest point of a surface to each of (n, 3) world points."""
+        return self.foot_points(points, surface).points
+
+    def distance(self, points: ArrayLike, surface: str | None = None) -> Array:
+        """Signed distance of (n, 3) world points to a surface, (n,), negative inside."""
+        return self.foot_points(points, surface).signed
+
+    def contains(self, points: ArrayLike, surface: str | None = None) -> NDArray[np.bool_]:
+        """Which of (n, 3) world points lie inside a closed surface."""
+        return self.distance(points, surface) < 0
+
+    def volume(self, surface: str | None = None) -> float:
+        """Enclosed volume in cubed units, from two meshes by Richardson's extrapolation."""
+        coarse, fine = (self.mesh(surface, n).volume() for n in (32, 64))
+        return fine + (fine - coarse) / 3
+
+    def area(self, surface: str | None = None) -> float:
+        """Area of a surface in squared units, likewise."""
+        coarse, fine = (self.mesh(surface, n).area() for n in (32, 64))
+        return fine + (fine - coarse) / 3

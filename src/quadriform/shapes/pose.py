@@ -1,0 +1,40 @@
+"""Rotation and translation (paper A.2, P11)."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from quadriform.points import Array
+
+EULER = "XYZ"
+"""Intrinsic turns about x, then the new y, then the new z."""
+
+
+def rotation_from_euler(angles: Array) -> Array:
+    """Rotation matrix (3, 3) of three Euler angles in radians (phi, theta, psi of the paper)."""
+    return Rotation.from_euler(EULER, angles).as_matrix()
+
+
+def euler_from_rotation(rotation: Array) -> Array:
+    """Euler angles (3,) in radians of a rotation matrix."""
+    return Rotation.from_matrix(rotation).as_euler(EULER)
+
+
+def euler_derivatives(angles: Array) -> Array:
+    """Derivatives of the rotation matrix by each Euler angle, (3 angles, 3, 3)."""
+    turns = [Rotation.from_euler(axis, angle).as_matrix() for axis, angle in zip("xyz", angles)]
+    result = np.empty((3, 3, 3))
+    for k in range(3):
+        spin = np.cross(np.eye(3)[k], np.eye(3)).T  # generator of turns about axis k
+        parts = [turn @ spin if axis == k else turn for axis, turn in enumerate(turns)]
+        result[k] = parts[0] @ parts[1] @ parts[2]
+    return result
+
+
+def to_local(points_world: Array, rotation: Array, translation: Array) -> Array:
+    """R^T (x - t) of (n, 3) points: from the world to the object's own frame."""
+    return (points_world - translation) @ rotation  # P11
+
+
+def to_world(points_local: Array, rotation: Array, translation: Array) -> Array:
+    """R x + t of (n, 3) points: from the object's own frame to the world."""
+    return points_local @ rotation.T + translation  # P11

@@ -1,0 +1,206 @@
+"""A superquadric in space: one of four kinds, with sizes, exponents and pose (paper 2, A.1, A.2)."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import beta
+
+from quadriform.errors import OptionError, choose
+from quadriform.points import Array, check_points
+from quadriform.shapes import pose
+from quadriform.shapes.directions import Faces, split_quads
+from quadriform.shapes.kinds import KINDS, Kind
+from quadriform.shapes.mesh import Mesh
+
+EXPONENTS = (0.01, 2.0)
+"""The range of both exponents: nearly a box, to flat bevels."""
+
+
+@dataclass(frozen=True)
+class Superquadric:
+    """A superellipsoid, supertoroid or superhyperboloid at some place in space.
+
+    Attributes:
+        kind: "ellipsoid", "toroid", "hyperboloid1" (one sheet, around its z axis) or "hyperboloid2" (two, along x).
+        semi_axes: (3,) a1, a2, a3 > 0, in the unit of the data; those of the tube for the toroid.
+        exponents: (2,) e1 (latitude) and e2 (longitude), in [0.01, 2].
+        rotation: (3, 3), from the object's frame to the world.
+        translation: (3,), the centre in the world.
+        hole_radius: the toroid's twelfth number a4 > 1, in units of the tube; None for the others.
+        height: where a hyperboloid is cut: |z| of one sheet, |x| > a1 of two, in the unit of the data.
+
+    Raises:
+        OptionError: a number is out of its range.
+    """
+
+    kind: str = "ellipsoid"
+    semi_axes: Array = (1.0, 1.0, 1.0)  # type: ignore[assignment]
+    exponents: Array = (1.0, 1.0)  # type: ignore[assignment]
+    rotation: Array = ((1, 0, 0), (0, 1, 0), (0, 0, 1))  # type: ignore[assignment]
+    translation: Array = (0.0, 0.0, 0.0)  # type: ignore[assignment]
+    hole_radius: float | None = None
+    height: float | None = None
+
+    def __post_init__(self) -> None:
+        choose(self.kind, tuple(KINDS), "kind")
+        for name, shape in (
+            ("semi_axes", (3,)),
+            ("exponents", (2,)),
+            ("rotation", (3, 3)),
+            ("translation", (3,)),
+        ):
+            array = np.array(getattr(self, name), dtype=np.float64)
+            if array.shape != shape or not np.isfinite(array).all():
+                raise OptionError(f"{name}: expected finite numbers of shape {shape}, found {array.tolist()}")
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+        self._check_ranges()
+
+    def _check_ranges(self) -> None:
+        if (self.semi_axes <= 0).any():
+            raise OptionError(f"semi_axes: expected lengths above 0, found {self.semi_axes.tolist()}")
+        if (self.exponents < EXPONENTS[0]).any() or (self.exponents > EXPONENTS[1]).any():
+            raise OptionError(f"exponents: expected numbers in {EXPONENTS}, found {self.exponents.tolist()}")
+        if not np.allclose(self.rotation @ self.rotation.T, np.eye(3), atol=1e-9) or np.linalg.det(self.rotation) < 0:
+            raise OptionError("rotation: expected an orthogonal matrix with determinant +1")
+        if (self.hole_radius is not None) != (self.kind == "toroid") or not (self.hole_radius or 2) > 1:
+            raise OptionError(f"hole_radius: a number above 1 for the toroid alone, found {self.hole_radius}")
+        least = self.semi_axes[0] if self.kind == "hyperboloid2" else 0.0
+        if (self.height is not None) != self.kind.startswith("hyperboloid") or not (self.height or np.inf) > least:
+            raise OptionError(f"height: a length above {least:g} for hyperboloids alone, found {self.height}")
+
+    @property
+    def _shape(self) -> Kind:
+        return KINDS[self.kind]
+
+    @property
+    def _hole(self) -> float:
+        return self.hole_radius or 0.0
+
+    # --- numbers -------------------------------------------------------------------------------------------------
+
+    @property
+    def parameters(self) -> Array:
+        """The 11 numbers a1 a2 a3, e1 e2, three Euler angles (radians), tx ty tz; the toroid's hole radius is 12th."""
+        euler = pose.euler_from_rotation(self.rotation)
+        hole = [] if self.hole_radius is None else [self.hole_radius]
+        return np.concatenate([self.semi_axes, self.exponents, euler, self.translation, hole])
+
+    def with_parameters(self, parameters: Array) -> "Superquadric":
+        """The same kind with other numbers, in the order of `parameters`."""
+        return replace(
+            self,
+            semi_axes=parameters[:3],
+            exponents=parameters[3:5],
+            rotation=pose.rotation_from_euler(parameters[5:8]),
+            translation=parameters[8:11],
+            hole_radius=None if self.hole_radius is None else float(parameters[11]),
+        )
+
+    # --- inside and outside --------------------------------------------------------------------------------------
+
+    def _scaled(self, points: ArrayLike) -> Array:
+        return pose.to_local(check_points(points), self.rotation, self.translation) / self.semi_axes
+
+    def implicit(self, points: ArrayLike) -> Array:
+        """Inside-outside function F (P1, P11) at world points (n, 3): 1 on the surface, < 1 inside, > 1 outside."""
+        return self._shape.implicit(self._scaled(points), self.exponents, self._hole)  # P11
+
+    def gradient(self, points: ArrayLike) -> Array:
+        """Gradient of F by the world point, (n, 3), in 1 / unit; finite everywhere, also on axes and at the centre."""
+        by_point = self._shape.derivatives(self._scaled(points), self.exponents, self._hole).point
+        return (by_point / self.semi_axes) @ self.rotation.T
+
+    def parameter_derivatives(self, points: ArrayLike) -> tuple[Array, Array]:
+        """F (n,) and its derivatives by every parameter, (n, 11) or (n, 12), in the order of `parameters`."""
+        world = check_points(points)
+        q = self._scaled(world)
+        d = self._shape.derivatives(q, self.exponents, self._hole)
+        by_local = d.point / self.semi_axes
+        turns = pose.euler_derivatives(pose.euler_from_rotation(self.rotation))
+        by_euler = np.einsum("nj,aij,ni->na", by_local, turns, world - self.translation)
+        by_translation = -by_local @ self.rotation.T
+        columns = [-q * by_local, d.exponents, by_euler, by_translation]
+        if self.hole_radius is not None:
+            columns.append(d.hole[:, None])
+        return d.value, np.concatenate(columns, axis=1)
+
+    # --- the surface ---------------------------------------------------------------------------------------------
+
+    def surface(self, directions: ArrayLike) -> Array:
+        """World points (n, 3) of the surface.
+
+        Args:
+            directions: for the ellipsoid unit directions (n, 3), the regular parametrisation of section 2.2; for
+                the other kinds latitude and longitude (n, 2) in radians, their natural parametrisation.
+        """
+        if self.kind != "ellipsoid":
+            return self.natural(directions)
+        return self._world(self._shape.project(check_points(directions, "directions"), self.exponents, 0.0))
+
+    def natural(self, angles: ArrayLike) -> Array:
+        """World points (n, 3) by latitude and longitude (n, 2) in radians: P2 and its kin."""
+        pairs = np.asarray(angles, dtype=np.float64)
+        if pairs.ndim != 2 or pairs.shape[1] != 2 or not np.isfinite(pairs).all():
+            raise OptionError(f"angles: expected finite latitudes and longitudes of shape (n, 2), found {pairs.shape}")
+        return self._world(self._shape.natural(pairs, self.exponents, self._hole))
+
+    def project(self, points: ArrayLike) -> Array:
+        """Where the ray of each world point (n, 3) meets the surface: from the centre for the ellipsoid."""
+        return self._world(self._shape.project(self._scaled(points), self.exponents, self._hole))
+
+    def _world(self, scaled: Array) -> Array:
+        return pose.to_world(scaled * self.semi_axes, self.rotation, self.translation)
+
+    def grid(self, resolution: int) -> tuple[Array, Faces]:
+        """Well spread world points (n, 3) of the surface and the quads (m, 4) between them; `resolution` as in `mesh`."""
+        cut = (self.height or 0.0) / self.semi_axes[0 if self.kind == "hyperboloid2" else 2]
+        scaled, quads = self._shape.grid(resolution, self.exponents, self._hole, cut)
+        return self._world(scaled), quads
+
+    def mesh(self, resolution: int = 24) -> Mesh:
+        """Triangles of the surface: closed for ellipsoid and toroid, open at the cut for hyperboloids.
+
+        Args:
+            resolution: cells along an edge of the cube that the grid is blown up from (6 n^2 + 2 vertices), or a
+                quarter of the cells around a toroid or hyperboloid.
+        """
+        vertices, quads = self.grid(resolution)
+        return Mesh(vertices, split_quads(quads, vertices))
+
+    # --- distances and sizes -------------------------------------------------------------------------------------
+
+    def radial_distance(self, points: ArrayLike) -> Array:
+        """|M0 M| along the ray from the centre (paper 2.4), (n,), >= the true distance; ellipsoid only."""
+        self._only_ellipsoid("radial_distance")
+        world = check_points(points)
+        return np.linalg.norm(world - self.project(world), axis=1)
+
+    def first_order_distance(self, points: ArrayLike) -> Array:
+        """|F - 1| / |grad F| (P4), (n,); close to the true distance near the surface."""
+        slope = np.linalg.norm(self.gradient(points), axis=1)
+        return np.abs(self.implicit(points) - 1) / np.maximum(slope, 1e-300)  # P4
+
+    def volume(self) -> float:
+        """Enclosed volume in cubed units, in closed form.
+
+        Raises:
+            OptionError: for hyperboloids, which enclose none.
+        """
+        e1, e2 = self.exponents
+        product = float(np.prod(self.semi_axes))
+        if self.kind == "ellipsoid":
+            return 2 * product * e1 * e2 * beta(e1 / 2 + 1, e1) * beta(e2 / 2, e2 / 2)
+        if self.kind == "toroid":  # areas of both superellipses times the way around
+            return 8 * product * self._hole * e1 * e2 * beta(e1 / 2, e1 / 2 + 1) * beta(e2 / 2, e2 / 2 + 1)
+        raise OptionError(f"kind={self.kind!r} encloses no volume")
+
+    def area(self) -> float:
+        """Surface area in squared units, from two meshes by Richardson's extrapolation (about 1e-4 relative)."""
+        coarse, fine = self.mesh(48).area(), self.mesh(96).area()
+        return fine + (fine - coarse) / 3
+
+    def _only_ellipsoid(self, what: str) -> None:
+        if self.kind != "ellipsoid":
+            raise OptionError(f"{what} holds for kind='ellipsoid' only, found kind={self.kind!r}")
