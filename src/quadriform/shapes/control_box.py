@@ -64,6 +64,10 @@ class ControlBox:
         lattice = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1)
         return cls(origin, edges, origin + lattice @ edges)  # P17
 
+    def placed(self, scale: float, offset: Array) -> "ControlBox":
+        """The same deformation after `scale` x + `offset`: from a centred, scaled frame back to the world."""
+        return ControlBox(scale * self.origin + offset, scale * self.edges, scale * self.control_points + offset)
+
     @property
     def degrees(self) -> tuple[int, int, int]:
         """(l, m, n): one less than the control points along each axis."""
@@ -144,8 +148,8 @@ class ControlBox:
         if missed.any():
             first = int(missed.argmax())
             raise PointsError(
-                f"undeform: {int(missed.sum())} of {len(target)} points have no origin near the box, the first at index "
-                f"{first} ({target[first]}); expected points inside the deformed box"
+                f"undeform: {int(missed.sum())} of {len(target)} points have no origin near the box, the first at "
+                f"index {first} ({target[first]}); expected points inside the deformed box"
             )
         return result
 

@@ -1,6 +1,6 @@
 """The deformable model: superquadric surface(s) carried by one control box (paper 3)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,6 +41,11 @@ class DeformableModel:
     def n_parameters(self) -> int:
         """How many numbers the model is: 11 a superellipsoid (12 a toroid) and 3 a control point."""
         return sum(len(s.parameters) for s in self.surfaces.values()) + self.box.control_points.size
+
+    def placed(self, scale: float, offset: Array) -> "DeformableModel":
+        """The same model after `scale` x + `offset`: from a centred, scaled frame back to the world."""
+        surfaces = {name: s.placed(scale, offset) for name, s in self.surfaces.items()}
+        return replace(self, surfaces=surfaces, box=self.box.placed(scale, offset))
 
     def superquadric(self, surface: str | None = None) -> Superquadric:
         """The superquadric of a name; without a name the first.

@@ -27,7 +27,8 @@ def norm(u: Array, v: Array, exponent: float) -> Array:
 def norm_derivatives(u: Array, v: Array, exponent: float) -> tuple[Array, Array, Array, Array]:
     """The norm and its derivatives with respect to u, v and the exponent.
 
-    With p and q the shares of u and v in the sum, d log N / d log|u| = p and dN / de = N H / 2, H the entropy of (p, q).
+    With p and q the shares of u and v in the sum, d log N / d log|u| = p and dN / de = N H / 2, H the entropy of
+    the shares.
     """
     k = 2 / exponent
     log_u, log_v = log_abs(u), log_abs(v)

@@ -98,6 +98,15 @@ class Superquadric:
             hole_radius=None if self.hole_radius is None else float(parameters[11]),
         )
 
+    def placed(self, scale: float, offset: Array) -> "Superquadric":
+        """The same surface after `scale` x + `offset`: from a centred, scaled frame back to the world."""
+        return replace(
+            self,
+            semi_axes=scale * self.semi_axes,
+            translation=scale * self.translation + offset,
+            height=None if self.height is None else scale * self.height,
+        )
+
     # --- inside and outside --------------------------------------------------------------------------------------
 
     def _scaled(self, points: ArrayLike) -> Array:
@@ -154,7 +163,7 @@ class Superquadric:
         return pose.to_world(scaled * self.semi_axes, self.rotation, self.translation)
 
     def grid(self, resolution: int) -> tuple[Array, Faces]:
-        """Well spread world points (n, 3) of the surface and the quads (m, 4) between them; `resolution` as in `mesh`."""
+        """Well spread world points (n, 3) of the surface and quads (m, 4) between them; `resolution` as in `mesh`."""
         cut = (self.height or 0.0) / self.semi_axes[0 if self.kind == "hyperboloid2" else 2]
         scaled, quads = self._shape.grid(resolution, self.exponents, self._hole, cut)
         return self._world(scaled), quads

@@ -1,0 +1,42 @@
+"""Step 1 of the iteration: where each model point should go (paper 3.2.2)."""
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from quadriform.points import Array
+
+NEIGHBOURS = 4
+
+
+def data_to_model(model_points: Array, data: Array, neighbours: int = NEIGHBOURS) -> Array:
+    """Displacements (m, 3) of the model points, by the closest MODEL point of each data point: the paper's choice.
+
+    A model point chosen by several data points takes the mean of their displacements; one chosen by none takes the
+    inverse-distance mean of its `neighbours` nearest chosen ones.
+    """
+    chosen = cKDTree(model_points).query(data)[1]
+    counts = np.bincount(chosen, minlength=len(model_points))
+    sums = np.stack([np.bincount(chosen, data[:, axis], len(model_points)) for axis in range(3)], axis=1)
+    assigned = counts > 0
+    displacements = np.zeros_like(model_points)
+    displacements[assigned] = sums[assigned] / counts[assigned, None] - model_points[assigned]
+    if not assigned.all():
+        displacements[~assigned] = _interpolate(
+            model_points[~assigned], model_points[assigned], displacements[assigned], neighbours
+        )
+    return displacements
+
+
+def _interpolate(at: Array, known_at: Array, known: Array, neighbours: int) -> Array:
+    count = min(neighbours, len(known_at))
+    distance, index = cKDTree(known_at).query(at, k=np.arange(1, count + 1))
+    weight = 1 / np.maximum(distance, 1e-12 * np.ptp(known_at, axis=0).max() + 1e-300)
+    return np.einsum("nk,nkd->nd", weight, known[index]) / weight.sum(axis=1, keepdims=True)
+
+
+def model_to_data(model_points: Array, data: Array, neighbours: int = NEIGHBOURS) -> Array:
+    """Displacements (m, 3) of the model points to the closest DATA point of each: the usual choice, and the worse."""
+    return data[cKDTree(data).query(model_points)[1]] - model_points
+
+
+MATCHINGS = {"data-to-model": data_to_model, "model-to-data": model_to_data}

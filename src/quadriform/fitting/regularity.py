@@ -1,0 +1,132 @@
+"""Step 2 of the iteration: the control points that the displacements ask for, kept regular (paper 3.2.3, 4)."""
+
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+from scipy.linalg import qr, solve_triangular
+
+from quadriform.errors import OptionError
+from quadriform.points import Array, check_number
+
+NUMERICAL_RANK = 1e-10
+"""Singular values below this share of the largest count as vanishing when no other cut is asked for."""
+SPRINGS_STRENGTH = 1e-6
+"""Holds the box by default: each spring's square counts this much, per data point."""
+
+Step = Callable[[Array, Array, Array], Array]
+"""From the wanted displacements (m, 3), the control points (k, 3) and the resting ones, the step of the former."""
+
+
+class Regulariser(Protocol):
+    """Anything with one method can hold the box."""
+
+    def matrix(self, shape: tuple[int, int, int]) -> Array:
+        """Symmetric positive semi-definite (k, k) over k control points, the last axis running fastest."""
+
+
+class Springs:
+    """Springs of no length between neighbours along the three axes; each pair counts twice, as P9 prints it."""
+
+    def matrix(self, shape: tuple[int, int, int]) -> Array:
+        """D^T D with |D P|^2 = sum_j sum_{j' next to j} |P_j - P_j'|^2."""
+        index = np.arange(np.prod(shape)).reshape(shape)
+        result = np.zeros((index.size, index.size))
+        for axis in range(3):
+            moved = np.moveaxis(index, axis, 0)
+            one, other = moved[:-1].ravel(), moved[1:].ravel()
+            for a, b in ((one, other), (other, one)):
+                np.add.at(result, (a, a), 2.0)  # a pair counts twice: 2 |P_a - P_b|^2 over both
+                np.add.at(result, (a, b), -2.0)
+        return result
+
+
+def truncated_svd(b: Array, strength: float | None) -> tuple[Array, int]:
+    """Pseudo-inverse of B (k, m) from its largest singular values (P8), and how many were kept.
+
+    Args:
+        b: (m, k).
+        strength: a whole number keeps that many; a number below 1 keeps those above that share of the largest; None
+            keeps all that do not vanish.
+    """
+    u, w, vt = np.linalg.svd(b, full_matrices=False)  # P8
+    if strength is None:
+        strength = NUMERICAL_RANK
+    if strength >= 1:
+        kept = int(check_number(strength, "strength", 1, len(w)))
+    else:
+        kept = int((w > check_number(strength, "strength", 0) * w[0]).sum())
+    kept = max(1, min(kept, int((w > 1e-14 * w[0]).sum())))
+    return (vt[:kept].T / w[:kept]) @ u[:, :kept].T, kept
+
+
+def svd_step(b: Array, strength: float | None) -> tuple[Step, float]:
+    """P7 solved for the step: the smallest dP with B dP nearest to dX."""
+    inverse, kept = truncated_svd(b, strength)
+    return lambda wanted, control, rest: inverse @ wanted, float(kept)  # P6, P7
+
+
+def svd_position_step(b: Array, strength: float | None) -> tuple[Step, float]:
+    """The named variant that solves for P itself: it moves the box even without displacement."""
+    inverse, kept = truncated_svd(b, strength)
+    return lambda wanted, control, rest: inverse @ (b @ control + wanted) - control, float(kept)  # P7
+
+
+def held_step(b: Array, penalty: Array, strength: float, on_displacement: bool) -> tuple[Step, float]:
+    """P9 with any penalty matrix: on P - P0 when `on_displacement`, else on P.
+
+    Solved by QR of the stacked rows, not by normal equations.
+
+    Raises:
+        OptionError: the strength leaves the control points undetermined.
+    """
+    strength = check_number(strength, "strength", 0)
+    values, vectors = np.linalg.eigh(penalty)
+    root = np.sqrt(np.maximum(values, 0))[:, None] * vectors.T * np.sqrt(strength * len(b))
+    q, r = qr(np.vstack([b, root]), mode="economic")
+    diagonal = np.abs(np.diag(r))
+    if diagonal.min() < 1e-13 * diagonal.max():
+        raise OptionError(f"strength={strength:g} leaves control points undetermined; expected a larger one")
+    rows = len(b)
+
+    def step(wanted: Array, control: Array, rest: Array) -> Array:
+        held = control - rest if on_displacement else control
+        right = q[:rows].T @ wanted - q[rows:].T @ (root @ held)  # P9
+        return solve_triangular(r, right)
+
+    return step, strength
+
+
+def step_for(
+    b: Array, shape: tuple[int, int, int], regularity: str | Regulariser, strength: float | str
+) -> tuple[Step, float]:
+    """The solver of step 2 for a deformation matrix that stays the same, and the strength it works with."""
+    given = None if strength == "auto" else check_number(strength, "strength", 0)  # type: ignore[arg-type]
+    if regularity == "svd":
+        return svd_step(b, given)
+    if regularity == "svd-position":
+        return svd_position_step(b, given)
+    held = SPRINGS_STRENGTH if given is None else given
+    if isinstance(regularity, str):
+        return held_step(b, Springs().matrix(shape), held, on_displacement=regularity == "springs")
+    return held_step(b, user_matrix(regularity, shape), held, on_displacement=True)
+
+
+def user_matrix(regulariser: Regulariser, shape: tuple[int, int, int]) -> Array:
+    """The matrix of a user's own regulariser, checked.
+
+    Raises:
+        OptionError: no method `matrix`, or it is not a symmetric (k, k) array of finite numbers.
+    """
+    if not callable(getattr(regulariser, "matrix", None)):
+        raise OptionError(f"regularity={regulariser!r}: expected a name or an object with a method matrix(shape)")
+    matrix = np.asarray(regulariser.matrix(shape), dtype=np.float64)
+    count = int(np.prod(shape))
+    if matrix.shape != (count, count) or not np.isfinite(matrix).all() or not np.allclose(matrix, matrix.T):
+        raise OptionError(
+            f"regularity: matrix({shape}) must be symmetric of shape ({count}, {count}), found {matrix.shape}"
+        )
+    return matrix
+
+
+REGULARITIES = ("svd", "svd-position", "springs", "springs-paper")

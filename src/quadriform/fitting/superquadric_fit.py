@@ -1,0 +1,148 @@
+"""Least squares on the superquadric's numbers (paper 2.3): criterion P3, explicit derivatives, conjugate gradient."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import minimize
+
+from quadriform.errors import WarningKind, Warnings, choose
+from quadriform.fitting.outcome import SuperquadricFit
+from quadriform.fitting.start import start
+from quadriform.points import Array, Frame, check_points, check_spread
+from quadriform.shapes import pose
+from quadriform.shapes.kinds import KINDS
+from quadriform.shapes.superquadric import EXPONENTS, Superquadric
+
+MAX_ITERATIONS = 1000
+GRADIENT_TOLERANCE = 1e-8
+"""Of the mean criterion, lengths in units of the cloud's RMS radius."""
+UNDETERMINED = 1e4
+"""A condition above this is warned of."""
+NEAR_BOUND = 1e-3
+
+
+def fit_superquadric(points: ArrayLike, kind: str = "ellipsoid", method: str = "paper") -> SuperquadricFit:
+    """Fit a superquadric to points around it.
+
+    Args:
+        points: (n, 3), in any unit and frame; at least 11 distinct ones (12 for the toroid), not on one plane.
+        kind: "ellipsoid", "toroid", "hyperboloid1" or "hyperboloid2".
+        method: "paper": start from moments (A.3), criterion P3 by conjugate gradient (2.3).
+
+    Raises:
+        PointsError, DegenerateError, OptionError: the input cannot be fitted.
+    """
+    choose(kind, tuple(KINDS), "kind")
+    choose(method, ("paper",), "method")
+    world = check_points(points)
+    check_spread(world, needed=12 if kind == "toroid" else 11)
+    frame = Frame.of(world)
+    return in_world(fit_paper(frame.to_local(world), kind), frame)
+
+
+def in_world(fit: SuperquadricFit, frame: Frame) -> SuperquadricFit:
+    """A fit made in the centred, unit-free frame, back in the unit of the data."""
+    return replace(fit, superquadric=fit.superquadric.placed(frame.scale, frame.centre))
+
+
+class _Unbounded:
+    """The parameters as free numbers: logarithms of lengths, logits of exponents, turns away from the start.
+
+    Euler angles are counted from the start's axes, so the fit begins far from gimbal lock.
+    """
+
+    def __init__(self, first: Superquadric) -> None:
+        self.first = replace(first, rotation=np.eye(3))
+        self.axes = first.rotation
+
+    def free(self) -> Array:
+        """The start as free numbers."""
+        p = self.first.parameters.copy()
+        p[:3] = np.log(p[:3])
+        share = (p[3:5] - EXPONENTS[0]) / (EXPONENTS[1] - EXPONENTS[0])
+        p[3:5] = np.log(share / (1 - share))
+        p[8:11] = p[8:11] @ self.axes
+        p[11:] = np.log(p[11:] - 1)
+        return p
+
+    def bound(self, free: Array) -> tuple[Superquadric, Array]:
+        """The superquadric in the start's axes, and the derivative of each of its numbers by its free one."""
+        p, slope = free.copy(), np.ones(len(free))
+        p[:3] = slope[:3] = np.exp(np.clip(free[:3], -50, 50))
+        share = 1 / (1 + np.exp(-np.clip(free[3:5], -500, 500)))
+        span = EXPONENTS[1] - EXPONENTS[0]
+        p[3:5], slope[3:5] = EXPONENTS[0] + span * share, span * share * (1 - share)
+        slope[11:] = np.exp(np.clip(free[11:], -30, 30))
+        p[11:] = 1 + slope[11:]
+        return self.first.with_parameters(p), slope
+
+    def in_place(self, free: Array) -> Superquadric:
+        """The superquadric in the frame of the points."""
+        found, _ = self.bound(free)
+        return replace(found, rotation=self.axes @ found.rotation, translation=self.axes @ found.translation)
+
+
+def fit_paper(points: Array, kind: str) -> SuperquadricFit:
+    """The paper's fit to centred, scaled points (n, 3)."""
+    coordinates = _Unbounded(start(points, kind))
+    turned = points @ coordinates.axes
+
+    def criterion(free: Array) -> tuple[float, Array]:
+        candidate, slope = coordinates.bound(free)
+        # Euler angles of the candidate are the free ones themselves, so no gimbal lock can swap them
+        value, by_parameter = candidate.parameter_derivatives(turned)
+        gap = value - 1
+        return float(gap @ gap) / len(gap), 2 * (gap @ by_parameter) * slope / len(gap)  # P3
+
+    history: list[float] = []
+    result = minimize(
+        criterion,
+        coordinates.free(),
+        jac=True,
+        method="CG",
+        callback=lambda intermediate_result: history.append(float(intermediate_result.fun)),
+        options={"gtol": GRADIENT_TOLERANCE, "maxiter": MAX_ITERATIONS},
+    )
+    found = cut_to(coordinates.in_place(result.x), points)
+    rank, condition = determinacy(found, points)
+    warnings = superquadric_warnings(found, points, rank, condition)
+    if result.nit >= MAX_ITERATIONS:
+        warnings[WarningKind.MAX_ITERATIONS] = f"the superquadric fit stopped after {result.nit} iterations"
+    return SuperquadricFit(found, warnings, rank, condition, tuple(history), int(result.nit))
+
+
+def cut_to(found: Superquadric, points: Array) -> Superquadric:
+    """A hyperboloid cut where the points end; other kinds as they are."""
+    if found.height is None:
+        return found
+    axis = 0 if found.kind == "hyperboloid2" else 2
+    reach = float(np.abs(pose.to_local(points, found.rotation, found.translation)[:, axis]).max())
+    return replace(found, height=max(reach, 1.001 * found.semi_axes[0]) if axis == 0 else reach)
+
+
+def determinacy(found: Superquadric, points: Array) -> tuple[int, float]:
+    """Rank and condition of the derivatives of F by the parameters at centred, scaled points."""
+    _, by_parameter = found.parameter_derivatives(points)
+    singular = np.linalg.svd(by_parameter, compute_uv=False)
+    rank = int((singular > 1e-10 * singular[0]).sum())
+    return rank, float(singular[0] / max(singular[-1], 1e-300))
+
+
+def superquadric_warnings(found: Superquadric, points: Array, rank: int, condition: float) -> Warnings:
+    """What is to be said of a superquadric fitted to centred, scaled points."""
+    warnings: Warnings = {}
+    needed = len(found.parameters)
+    if rank < needed or condition > UNDETERMINED:
+        warnings[WarningKind.ILL_CONDITIONED] = (
+            f"the points determine {rank} of {needed} superquadric parameters, condition {condition:.1e}"
+        )
+    at_bound = (found.exponents < EXPONENTS[0] + NEAR_BOUND) | (found.exponents > EXPONENTS[1] - NEAR_BOUND)
+    extent = float(np.ptp(points, axis=0).max())
+    too_long = found.semi_axes > 2 * extent
+    if at_bound.any() or too_long.any():
+        warnings[WarningKind.AT_BOUND] = (
+            f"exponents {found.exponents.round(3).tolist()}, longest semi-axis "
+            f"{found.semi_axes.max() / extent:.2g} x the extent of the data: the data does not hold them"
+        )
+    return warnings
