@@ -1,0 +1,92 @@
+"""NumPy arrays from .npy and .npz: headers are held against the bytes that are there before anything is allocated."""
+
+import io
+import struct
+import tokenize
+import zipfile
+from pathlib import PurePosixPath
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadriform.errors import FileFormatError, QuadriformError
+from quadriform.files.reading import check_budget, signature
+
+MAX_EXPANSION = 200
+"""An archive may not promise more than this many times its own size (above `SMALL`)."""
+SMALL = 64 * 1024**2
+
+DAMAGED = (ValueError, TypeError, KeyError, SyntaxError, RecursionError, tokenize.TokenError, struct.error)
+
+
+def parse_npy(data: bytes, where: str) -> NDArray[Any]:
+    """Return the array of a .npy file; numbers and text only, never pickled objects.
+
+    Raises:
+        FileFormatError: not .npy, damaged, too short or too long for its header, or of a type with objects or fields.
+        FileLimitError: the header promises more than the budget.
+    """
+    stream = io.BytesIO(data)
+    shape, fortran_order, dtype = _npy_header(stream, data, where)
+    if dtype.hasobject or dtype.names is not None or dtype.kind not in "biufcSU":
+        raise FileFormatError(f"{where}: expected an array of plain numbers, found type {dtype}")
+    if any(length < 0 for length in shape):
+        raise FileFormatError(f"{where}: the header has a negative length in shape {shape}")
+    promised = dtype.itemsize
+    for length in shape:  # Python integers: NumPy's would overflow silently
+        promised *= length
+    check_budget(promised, where)
+    found = len(data) - stream.tell()
+    if promised != found:
+        raise FileFormatError(f"{where}: the header promises {promised} bytes of shape {shape}, found {found}")
+    values = np.frombuffer(data, dtype=dtype, offset=stream.tell()) if found else np.zeros(0, dtype)
+    return values.reshape(shape, order="F" if fortran_order else "C")
+
+
+def _npy_header(stream: io.BytesIO, data: bytes, where: str) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    try:
+        version = np.lib.format.read_magic(stream)
+        readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+        return readers[version](stream)
+    except DAMAGED as error:
+        raise FileFormatError(f"{where}: expected a .npy array, found {signature(data)} ({_first(error)})") from error
+
+
+def parse_npz(data: bytes, where: str) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a .npz archive by name; every checksum is verified.
+
+    Raises:
+        FileFormatError: no zip, damaged, encrypted, doubled or outside names, or a member that is no .npy.
+        FileLimitError: the members promise more than the budget.
+    """
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            _check_members(archive.infolist(), len(data), where)
+            members = {info.filename.removesuffix(".npy"): archive.read(info) for info in archive.infolist()}
+    except QuadriformError:
+        raise
+    except Exception as error:  # zipfile passes on the errors of whatever packer a member names
+        raise FileFormatError(
+            f"{where}: expected a .npz archive, found {signature(data)} that cannot be unpacked ({_first(error)})"
+        ) from error
+    return {name: parse_npy(content, f"{where}, array {name!r}") for name, content in members.items()}
+
+
+def _check_members(members: list[zipfile.ZipInfo], size: int, where: str) -> None:
+    names = [info.filename for info in members]
+    if len(set(names)) != len(names):
+        raise FileFormatError(f"{where}: the archive has two members of one name")
+    for info in members:
+        path = PurePosixPath(info.filename.replace("\\", "/"))
+        if path.is_absolute() or ".." in path.parts or info.flag_bits & 1 or not info.filename.endswith(".npy"):
+            raise FileFormatError(f"{where}: the archive has a member {info.filename!r} that is no plain .npy array")
+    promised = sum(info.file_size for info in members)
+    check_budget(promised, where)
+    if promised > max(SMALL, MAX_EXPANSION * size):
+        raise FileFormatError(f"{where}: {size} bytes that unpack to {promised} are no honest archive of points")
+
+
+def _first(error: Exception) -> str:
+    """First line of an error's text, cut to a length that a terminal line bears."""
+    return (str(error).splitlines() or [type(error).__name__])[0][:120]

@@ -1,0 +1,134 @@
+"""All-or-nothing writes: a reader sees the old file or the new one, whole."""
+
+import contextlib
+import os
+import stat
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from quadriform.errors import OutputError
+
+PathLike = str | os.PathLike[str]
+
+
+def check_writable(path: PathLike, force: bool = False, inputs: Sequence[PathLike] = ()) -> None:
+    """Refuse a target that could not be written; call it before a long computation.
+
+    Args:
+        path: the file to be written.
+        force: allow an existing file to be replaced.
+        inputs: files that are being read; one of them as target needs `force` too.
+
+    Raises:
+        OutputError: folder missing or read-only, target exists, is no regular file, or is an input.
+    """
+    target = Path(path)
+    where = repr(str(target))
+    try:
+        _check_target(target, force, inputs)
+        with tempfile.TemporaryFile(dir=target.parent):  # permissions alone say too little: ask by doing
+            pass
+    except OutputError:
+        raise
+    except (OSError, ValueError) as error:
+        raise OutputError(f"{where}: cannot be written: {_reason(error)}") from error
+
+
+def _check_target(target: Path, force: bool, inputs: Sequence[PathLike]) -> None:
+    where = repr(str(target))
+    if not target.parent.is_dir():
+        raise OutputError(f"{where}: the folder {str(target.parent)!r} does not exist; make it first")
+    try:
+        status = target.stat()
+    except FileNotFoundError:
+        return
+    if not stat.S_ISREG(status.st_mode):
+        raise OutputError(f"{where}: expected the name of a regular file, found a folder or a device")
+    if force:
+        return
+    if any(Path(source).exists() and target.samefile(source) for source in inputs):
+        raise OutputError(f"{where}: is the input itself; give another name, or force it to be replaced")
+    raise OutputError(f"{where}: exists already; give another name, or force it to be replaced")
+
+
+def check_folder(folder: PathLike) -> None:
+    """Refuse a folder that can neither be written to nor be made; nothing is made yet.
+
+    Raises:
+        OutputError: the folder, or its nearest existing parent, is no folder or is read-only.
+    """
+    existing = Path(folder).absolute()
+    try:
+        while not existing.exists() and existing != existing.parent:
+            existing = existing.parent
+        with tempfile.TemporaryFile(dir=existing):
+            pass
+    except (OSError, ValueError) as error:
+        raise OutputError(f"{str(folder)!r}: cannot be used as a folder for results: {_reason(error)}") from error
+
+
+def make_folder(folder: PathLike) -> Path:
+    """Make `folder` with its parents where missing, and return it.
+
+    Raises:
+        OutputError: it cannot be made.
+    """
+    try:
+        Path(folder).mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:
+        raise OutputError(f"{str(folder)!r}: cannot be made: {_reason(error)}") from error
+    return Path(folder)
+
+
+def write_bytes(path: PathLike, data: bytes, force: bool = False) -> None:
+    """Write `data` to `path`, all or nothing.
+
+    Raises:
+        OutputError: the target is refused by `check_writable`, or the disk fails; the old file is intact.
+    """
+    check_writable(path, force)
+    target = Path(path)
+    try:
+        _replace(target, data)
+    except OSError as error:
+        raise OutputError(f"{str(target)!r}: writing failed, nothing was changed: {_reason(error)}") from error
+
+
+def _replace(target: Path, data: bytes) -> None:
+    descriptor, temporary = tempfile.mkstemp(prefix=".quadriform-", suffix=".tmp", dir=target.parent)
+    try:
+        with os.fdopen(descriptor, "wb") as stream:
+            stream.write(data)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.chmod(temporary, _mode(target))
+        os.replace(temporary, target)
+    except BaseException:  # an interrupt must not leave the temporary file either
+        with contextlib.suppress(OSError):
+            os.unlink(temporary)
+        raise
+    _sync_folder(target.parent)
+
+
+def _mode(target: Path) -> int:
+    """Permissions of the file that is replaced, else what a plain `open` would have given."""
+    if target.exists():
+        return target.stat().st_mode & 0o777
+    umask = os.umask(0)
+    os.umask(umask)
+    return 0o666 & ~umask
+
+
+def _sync_folder(folder: Path) -> None:
+    """Make the new name durable, where the system lets a folder be opened (Windows does not)."""
+    with contextlib.suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def _reason(error: Exception) -> str:
+    return error.strerror if isinstance(error, OSError) and error.strerror else str(error)

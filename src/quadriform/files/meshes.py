@@ -1,0 +1,180 @@
+"""Triangle meshes in and out. The frame and the unit travel in the header wherever the format has room."""
+
+import io
+import os
+import re
+from typing import Any
+
+import numpy as np
+
+from quadriform.errors import FileFormatError, OutputError
+from quadriform.files.atomic import write_bytes
+from quadriform.files.marks import check_marks
+from quadriform.files.reading import check_budget, quoted, read_bytes, signature, suffix_of
+from quadriform.files.vtp import encode_vtp, parse_vtp
+from quadriform.points import Array, check_points
+from quadriform.shapes.mesh import Mesh
+
+MESH_SUFFIXES = (".ply", ".stl", ".obj", ".vtp")
+
+PLY_ELEMENT = re.compile(rb"^element\s+(\S+)\s+(\d+)\s*$", re.MULTILINE)
+SINGLE = 1e-5
+"""Vertices may move by this share of the mesh's extent when a format stores single precision."""
+
+
+def write_mesh(
+    mesh: Mesh, path: str | os.PathLike[str], space: str = "unknown", unit: str = "unknown", force: bool = False
+) -> None:
+    """Write a mesh as .ply, .stl, .obj or .vtp, all or nothing.
+
+    The comment (.ply, .obj), the header (.stl) or the field data (.vtp) carries `SPACE=` and `UNIT=`. PLY and STL
+    hold single precision, OBJ nine digits of the extent, VTP the very same numbers.
+
+    Args:
+        mesh: the triangles.
+        path: where to; its suffix chooses the format.
+        space: "LPS", "RAS" or "unknown".
+        unit: "mm", "m" or "unknown".
+        force: replace an existing file.
+
+    Raises:
+        FileFormatError: another suffix.
+        OutputError: the target cannot be written, or single precision would spoil the mesh.
+    """
+    suffix = suffix_of(path, MESH_SUFFIXES, "a mesh")
+    write_bytes(path, encode_mesh(mesh, suffix, space, unit), force)
+
+
+def encode_mesh(mesh: Mesh, suffix: str, space: str, unit: str) -> bytes:
+    """The bytes of a mesh file; arguments as for `write_mesh`.
+
+    Raises:
+        OptionError: a frame or unit that no file can carry.
+        OutputError: single precision would spoil the mesh.
+    """
+    check_marks(space, unit)
+    if suffix == ".vtp":
+        return encode_vtp(mesh, space, unit)
+    note = f"SPACE={space} UNIT={unit}"
+    if suffix == ".obj":
+        return _encode_obj(mesh, note)
+    _check_single_precision(mesh, suffix)
+    if suffix == ".stl":
+        content: bytes = _to_trimesh(mesh).export(file_type="stl")
+        return note.encode().ljust(80) + content[80:]
+    content = _to_trimesh(mesh).export(file_type="ply")
+    first, second, rest = content.split(b"\n", 2)
+    rest = re.sub(rb"^comment [^\n]*\n", b"", rest, count=1)
+    return b"\n".join([first, second, b"comment " + note.encode(), rest])
+
+
+def _to_trimesh(mesh: Mesh) -> Any:
+    import trimesh
+
+    return trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+
+
+def _encode_obj(mesh: Mesh, note: str) -> bytes:
+    from trimesh.exchange.obj import export_obj
+
+    extent = float(np.ptp(mesh.vertices, axis=0).max()) or 1.0
+    digits = max(0, 8 - int(np.floor(np.log10(extent))))  # decimals: metres need more of them than millimetres
+    text: str = export_obj(_to_trimesh(mesh), include_normals=False, digits=digits, header=note)
+    return (text.rstrip("\n") + "\n").encode()
+
+
+def _check_single_precision(mesh: Mesh, suffix: str) -> None:
+    with np.errstate(over="ignore"):
+        moved = np.abs(mesh.vertices.astype(np.float32) - mesh.vertices).max()
+    if not moved <= SINGLE * np.ptp(mesh.vertices, axis=0).max():
+        raise OutputError(
+            f"{suffix} stores single precision, which would move vertices by {moved:.3g} so far from the origin; "
+            "write .vtp or .obj instead"
+        )
+
+
+def read_mesh(path: str | os.PathLike[str]) -> Mesh:
+    """Read the triangles of a .ply, .stl, .obj or .vtp file; polygons with four corners are split.
+
+    Vertices that an STL file repeats are merged where they are equal to the bit.
+
+    Raises:
+        InputError: the file is missing or cannot be read.
+        FileFormatError: not what its name says, damaged, or without triangles.
+        FileLimitError: it is, or promises to be, beyond the budget.
+        PointsError: vertices that are not finite.
+    """
+    suffix = suffix_of(path, MESH_SUFFIXES, "a mesh")
+    data, where = read_bytes(path), quoted(path)
+    vertices, faces = _parse(data, suffix, where)
+    if faces is None or len(faces) == 0:
+        raise FileFormatError(f"{where}: expected a mesh with triangles, found {len(vertices)} vertices without any")
+    return Mesh(check_points(vertices, where), np.array(faces, dtype=np.int64))
+
+
+def parse_vertices(data: bytes, suffix: str, where: str) -> Array:
+    """The vertices of a mesh file, or of a cloud in a mesh format.
+
+    Raises:
+        FileFormatError: not what its suffix says, or damaged.
+        FileLimitError: the header promises more than the budget.
+    """
+    return _parse(data, suffix, where)[0]
+
+
+def _parse(data: bytes, suffix: str, where: str) -> tuple[Array, Any]:
+    """Vertices (n, 3) and faces (m, 3), or None for a cloud."""
+    if suffix == ".vtp":
+        return parse_vtp(data, where)
+    claimed = _ply_claims(data, where) if suffix == ".ply" else {}
+    loaded = _load(data, suffix, where)
+    vertices, faces = np.asarray(loaded.vertices, dtype=np.float64), getattr(loaded, "faces", None)
+    _check_counts(vertices, faces, claimed, where)
+    if suffix == ".stl":
+        vertices, index = np.unique(vertices, axis=0, return_inverse=True)
+        faces = index.reshape(-1)[np.asarray(faces)]
+    return vertices, faces
+
+
+def _load(data: bytes, suffix: str, where: str) -> Any:
+    import trimesh
+
+    options: dict[str, Any] = {".ply": {"fix_texture": False}, ".obj": {"maintain_order": True}}.get(suffix, {})
+    try:  # without materials: a file must not make us open another one
+        loaded = trimesh.load(io.BytesIO(data), file_type=suffix[1:], process=False, skip_materials=True, **options)
+        return loaded.to_mesh() if isinstance(loaded, trimesh.Scene) else loaded
+    except Exception as error:  # the loaders promise no error type of their own
+        what = f"{suffix} mesh, found {signature(data)} that cannot be read as one"
+        reason = (str(error).splitlines() or [""])[0][:120]
+        raise FileFormatError(f"{where}: expected a {what} ({type(error).__name__}: {reason})") from error
+
+
+def _ply_claims(data: bytes, where: str) -> dict[str, int]:
+    """Element counts of the header, held against the bytes that follow before anything is allocated."""
+    header, end, body = data.partition(b"end_header")
+    if not data.startswith(b"ply") or not end:
+        raise FileFormatError(f"{where}: expected a PLY header, found {signature(data)}")
+    claims = {name.decode("latin-1"): int(count) for name, count in PLY_ELEMENT.findall(header)}
+    total = sum(claims.values())
+    check_budget(total, where)
+    found = len(body)
+    if b"format ascii" in header:
+        found = sum(1 for line in body.splitlines() if line.strip())
+        if found != total:
+            raise FileFormatError(f"{where}: the header promises {total} rows, found {found}")
+    if found < total:
+        raise FileFormatError(f"{where}: the header promises {total} elements, found only {found} bytes")
+    return claims
+
+
+def _check_counts(vertices: Array, faces: Any, claimed: dict[str, int], where: str) -> None:
+    """What trimesh does not: short files, wrong columns and faces that point nowhere are errors."""
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or len(vertices) == 0:
+        raise FileFormatError(f"{where}: expected vertices x y z, found shape {vertices.shape}")
+    n_faces = 0 if faces is None else len(faces)
+    if len(vertices) != claimed.get("vertex", len(vertices)) or n_faces < claimed.get("face", 0):
+        raise FileFormatError(
+            f"{where}: the header promises {claimed}, found {len(vertices)} vertices, {n_faces} faces"
+        )
+    if n_faces and not (np.min(faces) >= 0 and np.max(faces) < len(vertices)):
+        raise FileFormatError(f"{where}: a face names vertex {np.max(faces)}, but there are {len(vertices)}")

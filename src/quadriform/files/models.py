@@ -1,0 +1,205 @@
+"""The model as a small versioned document: JSON to read and to compare, or the same fields in a .npz.
+
+Numbers are written with the fewest digits that give back the very same float64. Reading is strict: what the format
+does not know is refused with the path of the field.
+"""
+
+import io
+import json
+import os
+import re
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadriform.errors import FileFormatError, OptionError
+from quadriform.files.arrays import parse_npz
+from quadriform.files.atomic import write_bytes
+from quadriform.files.marks import SPACES, UNITS, check_marks
+from quadriform.files.reading import quoted, read_bytes, signature, suffix_of
+from quadriform.files.strict import Field
+from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.model import DeformableModel
+from quadriform.shapes.superquadric import Superquadric
+
+MODEL_SUFFIXES = (".json", ".npz")
+FORMAT = "quadriform-model"
+VERSION = 1
+
+ARRAYS: dict[str, tuple[int, ...]] = {"semi_axes": (3,), "exponents": (2,), "rotation": (3, 3), "translation": (3,)}
+EXTRA = {"toroid": "hole_radius", "hyperboloid1": "height", "hyperboloid2": "height"}
+"""The one number that these kinds have beside the arrays."""
+
+
+def write_model(model: DeformableModel, path: str | os.PathLike[str], force: bool = False) -> None:
+    """Write a model as .json (under 12 kB for 386 numbers) or .npz, all or nothing.
+
+    Args:
+        model: the model, with its frame, unit and the hash of its input.
+        path: where to; its suffix chooses the format.
+        force: replace an existing file.
+
+    Raises:
+        FileFormatError: another suffix.
+        OptionError: a frame or unit that the format does not know.
+        OutputError: the target cannot be written.
+    """
+    encode = {".json": _encode_json, ".npz": _encode_npz}[suffix_of(path, MODEL_SUFFIXES, "a model")]
+    write_bytes(path, encode(_document(model)), force)
+
+
+def read_model(path: str | os.PathLike[str]) -> DeformableModel:
+    """Read a model; its numbers are the very same that were written.
+
+    Raises:
+        InputError: the file is missing or cannot be read.
+        FileFormatError: no model, damaged, of a later version, or a field that is missing, unknown or wrong; the
+            message has the path of the field.
+        FileLimitError: beyond the budget.
+    """
+    suffix = suffix_of(path, MODEL_SUFFIXES, "a model")
+    data, where = read_bytes(path), quoted(path)
+    document = _parse_json(data, where) if suffix == ".json" else _parse_arrays(data, where)
+    return _model(Field(document, "", where))
+
+
+# --- model <-> document ------------------------------------------------------------------------------------------
+
+
+def _document(model: DeformableModel) -> dict[str, Any]:
+    check_marks(model.space, model.unit)
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "space": model.space,
+        "unit": model.unit,
+        "input_sha256": model.input_sha256,
+        "surfaces": [_surface_document(name, surface) for name, surface in model.surfaces.items()],
+        "box": {name: getattr(model.box, name).tolist() for name in ("origin", "edges", "control_points")},
+    }
+
+
+def _surface_document(name: str, surface: Superquadric) -> dict[str, Any]:
+    fields: dict[str, Any] = {"name": name, "kind": surface.kind}
+    fields |= {key: getattr(surface, key).tolist() for key in ARRAYS}
+    if surface.kind in EXTRA:
+        fields[EXTRA[surface.kind]] = float(getattr(surface, EXTRA[surface.kind]))
+    return fields
+
+
+def _model(root: Field) -> DeformableModel:
+    root.member("format").choice((FORMAT,))
+    version = root.member("version")
+    if not 1 <= version.whole() <= VERSION:
+        version.refuse(f"version 1 to {VERSION}; a later one needs a newer quadriform")
+    root.only(("format", "version", "space", "unit", "input_sha256", "surfaces", "box"))
+    sha256 = root.member("input_sha256")
+    if not re.fullmatch(r"([0-9a-f]{64})?", sha256.text()):
+        sha256.refuse("64 hexadecimal digits, or nothing")
+    return DeformableModel(
+        _surfaces(root.member("surfaces")),
+        _box(root.member("box")),
+        root.member("space").choice(SPACES),
+        root.member("unit").choice(UNITS),
+        sha256.text(),
+    )
+
+
+def _surfaces(field: Field) -> dict[str, Superquadric]:
+    surfaces: dict[str, Superquadric] = {}
+    for item in field.items():
+        name = item.member("name").text()
+        if name in surfaces:
+            item.member("name").refuse("a name of its own")
+        surfaces[name] = _surface(item)
+    if not surfaces:
+        field.refuse("at least one surface")
+    return surfaces
+
+
+def _surface(field: Field) -> Superquadric:
+    kind = field.member("kind").choice(("ellipsoid", *EXTRA))
+    extra = (EXTRA[kind],) if kind in EXTRA else ()
+    field.only(("name", "kind", *ARRAYS, *extra))
+    values: dict[str, Any] = {key: field.member(key).numbers(shape) for key, shape in ARRAYS.items()}
+    values |= {key: field.member(key).number() for key in extra}
+    try:
+        return Superquadric(kind, **values)
+    except OptionError as error:
+        raise FileFormatError(f"{field.where}, field {field.path}: {error}") from error
+
+
+def _box(field: Field) -> ControlBox:
+    shapes = {"origin": (3,), "edges": (3, 3), "control_points": (None, None, None, 3)}
+    values = {name: field.member(name).numbers(shape) for name, shape in shapes.items()}
+    field.only(tuple(shapes))
+    if np.linalg.matrix_rank(values["edges"]) < 3:
+        field.member("edges").refuse("three edges that span space", "edges in one plane")
+    try:
+        return ControlBox(**values)
+    except OptionError as error:
+        raise FileFormatError(f"{field.where}, field {field.path}: {error}") from error
+
+
+# --- document <-> bytes ------------------------------------------------------------------------------------------
+
+
+def _encode_json(document: dict[str, Any]) -> bytes:
+    text = json.dumps(document, indent=1, allow_nan=False)
+    # One point a line: small, and two models can be compared line by line. A line end stands in no JSON string.
+    text = re.sub(r"\[\n\s*([^\[\]{}]*?)\n\s*\]", lambda found: "[" + re.sub(r",\n\s*", ",", found[1]) + "]", text)
+    return (text + "\n").encode()
+
+
+def _parse_json(data: bytes, where: str) -> Any:
+    def refuse(constant: str) -> NoReturn:
+        raise FileFormatError(f"{where}: expected finite numbers, found {constant}")
+
+    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        if len(dict(pairs)) != len(pairs):
+            names = [name for name, _ in pairs]
+            twice = next(name for name in names if names.count(name) > 1)
+            raise FileFormatError(f"{where}: the field {twice[:60]!r} stands there twice")
+        return dict(pairs)
+
+    try:
+        return json.loads(data.decode("utf-8"), parse_constant=refuse, object_pairs_hook=unique)
+    except FileFormatError:
+        raise
+    except RecursionError as error:
+        raise FileFormatError(f"{where}: nested too deeply for a model") from error
+    except ValueError as error:
+        raise FileFormatError(f"{where}: expected a model in JSON, found {signature(data)} ({error})") from error
+
+
+def _encode_npz(document: dict[str, Any]) -> bytes:
+    arrays = {name: np.array(value) for name, value in document.items() if name not in ("surfaces", "box")}
+    for i, surface in enumerate(document["surfaces"]):
+        arrays |= {f"surfaces[{i}].{name}": np.array(value) for name, value in surface.items()}
+    arrays |= {f"box.{name}": np.array(value) for name, value in document["box"].items()}
+    stream = io.BytesIO()
+    np.savez(stream, **arrays)  # type: ignore[arg-type]
+    return stream.getvalue()
+
+
+def _parse_arrays(data: bytes, where: str) -> dict[str, Any]:
+    """The document whose leaves are the arrays of the archive: `box.edges`, `surfaces[0].kind`."""
+    document: dict[str, Any] = {}
+    for name, array in parse_npz(data, where).items():
+        group, _, key = name.rpartition(".")
+        target = document.setdefault(group, {}) if group else document
+        if not isinstance(target, dict):
+            raise FileFormatError(f"{where}, field {group}: expected a group of arrays, found one array")
+        target[key] = _plain(array, name, where)
+    surfaces: list[Any] = []
+    while f"surfaces[{len(surfaces)}]" in document:
+        surfaces.append(document.pop(f"surfaces[{len(surfaces)}]"))
+    return {"surfaces": surfaces} | document
+
+
+def _plain(array: NDArray[Any], name: str, where: str) -> Any:
+    try:
+        return array.tolist()
+    except ValueError as error:  # characters that are none
+        raise FileFormatError(f"{where}, field {name}: damaged ({error})") from error

@@ -1,0 +1,52 @@
+"""Points from files: text tables, NumPy arrays and the vertices of meshes."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from quadriform.errors import FileFormatError
+from quadriform.files.arrays import parse_npy, parse_npz
+from quadriform.files.meshes import MESH_SUFFIXES, parse_vertices
+from quadriform.files.reading import quoted, read_bytes, suffix_of
+from quadriform.files.tables import parse_table
+from quadriform.points import Array, check_points
+
+TABLE_SUFFIXES = (".xyz", ".csv", ".txt")
+POINT_SUFFIXES = (*TABLE_SUFFIXES, ".npy", ".npz")
+
+
+def read_points(path: str | os.PathLike[str]) -> Array:
+    """Read points (n, 3), in the unit and frame of the file.
+
+    Text (.xyz .csv .txt) is a table with three columns, or with a header row that names x, y and z; a .npz holds one
+    array, or one named `points`; a mesh (.ply .stl .obj .vtp) gives its vertices.
+
+    Args:
+        path: the file.
+
+    Raises:
+        InputError: the file is missing or cannot be read.
+        FileFormatError: it is not what its name says, or damaged; text with the line number.
+        FileLimitError: it is, or promises to be, beyond the budget.
+        PointsError: no points, wrong shape, or not finite values.
+    """
+    suffix = suffix_of(path, (*POINT_SUFFIXES, *MESH_SUFFIXES), "a file of points")
+    data, where = read_bytes(Path(path)), quoted(path)
+    if suffix in TABLE_SUFFIXES:
+        return check_points(parse_table(data, where), where)
+    if suffix == ".npy":
+        return check_points(parse_npy(data, where), where)
+    if suffix == ".npz":
+        return check_points(_only_array(data, where), where)
+    return check_points(parse_vertices(data, suffix, where), where)
+
+
+def _only_array(data: bytes, where: str) -> np.ndarray:
+    arrays = parse_npz(data, where)
+    if "points" in arrays:
+        return arrays["points"]
+    if len(arrays) != 1:
+        names = ", ".join(arrays) or "none"
+        raise FileFormatError(f"{where}: expected one array, or one named 'points'; found {len(arrays)}: {names}")
+    return next(iter(arrays.values()))

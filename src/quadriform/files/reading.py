@@ -1,0 +1,116 @@
+"""What every reader does first: is there a regular file, within the budget, and what does it begin with."""
+
+import hashlib
+import os
+import stat
+from pathlib import Path
+
+from quadriform.errors import FileFormatError, FileLimitError, InputError
+
+PathLike = str | os.PathLike[str]
+
+MAX_BYTES = 2 * 1024**3
+"""Files, and what their headers promise, may not be larger."""
+
+SIGNATURES = {
+    b"\x1f\x8b": "gzip",
+    b"PK": "zip",
+    b"\x93NUMPY": "npy",
+    b"ply": "PLY",
+    b"solid": "ASCII STL",
+    b"\x89HDF": "HDF5",
+    b"\x89PNG": "PNG",
+    b"%PDF": "PDF",
+    b"{": "JSON",
+    b"<": "XML",
+}
+
+
+def read_bytes(path: PathLike) -> bytes:
+    """Return the content of a regular, not empty file.
+
+    Raises:
+        InputError: missing, a folder, a device or a pipe, or not readable.
+        FileFormatError: empty.
+        FileLimitError: above `MAX_BYTES`.
+    """
+    check_budget(check_readable(path), quoted(path))
+    try:
+        return Path(path).read_bytes()
+    except OSError as error:
+        raise InputError(f"{quoted(path)}: cannot be read: {error.strerror}") from error
+
+
+def check_readable(path: PathLike) -> int:
+    """Return the size in bytes of a regular, not empty file.
+
+    Raises:
+        InputError: missing, a folder, a device or a pipe.
+        FileFormatError: empty.
+    """
+    try:
+        status = Path(path).stat()
+    except FileNotFoundError as error:
+        raise InputError(f"{quoted(path)}: there is no such file") from error
+    except (OSError, ValueError) as error:
+        raise InputError(f"{quoted(path)}: cannot be read: {error}") from error
+    if not stat.S_ISREG(status.st_mode):
+        kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a device or a pipe"
+        raise InputError(f"{quoted(path)}: expected a regular file, found {kind}")
+    if status.st_size == 0:
+        raise FileFormatError(f"{quoted(path)}: the file is empty")
+    return status.st_size
+
+
+def check_budget(size: int, where: str) -> None:
+    """Refuse a size, found or promised by a header, that is beyond the budget.
+
+    Raises:
+        FileLimitError: above `MAX_BYTES`.
+    """
+    if size > MAX_BYTES:
+        raise FileLimitError(f"{where}: {size} bytes are beyond the budget of {MAX_BYTES}; split the file")
+
+
+def sha256_of(path: PathLike, *more: PathLike) -> str:
+    """SHA-256, in hexadecimal, of a file's bytes, or of several files one after the other.
+
+    Raises:
+        InputError: a file is missing or cannot be read.
+        FileFormatError: a file is empty.
+    """
+    digest = hashlib.sha256()
+    for each in (path, *more):
+        check_readable(each)
+        try:
+            with open(each, "rb") as stream:
+                while block := stream.read(1 << 20):
+                    digest.update(block)
+        except OSError as error:
+            raise InputError(f"{quoted(each)}: cannot be read: {error.strerror}") from error
+    return digest.hexdigest()
+
+
+def quoted(path: PathLike) -> str:
+    """The path as an error message shows it: quoted, line ends escaped."""
+    return repr(os.fspath(path))
+
+
+def suffix_of(path: PathLike, known: tuple[str, ...], what: str) -> str:
+    """Lower-case suffix of `path`, when it is one of `known`.
+
+    Raises:
+        FileFormatError: naming the suffixes that `what` can have.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in known:
+        raise FileFormatError(f"{quoted(path)}: {what} cannot have the suffix {suffix!r}; expected {' '.join(known)}")
+    return suffix
+
+
+def signature(data: bytes) -> str:
+    """In words, what the first bytes of a file look like."""
+    for start, name in SIGNATURES.items():
+        if data.startswith(start):
+            return name
+    return "binary data" if b"\0" in data[:512] else "text"

@@ -1,0 +1,105 @@
+"""Points from text: one row a line, separators found from the first row, anything doubtful refused."""
+
+import math
+import re
+
+import numpy as np
+
+from quadriform.errors import FileFormatError
+from quadriform.files.reading import signature
+from quadriform.points import Array
+
+DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
+
+
+def parse_table(data: bytes, where: str) -> Array:
+    """Return the points (n, 3) of a text table.
+
+    Accepted: UTF-8 with or without BOM, any line end, comments after `#`, blank lines, one header row, and comma,
+    semicolon, tab or spaces between the fields. Three columns are x, y, z; with more, a header must name x, y and z.
+
+    Args:
+        data: the bytes of the file.
+        where: how error messages name the file.
+
+    Raises:
+        FileFormatError: not text, decimal commas, ragged rows or words among the numbers, with the line number.
+    """
+    rows = _rows(data, where)
+    separator = _separator(rows[0][1])
+    header = _split(rows[0][1], separator, where, rows[0][0])
+    has_names = not any(_is_number(field) for field in header)
+    columns = _columns(header if has_names else [], len(header), f"{where}, line {rows[0][0]}")
+    return np.array([_numbers(row, separator, len(header), columns, where) for row in rows[has_names:]]).reshape(-1, 3)
+
+
+def _rows(data: bytes, where: str) -> list[tuple[int, str]]:
+    """Line numbers and contents of the lines that hold something."""
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise FileFormatError(
+            f"{where}: expected a text table in UTF-8, found {signature(data)} (byte {error.start})"
+        ) from error
+    if "\0" in text:
+        raise FileFormatError(f"{where}: expected a text table, found {signature(data)}")
+    lines = ((number, line.split("#", 1)[0].strip()) for number, line in enumerate(text.splitlines(), 1))
+    rows = [(number, line) for number, line in lines if line]
+    if not rows:
+        raise FileFormatError(f"{where}: the table has no rows; expected x y z on each line")
+    return rows
+
+
+def _separator(line: str) -> str | None:
+    for separator in ";\t,":
+        if separator in line:
+            return separator
+    return None  # any run of blanks
+
+
+def _split(line: str, separator: str | None, where: str, number: int) -> list[str]:
+    fields = [field.strip().strip('"') for field in line.split(separator)]
+    if "," in line:
+        # Between "1, 2, 3" and "1,5 2,5 3,5" the blanks decide: in the second they stand inside the fields.
+        blanks_inside = any(len(field.split()) > 1 for field in fields)
+        suspects = fields if separator != "," else line.split() if blanks_inside else []
+        if any(DECIMAL_COMMA.fullmatch(suspect) for suspect in suspects):
+            raise FileFormatError(f"{where}, line {number}: decimal commas are not read; write numbers with a point")
+    return fields
+
+
+def _columns(names: list[str], width: int, where: str) -> list[int]:
+    lower = [name.lower() for name in names]
+    if all(axis in lower for axis in "xyz"):
+        return [lower.index(axis) for axis in "xyz"]
+    if width != 3:
+        raise FileFormatError(
+            f"{where}: expected 3 columns, or a header row that names x, y and z; found {width} columns "
+            "(decimal commas are not read)"
+        )
+    return [0, 1, 2]
+
+
+def _numbers(row: tuple[int, str], separator: str | None, width: int, columns: list[int], where: str) -> list[float]:
+    number, line = row
+    fields = _split(line, separator, where, number)
+    if len(fields) != width:
+        raise FileFormatError(
+            f"{where}, line {number}: expected {width} columns as in the first row, found {len(fields)}"
+        )
+    chosen = [fields[column] for column in columns]
+    values = [_to_number(field) for field in chosen]
+    if None in values:
+        raise FileFormatError(f"{where}, line {number}: expected numbers, found {chosen[values.index(None)]!r}")
+    return [math.nan if value is None else value for value in values]
+
+
+def _to_number(field: str) -> float | None:
+    try:
+        return None if "_" in field else float(field)  # Python reads 1_000 as a number; a table must not
+    except ValueError:
+        return None
+
+
+def _is_number(field: str) -> bool:
+    return _to_number(field) is not None
