@@ -81,11 +81,14 @@ def _angle_grid(latitudes: Array, longitudes: Array, wrap_rows: bool) -> tuple[A
 
 @lru_cache(maxsize=16)
 def disc_grid(resolution: int) -> tuple[Array, Faces]:
-    """Points (n, 2) of the unit disc and quads between them: a square grid pushed out to the circle."""
-    steps = np.linspace(-1, 1, 2 * resolution + 1)
-    square = np.stack(np.meshgrid(steps, steps, indexing="ij"), -1).reshape(-1, 2)
-    largest, length = np.abs(square).max(axis=1), np.linalg.norm(square, axis=1)
-    disc = square * (largest / np.maximum(length, 1e-300))[:, None]
-    index = np.arange(len(square)).reshape(len(steps), -1)
-    quads = np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]], -1).reshape(-1, 4)
-    return disc, quads
+    """Points (n, 2) of the unit disc and quads between them: half of the blown-up cube, flattened.
+
+    Rays and the distances along them are kept, so no cell is squeezed, neither in the middle nor at the rim.
+    """
+    directions, quads = sphere_grid(resolution)
+    upper = quads[(directions[quads, 0] > -1e-12).all(axis=1)]
+    kept, index = np.unique(upper, return_inverse=True)
+    x, yz = directions[kept, 0], directions[kept, 1:]
+    around = np.linalg.norm(yz, axis=1)
+    radius = np.arctan2(around, x) / (np.pi / 2)
+    return yz * (radius / np.maximum(around, 1e-300))[:, None], index.reshape(-1, 4)

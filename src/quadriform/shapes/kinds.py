@@ -18,7 +18,11 @@ import numpy as np
 
 from quadriform.points import Array
 from quadriform.shapes.directions import Faces, disc_grid, sphere_grid, torus_grid, tube_grid
-from quadriform.shapes.superellipse import TINY, norm, norm_derivatives, signed_power
+from quadriform.shapes.superellipse import TINY, norm, norm_derivatives, quiet, signed_power
+
+
+WAIST = 1e-50
+"""Stands for |x| = 0 of two sheets, where F is infinite: squares of its gradient stay finite."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +78,7 @@ class Ellipsoid:
         """P1."""
         return norm(norm(q[:, 0], q[:, 1], e[1]), q[:, 2], e[0])  # P1
 
+    @quiet
     def derivatives(self, q: Array, e: Array, hole: float) -> Derivatives:
         """P1 differentiated."""
         s, s_x, s_y, s_e2 = norm_derivatives(q[:, 0], q[:, 1], e[1])
@@ -112,6 +117,7 @@ class Toroid:
         """Barr's form, made of degree one in the distance to the core of the tube."""
         return norm(norm(q[:, 0], q[:, 1], e[1]) - hole, q[:, 2], e[0])
 
+    @quiet
     def derivatives(self, q: Array, e: Array, hole: float) -> Derivatives:
         """The same differentiated."""
         s, s_x, s_y, s_e2 = norm_derivatives(q[:, 0], q[:, 1], e[1])
@@ -151,6 +157,7 @@ class OneSheet:
         """Radius over the surface's radius at the same height."""
         return norm(q[:, 0], q[:, 1], e[1]) / norm(np.ones(len(q)), q[:, 2], e[0])
 
+    @quiet
     def derivatives(self, q: Array, e: Array, hole: float) -> Derivatives:
         """The same differentiated."""
         s, s_x, s_y, s_e2 = norm_derivatives(q[:, 0], q[:, 1], e[1])
@@ -190,11 +197,12 @@ class TwoSheets:
 
     def implicit(self, q: Array, e: Array, hole: float) -> Array:
         """Height of the sheet over y and z, divided by |x|."""
-        return norm(norm(np.ones(len(q)), q[:, 2], e[0]), q[:, 1], e[1]) / np.maximum(np.abs(q[:, 0]), TINY)
+        return norm(norm(np.ones(len(q)), q[:, 2], e[0]), q[:, 1], e[1]) / np.maximum(np.abs(q[:, 0]), WAIST)
 
+    @quiet
     def derivatives(self, q: Array, e: Array, hole: float) -> Derivatives:
         """The same differentiated."""
-        x = np.where(q[:, 0] < 0, -1.0, 1.0) * np.maximum(np.abs(q[:, 0]), TINY)
+        x = np.where(q[:, 0] < 0, -1.0, 1.0) * np.maximum(np.abs(q[:, 0]), WAIST)
         c, _, c_z, c_e1 = norm_derivatives(np.ones(len(q)), q[:, 2], e[0])
         s, s_c, s_y, s_e2 = norm_derivatives(c, q[:, 1], e[1])
         r = np.abs(x)

@@ -6,6 +6,8 @@ from quadriform.points import Array
 
 TINY = 1e-300
 """Stands for zero under a logarithm."""
+quiet = np.errstate(under="ignore")
+"""A share that vanishes is right as zero, also for callers who let NumPy raise."""
 
 
 def log_abs(u: Array) -> Array:
@@ -13,17 +15,20 @@ def log_abs(u: Array) -> Array:
     return np.log(np.maximum(np.abs(u), TINY))
 
 
+@quiet
 def signed_power(u: Array, exponent: float) -> Array:
     """sign(u) |u|^exponent (paper A.1), finite for every finite u."""
     return np.sign(u) * np.exp(exponent * log_abs(u)) * (u != 0)
 
 
+@quiet
 def norm(u: Array, v: Array, exponent: float) -> Array:
     """Radius of (u, v) in units of the superellipse |u|^(2/e) + |v|^(2/e) = 1; of degree one in (u, v)."""
     k = 2 / exponent
     return np.exp(np.logaddexp(k * log_abs(u), k * log_abs(v)) / k)  # P10
 
 
+@quiet
 def norm_derivatives(u: Array, v: Array, exponent: float) -> tuple[Array, Array, Array, Array]:
     """The norm and its derivatives with respect to u, v and the exponent.
 
