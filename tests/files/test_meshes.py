@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from quadriform.errors import FileFormatError, FileLimitError, OptionError, OutputError, PointsError
-from quadriform.files.meshes import MESH_SUFFIXES, encode_mesh, read_mesh, write_mesh
+from quadriform.files.meshes import MESH_SUFFIXES, encode_mesh, read_marks, read_mesh, write_mesh
 from quadriform.shapes.mesh import Mesh
 
 EXACTNESS = {".ply": 1e-6, ".stl": 1e-6, ".obj": 1e-8, ".vtp": 0.0}
@@ -160,3 +160,15 @@ def test_unknown_suffix_frame_and_unit(tmp_path, mesh):
     with pytest.raises(OptionError, match="unit"):
         write_mesh(mesh, tmp_path / "m.ply", unit="mm\nelement vertex 0")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("suffix", MESH_SUFFIXES)
+@pytest.mark.parametrize("marks", [("LPS", "mm"), ("RAS", "m"), ("unknown", "unknown")])
+def test_marks_are_read_back(tmp_path, mesh, suffix, marks):
+    write_mesh(mesh, tmp_path / f"m{suffix}", *marks)
+    assert read_marks(tmp_path / f"m{suffix}") == marks
+
+
+def test_a_mesh_without_marks(tmp_path):
+    (tmp_path / "m.ply").write_text(PLY)
+    assert read_marks(tmp_path / "m.ply") == ("unknown", "unknown")

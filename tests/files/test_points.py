@@ -9,7 +9,7 @@ import pytest
 
 from quadriform.errors import FileFormatError, FileLimitError, InputError, PointsError, QuadriformError
 from quadriform.files.meshes import encode_mesh
-from quadriform.files.points import read_points
+from quadriform.files.points import read_points, write_points
 
 ROWS = np.array([[1.0, 2.0, 3.0], [-4.5, 5e-3, 6e7], [0.1, 0.2, 0.3]])
 
@@ -237,3 +237,18 @@ def test_real_points(shared):
     assert len(points) == len(frame.read_text().splitlines()) - 1
     assert points[0].tolist() == [-42.09469, -25.37305, -29.46908]
     assert read_points(shared / "data/organs/VH_F_left_ventricle_mm.ply").shape == (4913, 3)
+
+
+@pytest.mark.parametrize("suffix", [".xyz", ".txt", ".csv", ".npy", ".npz"])
+def test_written_points_come_back_to_the_last_bit(tmp_path, rng, suffix):
+    points = np.vstack([ROWS, rng.normal(size=(50, 3)) * 10.0 ** rng.integers(-300, 300, (50, 3))])
+    write_points(points, tmp_path / f"p{suffix}")
+    assert read_points(tmp_path / f"p{suffix}").tobytes() == points.tobytes()
+
+
+def test_points_that_cannot_be_written(tmp_path):
+    with pytest.raises(PointsError):
+        write_points([[1, 2, np.nan]], tmp_path / "p.xyz")
+    with pytest.raises(FileFormatError):
+        write_points(ROWS, tmp_path / "p.ply")
+    assert not list(tmp_path.iterdir())

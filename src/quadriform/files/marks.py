@@ -1,9 +1,15 @@
 """The frame and the unit that every file of ours is marked with."""
 
+import re
+
 from quadriform.errors import choose
 
 SPACES = ("LPS", "RAS", "unknown")
 UNITS = ("mm", "m", "unknown")
+
+SPACE = re.compile(rb"\bSPACE=(LPS|RAS)\b")
+UNIT = re.compile(rb"\bUNIT=(mm|m)\b")
+VTP_TEXT = re.compile(rb'<DataArray type="String" Name="(SPACE|UNIT)"[^>]*format="ascii">([\d\s]*)<')
 
 
 def check_marks(space: str, unit: str) -> None:
@@ -14,3 +20,16 @@ def check_marks(space: str, unit: str) -> None:
     """
     choose(space, SPACES, "space")
     choose(unit, UNITS, "unit")
+
+
+def parse_marks(data: bytes) -> tuple[str, str]:
+    """Frame and unit that the head of a mesh file is marked with; "unknown" where it is not.
+
+    Args:
+        data: the first bytes of the file. `SPACE=LPS` in a comment or header is what other programs write too; in
+            .vtp it is field data, whose text VTK spells in character codes.
+    """
+    for codes in VTP_TEXT.findall(data):
+        data += b" " + codes[0] + b"=" + bytes(int(code) for code in codes[1].split() if 0 < int(code) < 128)
+    space, unit = (pattern.search(data) for pattern in (SPACE, UNIT))
+    return (space[1].decode() if space else "unknown", unit[1].decode() if unit else "unknown")

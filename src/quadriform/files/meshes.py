@@ -9,7 +9,7 @@ import numpy as np
 
 from quadriform.errors import FileFormatError, OutputError
 from quadriform.files.atomic import write_bytes
-from quadriform.files.marks import check_marks
+from quadriform.files.marks import check_marks, parse_marks
 from quadriform.files.reading import check_budget, quoted, read_bytes, signature, suffix_of
 from quadriform.files.vtp import encode_vtp, parse_vtp
 from quadriform.points import Array, check_points
@@ -18,6 +18,8 @@ from quadriform.shapes.mesh import Mesh
 MESH_SUFFIXES = (".ply", ".stl", ".obj", ".vtp")
 
 PLY_ELEMENT = re.compile(rb"^element\s+(\S+)\s+(\d+)\s*$", re.MULTILINE)
+HEAD = 4096
+"""Bytes in which the marks stand, when there are any."""
 SINGLE = 1e-5
 """Vertices may move by this share of the mesh's extent when a format stores single precision."""
 
@@ -110,6 +112,15 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
     if faces is None or len(faces) == 0:
         raise FileFormatError(f"{where}: expected a mesh with triangles, found {len(vertices)} vertices without any")
     return Mesh(check_points(vertices, where), np.array(faces, dtype=np.int64))
+
+
+def read_marks(path: str | os.PathLike[str]) -> tuple[str, str]:
+    """Frame and unit ("unknown" where it has none) that a mesh file is marked with.
+
+    Raises:
+        InputError: the file is missing or cannot be read.
+    """
+    return parse_marks(read_bytes(path)[:HEAD])
 
 
 def parse_vertices(data: bytes, suffix: str, where: str) -> Array:

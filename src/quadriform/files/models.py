@@ -64,6 +64,17 @@ def read_model(path: str | os.PathLike[str]) -> DeformableModel:
     return _model(Field(document, "", where))
 
 
+def holds_model(path: str | os.PathLike[str]) -> bool:
+    """Whether a .json, or a .npz (which may hold points instead), says that it is a model; damaged files are errors.
+
+    Raises:
+        InputError, FileFormatError, FileLimitError: as for `read_model`.
+    """
+    if suffix_of(path, MODEL_SUFFIXES, "a model") == ".json":
+        return True
+    return "format" in parse_npz(read_bytes(path), quoted(path))
+
+
 # --- model <-> document ------------------------------------------------------------------------------------------
 
 

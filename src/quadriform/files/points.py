@@ -1,12 +1,15 @@
 """Points from files: text tables, NumPy arrays and the vertices of meshes."""
 
+import io
 import os
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from quadriform.errors import FileFormatError
 from quadriform.files.arrays import parse_npy, parse_npz
+from quadriform.files.atomic import write_bytes
 from quadriform.files.meshes import MESH_SUFFIXES, parse_vertices
 from quadriform.files.reading import quoted, read_bytes, suffix_of
 from quadriform.files.tables import parse_table
@@ -40,6 +43,29 @@ def read_points(path: str | os.PathLike[str]) -> Array:
     if suffix == ".npz":
         return check_points(_only_array(data, where), where)
     return check_points(parse_vertices(data, suffix, where), where)
+
+
+def write_points(points: ArrayLike, path: str | os.PathLike[str], force: bool = False) -> None:
+    """Write points (n, 3) as .xyz or .txt (blanks), .csv (with the header x,y,z), .npy or .npz, all or nothing.
+
+    Text has the fewest digits that give back the very same float64.
+
+    Raises:
+        PointsError: not (n, 3), or not finite.
+        FileFormatError: another suffix.
+        OutputError: the target cannot be written.
+    """
+    suffix, rows = suffix_of(path, POINT_SUFFIXES, "a file of points"), check_points(points)
+    stream = io.BytesIO()
+    if suffix == ".npy":
+        np.save(stream, rows)
+    elif suffix == ".npz":
+        np.savez(stream, points=rows)
+    else:
+        separator, head = (",", b"x,y,z\n") if suffix == ".csv" else (" ", b"")
+        lines = (separator.join(map(repr, row)) + "\n" for row in rows.tolist())
+        stream.write(head + "".join(lines).encode())
+    write_bytes(path, stream.getvalue(), force)
 
 
 def _only_array(data: bytes, where: str) -> np.ndarray:

@@ -1,0 +1,249 @@
+"""The work behind `quadriform fit`: which inputs make which models, and one record for each."""
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from quadriform.cli.exit_codes import complain
+from quadriform.cli.inputs import ImageOptions, Source, kind_of, naming, read_source, refuse
+from quadriform.cli.options import stem, surface_file
+from quadriform.cli.screen import emit_json, emit_table, progress_bar, say, warn
+from quadriform.errors import InputError, OptionError, Warnings
+from quadriform.files import save, sha256_of, write_mesh
+from quadriform.files.atomic import check_folder, check_writable, make_folder
+from quadriform.fitting.fit import ALONE, fit
+from quadriform.fitting.outcome import Fit, flat
+
+Record = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Job:
+    """One model to be made: surface name -> file and how to read it, and the folder for the results."""
+
+    sources: Mapping[str, tuple[Path, ImageOptions]]
+    folder: Path
+
+    @property
+    def files(self) -> list[Path]:
+        """The input files, each once."""
+        return list(dict.fromkeys(path for path, _ in self.sources.values()))
+
+    @property
+    def name(self) -> str:
+        """The inputs as messages show them."""
+        return ", ".join(map(str, self.files))
+
+    @property
+    def targets(self) -> dict[str, Path]:
+        """Surface name -> mesh file."""
+        return {name: self.folder / surface_file(name, ".ply") for name in self.sources}
+
+
+# --- which jobs --------------------------------------------------------------------------------------------------
+
+
+def plan(
+    inputs: Sequence[Path], surfaces: Sequence[str], output: Path | None, image: ImageOptions
+) -> tuple[list[Job], bool]:
+    """The jobs, and whether they are several (a folder always counts as several).
+
+    Raises:
+        OptionError: nothing to do, malformed surfaces, or two inputs with one folder for their results.
+        InputError: a folder without any file that could be read.
+    """
+    if surfaces:
+        return [_surfaces_job(inputs, surfaces, output, image)], False
+    if not inputs:
+        raise OptionError("expected at least one INPUT, or --surface NAME=FILE")
+    files = [file for path in inputs for file in (_files_in(path) if path.is_dir() else [path])]
+    several = len(files) > 1 or any(path.is_dir() for path in inputs)
+    jobs = []
+    for path in files:
+        own = Path(f"{stem(path)}-model") if output is None else output / stem(path) if several else output
+        jobs.append(Job({ALONE: (path, image)}, own))
+    folders = [job.folder for job in jobs]
+    for folder in folders:
+        if folders.count(folder) > 1:
+            raise OptionError(f"two inputs would both write to {str(folder)!r}; rename one, or fit them one by one")
+    return jobs, several
+
+
+def _files_in(folder: Path) -> list[Path]:
+    files = sorted(path for path in folder.iterdir() if path.is_file() and kind_of(path))
+    if not files:
+        raise InputError(f"{str(folder)!r}: the folder holds no points, meshes or images")
+    return files
+
+
+def _surfaces_job(inputs: Sequence[Path], surfaces: Sequence[str], output: Path | None, image: ImageOptions) -> Job:
+    sources: dict[str, tuple[Path, ImageOptions]] = {}
+    for text in surfaces:
+        name, equals, value = text.partition("=")
+        surface_file(name, "")  # refuses names that no file can have
+        if not equals or not value or name in sources:
+            raise OptionError(f"option --surface={text!r}: expected NAME=FILE or NAME=LABEL, each name once")
+        is_label = bool(inputs) and value.replace(",", "").isdigit()
+        if is_label and len(inputs) != 1:
+            raise OptionError(f"option --surface={text!r}: a label needs exactly one INPUT image, found {len(inputs)}")
+        sources[name] = (inputs[0], image.with_label(value)) if is_label else (Path(value), image)
+    unused = [path for path in inputs if path not in [file for file, _ in sources.values()]]
+    if unused:
+        raise OptionError(
+            f"INPUT {str(unused[0])!r} belongs to no --surface; give --surface NAME=LABEL, or leave it out"
+        )
+    first = next(iter(sources.values()))[0]
+    return Job(sources, output or Path(f"{stem(first)}-model"))
+
+
+# --- one job -----------------------------------------------------------------------------------------------------
+
+
+def run_one(job: Job, options: Mapping[str, Any], strict: bool, force: bool, as_json: bool) -> None:
+    """Do one job and show its record.
+
+    Raises:
+        QuadriformError: nothing was written.
+    """
+    record = _run(job, options, strict, force)
+    warn(record["warnings"])
+    if as_json:
+        emit_json(record)
+    else:
+        emit_table(_rows(record), title=job.name)
+
+
+def run_all(jobs: Sequence[Job], options: Mapping[str, Any], strict: bool, force: bool, as_json: bool) -> int:
+    """Do every job, whatever becomes of the others; show a closing table and return the worst exit code."""
+    records: list[Record] = []
+    for job in jobs:
+        try:
+            records.append(_run(job, options, strict, force))
+            warn(records[-1]["warnings"], f"{job.name}: ")
+        except Exception as error:  # one broken input must not stop the others
+            code = complain(error)
+            message = " ".join(str(error).split())
+            records.append({"input": job.name, "status": "failed", "exit_code": code, "message": message})
+    if as_json:
+        emit_json(records)
+    else:
+        header = ("input", "status", "points", "error RMS", "superquadric alone", "seconds")
+        emit_table([_line(record) for record in records], f"{len(records)} inputs", header)
+    return max(record.get("exit_code", 0) for record in records)
+
+
+def _run(job: Job, options: Mapping[str, Any], strict: bool, force: bool) -> Record:
+    _check_outputs(job, force)
+    begin = time.perf_counter()
+    with naming(*job.files):
+        sources = {name: read_source(path, image) for name, (path, image) in job.sources.items()}
+        notes = list(dict.fromkeys(note for source in sources.values() for note in source.notes))
+        for note in notes:
+            say(f"note: {note}")
+        found = _fit(job, sources, options)
+        if strict:
+            refuse(found.warnings)
+    make_folder(job.folder)
+    save(found.model, job.folder / "model.json", force)
+    for name, path in job.targets.items():
+        write_mesh(found.model.mesh(name), path, found.model.space, found.model.unit, force)
+    return _record(job, found, notes, time.perf_counter() - begin)
+
+
+def _fit(job: Job, sources: Mapping[str, Source], options: Mapping[str, Any]) -> Fit:
+    """The fit with the marks of its input on the model, and with the warnings of the reading before its own."""
+    space, unit = _common_marks(sources)
+    clouds = {name: source.points for name, source in sources.items()}
+    with progress_bar(job.name) as progress:
+        found = fit(clouds[ALONE] if clouds.keys() == {ALONE} else clouds, progress=progress, **options)
+    model = replace(found.model, space=space, unit=unit, input_sha256=sha256_of(*job.files))
+    return replace(found, model=model, warnings=_all_warnings(sources, found))
+
+
+def _check_outputs(job: Job, force: bool) -> None:
+    check_folder(job.folder)
+    if job.folder.exists():
+        for path in (job.folder / "model.json", *job.targets.values()):
+            check_writable(path, force, inputs=job.files)
+
+
+def _common_marks(sources: Mapping[str, Source]) -> tuple[str, str]:
+    marks = {(source.space, source.unit) for source in sources.values()}
+    if len(marks) > 1:
+        listed = ", ".join(f"{name} in {s.space} {s.unit}" for name, s in sources.items())
+        raise InputError(f"the surfaces differ in frame or unit ({listed}); bring them into one first")
+    return marks.pop()
+
+
+def _all_warnings(sources: Mapping[str, Source], found: Fit) -> Warnings:
+    """Those of the reading before those of the fit; two of one kind are joined."""
+    warnings: Warnings = {}
+    for part in (*(source.warnings for source in sources.values()), found.warnings):
+        for kind, text in part.items():
+            if text not in warnings.get(kind, ""):
+                warnings[kind] = "; ".join(filter(None, [warnings.get(kind), text]))
+    return warnings
+
+
+# --- records -----------------------------------------------------------------------------------------------------
+
+
+def _record(job: Job, found: Fit, notes: Sequence[str], seconds: float) -> Record:
+    distances = np.abs(flat(found.residuals))
+    return {
+        "input": job.name,
+        "status": found.status,
+        "outputs": [str(path) for path in (job.folder / "model.json", *job.targets.values())],
+        "points": found.n_points,
+        "parameters": found.model.n_parameters,
+        "compression_ratio": found.compression_ratio,
+        "space": found.model.space,
+        "unit": found.model.unit,
+        "error": {
+            "rms": found.rms,
+            "p95": float(np.percentile(distances, 95)),
+            "max": float(distances.max()),
+        },
+        "superquadric_rms": found.superquadric_rms,
+        "iterations": found.iterations,
+        "seconds": round(seconds, 3),
+        "warnings": {str(kind): text for kind, text in found.warnings.items()},
+        "notes": list(notes),
+    }
+
+
+def _rows(record: Record) -> list[tuple[str, str]]:
+    unit = "" if record["unit"] == "unknown" else f" {record['unit']}"
+    error = record["error"]
+    return [
+        ("points", str(record["points"])),
+        ("parameters", str(record["parameters"])),
+        ("compression ratio", f"{record['compression_ratio']:.1f}"),
+        ("error RMS", f"{error['rms']:.4g}{unit}"),
+        ("error 95 %", f"{error['p95']:.4g}{unit}"),
+        ("error max", f"{error['max']:.4g}{unit}"),
+        ("superquadric alone RMS", f"{record['superquadric_rms']:.4g}{unit}"),
+        ("iterations", str(record["iterations"])),
+        ("time", f"{record['seconds']:.2f} s"),
+        ("frame, unit", f"{record['space']}, {record['unit']}"),
+        ("warnings", ", ".join(record["warnings"]) or "none"),
+        ("written", "\n".join(record["outputs"])),
+    ]
+
+
+def _line(record: Record) -> tuple[str, ...]:
+    if record["status"] == "failed":
+        return (Path(record["input"]).name, f"failed ({record['exit_code']})", "", "", "", "")
+    unit = "" if record["unit"] == "unknown" else f" {record['unit']}"
+    return (
+        Path(record["input"]).name,
+        record["status"],
+        str(record["points"]),
+        f"{record['error']['rms']:.4g}{unit}",
+        f"{record['superquadric_rms']:.4g}{unit}",
+        f"{record['seconds']:.2f}",
+    )

@@ -1,0 +1,43 @@
+"""`quadriform deform`: push anything through the volumetric map of a model."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from quadriform.cli.options import Force, Json
+
+
+def deform(
+    model: Annotated[Path, typer.Argument(help="A model, .json or .npz.")],
+    points: Annotated[Path, typer.Argument(help="Points or a mesh to carry along.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Points, or a mesh when POINTS is one.")],
+    inverse: Annotated[bool, typer.Option("--inverse", help="From the deformed space back.")] = False,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Carry points or a mesh through a model's control box, or back with --inverse."""
+    from quadriform.cli.inputs import naming
+    from quadriform.cli.screen import emit, emit_json
+    from quadriform.files import read_mesh, read_model, read_points, write_mesh
+    from quadriform.files.atomic import check_writable
+    from quadriform.files.meshes import MESH_SUFFIXES
+    from quadriform.files.points import POINT_SUFFIXES, write_points
+    from quadriform.files.reading import suffix_of
+    from quadriform.shapes.mesh import Mesh
+
+    as_mesh = suffix_of(output, (*POINT_SUFFIXES, *MESH_SUFFIXES), "points or a mesh") in MESH_SUFFIXES
+    check_writable(output, force, inputs=[model, points])
+    carrier = read_model(model)
+    carry = carrier.undeform if inverse else carrier.deform
+    mesh = read_mesh(points) if as_mesh else None
+    with naming(points):
+        moved = carry(read_points(points) if mesh is None else mesh.vertices)
+    if mesh is not None:
+        write_mesh(Mesh(moved, mesh.faces), output, carrier.space, carrier.unit, force)
+    else:
+        write_points(moved, output, force)
+    if as_json:
+        emit_json({"points": len(moved), "inverse": inverse, "output": str(output)})
+    else:
+        emit(f"{len(moved)} points {'carried back' if inverse else 'deformed'}: {output}")

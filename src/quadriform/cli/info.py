@@ -1,0 +1,113 @@
+"""`quadriform info`: what a file is."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from quadriform.cli.options import Frame, Json
+
+if TYPE_CHECKING:
+    from quadriform.points import Array
+
+
+def info(
+    file: Annotated[Path, typer.Argument(help="Points, a mesh, an image or a model.")],
+    frame: Frame = None,
+    as_json: Json = False,
+) -> None:
+    """Say what a file is: counts, extents, frame, unit and hash."""
+    from quadriform.cli.inputs import kind_of, naming
+    from quadriform.cli.screen import emit_json, emit_table, warn
+    from quadriform.files import sha256_of
+    from quadriform.files.models import holds_model
+
+    with naming(file):
+        suffix = file.suffix.lower()
+        kind = "model" if suffix == ".json" or (suffix == ".npz" and holds_model(file)) else kind_of(file)
+        describe = {"model": _model, "mesh": _mesh, "image": _image}.get(kind or "", _points)
+        record = describe(file, frame)
+    record["sha256"] = sha256_of(file)
+    if as_json:
+        emit_json(record)
+        return
+    warn(record.get("warnings", {}))
+    emit_table([(name.replace("_", " "), _words(value)) for name, value in record.items()], title=str(file))
+
+
+def _words(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, dict):
+        return "\n".join(f"{name}: {_words(item)}" for name, item in value.items()) or "none"
+    return ", ".join(map(_words, value)) if isinstance(value, list) else str(value)
+
+
+def _extent(points: "Array") -> dict[str, list[float]]:
+    low, high = points.min(axis=0), points.max(axis=0)
+    return {"lowest": low.tolist(), "highest": high.tolist(), "size": (high - low).tolist()}
+
+
+def _points(file: Path, frame: int | None) -> dict[str, Any]:
+    from quadriform.files import read_points
+
+    points = read_points(file)
+    return {"kind": "points", "points": len(points), "extent": _extent(points), "space": "unknown", "unit": "unknown"}
+
+
+def _mesh(file: Path, frame: int | None) -> dict[str, Any]:
+    from quadriform.errors import FileFormatError
+    from quadriform.files import read_mesh, read_points
+    from quadriform.files.meshes import read_marks
+
+    space, unit = read_marks(file)
+    try:
+        mesh = read_mesh(file)
+    except FileFormatError:
+        points = read_points(file)  # a cloud in a mesh format; a damaged file fails here again
+        return {"kind": "points", "points": len(points), "extent": _extent(points), "space": space, "unit": unit}
+    return {
+        "kind": "mesh",
+        "vertices": len(mesh.vertices),
+        "triangles": len(mesh.faces),
+        "area": mesh.area(),
+        "extent": _extent(mesh.vertices),
+        "space": space,
+        "unit": unit,
+    }
+
+
+def _image(file: Path, frame: int | None) -> dict[str, Any]:
+    import numpy as np
+
+    from quadriform.imaging.reading import read_volume
+
+    volume = read_volume(file, frame)
+    corners = np.array(list(np.ndindex(2, 2, 2))) * (np.array(volume.values.shape) - 1)
+    return {
+        "kind": "image",
+        "voxels": list(volume.values.shape),
+        "spacing": volume.spacing.tolist(),
+        "type": str(volume.values.dtype),
+        "values": {"lowest": float(volume.values.min()), "highest": float(volume.values.max())},
+        "extent": _extent(volume.points_world(corners)),
+        "space": volume.space,
+        "unit": volume.unit,
+        "warnings": {str(kind): text for kind, text in volume.warnings.items()},
+    }
+
+
+def _model(file: Path, frame: int | None) -> dict[str, Any]:
+    from quadriform.files import read_model
+
+    model = read_model(file)
+    return {
+        "kind": "model",
+        "surfaces": {name: surface.kind for name, surface in model.surfaces.items()},
+        "control_points": list(model.box.control_points.shape[:3]),
+        "parameters": model.n_parameters,
+        "extent": {name: _extent(model.mesh(name).vertices) for name in model.surfaces},
+        "space": model.space,
+        "unit": model.unit,
+        "input_sha256": model.input_sha256 or "unknown",
+    }

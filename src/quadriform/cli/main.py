@@ -1,0 +1,68 @@
+"""The entry point: the verbs, and one line on stderr whatever goes wrong."""
+
+import sys
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+
+from quadriform import __version__
+from quadriform.cli import deform, export, fit, info, segment
+from quadriform.cli.exit_codes import INTERRUPTED, USAGE, complain, one_line
+
+# typer carries its own copy of click in some versions: its errors are found through a name that it does export.
+UsageProblem: type[Exception] = next(base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException")
+
+app = typer.Typer(
+    name="quadriform",
+    help="From points, meshes, masks or grey images to a compact model: a superquadric in a free-form control box.",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+for verb in (fit.fit, segment.segment, deform.deform, export.export, info.info):
+    app.command()(verb)
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"quadriform {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+def run() -> None:
+    """Entry point of the installed command."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):  # a file name must not fail in a terminal that cannot show it
+            stream.reconfigure(errors="backslashreplace")
+    sys.exit(main(sys.argv[1:]))
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run one verb and return its exit code.
+
+    0 done, 2 usage, 3 quality refused, 4 bad input, 5 output cannot be written, 6 beyond a limit, 70 internal error,
+    130 interrupted.
+    """
+    try:
+        result = app(list(arguments) or ["--help"], prog_name="quadriform", standalone_mode=False)
+        code = result if isinstance(result, int) else 0
+        return one_line("interrupted", code) if code == INTERRUPTED else code  # typer catches the key itself
+    except UsageProblem as problem:
+        return one_line(f"{problem.format_message()} (see quadriform --help)", USAGE)  # type: ignore[attr-defined]
+    except KeyboardInterrupt:
+        return one_line("interrupted", INTERRUPTED)
+    except Exception as error:
+        return complain(error)
+
+
+if __name__ == "__main__":
+    run()

@@ -1,0 +1,85 @@
+"""Options that several verbs share, spelled once."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from quadriform.errors import OptionError
+
+Json = Annotated[bool, typer.Option("--json", help="Print JSON on stdout instead of a table.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
+Strict = Annotated[bool, typer.Option("--strict", help="Refuse a result with warnings (exit code 3).")]
+
+IMAGE = "Images"
+Label = Annotated[
+    str | None, typer.Option(help="Label image: the value, or several as 1,2 taken together.", rich_help_panel=IMAGE)
+]
+Threshold = Annotated[
+    str | None,
+    typer.Option(
+        help="Grey image: a value, 'otsu', or a share of a percentile such as 50%p99.9 inside the region.",
+        rich_help_panel=IMAGE,
+    ),
+]
+Region = Annotated[
+    str | None, typer.Option(help="Only these voxels: i0:i1,j0:j1,k0:k1, ends excluded.", rich_help_panel=IMAGE)
+]
+Seed = Annotated[
+    str | None, typer.Option(help="The component at voxel i,j,k instead of the largest.", rich_help_panel=IMAGE)
+]
+Closing = Annotated[int | None, typer.Option(help="Close gaps of about this many voxels.", rich_help_panel=IMAGE)]
+FillHoles = Annotated[bool, typer.Option("--fill-holes", help="Fill enclosed holes.", rich_help_panel=IMAGE)]
+Border = Annotated[
+    str | None,
+    typer.Option(help="Where the object is cut by the image border: close or open.", rich_help_panel=IMAGE),
+]
+Frame = Annotated[int | None, typer.Option(help="Which volume of a 4-D image, from 0.", rich_help_panel=IMAGE)]
+
+
+def numbers(text: str, count: int, option: str) -> tuple[int, ...]:
+    """Whole numbers between commas.
+
+    Raises:
+        OptionError: not `count` of them.
+    """
+    parts = text.split(",")
+    try:
+        values = tuple(int(part) for part in parts)
+    except ValueError:
+        values = ()
+    if len(values) != count:
+        raise OptionError(f"option {option}={text!r}: expected {count} whole numbers between commas")
+    return values
+
+
+def ranges(text: str, option: str) -> tuple[tuple[int, int], ...]:
+    """Three voxel ranges i0:i1,j0:j1,k0:k1.
+
+    Raises:
+        OptionError: something else.
+    """
+    try:
+        found = tuple((int(low), int(high)) for low, high in (part.split(":") for part in text.split(",")))
+    except ValueError:
+        found = ()
+    if len(found) != 3 or any(not 0 <= low < high for low, high in found):
+        raise OptionError(f"option {option}={text!r}: expected i0:i1,j0:j1,k0:k1 with 0 <= i0 < i1 and so on")
+    return found
+
+
+def stem(path: Path) -> str:
+    """The name of a file without its suffix, .nii.gz counting as one."""
+    name = path.name
+    return name[: -len(".nii.gz")] if name.lower().endswith(".nii.gz") else path.stem
+
+
+def surface_file(name: str, suffix: str) -> str:
+    """File name for a surface of a model: surface.ply, or surface-endo.ply for one with a name of its own.
+
+    Raises:
+        OptionError: a name that no file can safely have.
+    """
+    if not name or not all(letter.isalnum() or letter in "_-" for letter in name):
+        raise OptionError(f"surface {name!r}: expected a name of letters, digits, - and _")
+    return f"surface{suffix}" if name == "surface" else f"surface-{name}{suffix}"

@@ -1,0 +1,331 @@
+"""`quadriform fit`: what it writes and says, for one input and for many."""
+
+import json
+
+import numpy as np
+import pytest
+
+from quadriform.files import load, read_model, read_points, sha256_of
+from quadriform.files.meshes import read_marks
+
+QUICK = ("--iterations", "4")
+
+
+def files_in(folder):
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
+
+
+def test_points_become_a_model_a_surface_and_a_table(terminal, cloud, tmp_path):
+    result = terminal("fit", cloud, "-o", "out", *QUICK)
+    assert result.code == 0
+    assert files_in(tmp_path / "out") == ["model.json", "surface.ply"]
+    model = read_model("out/model.json")
+    assert (model.space, model.unit, model.input_sha256) == ("unknown", "unknown", sha256_of(cloud))
+    assert load("out/surface.ply").volume() == pytest.approx(model.mesh().volume(), rel=1e-5)
+    for word in (
+        "points",
+        "400",
+        "386",
+        "compression ratio",
+        "error RMS",
+        "error 95 %",
+        "error max",
+        "superquadric alone",
+    ):
+        assert word in result.out
+    assert "\x1b" not in result.out + result.err
+
+
+def test_json_reports_what_the_model_really_does(terminal, cloud, ellipsoid):
+    result = terminal("fit", cloud, "-o", "out", "--json", *QUICK)
+    record = json.loads(result.out)
+    distances = np.abs(read_model("out/model.json").distance(ellipsoid))
+    assert record["error"]["rms"] == pytest.approx(np.sqrt((distances**2).mean()), rel=1e-6, abs=1e-9)
+    assert record["error"]["max"] == pytest.approx(distances.max(), rel=1e-6, abs=1e-9)
+    assert record["error"]["p95"] == pytest.approx(np.percentile(distances, 95), rel=1e-6, abs=1e-9)
+    assert record["compression_ratio"] == pytest.approx(3 * 400 / 386, rel=1e-12)
+    assert record["parameters"] == 386
+    assert record["points"] == 400
+    assert record["outputs"] == ["out/model.json", "out/surface.ply"]
+
+
+def test_the_default_folder_is_named_after_the_input(terminal, cloud, tmp_path):
+    assert terminal("fit", cloud, *QUICK).code == 0
+    assert files_in(tmp_path) == ["cloud-model/model.json", "cloud-model/surface.ply", "cloud.xyz"]
+
+
+def test_options_reach_the_fit(terminal, cloud):
+    words = ("--box", "3,4,5", "--regularity", "svd", "--strength", "20", "--matching", "model-to-data")
+    assert terminal("fit", cloud, "-o", "out", *QUICK, *words, "--method", "paper", "--kind", "ellipsoid").code == 0
+    assert read_model("out/model.json").box.control_points.shape == (3, 4, 5, 3)
+    record = json.loads(terminal("fit", cloud, "-o", "two", "--iterations", "2", "--json").out)
+    assert record["iterations"] <= 2
+
+
+def test_twice_the_same_bytes(terminal, cloud, tmp_path):
+    for out in ("a", "b"):
+        terminal("fit", cloud, "-o", out, *QUICK)
+    for name in ("model.json", "surface.ply"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_existing_results_need_force(terminal, cloud, tmp_path):
+    terminal("fit", cloud, "-o", "out", *QUICK)
+    before = (tmp_path / "out/model.json").read_bytes()
+    refused = terminal("fit", cloud, "-o", "out", "--box", "3,3,3", *QUICK)
+    assert refused.code == 5
+    assert "exists already" in refused.err
+    assert (tmp_path / "out/model.json").read_bytes() == before
+    assert terminal("fit", cloud, "-o", "out", "--force", "--box", "3,3,3", *QUICK).code == 0
+    assert (tmp_path / "out/model.json").read_bytes() != before
+
+
+def test_one_broken_input_does_not_stop_the_others(terminal, cloud, tmp_path):
+    (tmp_path / "broken.xyz").write_text("1 2\n")
+    (tmp_path / "flat.xyz").write_text("".join(f"{i} {i * i} 0\n" for i in range(30)))
+    result = terminal("fit", "broken.xyz", cloud, "flat.xyz", "-o", "out", "--json", *QUICK)
+    assert result.code == 4
+    assert files_in(tmp_path / "out") == ["cloud/model.json", "cloud/surface.ply"]
+    records = json.loads(result.out)
+    assert [record["status"] == "failed" for record in records] == [True, False, True]
+    assert "line 1" in records[0]["message"]
+    assert "coplanar" in records[2]["message"]
+    assert sum(line.startswith("quadriform: ") for line in result.err.splitlines()) == 2
+
+
+def test_the_worst_exit_code_counts_even_where_the_fault_is_ours(terminal, cloud, tmp_path, monkeypatch):
+    from quadriform.cli import batch
+
+    (tmp_path / "broken.xyz").write_text("1 2\n")
+    monkeypatch.setattr(batch, "fit", lambda *_args, **_options: 1 / 0)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    result = terminal("fit", cloud, "broken.xyz", "-o", "out")
+    assert result.code == 70
+    assert "broken.xyz" in result.err
+    assert "failed (70)" in result.out
+    assert "failed (4)" in result.out
+
+
+def test_a_folder_gives_a_model_for_each_file_it_knows(terminal, cloud, tmp_path):
+    (tmp_path / "in").mkdir()
+    cloud.rename(tmp_path / "in/a.xyz")
+    (tmp_path / "in/readme.md").write_text("not points")
+    result = terminal("fit", "in", "-o", "out", *QUICK)
+    assert result.code == 0
+    assert files_in(tmp_path / "out") == ["a/model.json", "a/surface.ply"]
+    assert "1 inputs" in result.out
+
+
+def test_two_inputs_of_one_name_are_refused_before_the_work(terminal, cloud, tmp_path):
+    (tmp_path / "cloud.csv").write_text("1,2,3\n")
+    result = terminal("fit", cloud, "cloud.csv", "-o", "out")
+    assert result.code == 2
+    assert "both write" in result.err
+
+
+def test_two_surfaces_share_one_box(terminal, cloud, ellipsoid, tmp_path):
+    np.save(tmp_path / "inner.npy", (ellipsoid - ellipsoid.mean(axis=0)) * 0.7 + ellipsoid.mean(axis=0))
+    result = terminal("fit", "--surface", f"epi={cloud}", "--surface", "endo=inner.npy", "-o", "out", "--json", *QUICK)
+    assert result.code == 0
+    model = read_model("out/model.json")
+    assert list(model.surfaces) == ["epi", "endo"]
+    assert model.input_sha256 == sha256_of(cloud, "inner.npy")
+    assert files_in(tmp_path / "out") == ["model.json", "surface-endo.ply", "surface-epi.ply"]
+    record = json.loads(result.out)
+    assert record["parameters"] == 397
+    assert record["points"] == 800
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--surface", "endo"), "NAME=FILE"),
+        (("--surface", "a/b=cloud.xyz"), "expected a name of letters"),
+        (("--surface", "a=cloud.xyz", "--surface", "a=cloud.xyz"), "each name once"),
+        (("cloud.xyz", "--surface", "a=cloud2.xyz"), "belongs to no"),
+        (("cloud.xyz", "cloud.xyz", "--surface", "a=1"), "exactly one INPUT"),
+        ((), "at least one INPUT"),
+    ],
+)
+def test_malformed_surfaces(terminal, cloud, words, message):
+    result = terminal("fit", *words)
+    assert result.code == 2
+    assert message in result.err
+
+
+def test_strict_refuses_warnings_and_writes_nothing(terminal, ellipsoid, tmp_path):
+    np.save(tmp_path / "half.npy", ellipsoid[ellipsoid[:, 2] > 104])
+    warned = terminal("fit", "half.npy", "-o", "a", *QUICK)
+    assert warned.code == 0
+    assert "warning: PARTIAL_COVERAGE" in warned.err
+    refused = terminal("fit", "half.npy", "-o", "b", "--strict", *QUICK)
+    assert refused.code == 3
+    assert "PARTIAL_COVERAGE" in refused.err
+    assert not (tmp_path / "b").exists()
+
+
+# --- images ------------------------------------------------------------------------------------------------------
+
+
+def test_a_mask_becomes_a_model_in_the_world(terminal, nifti, body, affine):
+    path = nifti("mask.nii.gz", (body == 1).astype(np.uint8))
+    result = terminal("fit", path, "-o", "out", "--json", *QUICK)
+    record = json.loads(result.out)
+    assert result.code == 0
+    assert (record["space"], record["unit"]) == ("LPS", "mm")
+    assert "label image, the object is label 1" in result.err
+    assert record["error"]["rms"] < 1.0  # half a voxel
+    model = read_model("out/model.json")
+    centre = (affine @ [14, 13, 9, 1])[:3] * [-1, -1, 1]
+    assert np.linalg.norm(model.mesh().vertices.mean(axis=0) - centre) < 1.0
+    assert model.volume() == pytest.approx((body == 1).sum() * 12.0, rel=0.05)
+    assert read_marks("out/surface.ply") == ("LPS", "mm")
+
+
+def test_labels_are_chosen_or_taken_together_and_said(terminal, nifti, body):
+    path = nifti("labels.nii", body)
+    assert "labels 1, 2 together" in terminal("fit", path, "-o", "all", *QUICK).err
+    assert terminal("fit", path, "--label", "1", "-o", "one", *QUICK).err == ""
+    assert terminal("fit", path, "--label", "2", "-o", "two", *QUICK).code == 0
+    assert read_model("two/model.json").volume() < 0.1 * read_model("one/model.json").volume()
+
+
+def test_labels_as_surfaces(terminal, nifti, body):
+    path = nifti("labels.nii", body)
+    result = terminal("fit", path, "--surface", "a=1", "--surface", "b=2", "-o", "out", *QUICK)
+    assert result.code == 0
+    assert list(read_model("out/model.json").surfaces) == ["a", "b"]
+
+
+def test_otsu_is_said_when_nobody_asked(terminal, nifti, body, rng):
+    path = nifti("grey.nii.gz", (body == 1) * 1000.0 + rng.normal(size=body.shape))
+    assert "Otsu" in terminal("fit", path, "-o", "out", *QUICK).err
+
+
+def test_region_border_and_frame(terminal, nifti, body):
+    path = nifti("cine.nii", np.stack([body == 1, body == 2], axis=-1).astype(np.uint8))
+    assert terminal("fit", path).code == 4
+    words = ("--frame", "0", "--region", "0:32,0:26,0:9", *QUICK)
+    opened = terminal("fit", path, *words, "-o", "open", "--border", "open", "--json")
+    closed = terminal("fit", path, *words, "-o", "closed", "--border", "close", "--json")
+    assert "BORDER_CUT" in opened.err
+    assert "BORDER_CUT" in closed.err
+    assert json.loads(closed.out)["points"] > json.loads(opened.out)["points"]
+
+
+# --- what is refused ---------------------------------------------------------------------------------------------
+
+BAD_TEXT = {
+    "nan.xyz": ("1 2 3\n1 nan 3\n", 4, "not finite"),
+    "few.xyz": ("0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 1 1\n", 4, "expected at least 11"),
+    "flat.xyz": ("".join(f"{i} {i * i} 0\n" for i in range(30)), 4, "coplanar"),
+    "line.xyz": ("".join(f"{i} {i} {i}\n" for i in range(30)), 4, "collinear"),
+    "ragged.csv": ("1,2,3\n1,2\n", 4, "line 2"),
+    "comma.csv": ("1,5;2;3\n", 4, "decimal commas"),
+    "empty.xyz": ("", 4, "empty"),
+    "wrong.ply": ("1 2 3\n", 4, "PLY header"),
+    "wrong.npy": ("1 2 3\n", 4, "npy"),
+    "wrong.nii": ("1 2 3\n", 4, "NIfTI"),
+    "what.dat": ("1 2 3\n", 4, "suffix"),
+}
+
+
+def assert_refused(result, code, message, name):
+    assert result.code == code
+    assert result.out == ""
+    lines = result.err.splitlines()
+    assert len([line for line in lines if not line.startswith("note: ")]) == 1
+    assert lines[-1].startswith("quadriform: ")
+    assert message in lines[-1]
+    assert name in lines[-1]
+
+
+@pytest.mark.parametrize("name", BAD_TEXT)
+def test_bad_files_give_one_line_and_nothing_else(terminal, tmp_path, name):
+    content, code, message = BAD_TEXT[name]
+    (tmp_path / name).write_text(content)
+    assert_refused(terminal("fit", name, "-o", "out"), code, message, name)
+    assert files_in(tmp_path) == [name]
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        (np.zeros((5, 5, 5), np.uint8), "mask is empty"),
+        (np.ones((5, 5, 5), np.uint8), "mask is full"),
+        (np.pad(np.ones((1, 1, 1), np.uint8), 2), "one voxel"),
+        (np.pad(np.ones((1, 4, 4), np.uint8), 2), "one slice"),
+        (np.full((5, 5, 5), np.nan), "finite|NaN|not a number"),
+        (np.zeros((5, 5, 5, 2), np.uint8), "four-dimensional"),
+    ],
+)
+def test_bad_images_give_one_line_and_nothing_else(terminal, nifti, tmp_path, values, message):
+    nifti("bad.nii", values)
+    result = terminal("fit", "bad.nii", "-o", "out")
+    assert_refused(result, 4, next((m for m in message.split("|") if m in result.err), message), "bad.nii")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("where", ["missing.xyz", "missing.nii", "missing.ply", "folder", "cloud.xyz/below.xyz"])
+def test_inputs_that_are_not_there(terminal, cloud, tmp_path, where):
+    (tmp_path / "folder").mkdir()
+    assert_refused(terminal("fit", where, "-o", "out"), 4, "", where)
+
+
+@pytest.mark.parametrize("out", ["cloud.xyz", "cloud.xyz/out", "/proc/out"])
+def test_outputs_that_cannot_be_written_are_refused_before_the_work(terminal, cloud, tmp_path, out, monkeypatch):
+    from quadriform.cli import batch
+
+    monkeypatch.setattr(batch, "read_source", lambda *_args: pytest.fail("computed before checking the output"))
+    before = cloud.read_bytes()
+    assert_refused(terminal("fit", cloud, "-o", out), 5, "", out)
+    assert cloud.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("--box", "5,5"),
+        ("--box", "5,5,x"),
+        ("--box", "1,5,5"),
+        ("--kind", "cube"),
+        ("--regularity", "magic"),
+        ("--matching", "magic"),
+        ("--method", "magic"),
+        ("--strength", "strong"),
+        ("--strength", "nan"),
+        ("--iterations", "-1"),
+        ("--iterations", "x"),
+        ("--label", "1", "--threshold", "3"),
+        ("--label", "one"),
+        ("--threshold", "high"),
+        ("--region", "1:2"),
+        ("--seed", "1,2"),
+        ("--colour",),
+    ],
+)
+def test_wrong_options_are_usage_errors(terminal, cloud, tmp_path, words):
+    result = terminal("fit", cloud, "-o", "out", *words)
+    assert result.code == 2
+    assert len(result.err.splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_name_with_anything_in_it(terminal, cloud, tmp_path):
+    name = "Herz groß [bold]心.xyz"
+    cloud.rename(tmp_path / name)
+    result = terminal("fit", name, "-o", "out ä", *QUICK)
+    assert result.code == 0
+    assert "[bold]" in result.out
+    assert len(read_points(name)) == 400
+
+
+def test_a_real_image(terminal, shared):
+    heart = shared / "data/spect_mpi/nifti/mpi_rest_1.nii.gz"
+    words = ("--region", "17:53,12:52,10:34", "--threshold", "50%p99.9", "--json", *QUICK)
+    result = terminal("fit", heart, "-o", "out", *words)
+    record = json.loads(result.out)
+    assert result.code == 0
+    assert record["space"] == "LPS"
+    assert record["error"]["rms"] < record["superquadric_rms"]

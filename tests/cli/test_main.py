@@ -1,0 +1,155 @@
+"""Exit codes, one line on stderr, and a start without heavy libraries; some of it in real processes."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from quadriform import __version__, errors
+from quadriform.cli import main as entry
+from quadriform.cli.screen import progress_bar
+
+QUADRIFORM = [sys.executable, "-m", "quadriform.cli.main"]
+HEAVY = {"numpy", "scipy", "nibabel", "skimage", "trimesh", "matplotlib"}
+
+
+def process(*words, **options):
+    return subprocess.run([*QUADRIFORM, *map(str, words)], capture_output=True, text=True, check=False, **options)
+
+
+def test_every_verb_has_help():
+    for words in ([], ["--help"], *([verb, "--help"] for verb in ("fit", "segment", "deform", "export", "info"))):
+        result = CliRunner().invoke(entry.app, words)
+        assert "Usage" in result.output
+
+
+def test_help_and_version_start_without_heavy_libraries():
+    code = (
+        "import sys; from quadriform.cli.main import main\n"
+        "codes = [main(['--help']), main(['fit', '--help']), main(['--version']), main([])]\n"
+        f"print(codes, sorted({HEAVY} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[0, 0, 0, 0] []"
+    assert f"quadriform {__version__}" in done.stdout
+
+
+@pytest.mark.parametrize("words", [("fly",), ("fit", "--what"), ("info",), ("export", "a.json"), ("info", "a", "b")])
+def test_usage_errors(terminal, words):
+    result = terminal(*words)
+    assert result.code == 2
+    assert result.out == ""
+    assert len(result.err.splitlines()) == 1
+    assert "--help" in result.err
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (errors.OptionError, 2),
+        (errors.FitError, 3),
+        (errors.InputError, 4),
+        (errors.PointsError, 4),
+        (errors.MaskError, 4),
+        (errors.AffineError, 4),
+        (errors.DegenerateError, 4),
+        (errors.FileFormatError, 4),
+        (errors.OutputError, 5),
+        (errors.FileLimitError, 6),
+        (MemoryError, 6),
+        (KeyboardInterrupt, 130),
+    ],
+)
+def test_each_error_has_its_exit_code_and_one_line(terminal, monkeypatch, error, code):
+    def fail(*_args, **_options):
+        raise error("two\nlines")
+
+    monkeypatch.setattr("quadriform.files.sha256_of", fail)
+    Path("a.xyz").write_text("1 2 3\n")
+    result = terminal("info", "a.xyz")
+    assert result.code == code
+    assert result.out == ""
+    assert len(result.err.splitlines()) == 1
+
+
+def test_an_unforeseen_error_leaves_a_report(terminal, monkeypatch, tmp_path):
+    def fail(*_args, **_options):
+        raise KeyError("a bug")
+
+    monkeypatch.setattr("quadriform.files.sha256_of", fail)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    Path("a.xyz").write_text("1 2 3\n")
+    result = terminal("info", "a.xyz")
+    assert result.code == 70
+    assert "Traceback" not in result.err
+    (report,) = tmp_path.glob("quadriform-report-*.txt")
+    assert str(report) in result.err
+    assert "KeyError: 'a bug'" in report.read_text()
+
+
+def test_real_processes_end_with_one_line_and_the_code(tmp_path, cloud):
+    (tmp_path / "nan.xyz").write_text("1 2 nan\n")
+    for words, code in [
+        (("fit", "nan.xyz", "-o", "out"), 4),
+        (("fit", "missing.xyz", "-o", "out"), 4),
+        (("fit", "cloud.xyz", "-o", "cloud.xyz/out"), 5),
+        (("fit", "cloud.xyz", "--box", "1", "-o", "out"), 2),
+        (("nonsense",), 2),
+    ]:
+        done = process(*words, cwd=tmp_path)
+        assert done.returncode == code
+        assert done.stdout == ""
+        assert len(done.stderr.splitlines()) == 1
+        assert "Traceback" not in done.stderr
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["cloud.xyz", "nan.xyz"]
+
+
+def test_a_fit_in_a_real_process(tmp_path, cloud):
+    done = process("fit", cloud, "-o", tmp_path / "out", "--iterations", "2")
+    assert done.returncode == 0
+    assert done.stderr == ""
+    assert (tmp_path / "out/model.json").is_file()
+
+
+def test_a_reader_that_goes_away_is_no_error(cloud):
+    read, write = os.pipe()
+    os.close(read)
+    try:
+        done = subprocess.run([*QUADRIFORM, "info", str(cloud)], stdout=write, stderr=subprocess.PIPE, check=False)
+    finally:
+        os.close(write)
+    assert done.returncode == 0
+    assert done.stderr == b""
+
+
+def test_a_terminal_that_cannot_show_a_name(tmp_path, cloud):
+    cloud.rename(tmp_path / "größe.xyz")
+    done = process("info", "größe.xyz", cwd=tmp_path, env=os.environ | {"PYTHONIOENCODING": "ascii"})
+    assert done.returncode == 0
+    assert done.stderr == ""
+
+
+def test_no_color_is_respected(cloud):
+    coloured = os.environ | {"FORCE_COLOR": "1", "NO_COLOR": "1"}
+    assert "\x1b[3" not in process("info", cloud, env=coloured).stdout
+
+
+def test_progress_is_silent_where_nobody_watches(capsys):
+    with progress_bar("work") as show:
+        show(1, 2)
+    assert capsys.readouterr() == ("", "")
+
+
+def test_progress_on_a_terminal(monkeypatch, capsys):
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
+    monkeypatch.setattr("quadriform.cli.screen.QUIET_SECONDS", -1.0)
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    with progress_bar("work [bold]") as show:
+        show(1, 2)
+    shown = capsys.readouterr()
+    assert shown.out == ""
+    assert "work [bold]" in shown.err
+    assert "1/2" in shown.err

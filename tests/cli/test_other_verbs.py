@@ -1,0 +1,259 @@
+"""`segment`, `deform`, `export` and `info`."""
+
+import json
+
+import nibabel
+import numpy as np
+import pytest
+
+from quadriform.files import load, read_points, save, sha256_of
+from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.model import DeformableModel
+from quadriform.shapes.superquadric import Superquadric
+
+
+@pytest.fixture
+def model(tmp_path, rng):
+    superquadric = Superquadric(semi_axes=(30, 20, 12), translation=(5, -7, 100))
+    box = ControlBox.around(superquadric)
+    moved = box.control_points + rng.normal(size=box.control_points.shape)
+    made = DeformableModel({"surface": superquadric}, box.with_control_points(moved), "LPS", "mm")
+    save(made, tmp_path / "model.json")
+    return made
+
+
+# --- segment -----------------------------------------------------------------------------------------------------
+
+
+def test_a_mask_lies_where_its_image_lies(terminal, nifti, body, affine):
+    path = nifti("labels.nii.gz", body)
+    result = terminal("segment", path, "--label", "1", "-o", "mask.nii.gz", "--json")
+    assert result.code == 0
+    mask = nibabel.load("mask.nii.gz")
+    assert np.array_equal(mask.affine, nibabel.load(path).affine)
+    assert np.array_equal(np.asarray(mask.dataobj), body == 1)
+    assert mask.get_data_dtype() == np.uint8
+    assert json.loads(result.out)["voxels"] == (body == 1).sum()
+    again = terminal("segment", "mask.nii.gz", "-o", "again.nii")
+    assert again.code == 0
+    assert np.array_equal(np.asarray(nibabel.load("again.nii").dataobj), body == 1)
+
+
+def test_both_forms_survive_and_private_parts_do_not(terminal, tmp_path, body, affine):
+    image = nibabel.Nifti1Image(body.astype(np.float32) * 0.5, affine)
+    image.set_qform(np.diag([1.0, 1, 1, 1]), 1)
+    image.set_sform(affine, 2)
+    image.header.extensions.append(nibabel.nifti1.Nifti1Extension("comment", b"a patient's name"))
+    image.header["cal_max"] = 0.1
+    nibabel.save(image, tmp_path / "in.nii")
+    assert terminal("segment", "in.nii", "--threshold", "0.3", "-o", "out.nii").code == 0
+    out = nibabel.load("out.nii")
+    assert np.array_equal(out.get_sform(), image.get_sform())
+    assert np.array_equal(out.get_qform(), image.get_qform())
+    assert (int(out.header["sform_code"]), int(out.header["qform_code"])) == (2, 1)
+    assert out.header["cal_max"] == 0
+    assert b"patient" not in (tmp_path / "out.nii").read_bytes()
+    assert set(np.unique(out.dataobj)) == {0, 1}
+
+
+def test_one_frame_of_four_dimensions(terminal, nifti, body):
+    path = nifti("cine.nii", np.stack([body == 2, body == 1], axis=-1).astype(np.uint8))
+    assert terminal("segment", path, "--frame", "1", "-o", "out.nii.gz").code == 0
+    assert np.array_equal(np.asarray(nibabel.load("out.nii.gz").dataobj), body == 1)
+
+
+@pytest.mark.parametrize("threshold", ["otsu", "400", "50%p99.9", "50.5%p99"])
+def test_thresholds(terminal, nifti, body, rng, threshold):
+    path = nifti("grey.nii.gz", (body == 1) * 1000.0 + rng.normal(size=body.shape))
+    assert terminal("segment", path, "--threshold", threshold, "-o", "mask.nii").code == 0
+    assert np.array_equal(np.asarray(nibabel.load("mask.nii").dataobj), body == 1)
+
+
+def test_a_percentile_alone_is_the_threshold(terminal, nifti, body):
+    path = nifti("grey.nii", np.arange(body.size, dtype=np.float32).reshape(body.shape))
+    record = json.loads(terminal("segment", path, "--threshold", "p75", "-o", "mask.nii", "--json").out)
+    assert record["threshold"] == pytest.approx(0.75 * (body.size - 1), rel=1e-9)
+
+
+def test_seed_closing_holes_and_region(terminal, nifti, body):
+    hollow = np.where(body == 1, 1, 0).astype(np.uint8) + (body == 2)
+    hollow[12:16, 11:15, 8:11] = 0
+    path = nifti("hollow.nii", hollow)
+
+    def voxels(*words):
+        return json.loads(terminal("segment", path, "-o", "mask.nii", "--force", "--json", *words).out)["voxels"]
+
+    assert voxels() == (body == 1).sum() - 4 * 4 * 3
+    assert voxels("--fill-holes") == voxels("--closing", "3") == (body == 1).sum()
+    assert voxels("--seed", "29,21,3") == (body == 2).sum()
+    assert voxels("--region", "27:32,19:26,1:7") == (body == 2).sum()
+    assert "kept 1 of 2" in terminal("segment", path, "-o", "mask.nii", "--force").err
+
+
+def test_segment_refuses(terminal, nifti, body, tmp_path):
+    path = nifti("labels.nii", body)
+    before = path.read_bytes()
+    for words, code, message in [
+        ((path, "-o", path), 5, "the input itself"),
+        ((path, "-o", "a/b.nii"), 5, "does not exist"),
+        ((path, "-o", "mask.png"), 2, ".nii or .nii.gz"),
+        ((path, "-o", "mask.nii", "--label", "7"), 4, "no voxel has the label 7"),
+        ((path, "-o", "mask.nii", "--seed", "0,0,0"), 4, "labels.nii"),
+        ((path, "-o", "mask.nii", "--region", "0:99,0:2,0:2"), 2, "region"),
+        ((path, "-o", "mask.nii", "--region", "0:14,0:26,0:18", "--label", "1", "--strict"), 3, "BORDER_CUT"),
+        (("missing.nii", "-o", "mask.nii"), 4, "no such file"),
+    ]:
+        result = terminal("segment", *words)
+        assert result.code == code
+        assert message in result.err.splitlines()[-1]
+        assert result.out == ""
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["labels.nii"]
+
+
+# --- deform ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("suffix", [".xyz", ".csv", ".npy", ".npz"])
+def test_deform_is_the_map_of_the_model_and_inverse_undoes_it(terminal, model, ellipsoid, tmp_path, suffix):
+    inside = (ellipsoid - [5, -7, 100]) * 0.8 + [5, -7, 100]
+    np.save(tmp_path / "in.npy", inside)
+    assert terminal("deform", "model.json", "in.npy", "-o", f"out{suffix}").code == 0
+    assert np.array_equal(read_points(f"out{suffix}"), model.deform(inside))
+    assert terminal("deform", "model.json", f"out{suffix}", "-o", "back.npy", "--inverse", "--json").code == 0
+    assert np.abs(read_points("back.npy") - inside).max() < 1e-9 * 100
+
+
+def test_deform_carries_a_mesh(terminal, model, tmp_path):
+    flat = model.superquadric().mesh(5)
+    save(flat, tmp_path / "in.vtp")
+    assert terminal("deform", "model.json", "in.vtp", "-o", "out.vtp").code == 0
+    out = load("out.vtp")
+    assert np.array_equal(out.faces, flat.faces)
+    assert np.array_equal(out.vertices, model.deform(flat.vertices))
+    assert b'Name="SPACE"' in (tmp_path / "out.vtp").read_bytes()
+
+
+def test_deform_refuses(terminal, model, cloud, tmp_path):
+    for words, code, message in [
+        (("model.json", cloud, "-o", cloud), 5, "the input itself"),
+        (("model.json", cloud, "-o", "model.json"), 4, "suffix"),
+        (("model.json", cloud, "-o", "out.ply"), 4, "suffix"),
+        (("model.json", "missing.xyz", "-o", "out.xyz"), 4, "no such file"),
+        ((cloud, cloud, "-o", "out.xyz"), 4, "a model cannot have the suffix"),
+        (("model.json", cloud), 2, "output"),
+    ]:
+        result = terminal("deform", *words)
+        assert result.code == code
+        assert message in result.err
+    (tmp_path / "far.xyz").write_text("1e6 1e6 1e6\n")
+    result = terminal("deform", "model.json", "far.xyz", "-o", "out.xyz", "--inverse")
+    assert result.code == 4
+    assert "far.xyz" in result.err
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["cloud.xyz", "far.xyz", "model.json"]
+
+
+# --- export ------------------------------------------------------------------------------------------------------
+
+
+def test_export_writes_every_format(terminal, model):
+    result = terminal(
+        "export", "model.json", "--to", "ply,stl, obj,VTP", "-o", "new/deep", "--resolution", "7", "--json"
+    )
+    assert result.code == 0
+    names = [f"new/deep/surface.{kind}" for kind in ("ply", "stl", "obj", "vtp")]
+    assert json.loads(result.out)["outputs"] == names
+    for name in names:
+        assert load(name).volume() == pytest.approx(model.mesh(resolution=7).volume(), rel=1e-5)
+
+
+def test_export_names_the_surfaces(terminal, model, tmp_path):
+    two = DeformableModel({"endo": model.superquadric(), "epi": model.superquadric()}, model.box)
+    save(two, tmp_path / "two.npz")
+    result = terminal("export", "two.npz", "--to", "ply", "-o", ".")
+    assert result.out.split() == ["surface-endo.ply", "surface-epi.ply"]
+
+
+def test_export_refuses(terminal, model, tmp_path):
+    (tmp_path / "surface.obj").write_text("mine")
+    for words, code, message in [
+        (("--to", "ply,pdf", "-o", "out"), 2, "--to='pdf'"),
+        (("--to", "ply,obj", "-o", "."), 5, "exists already"),
+        (("--to", "ply", "-o", "model.json"), 5, "folder"),
+        (("--to", "ply", "-o", "out", "--resolution", "1"), 2, "resolution"),
+        (("--to", "ply"), 2, "output"),
+    ]:
+        result = terminal("export", "model.json", *words)
+        assert result.code == code
+        assert message in result.err
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["model.json", "surface.obj"]
+    assert (tmp_path / "surface.obj").read_text() == "mine"
+    assert terminal("export", "model.json", "--to", "obj", "-o", ".", "--force").code == 0
+
+
+# --- info --------------------------------------------------------------------------------------------------------
+
+
+def described(terminal, *words):
+    result = terminal("info", *words, "--json")
+    assert result.code == 0
+    record = json.loads(result.out)
+    table = terminal("info", *words)
+    assert table.code == 0
+    assert record["kind"] in table.out
+    assert record["sha256"] == sha256_of(words[0])
+    return record
+
+
+def test_info_on_points(terminal, cloud, ellipsoid):
+    record = described(terminal, cloud)
+    assert (record["kind"], record["points"], record["unit"]) == ("points", 400, "unknown")
+    assert record["extent"]["lowest"] == ellipsoid.min(axis=0).tolist()
+
+
+def test_info_on_a_mesh_and_a_cloud_in_a_mesh_format(terminal, model, tmp_path):
+    save(model, tmp_path / "m.stl")
+    record = described(terminal, "m.stl")
+    mesh = model.mesh()
+    assert (record["kind"], record["vertices"], record["triangles"]) == ("mesh", len(mesh.vertices), len(mesh.faces))
+    assert (record["space"], record["unit"]) == ("LPS", "mm")
+    (tmp_path / "p.obj").write_text("v 0 0 0\nv 1 0 0\n")
+    assert described(terminal, "p.obj")["points"] == 2
+
+
+def test_info_on_an_image(terminal, nifti, body, affine):
+    path = nifti("labels.nii.gz", body)
+    record = described(terminal, path)
+    assert record["voxels"] == list(body.shape)
+    assert record["spacing"] == pytest.approx([2, 2, 3], rel=1e-6)
+    assert (record["space"], record["unit"]) == ("LPS", "mm")
+    corner = (affine @ [*(np.array(body.shape) - 1), 1])[:3] * [-1, -1, 1]
+    low, high = np.array(record["extent"]["lowest"]), np.array(record["extent"]["highest"])
+    assert ((low - 1e-4 <= corner) & (corner <= high + 1e-4)).all()
+
+
+@pytest.mark.parametrize("suffix", [".json", ".npz"])
+def test_info_on_a_model(terminal, model, tmp_path, suffix):
+    save(model, tmp_path / f"m{suffix}")
+    record = described(terminal, f"m{suffix}")
+    assert record["surfaces"] == {"surface": "ellipsoid"}
+    assert record["parameters"] == 386
+    assert record["control_points"] == [5, 5, 5]
+    assert record["input_sha256"] == "unknown"
+
+
+def test_info_tells_points_from_models_in_npz(terminal, tmp_path):
+    np.savez(tmp_path / "p.npz", points=np.eye(3))
+    assert described(terminal, "p.npz")["kind"] == "points"
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [("a.json", "{}"), ("a.npz", "x"), ("a.ply", "ply\n"), ("a.nii", "x"), ("a.xyz", "x y\n"), ("a.pdf", "x")],
+)
+def test_info_refuses(terminal, tmp_path, name, content):
+    (tmp_path / name).write_text(content)
+    result = terminal("info", name)
+    assert result.code == 4
+    assert len(result.err.splitlines()) == 1
+    assert name in result.err
