@@ -1,0 +1,120 @@
+"""The whole way from an image to points: the paper's section 5 in one call."""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadriform.errors import OptionError, Warnings, choose
+from quadriform.imaging.isosurface import Border, height_of, isosurface
+from quadriform.imaging.segmentation import Component, Labels, Percentile, Segmentation, Select, segment
+from quadriform.imaging.volume import Region, Volume
+from quadriform.points import Array
+from quadriform.shapes.mesh import Mesh
+
+LISTED = 10
+"""So many sizes of components are recorded; noise has thousands."""
+
+
+@dataclass(frozen=True)
+class ImagePoints:
+    """Points on the surface of an object in an image.
+
+    Attributes:
+        points: (n, 3), in the world of the image: LPS mm for one that was read from a file.
+        on_border: (n,) bool, points that close the object where the image cuts it, and so are no data.
+        mesh: the isosurface whose vertices the points are.
+        segmentation: the object.
+        warnings: of reading, segmentation and isosurface.
+        record: the options in effect and what they led to; plain numbers, strings and lists.
+    """
+
+    points: Array
+    on_border: NDArray[np.bool_]
+    mesh: Mesh
+    segmentation: Segmentation
+    warnings: Warnings
+    record: dict[str, Any]
+
+
+def points_from_image(
+    volume: Volume,
+    *,
+    select: Select = "otsu",
+    region: Region | None = None,
+    component: Component = "largest",
+    connectivity: Literal[6, 26] = 26,
+    closing: int = 0,
+    fill_holes: bool = False,
+    surface: Literal["mask", "grey"] = "mask",
+    border: Border = "open",
+) -> ImagePoints:
+    """Segment an object and take the vertices of its isosurface (paper section 5).
+
+    Args:
+        volume: grey image, mask or label image.
+        select: a value, `Percentile(fraction, of)`, "otsu" or `Labels(values)`; objects are above a threshold.
+        region: half-open ranges of voxels ((i0, i1), (j0, j1), (k0, k1)); None is the whole image.
+        component: "largest", "all", or the voxel (i, j, k) of the component that is wanted.
+        connectivity: 26 or 6.
+        closing: so many dilations, then as many erosions, with the 6-connected cross.
+        fill_holes: fill what the object encloses; otherwise the walls of holes give points too.
+        surface: "mask" puts points halfway between voxels; "grey" where the image crosses the threshold.
+        border: "open" gives no points where the image cuts the object, "close" puts a lid there on purpose.
+
+    Raises:
+        MaskError: nothing or everything is the object, labels are missing or not whole, the seed is background.
+        DegenerateError: the object is one voxel, or one slice thick.
+        OptionError: an option is unknown or out of its range.
+    """
+    choose(surface, ("mask", "grey"), "surface")
+    if surface == "grey" and isinstance(select, Labels):
+        raise OptionError("option surface='grey' needs a threshold, and labels have none; use surface='mask'")
+    segmentation = segment(
+        volume,
+        select=select,
+        region=region,
+        component=component,
+        connectivity=connectivity,
+        closing=closing,
+        fill_holes=fill_holes,
+    )
+    shown, level = segmentation.object_volume(), 0.5
+    if surface == "grey" and segmentation.threshold is not None:
+        level = segmentation.threshold
+        shown = height_of(shown, volume.crop(segmentation.region), level)
+    result = isosurface(shown, level, border=border)
+    options = {
+        "select": _named(select),
+        "component": component if isinstance(component, str) else [int(n) for n in component],
+        "connectivity": connectivity,
+        "closing": int(closing),
+        "fill_holes": fill_holes,
+        "surface": surface,
+        "isolevel": level,
+        "border": border,
+    }
+    warnings = segmentation.warnings | result.warnings
+    record = options | _findings(segmentation)
+    return ImagePoints(result.mesh.vertices, result.on_border, result.mesh, segmentation, warnings, record)
+
+
+def _findings(segmentation: Segmentation) -> dict[str, Any]:
+    return {
+        "region": [list(pair) for pair in segmentation.region],
+        "threshold": segmentation.threshold,
+        "components_found": len(segmentation.component_voxels),
+        "components_kept": segmentation.components_kept,
+        "largest_components": list(segmentation.component_voxels[:LISTED]),
+        "voxels": int(segmentation.mask.sum()),
+        "hole_voxels": segmentation.hole_voxels,
+        "space": segmentation.volume.space,
+        "unit": segmentation.volume.unit,
+    }
+
+
+def _named(select: Select) -> Any:
+    if isinstance(select, Percentile):
+        return {"percentile": select.of, "fraction": select.fraction}
+    return {"labels": [int(label) for label in select.values]} if isinstance(select, Labels) else select

@@ -1,0 +1,95 @@
+"""The surface between inside and outside of an image, as a mesh in the world."""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadriform.errors import MaskError, WarningKind, Warnings, choose
+from quadriform.imaging.border import border_cut
+from quadriform.imaging.volume import Volume
+from quadriform.points import Array, check_number
+from quadriform.shapes.mesh import Mesh
+
+Border = Literal["open", "close"]
+
+SHALLOWEST = 1e-4
+"""No voxel is nearer to the level than this share of the farthest: vertices would meet in voxel centres."""
+
+
+@dataclass(frozen=True)
+class Isosurface:
+    """A surface and which part of it the image does not show.
+
+    Attributes:
+        mesh: in the world of the image, counter-clockwise seen from outside.
+        on_border: (n,) bool, vertices that close the object where the image cuts it; none for border="open".
+        warnings: BORDER_CUT.
+    """
+
+    mesh: Mesh
+    on_border: NDArray[np.bool_]
+    warnings: Warnings
+
+
+def isosurface(volume: Volume, level: float = 0.5, *, border: Border = "open") -> Isosurface:
+    """Marching cubes on an image: inside is above `level`.
+
+    Vertices lie between voxel centres: exactly halfway for a mask, in single precision for a grey image.
+
+    Args:
+        volume: a mask of 0 and 1, or a grey image.
+        level: 0.5 for a mask.
+        border: where the object leaves the image, "open" ends the surface at the outermost voxel centres;
+            "close" puts a lid half a voxel beyond them.
+
+    Raises:
+        MaskError: no voxel or every voxel is above the level.
+        OptionError: an option is unknown or out of its range.
+    """
+    choose(border, ("open", "close"), "border")
+    height = volume.values.astype(np.float64) - check_number(level, "level", -np.inf)
+    inside = height > 0
+    if not inside.any() or inside.all():
+        share = "no voxel is" if not inside.any() else "all voxels are"
+        low, high = volume.values.min(), volume.values.max()
+        raise MaskError(f"{share} above the level {level:g}; the values run from {low:g} to {high:g}")
+    floor = SHALLOWEST * np.abs(height).max()
+    height = np.where(inside, np.maximum(height, floor), np.minimum(height, -floor))
+    padding = 1 if border == "close" else 0
+    vertices, faces = _marching_cubes(_with_lid(height) if padding else height)
+    voxels = vertices - padding
+    on_border: NDArray[np.bool_] = np.any((voxels < 0) | (voxels > np.array(inside.shape) - 1), axis=1)
+    if np.linalg.det(volume.world_from_voxel[:3, :3]) < 0:
+        faces = np.ascontiguousarray(faces[:, ::-1])
+    warnings: Warnings = {}
+    if cut := border_cut(inside, volume.world_from_voxel):
+        end = f"closed there by {int(on_border.sum())} vertices" if padding else "left open there"
+        warnings[WarningKind.BORDER_CUT] = f"{cut}; {end}"
+    return Isosurface(Mesh(volume.points_world(voxels), faces), on_border, warnings)
+
+
+def height_of(mask: Volume, grey: Volume, level: float) -> Volume:
+    """The grey image, turned over at `level` wherever it disagrees with a mask about what is inside.
+
+    Its isosurface at `level` is that of the grey image, but of the masked object alone: other bright objects
+    are sunk below the level, and gaps that the mask bridges are raised above it.
+    """
+    height = grey.values.astype(np.float64) - level
+    return replace(grey, values=level + np.where(mask.values > 0, np.abs(height), -np.abs(height)))
+
+
+def _with_lid(height: Array) -> Array:
+    """One more layer on each side, as far below zero as the border is above it: the lid is half a voxel out."""
+    padded = -np.abs(np.pad(height, 1, mode="edge"))
+    padded[1:-1, 1:-1, 1:-1] = height
+    return padded
+
+
+def _marching_cubes(height: Array) -> tuple[Array, NDArray[np.int64]]:
+    from skimage.measure import marching_cubes
+
+    # its "descent" is what we call inward: skimage turns by the left hand
+    vertices, faces, _, _ = marching_cubes(height, 0.0, gradient_direction="ascent")
+    return vertices.astype(np.float64), faces.astype(np.int64)

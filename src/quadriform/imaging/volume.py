@@ -1,0 +1,127 @@
+"""An image and where its voxels lie in the world."""
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from quadriform.errors import AffineError, MaskError, OptionError, Warnings, choose
+from quadriform.points import Array, check_points
+
+Region = tuple[tuple[int, int], tuple[int, int], tuple[int, int]]
+"""Half-open ranges of voxels, ((i0, i1), (j0, j1), (k0, k1))."""
+
+SINGULAR = 1e-6
+"""A determinant below this share of the product of the column lengths leaves no volume to a voxel."""
+
+
+@dataclass(frozen=True)
+class Volume:
+    """A three-dimensional image.
+
+    Attributes:
+        values: (i, j, k), finite real numbers or booleans; never changed by this package.
+        world_from_voxel: (4, 4), takes voxel centres (i, j, k, 1) to the world.
+        space: frame of the world, "LPS", "RAS" or "unknown".
+        unit: of lengths in the world, "mm", "m" or "unknown".
+        warnings: what the reader had to decide on.
+
+    Raises:
+        MaskError: `values` have another shape or type, or NaN or infinite voxels.
+        AffineError: `world_from_voxel` is not finite, singular or of another shape.
+    """
+
+    values: NDArray[Any]
+    world_from_voxel: Array
+    space: str = "LPS"
+    unit: str = "mm"
+    warnings: Warnings = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        values, affine = np.asarray(self.values), np.array(self.world_from_voxel, dtype=np.float64)
+        _check_values(values)
+        if fault := affine_fault(affine):
+            raise AffineError(f"world_from_voxel: {fault}; found {affine.tolist()}")
+        choose(self.space, ("LPS", "RAS", "unknown"), "space")
+        choose(self.unit, ("mm", "m", "unknown"), "unit")
+        object.__setattr__(self, "values", values)
+        object.__setattr__(self, "world_from_voxel", affine)
+
+    @property
+    def spacing(self) -> Array:
+        """Distances between the centres of neighbouring voxels along i, j and k, (3,), from the full affine."""
+        return np.linalg.norm(self.world_from_voxel[:3, :3], axis=0)
+
+    def points_world(self, voxels: ArrayLike) -> Array:
+        """World points (n, 3) of voxel coordinates (n, 3), which may lie between voxel centres.
+
+        Raises:
+            PointsError: `voxels` are not finite numbers of shape (n, 3).
+        """
+        return check_points(voxels, "voxels") @ self.world_from_voxel[:3, :3].T + self.world_from_voxel[:3, 3]
+
+    def crop(self, region: Region) -> "Volume":
+        """The part inside `region`; its voxels stay where they are in the world.
+
+        Raises:
+            OptionError: `region` is empty or leaves the image.
+        """
+        region = check_region(region, self.values.shape)
+        start = np.array([low for low, _ in region], dtype=np.float64)
+        affine = self.world_from_voxel.copy()
+        affine[:3, 3] += affine[:3, :3] @ start
+        return replace(self, values=self.values[slices(region)], world_from_voxel=affine)
+
+
+def check_region(region: Region | None, shape: tuple[int, ...]) -> Region:
+    """Return `region`, for None the whole image, when it is not empty and inside `shape`.
+
+    Raises:
+        OptionError: not three pairs of whole numbers, empty, or outside.
+    """
+    if region is None:
+        region = ((0, shape[0]), (0, shape[1]), (0, shape[2]))
+    pairs = np.array(region, dtype=object)
+    whole = pairs.shape == (3, 2) and all(isinstance(bound, (int, np.integer)) for bound in pairs.flat)
+    if not whole or not all(0 <= low < high <= size for (low, high), size in zip(pairs, shape)):
+        raise OptionError(
+            f"option region={region!r} does not fit an image of {shape} voxels; expected "
+            "((i0, i1), (j0, j1), (k0, k1)) with 0 <= i0 < i1 <= the number of voxels"
+        )
+    (i0, i1), (j0, j1), (k0, k1) = pairs
+    return (int(i0), int(i1)), (int(j0), int(j1)), (int(k0), int(k1))
+
+
+def slices(region: Region) -> tuple[slice, slice, slice]:
+    """`region` as an index into an array."""
+    (i0, i1), (j0, j1), (k0, k1) = region
+    return slice(i0, i1), slice(j0, j1), slice(k0, k1)
+
+
+def affine_fault(affine: Array) -> str:
+    """What is wrong with a (4, 4) transform from voxels to the world; empty when nothing is."""
+    if affine.shape != (4, 4):
+        return f"expected shape (4, 4), found {affine.shape}"
+    if not np.isfinite(affine).all():
+        return "it has entries that are not finite"
+    if not np.array_equal(affine[3], [0, 0, 0, 1]):
+        return "expected 0 0 0 1 as its last row"
+    lengths = np.linalg.norm(affine[:3, :3], axis=0)
+    if (lengths == 0).any() or abs(np.linalg.det(affine[:3, :3] / lengths)) < SINGULAR:
+        return "it is singular: voxels have no volume"
+    return ""
+
+
+def _check_values(values: NDArray[Any]) -> None:
+    if values.ndim != 3 or values.size == 0:
+        raise MaskError(f"expected an image of shape (i, j, k) with voxels in it, found shape {values.shape}")
+    if values.dtype.kind not in "biuf":
+        raise MaskError(f"expected an image of real numbers, found type {values.dtype}")
+    bad = ~np.isfinite(values) if values.dtype.kind == "f" else np.zeros(1, dtype=bool)
+    if bad.any():
+        first = tuple(int(index[0]) for index in np.nonzero(bad))
+        raise MaskError(
+            f"{int(bad.sum())} of {values.size} voxels are NaN or infinite, the first at {first}; "
+            "replace them by a background value first"
+        )
