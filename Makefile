@@ -6,7 +6,7 @@ READY := .venv/ready
 .PHONY: demo test check bench docs-figures clean
 
 demo: $(READY)
-	$(BIN)/python -m quadriform.cli.demo out/demo
+	$(BIN)/quadriform demo -o out/demo --force
 
 test: $(READY)
 	$(BIN)/python -m pytest

@@ -1,0 +1,1 @@
+"""Pictures of models, for eyes and papers."""
