@@ -49,7 +49,8 @@ def settle(
     """Slide given origins (n, 3) towards their targets, at most `slides` times.
 
     Each slide is a damped Gauss-Newton step on |target - X|^2 over the two tangent coordinates; a step that would lead
-    away is refused and shortened, so a foot point never gets worse.
+    away is refused and shortened, so a foot point never gets worse. Damping grows where a step brings less than it
+    promised: for far targets the surface bends away, and plain steps would swing to and fro.
     """
     origins = origins.copy()
     points = box.deform(origins)
@@ -57,14 +58,16 @@ def settle(
     active = np.arange(len(origins))
     reach = float(np.linalg.norm(box.edges))
     for _ in range(slides):
-        step = _tangent_step(superquadric, box, origins[active], targets[active] - points[active], damping[active])
+        gap = targets[active] - points[active]
+        step, promised = _tangent_step(superquadric, box, origins[active], gap, damping[active])
         step *= np.minimum(1, 0.2 * reach / np.maximum(np.linalg.norm(step, axis=1), 1e-300))[:, None]
         trial = superquadric.project(origins[active] + step)
         moved = box.deform(trial)
-        closer = _squared(targets[active] - moved) < _squared(targets[active] - points[active])
-        good, bad = active[closer], active[~closer]
+        gained = _squared(gap) - _squared(targets[active] - moved)
+        closer = gained > 0
+        good = active[closer]
         origins[good], points[good] = trial[closer], moved[closer]
-        damping[good], damping[bad] = damping[good] / 10, 10 * damping[bad]
+        damping[active] *= np.where(gained > 0.75 * promised, 0.1, np.where(gained > 0.4 * promised, 1, 5))
         resting = np.linalg.norm(step, axis=1) < SETTLED * reach
         active = active[~resting & (damping[active] < 1e6)]
         if not len(active):
@@ -100,11 +103,15 @@ def surface_normals(superquadric: Superquadric, box: ControlBox, origins: Array)
     return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
 
 
-def _tangent_step(superquadric: Superquadric, box: ControlBox, origins: Array, gap: Array, damping: Array) -> Array:
-    """Gauss-Newton step (n, 3) of the origins in their tangent planes, Levenberg-damped."""
+def _tangent_step(
+    superquadric: Superquadric, box: ControlBox, origins: Array, gap: Array, damping: Array
+) -> tuple[Array, Array]:
+    """Levenberg-damped Gauss-Newton step (n, 3) of the origins in their tangent planes, and the gain it promises."""
     frame = tangent_frames(superquadric, origins)
     tangents = box.jacobian(origins) @ frame
     gram = np.einsum("nia,nib->nab", tangents, tangents)
-    gram += ((damping + 1e-12) * np.trace(gram, axis1=1, axis2=2))[:, None, None] * np.eye(2) + 1e-300 * np.eye(2)
+    held = gram + ((damping + 1e-12) * np.trace(gram, axis1=1, axis2=2))[:, None, None] * np.eye(2) + 1e-300 * np.eye(2)
     pull = np.einsum("nia,ni->na", tangents, gap)
-    return np.einsum("nia,na->ni", frame, np.linalg.solve(gram, pull[:, :, None])[:, :, 0])
+    step = np.linalg.solve(held, pull[:, :, None])[:, :, 0]
+    promised = 2 * np.einsum("na,na->n", step, pull) - np.einsum("na,nab,nb->n", step, gram, step)
+    return np.einsum("nia,na->ni", frame, step), promised

@@ -15,6 +15,9 @@ from quadriform.shapes.superquadric import Superquadric
 NEWTON_STEPS = 60
 EXACT = 1e-13
 """`undeform` stops when the residual is below this share of the box's diagonal."""
+STARTS = 6
+"""How many nodes of a lattice `undeform` starts from before it gives a point up."""
+INSIDE, OUTSIDE, MISSED = 0, 1, 2
 
 
 @dataclass(frozen=True)
@@ -133,8 +136,8 @@ class ControlBox:
     def undeform(self, points: ArrayLike) -> Array:
         """Where deformed points (n, 3) came from: the inverse of `deform`, by damped Newton steps.
 
-        Starts from the nearest of a lattice of deformed points, so that a point with several origins (a folded box)
-        gets one near it.
+        Starts from the nearest of a lattice of deformed points. Beyond the box the polynomials soon fold, so an origin
+        inside it is preferred to one outside.
 
         Raises:
             PointsError: points that no place in or near the box is carried to.
@@ -143,8 +146,8 @@ class ControlBox:
         result = np.empty_like(target)
         for start in range(0, len(target), bernstein.CHUNK):
             part = slice(start, start + bernstein.CHUNK)
-            result[part] = self._newton(target[part])
-        missed = np.linalg.norm(self.deform(result) - target, axis=1) > 1e4 * EXACT * self._size
+            result[part] = self._invert(target[part])
+        missed = self._grade(result, target) == MISSED
         if missed.any():
             first = int(missed.argmax())
             raise PointsError(
@@ -157,8 +160,37 @@ class ControlBox:
     def _size(self) -> float:
         return float(np.linalg.norm(self.edges))
 
-    def _newton(self, target: Array) -> Array:
-        point = self._nearest_origin(target)
+    def _invert(self, target: Array) -> Array:
+        """The best of several Newton runs; lattices beyond the box only for points without any origin so far."""
+        best, grade = target.copy(), np.full(len(target), MISSED)
+        for margin, settled in ((0.0, INSIDE), (0.2, OUTSIDE)):
+            for start in self._starts(target, margin):
+                left = np.flatnonzero(grade > settled)
+                if not len(left):
+                    break
+                trial = self._newton(target[left], start[left])
+                found = self._grade(trial, target[left])
+                better = found <= grade[left]
+                best[left[better]], grade[left[better]] = trial[better], found[better]
+        return best
+
+    def _grade(self, origins: Array, target: Array) -> Array:
+        """How good origins are: INSIDE the box, exact but OUTSIDE, or MISSED."""
+        local = self.local(origins)
+        inside = ((local > -1e-9) & (local < 1 + 1e-9)).all(axis=1)
+        exact = np.linalg.norm(self.deform(origins) - target, axis=1) <= 1e4 * EXACT * self._size
+        return np.where(exact, np.where(inside, INSIDE, OUTSIDE), MISSED)
+
+    def _starts(self, target: Array, margin: float) -> Array:
+        """The nearest origins on a lattice that overlaps the box by a margin, (STARTS, n, 3)."""
+        steps = np.linspace(-margin, 1 + margin, 13)
+        lattice = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), -1).reshape(-1, 3)
+        origins = self.origin + lattice @ self.edges
+        nearest = cKDTree(self.deform(origins)).query(target, k=STARTS)[1]
+        return origins[nearest.T]
+
+    def _newton(self, target: Array, start: Array) -> Array:
+        point = start.copy()
         error = self.deform(point) - target
         damping = np.ones(len(target))
         for _ in range(NEWTON_STEPS):
@@ -175,12 +207,6 @@ class ControlBox:
             point[good], error[good] = trial[better], moved[better]
             damping[good], damping[bad] = np.minimum(1, 2 * damping[good]), damping[bad] / 4
         return point
-
-    def _nearest_origin(self, target: Array) -> Array:
-        steps = np.linspace(-0.2, 1.2, 15)
-        lattice = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), -1).reshape(-1, 3)
-        origins = self.origin + lattice @ self.edges
-        return origins[cKDTree(self.deform(origins)).query(target)[1]]
 
     def elevate(self, degrees: tuple[int, int, int]) -> "ControlBox":
         """The same deformation with more control points, exactly.

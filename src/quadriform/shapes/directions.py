@@ -60,7 +60,7 @@ def _cube_surface(n: int) -> tuple[NDArray[np.int64], Faces]:
 @lru_cache(maxsize=16)
 def torus_grid(resolution: int) -> tuple[Array, Faces]:
     """Latitude and longitude (n, 2) on a torus, 2 n of the first by 4 n of the second, and the quads between."""
-    rows, columns = 2 * resolution, 4 * resolution
+    rows, columns = 2 * max(2, resolution), 4 * resolution  # two rows would fold onto themselves
     return _angle_grid(2 * np.pi * np.arange(rows) / rows, 2 * np.pi * np.arange(columns) / columns, wrap_rows=True)
 
 

@@ -18,8 +18,7 @@ import numpy as np
 
 from quadriform.points import Array
 from quadriform.shapes.directions import Faces, disc_grid, sphere_grid, torus_grid, tube_grid
-from quadriform.shapes.superellipse import TINY, norm, norm_derivatives, quiet, signed_power
-
+from quadriform.shapes.superellipse import TINY, norm, norm_derivatives, signed_power
 
 WAIST = 1e-50
 """Stands for |x| = 0 of two sheets, where F is infinite: squares of its gradient stay finite."""
@@ -78,7 +77,6 @@ class Ellipsoid:
         """P1."""
         return norm(norm(q[:, 0], q[:, 1], e[1]), q[:, 2], e[0])  # P1
 
-    @quiet
     def derivatives(self, q: Array, e: Array, hole: float) -> Derivatives:
         """P1 differentiated."""
         s, s_x, s_y, s_e2 = norm_derivatives(q[:, 0], q[:, 1], e[1])
@@ -117,7 +115,6 @@ class Toroid:
         """Barr's form, made of degree one in the distance to the core of the tube."""
         return norm(norm(q[:, 0], q[:, 1], e[1]) - hole, q[:, 2], e[0])
 
-    @quiet
     def derivatives(self, q: Array, e: Array, hole: float) -> Derivatives:
         """The same differentiated."""
         s, s_x, s_y, s_e2 = norm_derivatives(q[:, 0], q[:, 1], e[1])
@@ -157,7 +154,6 @@ class OneSheet:
         """Radius over the surface's radius at the same height."""
         return norm(q[:, 0], q[:, 1], e[1]) / norm(np.ones(len(q)), q[:, 2], e[0])
 
-    @quiet
     def derivatives(self, q: Array, e: Array, hole: float) -> Derivatives:
         """The same differentiated."""
         s, s_x, s_y, s_e2 = norm_derivatives(q[:, 0], q[:, 1], e[1])
@@ -199,7 +195,6 @@ class TwoSheets:
         """Height of the sheet over y and z, divided by |x|."""
         return norm(norm(np.ones(len(q)), q[:, 2], e[0]), q[:, 1], e[1]) / np.maximum(np.abs(q[:, 0]), WAIST)
 
-    @quiet
     def derivatives(self, q: Array, e: Array, hole: float) -> Derivatives:
         """The same differentiated."""
         x = np.where(q[:, 0] < 0, -1.0, 1.0) * np.maximum(np.abs(q[:, 0]), WAIST)

@@ -12,6 +12,7 @@ from quadriform.shapes import pose
 from quadriform.shapes.directions import Faces, split_quads
 from quadriform.shapes.kinds import KINDS, Kind
 from quadriform.shapes.mesh import Mesh
+from quadriform.shapes.superellipse import quiet
 
 EXPONENTS = (0.01, 2.0)
 """The range of both exponents: nearly a box, to flat bevels."""
@@ -64,11 +65,14 @@ class Superquadric:
             raise OptionError(f"exponents: expected numbers in {EXPONENTS}, found {self.exponents.tolist()}")
         if not np.allclose(self.rotation @ self.rotation.T, np.eye(3), atol=1e-9) or np.linalg.det(self.rotation) < 0:
             raise OptionError("rotation: expected an orthogonal matrix with determinant +1")
-        if (self.hole_radius is not None) != (self.kind == "toroid") or not (self.hole_radius or 2) > 1:
-            raise OptionError(f"hole_radius: a number above 1 for the toroid alone, found {self.hole_radius}")
+        hole, height = self.hole_radius, self.height
+        if (hole is not None) != (self.kind == "toroid") or (hole is not None and not 1 < hole < np.inf):
+            raise OptionError(f"hole_radius: a number above 1 for the toroid alone, found {hole}")
         least = self.semi_axes[0] if self.kind == "hyperboloid2" else 0.0
-        if (self.height is not None) != self.kind.startswith("hyperboloid") or not (self.height or np.inf) > least:
-            raise OptionError(f"height: a length above {least:g} for hyperboloids alone, found {self.height}")
+        if (height is not None) != self.kind.startswith("hyperboloid") or (
+            height is not None and not least < height < np.inf
+        ):
+            raise OptionError(f"height: a length above {least:g} for hyperboloids alone, found {height}")
 
     @property
     def _shape(self) -> Kind:
@@ -112,15 +116,18 @@ class Superquadric:
     def _scaled(self, points: ArrayLike) -> Array:
         return pose.to_local(check_points(points), self.rotation, self.translation) / self.semi_axes
 
+    @quiet
     def implicit(self, points: ArrayLike) -> Array:
         """Inside-outside function F (P1, P11) at world points (n, 3): 1 on the surface, < 1 inside, > 1 outside."""
         return self._shape.implicit(self._scaled(points), self.exponents, self._hole)  # P11
 
+    @quiet
     def gradient(self, points: ArrayLike) -> Array:
         """Gradient of F by the world point, (n, 3), in 1 / unit; finite everywhere, also on axes and at the centre."""
         by_point = self._shape.derivatives(self._scaled(points), self.exponents, self._hole).point
         return (by_point / self.semi_axes) @ self.rotation.T
 
+    @quiet
     def parameter_derivatives(self, points: ArrayLike) -> tuple[Array, Array]:
         """F (n,) and its derivatives by every parameter, (n, 11) or (n, 12), in the order of `parameters`."""
         world = check_points(points)
@@ -155,6 +162,7 @@ class Superquadric:
             raise OptionError(f"angles: expected finite latitudes and longitudes of shape (n, 2), found {pairs.shape}")
         return self._world(self._shape.natural(pairs, self.exponents, self._hole))
 
+    @quiet
     def project(self, points: ArrayLike) -> Array:
         """Where the ray of each world point (n, 3) meets the surface: from the centre for the ellipsoid."""
         return self._world(self._shape.project(self._scaled(points), self.exponents, self._hole))
@@ -186,6 +194,7 @@ class Superquadric:
         world = check_points(points)
         return np.linalg.norm(world - self.project(world), axis=1)
 
+    @quiet
     def first_order_distance(self, points: ArrayLike) -> Array:
         """|F - 1| / |grad F| (P4), (n,); close to the true distance near the surface."""
         slope = np.linalg.norm(self.gradient(points), axis=1)
