@@ -175,11 +175,10 @@ class ControlBox:
         return best
 
     def _grade(self, origins: Array, target: Array) -> Array:
-        """How good origins are: INSIDE the box, exact but OUTSIDE, or MISSED."""
-        local = self.local(origins)
-        inside = ((local > -1e-9) & (local < 1 + 1e-9)).all(axis=1)
+        """How good origins are: INSIDE the box, exact but OUTSIDE by less than its side, or MISSED."""
+        beyond = np.abs(self.local(origins) - 0.5).max(axis=1) - 0.5
         exact = np.linalg.norm(self.deform(origins) - target, axis=1) <= 1e4 * EXACT * self._size
-        return np.where(exact, np.where(inside, INSIDE, OUTSIDE), MISSED)
+        return np.where(exact & (beyond < 1), np.where(beyond < 1e-9, INSIDE, OUTSIDE), MISSED)
 
     def _starts(self, target: Array, margin: float) -> Array:
         """The nearest origins on a lattice that overlaps the box by a margin, (STARTS, n, 3)."""
