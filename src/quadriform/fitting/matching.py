@@ -6,6 +6,8 @@ from scipy.spatial import cKDTree
 from quadriform.points import Array
 
 NEIGHBOURS = 4
+TIE = 1e-9
+"""Distances that differ by less than this share are equal."""
 
 
 def data_to_model(model_points: Array, data: Array, neighbours: int = NEIGHBOURS) -> Array:
@@ -29,8 +31,10 @@ def data_to_model(model_points: Array, data: Array, neighbours: int = NEIGHBOURS
 
 def _interpolate(at: Array, known_at: Array, known: Array, neighbours: int) -> Array:
     count = min(neighbours, len(known_at))
-    distance, index = cKDTree(known_at).query(at, k=np.arange(1, count + 1))
+    distance, index = cKDTree(known_at).query(at, k=np.arange(1, min(2 * count, len(known_at)) + 1))
     weight = 1 / np.maximum(distance, 1e-12 * np.ptp(known_at, axis=0).max() + 1e-300)
+    # the model's grid is symmetric: neighbours as near as the last one count too, or rounding would choose among them
+    weight[distance > (1 + TIE) * distance[:, count - 1 : count]] = 0
     return np.einsum("nk,nkd->nd", weight, known[index]) / weight.sum(axis=1, keepdims=True)
 
 
