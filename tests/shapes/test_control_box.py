@@ -1,0 +1,190 @@
+"""The free-form deformation: linear precision, B, Jacobian, inverse, elevation, index order."""
+
+import numpy as np
+import pytest
+from shapes_made import KINDS, SKEW, even_directions, made
+
+from quadriform.errors import OptionError, PointsError
+from quadriform.shapes import bernstein
+from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.superquadric import Superquadric
+
+SHAPES = [(5, 5, 5), (2, 2, 2), (3, 4, 6)]
+
+
+def bulged(shape=(5, 5, 5), size=0.2, seed=2):
+    """The box around a superellipsoid with every control point moved, and points inside it."""
+    rng = np.random.default_rng(seed)
+    box = ControlBox.around(made(), shape)
+    box = box.with_control_points(box.control_points + size * rng.normal(size=box.control_points.shape))
+    return box, box.origin + rng.uniform(0, 1, (300, 3)) @ box.edges
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_undeformed_box_moves_nothing(shape, rng):
+    box = ControlBox.around(made(), shape)
+    points = rng.normal(size=(100, 3)) * 4  # outside as well
+    np.testing.assert_allclose(box.deform(points), points, atol=1e-11)
+    np.testing.assert_array_equal(box.control_points, box.rest)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_affine_image_of_the_box_gives_the_affine_image_of_the_surface(shape, rng):
+    matrix, shift = rng.normal(size=(3, 3)), rng.normal(size=3)
+    surface = made()
+    box = ControlBox.around(surface, shape)
+    points = surface.surface(even_directions(300))
+    moved = box.with_control_points(box.control_points @ matrix.T + shift)
+    wanted = points @ matrix.T + shift
+    size = np.abs(wanted).max()
+    np.testing.assert_allclose(moved.deform(points), wanted, atol=1e-12 * size)
+    np.testing.assert_allclose(box.matrix(points) @ moved.control_points.reshape(-1, 3), wanted, atol=1e-12 * size)
+    np.testing.assert_allclose(moved.jacobian(points), np.broadcast_to(matrix, (300, 3, 3)), atol=1e-11)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_matrix_times_control_points_is_the_deformation(shape):
+    box, points = bulged(shape)
+    b = box.matrix(points)
+    assert b.shape == (300, np.prod(shape))
+    np.testing.assert_allclose(b @ box.control_points.reshape(-1, 3), box.deform(points), atol=1e-12)
+    np.testing.assert_allclose(b.sum(axis=1), 1, rtol=1e-12)
+
+
+def test_deformation_is_the_papers_triple_sum():
+    """P18 and P19, written out."""
+    box, points = bulged((3, 4, 5))
+    local = np.linalg.solve(box.edges.T, (points - box.origin).T)
+    factors = [bernstein.basis(local[axis], degree) for axis, degree in enumerate((2, 3, 4))]
+    wanted = np.einsum("ni,nj,nk,ijkd->nd", *factors, box.control_points)
+    np.testing.assert_allclose(box.deform(points), wanted, atol=1e-12)
+    np.testing.assert_allclose(box.local(points), local.T, atol=1e-13)  # P15, P16
+
+
+@pytest.mark.parametrize("exponents", [(1, 1), (0.6, 1.4)])
+def test_rank_of_b_on_an_ellipsoid_is_98_of_125(exponents):
+    """On the quadric 27 of the 125 polynomials vanish; other exponents have no such polynomial."""
+    s = made(exponents=exponents)
+    singular = np.linalg.svd(ControlBox.around(s).matrix(s.surface(even_directions(2000))), compute_uv=False)
+    rank = int((singular > 1e-10 * singular[0]).sum())
+    assert rank == (98 if exponents == (1, 1) else 125)
+
+
+def test_index_order_runs_upwards_from_the_low_corner():
+    s = Superquadric(semi_axes=(3, 2, 4), rotation=SKEW, translation=(1, 2, 3))
+    grid = (ControlBox.around(s, (3, 4, 5)).control_points - s.translation) @ SKEW
+    np.testing.assert_allclose(grid[0, 0, 0], [-3, -2, -4], atol=1e-13)
+    np.testing.assert_allclose(grid[2, 0, 0], [3, -2, -4], atol=1e-13)
+    np.testing.assert_allclose(grid[0, 3, 0], [-3, 2, -4], atol=1e-13)
+    np.testing.assert_allclose(grid[0, 0, 4], [-3, -2, 4], atol=1e-13)
+    steps = [np.linspace(-a, a, n) for a, n in ((3, 3), (2, 4), (4, 5))]  # P17: even steps
+    np.testing.assert_allclose(grid, np.stack(np.meshgrid(*steps, indexing="ij"), -1), atol=1e-13)
+
+
+def test_columns_of_b_run_with_the_last_index_fastest():
+    box = ControlBox.around(made(), (3, 4, 5))
+    i, j, k = 2, 1, 3
+    pushed = box.rest.copy()
+    pushed[i, j, k] += [1.0, 0, 0]
+    points = made().surface(even_directions(50))
+    moved = box.with_control_points(pushed).deform(points) - points
+    np.testing.assert_allclose(box.matrix(points)[:, (i * 4 + j) * 5 + k], moved[:, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_box_touches_the_surface(kind):
+    s = made(kind, (1, 1))
+    local = ControlBox.around(s).local(s.mesh(16).vertices)
+    np.testing.assert_allclose([local.min(axis=0), local.max(axis=0)], [[0] * 3, [1] * 3], atol=1e-12)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_jacobian(shape):
+    box, points = bulged(shape)
+    h = 1e-5
+    wanted = [(box.deform(points + h * axis) - box.deform(points - h * axis)) / (2 * h) for axis in np.eye(3)]
+    np.testing.assert_allclose(box.jacobian(points), np.stack(wanted, axis=2), atol=1e-8)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_undeform_undoes_deform(shape):
+    box, points = bulged(shape)
+    assert np.linalg.det(box.jacobian(points)).min() > 0
+    size = np.linalg.norm(box.edges)
+    np.testing.assert_allclose(box.undeform(box.deform(points)), points, atol=1e-9 * size)
+    inner = box.deform(points)[:100]
+    np.testing.assert_allclose(box.deform(box.undeform(inner)), inner, atol=1e-9 * size)
+
+
+def test_undeform_prefers_origins_inside_the_box(rng):
+    """A lively box: beyond its faces the polynomials fold and reach the same places, inside they do not."""
+    box, _ = bulged((3, 4, 6), size=0.25)
+    points = box.origin + rng.uniform(0, 1, (1500, 3)) @ box.edges
+    assert np.linalg.det(box.jacobian(points)).min() > 0.2
+    np.testing.assert_allclose(box.undeform(box.deform(points)), points, atol=1e-9 * np.linalg.norm(box.edges))
+
+
+def test_undeform_gives_some_origin_in_a_folded_box():
+    box, points = bulged(size=2.0)
+    assert np.linalg.det(box.jacobian(points)).min() < 0
+    image = box.deform(points)
+    np.testing.assert_allclose(box.deform(box.undeform(image)), image, atol=1e-9 * np.linalg.norm(box.edges))
+
+
+def test_undeform_refuses_points_without_origin():
+    box = ControlBox.undeformed(np.zeros(3), np.eye(3), (3, 3, 3))
+    flat = box.control_points * [1, 1, 0]
+    with pytest.raises(PointsError, match=r"1 of 2 points.*index 1"):
+        box.with_control_points(flat).undeform([[0.5, 0.5, 0], [0.5, 0.5, 0.4]])
+    with pytest.raises(PointsError, match="inside the deformed box"):  # the polynomials get there, far from the box
+        bulged()[0].undeform([[1e6, 1e6, 1e6]])
+
+
+@pytest.mark.parametrize("degrees", [(4, 4, 4), (6, 5, 4), (8, 8, 8)])
+def test_elevation_keeps_the_deformation(degrees):
+    box, points = bulged()
+    raised = box.elevate(degrees)
+    assert raised.degrees == degrees
+    np.testing.assert_allclose(raised.deform(points), box.deform(points), atol=1e-12)
+
+
+def test_elevation_does_not_go_down():
+    with pytest.raises(OptionError, match=r"degrees=\(4, 4, 3\).*\(4, 4, 4\)"):
+        bulged()[0].elevate((4, 4, 3))
+
+
+def test_chunks_do_not_show(rng):
+    """More points than fit into the cache at once give the same rows."""
+    box, _ = bulged()
+    points = box.origin + rng.uniform(0, 1, (bernstein.CHUNK + 100, 3)) @ box.edges
+    np.testing.assert_allclose(box.deform(points)[-200:], box.deform(points[-200:]), atol=1e-13)
+    np.testing.assert_allclose(box.jacobian(points)[-200:], box.jacobian(points[-200:]), atol=1e-13)
+    np.testing.assert_allclose(box.undeform(box.deform(points)), points, atol=1e-9)
+
+
+def test_placed_is_the_scaled_shifted_deformation():
+    box, points = bulged()
+    offset = np.array([3.0, -8, 1])
+    np.testing.assert_allclose(box.placed(2.5, offset).deform(2.5 * points + offset), 2.5 * box.deform(points) + offset)
+
+
+BAD = [
+    ((np.zeros(2), np.eye(3), np.zeros((2, 2, 2, 3))), "origin"),
+    ((np.zeros(3), np.eye(3) * np.nan, np.zeros((2, 2, 2, 3))), "edges.*finite"),
+    ((np.zeros(3), np.eye(3), np.zeros((1, 2, 2, 3))), "control_points"),
+    ((np.zeros(3), np.eye(3), np.zeros((2, 2, 2, 2))), "control_points"),
+    ((np.zeros(3), np.eye(3), np.full((2, 2, 2, 3), np.inf)), "control_points.*finite"),
+]
+
+
+@pytest.mark.parametrize(("fields", "message"), BAD)
+def test_impossible_boxes_are_refused(fields, message):
+    with pytest.raises(OptionError, match=message):
+        ControlBox(*fields)
+
+
+@pytest.mark.parametrize("call", ["deform", "undeform", "jacobian", "matrix", "local"])
+@pytest.mark.parametrize("points", [np.ones((3, 4)), [[np.inf, 0, 0]], np.empty((0, 3)), [["a", "b", "c"]]])
+def test_bad_points_are_refused(call, points):
+    with pytest.raises(PointsError, match="points"):
+        getattr(ControlBox.around(made()), call)(points)
