@@ -6,6 +6,7 @@ python benchmarks/regularity.py
 from pathlib import Path
 
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 from ventricle import ventricle
 
 import quadriform as qf
@@ -42,6 +43,8 @@ def main() -> None:
     ):
         axes.set(title=title, xlabel=x, ylabel=y)
         axes.grid(alpha=0.3)
+    both.xaxis.set_minor_formatter(NullFormatter())
+    error.yaxis.set_minor_formatter(NullFormatter())
     error.legend(fontsize=8)
     figure.tight_layout()
     OUTPUT.parent.mkdir(parents=True, exist_ok=True)
