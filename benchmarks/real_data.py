@@ -95,9 +95,9 @@ def main() -> None:
     lines = [
         "# Real data",
         "",
-        "Written by `python benchmarks/real_data.py`; each row is `quadriform.fit(points)` on its defaults. Distances of",
-        "the points to the model in mm; `alone` is the superquadric before refinement. A warning is the model's own",
-        "word that the row is not to be trusted as it stands.",
+        "Written by `python benchmarks/real_data.py`; each row is `quadriform.fit(points)` on its defaults. Distances",
+        "of the points to the model in mm; `alone` is the superquadric before refinement. A warning says that the",
+        "row is not to be trusted as it stands.",
         "",
         "| data | points | alone RMS | RMS | 95 % | max | status |",
         "| --- | --- | --- | --- | --- | --- | --- |",

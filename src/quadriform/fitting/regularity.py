@@ -11,7 +11,7 @@ from quadriform.points import Array, check_number
 
 NUMERICAL_RANK = 1e-10
 """Singular values below this share of the largest count as vanishing when no other cut is asked for."""
-SPRINGS_STRENGTH = 1e-6
+SPRINGS_STRENGTH = 1e-7
 """Holds the box by default: each spring's square counts this much, per data point."""
 
 Step = Callable[[Array, Array, Array], Array]

@@ -49,7 +49,7 @@ def _torus_about(points: Array, centre: Array, axes: Array) -> Superquadric:
     tube = np.sqrt(2) * around.std()
     hole = max(1.2, float(around.mean() / tube))
     sizes = np.append(tube * spread[:2], np.sqrt(2) * spread[2])
-    return Superquadric("toroid", sizes, (1.0, 1.0), axes, centre, hole_radius=hole)
+    return Superquadric("toroid", sizes, np.ones(2), axes, centre, hole_radius=hole)
 
 
 def hyperboloid_by_quadric(points: Array, kind: str) -> Superquadric:
@@ -73,7 +73,7 @@ def hyperboloid_by_quadric(points: Array, kind: str) -> Superquadric:
         raise DegenerateError(
             f"points do not look like kind={kind!r}; expected them around a hyperboloid, try 'ellipsoid'"
         )
-    return Superquadric(kind, best[1], (1.0, 1.0), best[0], centre, height=_reach(points, centre, best, kind))
+    return Superquadric(kind, best[1], np.ones(2), best[0], centre, height=_reach(points, centre, best, kind))
 
 
 def _reach(points: Array, centre: Array, frame: tuple[Array, Array], kind: str) -> float:
