@@ -99,7 +99,7 @@ def test_the_worst_exit_code_counts_even_where_the_fault_is_ours(terminal, cloud
     (tmp_path / "broken.xyz").write_text("1 2\n")
     monkeypatch.setattr(batch, "fit", lambda *_args, **_options: 1 / 0)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    result = terminal("fit", cloud, "broken.xyz", "-o", "out")
+    result = terminal("fit", "broken.xyz", cloud, "broken2.xyz", "-o", "out")
     assert result.code == 70
     assert "broken.xyz" in result.err
     assert "failed (70)" in result.out

@@ -69,6 +69,19 @@ def test_thresholds(terminal, nifti, body, rng, threshold):
     assert np.array_equal(np.asarray(nibabel.load("mask.nii").dataobj), body == 1)
 
 
+def test_what_is_taken_as_labels(terminal, nifti, body):
+    steps = np.arange(body.size).reshape(body.shape) % 40
+    for name, values, assumed in [
+        ("whole", body.astype(np.float32), "labels 1, 2 together"),
+        ("mask", (body == 1).astype(np.uint8) * 255, "label 255"),
+        ("halves", body.astype(np.float32) / 2, "grey image"),
+        ("many", (1000 * (body == 1) + steps).astype(np.int16), "grey image"),
+    ]:
+        result = terminal("segment", nifti(f"{name}.nii", values), "-o", f"{name}-mask.nii")
+        assert result.code == 0
+        assert assumed in result.err
+
+
 def test_a_percentile_alone_is_the_threshold(terminal, nifti, body):
     path = nifti("grey.nii", np.arange(body.size, dtype=np.float32).reshape(body.shape))
     record = json.loads(terminal("segment", path, "--threshold", "p75", "-o", "mask.nii", "--json").out)

@@ -143,6 +143,17 @@ def test_an_obj_opens_no_second_file(tmp_path):
     assert len(read_mesh(tmp_path / "m.obj").faces) == 1
 
 
+def test_seams_of_a_texture_split_no_vertices(tmp_path):
+    (tmp_path / "m.obj").write_text(
+        "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nvt .5 .5\nf 1/1 2/2 3/3\nf 1/5 3/3 4/4\n"
+    )
+    text = PLY.replace("vertex_indices\n", "vertex_indices\nproperty list uchar float texcoord\n")
+    text = text.replace("3 0 1 2", "3 0 1 2 6 0 0 1 0 0 1").replace("3 0 1 3", "3 0 1 3 6 .5 0 1 0 0 .7")
+    (tmp_path / "m.ply").write_text(text)
+    assert read_mesh(tmp_path / "m.obj").vertices.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+    assert read_mesh(tmp_path / "m.ply").vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+
+
 @pytest.mark.parametrize("suffix", [".ply", ".stl"])
 def test_single_precision_far_from_the_origin_is_refused(tmp_path, mesh, suffix):
     far = Mesh(mesh.vertices + 1e8, mesh.faces)

@@ -92,6 +92,14 @@ def change(path, value):
     return edit
 
 
+TWIN = {
+    "name": "a",
+    "kind": "ellipsoid",
+    "semi_axes": [1.0, 1.0, 1.0],
+    "exponents": [1.0, 1.0],
+    "rotation": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+    "translation": [0.0, 0.0, 0.0],
+}
 BAD = [
     (("format",), "other", "field format: expected one of 'quadriform-model'"),
     (("format",), ..., "field format: expected a value, found none"),
@@ -118,6 +126,7 @@ BAD = [
     (("surfaces", 0, "semi_axes", 2), -1.0, r"field surfaces\[0\]: semi_axes: expected lengths above 0"),
     (("surfaces", 0, "semi_axes"), [1.0, 2.0], r"field surfaces\[0\].semi_axes: expected 3 items, found 2"),
     (("surfaces", 0, "exponents"), [1.0, 9.0], r"field surfaces\[0\]: exponents"),
+    (("surfaces",), [TWIN, TWIN], r"field surfaces\[1\].name: expected a name of its own"),
     (("box",), [], "field box: expected an object"),
     (("box", "degrees"), [4, 4, 4], "field box.degrees: expected only"),
     (("box", "edges", 2), [0.0, 0.0, 0.0], "field box.edges: expected three edges that span"),
@@ -150,7 +159,7 @@ def test_numbers_that_are_not_finite_are_refused(tmp_path, model, word):
     target = tmp_path / "m.json"
     write_model(model, target)
     target.write_text(target.read_text().replace('"exponents": [0.7,', f'"exponents": [{word},'))
-    with pytest.raises(FileFormatError, match="finite number"):
+    with pytest.raises(FileFormatError, match=r"field surfaces\[0\].exponents\[0\]: expected a finite number"):
         read_model(target)
 
 

@@ -204,7 +204,7 @@ def test_where_there_is_no_file(tmp_path):
     with pytest.raises(InputError, match="found a folder"):
         read_points(tmp_path / "folder.xyz")
     (tmp_path / "empty.xyz").touch()
-    with pytest.raises(FileFormatError, match="empty"):
+    with pytest.raises(FileFormatError, match="the file is empty"):
         read_points(tmp_path / "empty.xyz")
     os.mkfifo(tmp_path / "pipe.xyz")
     with pytest.raises(InputError, match="device or a pipe"):

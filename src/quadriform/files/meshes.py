@@ -151,8 +151,8 @@ def _load(data: bytes, suffix: str, where: str) -> Any:
     import trimesh
 
     options: dict[str, Any] = {".ply": {"fix_texture": False}, ".obj": {"maintain_order": True}}.get(suffix, {})
-    try:  # without materials: a file must not make us open another one
-        loaded = trimesh.load(io.BytesIO(data), file_type=suffix[1:], process=False, skip_materials=True, **options)
+    try:  # from memory, so that a mesh cannot make us open the files it names
+        loaded = trimesh.load(io.BytesIO(data), file_type=suffix[1:], process=False, **options)
         return loaded.to_mesh() if isinstance(loaded, trimesh.Scene) else loaded
     except Exception as error:  # the loaders promise no error type of their own
         what = f"{suffix} mesh, found {signature(data)} that cannot be read as one"

@@ -8,7 +8,7 @@ import io
 import json
 import os
 import re
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -164,9 +164,6 @@ def _encode_json(document: dict[str, Any]) -> bytes:
 
 
 def _parse_json(data: bytes, where: str) -> Any:
-    def refuse(constant: str) -> NoReturn:
-        raise FileFormatError(f"{where}: expected finite numbers, found {constant}")
-
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         if len(dict(pairs)) != len(pairs):
             names = [name for name, _ in pairs]
@@ -175,7 +172,7 @@ def _parse_json(data: bytes, where: str) -> Any:
         return dict(pairs)
 
     try:
-        return json.loads(data.decode("utf-8"), parse_constant=refuse, object_pairs_hook=unique)
+        return json.loads(data.decode("utf-8"), object_pairs_hook=unique)  # NaN is refused with its field
     except FileFormatError:
         raise
     except RecursionError as error:
