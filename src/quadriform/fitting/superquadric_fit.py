@@ -122,8 +122,13 @@ def cut_to(found: Superquadric, points: Array) -> Superquadric:
 
 
 def determinacy(found: Superquadric, points: Array) -> tuple[int, float]:
-    """Rank and condition of the derivatives of F by the parameters at centred, scaled points."""
-    _, by_parameter = found.parameter_derivatives(points)
+    """Rank and condition of the derivatives of F by the parameters at centred, scaled points.
+
+    Taken in the superquadric's own axes, where Euler angles are small turns: gimbal lock is no lack of data.
+    """
+    turn = found.rotation
+    upright = replace(found, rotation=np.eye(3), translation=found.translation @ turn)
+    _, by_parameter = upright.parameter_derivatives(points @ turn)
     singular = np.linalg.svd(by_parameter, compute_uv=False)
     rank = int((singular > 1e-10 * singular[0]).sum())
     return rank, float(singular[0] / max(singular[-1], 1e-300))

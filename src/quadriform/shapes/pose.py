@@ -7,6 +7,8 @@ from quadriform.points import Array
 
 EULER = "XYZ"
 """Intrinsic turns about x, then the new y, then the new z."""
+LOCKED = 1e-9
+"""Cosine of the second angle below which the first and the third turn about the same axis."""
 
 
 def rotation_from_euler(angles: Array) -> Array:
@@ -15,8 +17,13 @@ def rotation_from_euler(angles: Array) -> Array:
 
 
 def euler_from_rotation(rotation: Array) -> Array:
-    """Euler angles (3,) in radians of a rotation matrix."""
-    return Rotation.from_matrix(rotation).as_euler(EULER)
+    """Euler angles (3,) in radians of a rotation matrix; at gimbal lock the third is taken as zero."""
+    across = np.hypot(rotation[0, 0], rotation[0, 1])
+    second = np.arctan2(rotation[0, 2], across)
+    if across < LOCKED:
+        return np.array([np.arctan2(rotation[2, 1], rotation[1, 1]), second, 0.0])
+    first, third = np.arctan2(-rotation[1, 2], rotation[2, 2]), np.arctan2(-rotation[0, 1], rotation[0, 0])
+    return np.array([first, second, third])
 
 
 def euler_derivatives(angles: Array) -> Array:
