@@ -5,7 +5,7 @@ import pytest
 from shapes_made import KINDS, made
 
 from quadriform.shapes.control_box import ControlBox
-from quadriform.shapes.directions import sphere_grid
+from quadriform.shapes.directions import sphere_grid, split_quads
 from quadriform.shapes.model import DeformableModel
 
 LOOPS = {"ellipsoid": 0, "toroid": 0, "hyperboloid1": 2, "hyperboloid2": 2}
@@ -70,6 +70,16 @@ def test_faces_look_outward(kind, exponents):
 def test_no_slivers(kind, exponents):
     """No angle below 15 degrees, at poles, seams and rims neither."""
     assert smallest_angle(made(kind, exponents).mesh(12)) > 15
+
+
+@pytest.mark.parametrize(("stretch", "diagonal"), [((3.0, 1.0), {1, 3}), ((1.0, 3.0), {0, 2}), ((1.0, 1.0), {0, 2})])
+def test_quads_are_cut_along_their_shorter_diagonal(stretch, diagonal):
+    """A rhombus; where both diagonals are equal, along the first."""
+    rhombus = np.array([[-1.0, 0, 0], [0, -1, 0], [1, 0, 0], [0, 1, 0]]) * [*stretch, 1]
+    triangles = split_quads(np.array([[0, 1, 2, 3]]), rhombus)
+    assert set(triangles[0]) & set(triangles[1]) == diagonal
+    normals = np.cross(*(rhombus[triangles[:, k]] - rhombus[triangles[:, 0]] for k in (1, 2)))
+    assert (normals[:, 2] > 0).all()
 
 
 def test_vertices_lie_even_on_the_sphere():
