@@ -56,9 +56,10 @@ def test_inertia_is_p12(rng):
     assert moments[0] >= moments[1] >= moments[2]  # the longest extent, the least inertia, is last
 
 
-def test_principal_frame_turns_with_the_points(rng):
+@pytest.mark.parametrize("seed", range(8))
+def test_principal_frame_turns_with_the_points(seed, rng):
     points = rng.gamma(2.0, size=(200, 3)) * [1, 2, 3]
-    turn = turned(3)
+    turn = turned(seed)
     centre, axes, moments = principal_frame(points)
     again = principal_frame(points @ turn.T + 7)
     np.testing.assert_allclose(again[0], turn @ centre + 7, rtol=1e-12)
