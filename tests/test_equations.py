@@ -73,5 +73,15 @@ def test_every_row_is_true(paper, where, test):
     assert test_name in dict(functions(ast.parse((ROOT / test_file).read_text())))
 
 
+NAMED = sorted(set(re.findall(r"`quadriform\.([a-z_.]+):([\w.]+)`", (ROOT / "docs" / "equations.md").read_text())))
+
+
+@pytest.mark.parametrize(("module", "name"), NAMED)
+def test_every_named_function_is_there(module, name):
+    """Also those of the default method, which no equation of the paper stands for."""
+    path = ROOT / "src" / "quadriform" / (module.replace(".", "/") + ".py")
+    assert name in dict(functions(ast.parse(path.read_text())))
+
+
 def test_every_equation_of_the_paper_has_a_row():
     assert {paper for paper, _, _ in rows()} == {f"P{n}" for n in range(1, 20)} | SECTIONS

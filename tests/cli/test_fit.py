@@ -4,11 +4,20 @@ import json
 
 import numpy as np
 import pytest
+from shapes_made import lumpy
 
+import quadriform
 from quadriform.files import load, read_model, read_points, sha256_of
 from quadriform.files.meshes import read_marks
 
-QUICK = ("--iterations", "4")
+QUICK = ("--method", "paper", "--iterations", "4")
+
+
+@pytest.fixture
+def lump(tmp_path):
+    """A file of 300 points of a lumpy body."""
+    np.savetxt(tmp_path / "lump.xyz", lumpy(300), fmt="%.17g")
+    return "lump.xyz"
 
 
 def files_in(folder):
@@ -31,6 +40,9 @@ def test_points_become_a_model_a_surface_and_a_table(terminal, cloud, tmp_path):
         "error 95 %",
         "error max",
         "superquadric alone",
+        "noise",
+        "strength",
+        "min det J",
     ):
         assert word in result.out
     assert "\x1b" not in result.out + result.err
@@ -56,10 +68,47 @@ def test_the_default_folder_is_named_after_the_input(terminal, cloud, tmp_path):
 
 def test_options_reach_the_fit(terminal, cloud):
     words = ("--box", "3,4,5", "--regularity", "svd", "--strength", "20", "--matching", "model-to-data")
-    assert terminal("fit", cloud, "-o", "out", *QUICK, *words, "--method", "paper", "--kind", "ellipsoid").code == 0
+    assert terminal("fit", cloud, "-o", "out", *QUICK, *words, "--kind", "ellipsoid").code == 0
     assert read_model("out/model.json").box.control_points.shape == (3, 4, 5, 3)
-    record = json.loads(terminal("fit", cloud, "-o", "two", "--iterations", "2", "--json").out)
+    record = json.loads(terminal("fit", cloud, "-o", "two", "--method", "paper", "--iterations", "2", "--json").out)
     assert record["iterations"] <= 2
+
+
+def test_the_default_method_its_options_and_what_it_reports(terminal, lump):
+    """JSON holds what Python returns; strangers are counted; the box is certified."""
+    points = read_points(lump)
+    np.savetxt("mixed.xyz", np.concatenate([points, [[90.0, 10, 0], [-20, 80, 5]]]), fmt="%.17g")
+    words = ("--box", "3,3,3", "--regularity", "springs", "--strength", "1e-6")
+    result = terminal("fit", "mixed.xyz", "-o", "out", "--json", *words)
+    assert result.code == 0 and "OUTLIERS" in result.err
+    record, model = json.loads(result.out), read_model("out/model.json")
+    found = quadriform.fit(read_points("mixed.xyz"), box=(3, 3, 3), regularity="springs", strength=1e-6)
+    assert record["noise"] == pytest.approx(found.noise, rel=1e-9)
+    assert record["strength"] == 1e-6
+    assert record["inliers"] == (found.inliers >= 0.5).sum() <= 300
+    assert record["min_jacobian"] == pytest.approx(model.min_jacobian(), rel=1e-9) and record["min_jacobian"] > 0
+    table = terminal("fit", "mixed.xyz", "-o", "two", "--no-robust", *words).out
+    assert "inliers" not in table and "min det J" in table
+    assert read_model("two/model.json").distance(points).std() > model.distance(points).std()
+
+
+def test_a_box_that_reaches_an_error(terminal, lump):
+    record = json.loads(terminal("fit", lump, "-o", "out", "--json", "--box", "auto", "--max-error", "2").out)
+    assert record["error"]["rms"] < 2
+    assert read_model("out/model.json").box.control_points.shape == (3, 3, 3, 3)
+
+
+def test_a_base_is_a_plane_or_a_file_with_a_loop(terminal, lump):
+    """Where the data ends on purpose no coverage is asked for; both words for the base give the same model."""
+    points = read_points(lump)
+    np.save("cut.npy", points[points[:, 2] < 8])
+    np.savetxt("loop.xyz", [[30.0, 0, 8], [0, 30, 8], [-30, 0, 8], [0, -30, 8]])
+    words = ("fit", "cut.npy", "--box", "3,3,3")
+    assert "PARTIAL_COVERAGE" in terminal(*words, "-o", "open").err
+    assert "PARTIAL_COVERAGE" not in terminal(*words, "-o", "plane", "--base", "0,0,8/0,0,2").err
+    assert "PARTIAL_COVERAGE" not in terminal(*words, "-o", "loop", "--base", "loop.xyz").err
+    plane, loop = (read_model(f"{name}/model.json").box.control_points for name in ("plane", "loop"))
+    np.testing.assert_allclose(plane, loop, atol=1e-6)
 
 
 def test_twice_the_same_bytes(terminal, cloud, tmp_path):
@@ -290,13 +339,26 @@ def test_outputs_that_cannot_be_written_are_refused_before_the_work(terminal, cl
         ("--box", "5,5,x"),
         ("--box", "1,5,5"),
         ("--kind", "cube"),
+        ("--box", "large"),
+        ("--box", "auto"),
+        ("--max-error", "1"),
+        ("--max-error", "small"),
         ("--regularity", "magic"),
-        ("--matching", "magic"),
+        ("--regularity", "svd"),
+        ("--method", "paper", "--regularity", "bending"),
+        ("--matching", "data-to-model"),
+        ("--method", "paper", "--matching", "magic"),
+        ("--method", "paper", "--no-robust"),
+        ("--method", "paper", "--base", "0,0,0/0,0,1"),
+        ("--base", "0,0,0"),
+        ("--base", "0,0,0/0,0"),
+        ("--base", "0,0,0/0,0,0"),
         ("--method", "magic"),
         ("--strength", "strong"),
         ("--strength", "nan"),
-        ("--iterations", "-1"),
-        ("--iterations", "x"),
+        ("--iterations", "3"),
+        ("--method", "paper", "--iterations", "-1"),
+        ("--method", "paper", "--iterations", "x"),
         ("--label", "1", "--threshold", "3"),
         ("--label", "one"),
         ("--threshold", "high"),

@@ -7,7 +7,8 @@ from shapes_made import even_directions, made, two_walls, ventricle
 import quadriform as qf
 from quadriform.errors import OptionError
 from quadriform.fitting.matching import data_to_model
-from quadriform.fitting.refinement import MODEL_RESOLUTION, PaperOptions, outer_box, two_step
+from quadriform.fitting.options import PaperOptions
+from quadriform.fitting.refinement import MODEL_RESOLUTION, outer_box, two_step
 from quadriform.fitting.regularity import svd_step
 from quadriform.points import Frame
 from quadriform.shapes.control_box import ControlBox
@@ -55,7 +56,7 @@ def test_one_box_for_two_surfaces_is_the_union_least_squares(shape):
     clouds = two_walls(800)
     frame = Frame.of(np.concatenate(list(clouds.values())))
     clouds = {name: frame.to_local(cloud) for name, cloud in clouds.items()}
-    surfaces = {name: qf.fit_superquadric(cloud).superquadric for name, cloud in clouds.items()}
+    surfaces = {name: qf.fit_superquadric(cloud, method="paper").superquadric for name, cloud in clouds.items()}
     box, _, _ = two_step(surfaces, clouds, PaperOptions(shape, "svd", iterations=1))
     moved, samples = first_step(surfaces, clouds, shape)
     found = np.concatenate([box.deform(sample) - sample for sample in samples.values()])
@@ -71,8 +72,8 @@ def test_the_box_is_that_of_the_outer_surface_whatever_the_order():
 def test_the_record_is_what_it_says():
     """One iteration, its four lengths computed apart; in the unit of the data, ten times larger for ten times it."""
     cloud = ventricle(600)
-    s = qf.fit_superquadric(cloud).superquadric
-    fit = qf.refine(s, cloud, iterations=1)
+    s = qf.fit_superquadric(cloud, method="paper").superquadric
+    fit = qf.refine(s, cloud, method="paper", iterations=1)
     sample, box = s.grid(MODEL_RESOLUTION)[0], fit.model.box
     wanted, moved = data_to_model(sample, cloud), box.deform(sample) - sample
     control = box.control_points - box.rest
@@ -85,24 +86,27 @@ def test_the_record_is_what_it_says():
     assert record.surface_motion == pytest.approx(rms(moved), rel=1e-6)
     assert record.box_motion == pytest.approx(rms(control), rel=1e-6)
     assert record.box_displacement == pytest.approx(rms(control), rel=1e-6)
-    ten = qf.refine(s.placed(10, np.zeros(3)), 10 * cloud, iterations=1).history[0]
+    ten = qf.refine(s.placed(10, np.zeros(3)), 10 * cloud, method="paper", iterations=1).history[0]
     assert ten.error == pytest.approx(10 * record.error, rel=1e-6)
 
 
 def test_the_stop_test_ends_early_and_progress_is_told():
     cloud, told = ventricle(600), []
-    s = qf.fit_superquadric(cloud).superquadric
-    fit = qf.refine(s, cloud, tolerance=1e-2, iterations=30, progress=lambda done, of: told.append((done, of)))
+    s = qf.fit_superquadric(cloud, method="paper").superquadric
+    fit = qf.refine(
+        s, cloud, method="paper", tolerance=1e-2, iterations=30, progress=lambda done, of: told.append((done, of))
+    )
     radius = Frame.of(cloud).scale
     assert 1 < fit.iterations < 30
     assert fit.history[-1].surface_motion < 1e-2 * radius <= fit.history[-2].surface_motion
     assert told == [(k + 1, 30) for k in range(fit.iterations)]
-    assert qf.refine(s, cloud, iterations=4).iterations == 4
+    assert qf.refine(s, cloud, method="paper", iterations=4).iterations == 4
 
 
-BAD = [
+PAPER = [
     ({"matching": "nearest"}, "matching='nearest'.*data-to-model"),
     ({"regularity": "spring"}, "regularity='spring'.*springs-paper"),
+    ({"regularity": "bending"}, "regularity='bending'.*springs-paper"),
     ({"strength": "much"}, "strength='much'"),
     ({"strength": -1.0}, "strength=-1"),
     ({"strength": float("nan")}, "strength=nan"),
@@ -117,12 +121,35 @@ BAD = [
     ({"box": (5, 5, 5.5)}, "box=.*2 to 20"),
     ({"box": 5}, "box=5"),
     ({"box": (5, 5, 21)}, "box="),
+    ({"robust": False}, "robust is not one of method='paper'.*matching"),
+    ({"weights": np.ones(98)}, "weights is not one of method='paper'.*tangent"),
 ]
+TANGENT = [
+    ({"iterations": 3}, "iterations is not one of method='tangent'.*regularity"),
+    ({"regularity": "svd"}, "regularity='svd'.*bending"),
+    ({"strength": "much"}, "strength='much'"),
+    ({"strength": -1.0}, "strength=-1"),
+    ({"strength": float("nan")}, "strength=nan"),
+    ({"box": (5, 5)}, "box=.*2 to 20, or 'auto'"),
+    ({"box": "large"}, "box='large'.*'auto'"),
+    ({"box": "auto"}, "max_error go together"),
+    ({"max_error": 0.1}, "max_error go together"),
+    ({"box": "auto", "max_error": -1}, "max_error=-1"),
+    ({"box": "auto", "max_error": float("nan")}, "max_error=nan"),
+    ({"base": np.zeros((2, 3))}, "base: a loop of 2 points"),
+    ({"base": (np.zeros(3), np.zeros(3))}, "direction of the plane is zero"),
+]
+BAD = [("paper", *row) for row in PAPER] + [("tangent", *row) for row in TANGENT]
 
 
-@pytest.mark.parametrize(("options", "message"), BAD)
-def test_options_out_of_range_are_refused_by_name(options, message):
+@pytest.mark.parametrize(("method", "options", "message"), BAD)
+def test_options_out_of_range_are_refused_by_name(method, options, message):
     """Row D79."""
     s = made()
     with pytest.raises(OptionError, match=message):
-        qf.refine(s, s.grid(4)[0], **options)
+        qf.refine(s, s.grid(4)[0], method=method, **options)
+
+
+def test_an_unknown_method_is_refused():
+    with pytest.raises(OptionError, match=r"method='best'.*'tangent', 'paper'"):
+        qf.refine(made(), made().grid(4)[0], method="best")

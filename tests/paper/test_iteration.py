@@ -5,7 +5,7 @@ import pytest
 from shapes_made import two_walls, ventricle
 
 import quadriform as qf
-from quadriform.fitting.refinement import PaperOptions
+from quadriform.fitting.options import PaperOptions
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +24,7 @@ READINGS = [("svd", "auto"), ("svd", 1e-3), ("springs", "auto"), ("springs", 1e-
 @pytest.mark.parametrize(("regularity", "strength"), READINGS)
 def test_thirty_iterations_settle(superquadric, cloud, regularity, strength):
     """The last step is at most 10 % of the first, and the error never rises by more than 5 %."""
-    fit = qf.refine(superquadric, cloud, regularity=regularity, strength=strength)
+    fit = qf.refine(superquadric, cloud, method="paper", regularity=regularity, strength=strength)
     steps = [record.surface_motion for record in fit.history]
     errors = np.array([record.error for record in fit.history])
     assert fit.iterations == 30
@@ -39,7 +39,9 @@ SETTINGS = {"svd": (97, 60, 30, 12), "springs": (1e-8, 1e-6, 1e-4, 1e-2)}
 @pytest.mark.parametrize("regularity", SETTINGS)
 def test_regularity_trades_error_against_motion_of_the_box(superquadric, cloud, regularity):
     """Fig. 11 and 12: each stronger setting has a larger error and a quieter box, for both ways."""
-    fits = [qf.refine(superquadric, cloud, regularity=regularity, strength=s) for s in SETTINGS[regularity]]
+    fits = [
+        qf.refine(superquadric, cloud, method="paper", regularity=regularity, strength=s) for s in SETTINGS[regularity]
+    ]
     errors = [fit.history[-1].error for fit in fits]
     motions = [fit.history[-1].box_displacement for fit in fits]
     assert (np.diff(errors) > 0).all() and (np.diff([fit.rms for fit in fits]) > 0).all()
@@ -48,14 +50,16 @@ def test_regularity_trades_error_against_motion_of_the_box(superquadric, cloud, 
 
 
 def test_the_papers_direction_of_matching_is_the_better(superquadric, cloud):
-    fits = {way: qf.refine(superquadric, cloud, matching=way) for way in ("data-to-model", "model-to-data")}
+    fits = {
+        way: qf.refine(superquadric, cloud, method="paper", matching=way) for way in ("data-to-model", "model-to-data")
+    }
     assert fits["data-to-model"].rms < fits["model-to-data"].rms
 
 
 def test_springs_to_the_letter_draw_the_box_in(superquadric, cloud):
     """P9 as printed pulls on P itself: stronger springs make the body smaller; on the displacement they do not."""
     volumes = {
-        way: qf.refine(superquadric, cloud, regularity=way, strength=1e-2).model.volume()
+        way: qf.refine(superquadric, cloud, method="paper", regularity=way, strength=1e-2).model.volume()
         for way in ("springs", "springs-paper")
     }
     assert volumes["springs-paper"] < 0.5 * superquadric.volume() < 0.9 * volumes["springs"]
@@ -64,8 +68,8 @@ def test_springs_to_the_letter_draw_the_box_in(superquadric, cloud):
 def test_two_walls_in_one_box_need_half_the_numbers():
     """3.4.2: 397 numbers in place of twice 386, and both walls are closer than their superellipsoids."""
     clouds = two_walls(1200)
-    fit = qf.fit(clouds)
-    apart = [qf.fit(cloud).model.n_parameters for cloud in clouds.values()]
+    fit = qf.fit(clouds, method="paper")
+    apart = [qf.fit(cloud, method="paper").model.n_parameters for cloud in clouds.values()]
     assert fit.model.n_parameters == 397 < 0.52 * sum(apart)
     for name in clouds:
         assert (fit.residuals[name] ** 2).mean() < 0.1 * (fit.superquadric_residuals[name] ** 2).mean()
@@ -75,4 +79,6 @@ def test_the_defaults_are_the_papers():
     """5 x 5 x 5 control points, 30 iterations, each data point's closest model point; 46.6 for 6,000 points."""
     options = PaperOptions()
     assert (options.box, options.iterations, options.matching) == ((5, 5, 5), 30, "data-to-model")
-    assert 3 * 6000 / qf.fit(ventricle(300), iterations=1).model.n_parameters == pytest.approx(46.6, abs=0.05)
+    assert 3 * 6000 / qf.fit(ventricle(300), method="paper", iterations=1).model.n_parameters == pytest.approx(
+        46.6, abs=0.05
+    )

@@ -1,7 +1,7 @@
 """Metamorphic properties (ids of the reliability page): surfaces are compared, never parameters.
 
-The paper's descent stops at a gradient, not at the last digit, so 1e-6 of the RMS radius is asserted where a solver
-run to the end would hold 1e-7.
+The paper's descent stops at a gradient, not at the last digit, so 1e-6 of the RMS radius is asserted of superquadrics,
+which may be its own, and of models by its method; the default's models hold 1e-7.
 """
 
 import os
@@ -15,7 +15,8 @@ from shapes_made import even_directions, lumpy, made, turned, two_walls
 import quadriform as qf
 from quadriform.points import Frame
 
-CLOUD = lumpy(800)
+CLOUD = lumpy(300)
+PAPERS = 1e-6
 TURN = turned(1)
 CHANGES = {
     "M1 rigid": (TURN, [5.0, -30, 12]),
@@ -29,61 +30,94 @@ CHANGES = {
 }
 
 
-@pytest.fixture(scope="module", params=["springs", "svd"])
+WAYS = {
+    "tangent": ({"box": (4, 4, 4)}, 1e-7),
+    "paper springs": ({"method": "paper", "iterations": 5, "regularity": "springs", "strength": 1e-5}, PAPERS),
+    "paper svd": ({"method": "paper", "iterations": 5, "regularity": "svd", "strength": 1e-2}, PAPERS),
+}
+"""Options of each method, and how near the surfaces of two fits to one problem are, of the RMS radius."""
+
+
+@pytest.fixture(scope="module", params=WAYS)
 def plain(request):
-    options = {"iterations": 5, "regularity": request.param, "strength": {"springs": 1e-5, "svd": 1e-2}[request.param]}
-    return options, qf.fit(CLOUD, **options)
+    options, tolerance = WAYS[request.param]
+    return options, tolerance, qf.fit(CLOUD, **options)
 
 
-def assert_same_surface(found, plain, carry, tolerance=1e-6):
+def assert_same_surface(found, plain, carry, tolerance):
     """Vertices of the plain surface, carried along, lie on the found one, for the superquadrics and for the models."""
     before, after = plain.model.superquadric(), found.model.superquadric()
     radius = Frame.of(carry(CLOUD)).scale
-    assert after.first_order_distance(carry(before.grid(8)[0])).max() < tolerance * radius
+    assert after.first_order_distance(carry(before.grid(8)[0])).max() < PAPERS * radius
     assert np.abs(found.model.distance(carry(plain.model.mesh(resolution=8).vertices))).max() < tolerance * radius
 
 
 @pytest.mark.parametrize("change", CHANGES)
 def test_a_fit_moves_with_its_points(plain, change):
-    options, fit = plain
+    options, tolerance, fit = plain
     matrix, offset = CHANGES[change]
 
     def carry(points):
         return points @ matrix.T + offset
 
     found = qf.fit(carry(CLOUD), **options)
-    assert_same_surface(found, fit, carry)
+    assert_same_surface(found, fit, carry, tolerance)
     size = np.cbrt(abs(np.linalg.det(matrix)))
-    assert found.rms == pytest.approx(size * fit.rms, rel=1e-5)
+    assert found.rms == pytest.approx(size * fit.rms, rel=1e-4)
+    assert found.noise == pytest.approx(size * fit.noise, rel=1e-4)
     assert found.model.volume() == pytest.approx(size**3 * fit.model.volume(), rel=1e-6)
     assert set(found.warnings) == set(fit.warnings)
 
 
 def test_the_order_of_points_does_not_matter(plain, rng):
     """M3."""
-    options, fit = plain
+    options, tolerance, fit = plain
     order = rng.permutation(len(CLOUD))
     found = qf.fit(CLOUD[order], **options)
-    assert_same_surface(found, fit, lambda points: points)
+    assert_same_surface(found, fit, lambda points: points, tolerance)
     np.testing.assert_allclose(found.residuals, fit.residuals[order], atol=1e-6 * Frame.of(CLOUD).scale)
+    np.testing.assert_allclose(found.inliers, fit.inliers[order], atol=1e-4)
+
+
+def test_a_weight_counts_copies_and_zero_is_absent(rng):
+    """M4 and row A11, for the refinement from a given superquadric."""
+    weights = rng.integers(0, 3, len(CLOUD)).astype(float)
+    copies = np.repeat(CLOUD, weights.astype(int), axis=0)
+    start = qf.fit_superquadric(CLOUD).superquadric
+    weighted = qf.refine(start, CLOUD, box=(4, 4, 4), weights=weights)
+    copied = qf.refine(start, copies, box=(4, 4, 4))
+    plain = qf.refine(start, CLOUD, box=(4, 4, 4))
+    radius = Frame.of(CLOUD).scale
+    vertices = weighted.model.mesh(resolution=8).vertices
+    assert np.abs(copied.model.distance(vertices)).max() < 1e-7 * radius
+    assert np.abs(plain.model.distance(vertices)).max() > 1e-5 * radius
+    assert (weighted.inliers[weights == 0] == 0).all()
+    np.testing.assert_allclose(copied.inliers, np.repeat(weighted.inliers, weights.astype(int)), atol=1e-4)
+    assert f"{(weights == 2).sum()} of {len(copies)} points are copies" in copied.warnings["DUPLICATES"]
+    assert "DUPLICATES" not in weighted.warnings.keys() | plain.warnings.keys()
 
 
 @pytest.mark.parametrize("kind", ["ellipsoid", "toroid", "hyperboloid1", "hyperboloid2"])
 @pytest.mark.parametrize("offset", [0.0, 1e6])
-def test_superquadric_fits_move_with_their_points(kind, offset):
+@pytest.mark.parametrize("method", ["robust", "paper"])
+def test_superquadric_fits_move_with_their_points(kind, offset, method):
     """M1 and M9 for all kinds."""
     s = made(kind, (0.7, 1.2))
     points = s.surface(even_directions(500)) if kind == "ellipsoid" else s.grid(8)[0]
-    plain = qf.fit_superquadric(points, kind).superquadric
-    found = qf.fit_superquadric(points @ TURN.T + offset, kind).superquadric
+    plain = qf.fit_superquadric(points, kind, method=method).superquadric
+    found = qf.fit_superquadric(points @ TURN.T + offset, kind, method=method).superquadric
     np.testing.assert_allclose(found.implicit(plain.grid(6)[0] @ TURN.T + offset), 1, atol=1e-5)
 
 
-def test_names_of_surfaces_and_their_order_do_not_matter():
-    clouds = two_walls(500)
+@pytest.mark.parametrize("method", ["tangent", "paper"])
+def test_names_of_surfaces_and_their_order_do_not_matter(method):
+    clouds = two_walls(300)
     clouds = {name: cloud + 0.3 * np.sin(cloud[:, [1, 2, 0]]) for name, cloud in clouds.items()}
-    one = qf.fit(clouds, iterations=3)
-    other = qf.fit({name: clouds[name] for name in reversed(clouds)}, iterations=3)
+    options = {"box": (4, 4, 4)} if method == "tangent" else {"iterations": 3}
+    starts = {name: qf.fit_superquadric(cloud).superquadric for name, cloud in clouds.items()}
+    one = qf.refine(starts, clouds, method=method, **options)
+    backwards = {name: starts[name] for name in reversed(clouds)}
+    other = qf.refine(backwards, {name: clouds[name] for name in backwards}, method=method, **options)
     for name in clouds:
         vertices = one.model.mesh(name, 6).vertices
         assert np.abs(other.model.distance(vertices, name)).max() < 1e-6 * Frame.of(clouds["epi"]).scale
@@ -91,7 +125,7 @@ def test_names_of_surfaces_and_their_order_do_not_matter():
 
 def test_measures_scale_by_their_dimension():
     """M26."""
-    model = qf.fit(CLOUD, iterations=2).model
+    model = qf.fit(CLOUD, method="paper", iterations=2).model
     large = model.placed(10.0, np.array([1e3, 0, 0]))
     assert large.volume() == pytest.approx(1e3 * model.volume(), rel=1e-9)
     assert large.area() == pytest.approx(1e2 * model.area(), rel=1e-9)
@@ -101,8 +135,9 @@ SCRIPT = """
 import numpy as np, quadriform as qf
 u = np.random.default_rng(7).normal(size=(400, 3))
 cloud = u / np.linalg.norm(u, axis=1, keepdims=True) * [3, 2, 4] + 0.1 * np.sin(3 * u)
-fit = qf.fit({"a": cloud, "b": 0.5 * cloud}, iterations=3)
-print(fit.model.box.control_points.tobytes().hex(), fit.residuals["b"].tobytes().hex(), sorted(fit.warnings))
+fit = qf.fit({"a": cloud, "b": 0.5 * cloud}, box=(3, 3, 3))
+print(fit.covariance.tobytes().hex(), sorted(fit.warnings))
+print(fit.model.box.control_points.tobytes().hex(), fit.residuals["b"].tobytes().hex())
 """
 
 
@@ -119,6 +154,6 @@ def test_two_processes_give_the_same_bytes():
 
 def test_the_global_random_state_is_neither_read_nor_written():
     state = np.random.get_state()[1].copy()
-    first = qf.fit(CLOUD, iterations=1).model.box.control_points
+    first = qf.fit(CLOUD, box=(3, 3, 3)).model.box.control_points
     np.testing.assert_array_equal(np.random.get_state()[1], state)
-    np.testing.assert_array_equal(qf.fit(CLOUD, iterations=1).model.box.control_points, first)
+    np.testing.assert_array_equal(qf.fit(CLOUD, box=(3, 3, 3)).model.box.control_points, first)

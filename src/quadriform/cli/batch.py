@@ -209,6 +209,10 @@ def _record(job: Job, found: Fit, notes: Sequence[str], seconds: float) -> Recor
             "max": float(distances.max()),
         },
         "superquadric_rms": found.superquadric_rms,
+        "noise": found.noise,
+        "strength": found.strength,
+        "inliers": int((flat(found.inliers) >= 0.5).sum()),
+        "min_jacobian": found.model.min_jacobian(),
         "iterations": found.iterations,
         "seconds": round(seconds, 3),
         "warnings": {str(kind): text for kind, text in found.warnings.items()},
@@ -218,15 +222,19 @@ def _record(job: Job, found: Fit, notes: Sequence[str], seconds: float) -> Recor
 
 def _rows(record: Record) -> list[tuple[str, str]]:
     unit = "" if record["unit"] == "unknown" else f" {record['unit']}"
-    error = record["error"]
+    error, inliers = record["error"], record["inliers"]
     return [
         ("points", str(record["points"])),
+        *([("inliers", str(inliers))] if inliers < record["points"] else []),
         ("parameters", str(record["parameters"])),
         ("compression ratio", f"{record['compression_ratio']:.1f}"),
         ("error RMS", f"{error['rms']:.4g}{unit}"),
         ("error 95 %", f"{error['p95']:.4g}{unit}"),
         ("error max", f"{error['max']:.4g}{unit}"),
         ("superquadric alone RMS", f"{record['superquadric_rms']:.4g}{unit}"),
+        ("noise", f"{record['noise']:.4g}{unit}"),
+        ("strength", f"{record['strength']:.3g}"),
+        ("min det J", f"{record['min_jacobian']:.3g}"),
         ("iterations", str(record["iterations"])),
         ("time", f"{record['seconds']:.2f} s"),
         ("frame, unit", f"{record['space']}, {record['unit']}"),

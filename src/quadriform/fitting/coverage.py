@@ -13,20 +13,32 @@ PER_CELL = 8
 ENOUGH = 0.85
 
 
-def covered_share(superquadric: Superquadric, points: Array) -> float:
-    """Share in [0, 1] of even cells of the sphere, seen from the centre in units of the semi-axes, that have points."""
+HalfSpace = tuple[Array, Array]
+
+
+def covered_share(superquadric: Superquadric, points: Array, beyond: HalfSpace | None = None) -> float:
+    """Share in [0, 1] of even cells of the sphere, seen from the centre in units of the semi-axes, that have points.
+
+    Cells whose surface point lies in the half-space `beyond` (point, direction), where no data is expected, do not
+    count.
+    """
     resolution = int(np.clip(np.sqrt(len(points) / PER_CELL / 6), 2, 8)) // 2 * 2
     cells, _ = sphere_grid(resolution)
     scaled = pose.to_local(points, superquadric.rotation, superquadric.translation) / superquadric.semi_axes
     directions = scaled / np.maximum(np.linalg.norm(scaled, axis=1, keepdims=True), 1e-300)
-    return len(np.unique(cKDTree(cells).query(directions)[1])) / len(cells)
+    seen = np.zeros(len(cells), dtype=bool)
+    seen[cKDTree(cells).query(directions)[1]] = True
+    if beyond is not None:
+        at, direction = beyond
+        seen = seen[(superquadric.surface(cells) - at) @ direction <= 0]
+    return float(seen.mean()) if len(seen) else 0.0
 
 
-def coverage_warning(superquadric: Superquadric, points: Array) -> str:
+def coverage_warning(superquadric: Superquadric, points: Array, beyond: HalfSpace | None = None) -> str:
     """A sentence when points cover too little of a superellipsoid, else an empty one."""
     if superquadric.kind != "ellipsoid":
         return ""
-    share = covered_share(superquadric, points)
+    share = covered_share(superquadric, points, beyond)
     if share >= ENOUGH:
         return ""
     return f"points cover {100 * share:.0f} % of the directions from the centre; the rest is the model's guess"

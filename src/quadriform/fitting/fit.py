@@ -7,30 +7,32 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from quadriform.errors import OptionError, WarningKind, Warnings, choose
-from quadriform.fitting.coverage import coverage_warning
-from quadriform.fitting.outcome import Fit, Iteration, Progress, flat
-from quadriform.fitting.refinement import PaperOptions, two_step
-from quadriform.fitting.regularity import Regulariser
+from quadriform.errors import OptionError, choose
+from quadriform.fitting.duplicates import Distinct
+from quadriform.fitting.fit_warnings import fit_warnings, named_texts
+from quadriform.fitting.options import METHODS, PaperOptions, TangentOptions, options_for
+from quadriform.fitting.outcome import Fit, Iteration, Progress, rms
+from quadriform.fitting.refinement import two_step
 from quadriform.fitting.superquadric_fit import fit_superquadric
-from quadriform.points import Array, Frame, check_points, check_spread
-from quadriform.shapes.control_box import ControlBox
+from quadriform.fitting.tangent_fit import Result, fit_tangent
+from quadriform.points import Array, Frame, check_points, check_spread, check_weights
+from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
 
 ALONE = "surface"
 """The name of the surface when there is only one."""
-POOR = 0.05
-"""An RMS distance above this share of the cloud's RMS radius is called a poor fit."""
 
 Clouds = ArrayLike | Mapping[str, ArrayLike]
+Weights = ArrayLike | Mapping[str, ArrayLike] | None
 
 
 def fit(
     points: Clouds,
     *,
     kind: str = "ellipsoid",
-    method: str = "paper",
+    method: str = "tangent",
+    weights: Weights = None,
     progress: Progress | None = None,
     **options: object,
 ) -> Fit:
@@ -40,107 +42,148 @@ def fit(
         points: (n, 3) points around a body in any unit and frame, or several clouds by name, which then share one
             control box, that of the outermost.
         kind: of superquadric: "ellipsoid", "toroid", "hyperboloid1" or "hyperboloid2".
-        method: "paper": Bardinet, Cohen and Ayache 1998.
-        progress: called with (steps done, steps in all).
+        method: "tangent": the best fit of these numbers that we know; "paper": Bardinet, Cohen and Ayache 1998.
+        weights: (n,) >= 0, or by name; a point of weight k counts as k points.
+        progress: called with (steps done, about how many).
         **options: as in `refine`.
 
     Raises:
         PointsError, DegenerateError, OptionError: the input cannot be fitted.
     """
-    clouds = _named(points)
-    choose(method, ("paper",), "method")
-    fits = {name: fit_superquadric(cloud, kind, method) for name, cloud in clouds.items()}
-    refined = refine({name: f.superquadric for name, f in fits.items()}, clouds, progress=progress, **options)  # type: ignore[arg-type]
-    warnings: Warnings = {}
-    for name, found in fits.items():
-        for warning, text in found.warnings.items():
-            warnings[warning] = "; ".join(filter(None, [warnings.get(warning), _about(name, text)]))
-    return replace(refined, warnings=warnings | refined.warnings)
+    clouds = named(points)
+    choose(kind, tuple(KINDS), "kind")
+    chosen = options_for(method, options)
+    counted = _weights(weights, clouds, method)
+    way = "paper" if method == "paper" else "robust"
+    given = {name: None if weights is None else counted[name] for name in clouds}
+    starts = {name: fit_superquadric(cloud, kind, way, given[name]) for name, cloud in clouds.items()}
+    surfaces = {name: start.superquadric for name, start in starts.items()}
+    refined = _refine(surfaces, clouds, counted, chosen, kind, progress)
+    if method != "paper":
+        return refined  # whatever the start's troubles were, the refined model speaks for itself
+    return replace(refined, warnings=named_texts({name: s.warnings for name, s in starts.items()}) | refined.warnings)
 
 
 def refine(
     superquadric: Superquadric | Mapping[str, Superquadric],
     points: Clouds,
     *,
-    box: tuple[int, int, int] = (5, 5, 5),
-    regularity: str | Regulariser = "springs",
-    strength: float | str = "auto",
-    matching: str = "data-to-model",
-    iterations: int = 30,
-    tolerance: float | None = None,
+    method: str = "tangent",
+    weights: Weights = None,
     progress: Progress | None = None,
+    **options: object,
 ) -> Fit:
-    """Refine superquadric(s) by the paper's two-step iteration.
+    """Refine given superquadric(s).
 
     Args:
         superquadric: where to start from; a mapping when `points` is one, with the same names.
         points: (n, 3), or several clouds by name.
-        box: control points along each axis, each at least 2.
-        regularity: "springs" (on the displacement of the control points), "springs-paper" (P9 to the letter), "svd"
-            (P8), "svd-position", or an object with one method `matrix(shape)`, held on the displacement.
-        strength: alpha of P9 per data point; for the SVD a count (>= 1) or a threshold (< 1) of singular values.
-        matching: "data-to-model" (each data point's closest model point) or "model-to-data".
-        iterations: how many; 30 in the paper.
-        tolerance: stop when the surface moves less than this share of the cloud's RMS radius.
-        progress: called with (steps done, steps in all).
+        method: "tangent" or "paper".
+        weights: as in `fit`.
+        progress: as in `fit`.
+        **options: for both methods `box`, control points along each axis, (5, 5, 5) unless said, and `strength`.
+            For "tangent": `regularity` "bending", "springs" or an object with one method `matrix(shape)`; `strength`
+            alpha per data point, or "auto" from the evidence; `robust`, whether strangers are told from inliers;
+            `base`, a plane (point, direction) or a loop (m, 3) where the data ends on purpose; `box="auto"` with
+            `max_error`, the RMS distance to reach. For "paper": `regularity` "springs" (on the displacement),
+            "springs-paper" (P9 to the letter), "svd" (P8), "svd-position" or an object; `strength` alpha, or for the
+            SVD a count (>= 1) or a threshold (< 1) of singular values; `matching` "data-to-model" or
+            "model-to-data"; `iterations`, 30; `tolerance`, to stop when the surface moves less than this share of
+            the cloud's RMS radius.
 
     Raises:
         PointsError, DegenerateError, OptionError: the input cannot be fitted.
     """
-    clouds = _named(points)
+    clouds = named(points)
     surfaces = {ALONE: superquadric} if isinstance(superquadric, Superquadric) else dict(superquadric)
     if surfaces.keys() != clouds.keys():
         raise OptionError(f"surfaces {sorted(surfaces)} and points {sorted(clouds)} must have the same names")
-    chosen = PaperOptions(check_box(box), regularity, strength, matching, iterations, tolerance)
-    frame = Frame.of(np.concatenate(list(clouds.values())))
-    local_clouds = {name: frame.to_local(cloud) for name, cloud in clouds.items()}
-    local = {name: _in_frame(surface, frame) for name, surface in surfaces.items()}
-    deformed, history, used = two_step(local, local_clouds, chosen, progress)
-    model = DeformableModel(local, deformed)
-    placed = replace(model.placed(frame.scale, frame.centre), input_sha256=_hash(clouds))
-    before = DeformableModel(local, deformed.with_control_points(deformed.rest))
-    residuals = {name: frame.scale * model.distance(cloud, name) for name, cloud in local_clouds.items()}
-    first = {name: frame.scale * before.distance(cloud, name) for name, cloud in local_clouds.items()}
+    return _refine(surfaces, clouds, _weights(weights, clouds, method), options_for(method, options), None, progress)
+
+
+def _refine(
+    surfaces: dict[str, Superquadric],
+    clouds: dict[str, Array],
+    weights: dict[str, Array],
+    options: PaperOptions | TangentOptions,
+    kind: str | None,
+    progress: Progress | None,
+) -> Fit:
+    """Centre and scale, refine, undo; with a `kind` other superquadrics than the given may serve as starts."""
+    if isinstance(options, PaperOptions):  # where copies are points like any other
+        frame = Frame.of(np.concatenate(list(clouds.values())))
+        local, starts = _local(clouds, frame), _placed(surfaces, frame)
+        box, history, strength = two_step(starts, local, options, progress)
+        return _in_world(Result(DeformableModel(starts, box), history, strength), clouds, frame)
+    parts = {name: Distinct.of(cloud, weights[name]) for name, cloud in clouds.items()}
+    frame = Frame.of(np.concatenate([part.points for part in parts.values()]))
+    local = _local({name: part.points for name, part in parts.items()}, frame)
+    counted = {name: part.weights for name, part in parts.items()}
+    limit = None if options.max_error is None else options.max_error / frame.scale
+    beyond = options.beyond(clouds, frame)
+    result = fit_tangent(_placed(surfaces, frame), local, counted, options, beyond, limit, kind, progress)
+    inliers = {name: parts[name].spread(found) for name, found in (result.inliers or {}).items()}
+    found = _in_world(replace(result, inliers=inliers), clouds, frame)
+    return replace(found, warnings=named_texts({n: part.warnings() for n, part in parts.items()}) | found.warnings)
+
+
+def _local(clouds: Mapping[str, Array], frame: Frame) -> dict[str, Array]:
+    return {name: frame.to_local(cloud) for name, cloud in clouds.items()}
+
+
+def _placed(surfaces: Mapping[str, Superquadric], frame: Frame) -> dict[str, Superquadric]:
+    return {name: surface.placed(1 / frame.scale, -frame.centre / frame.scale) for name, surface in surfaces.items()}
+
+
+def _in_world(result: Result, clouds: dict[str, Array], frame: Frame) -> Fit:
+    local = _local(clouds, frame)
+    model = result.model
+    before = DeformableModel(model.surfaces, model.box.with_control_points(model.box.rest))
+    residuals = {name: model.distance(cloud, name) for name, cloud in local.items()}
+    first = {name: before.distance(cloud, name) for name, cloud in local.items()}
+    inliers = result.inliers or {name: np.ones(len(cloud)) for name, cloud in local.items()}
+    noise = result.noise if result.noise is not None else rms(residuals)
     return Fit(
-        model=placed,
-        warnings=_warnings(model, local_clouds, residuals, frame),
-        residuals=_unnamed(residuals),
-        superquadric_residuals=_unnamed(first),
-        history=tuple(_scaled(record, frame.scale) for record in history),
-        strength=used,
+        model=replace(model.placed(frame.scale, frame.centre), input_sha256=_hash(clouds)),
+        warnings=fit_warnings(result, local, residuals, inliers),
+        residuals=_unnamed({name: frame.scale * values for name, values in residuals.items()}),
+        superquadric_residuals=_unnamed({name: frame.scale * values for name, values in first.items()}),
+        history=tuple(_scaled(entry, frame.scale) for entry in result.history),
+        strength=result.strength,
+        noise=frame.scale * noise,
+        inliers=_unnamed(inliers),
+        covariance=None if result.covariance is None else frame.scale**2 * result.covariance,
     )
 
 
-def check_box(box: object) -> tuple[int, int, int]:
-    """Three counts of control points.
+def named(points: Clouds) -> dict[str, Array]:
+    """Checked clouds by name; a single one is called "surface".
 
     Raises:
-        OptionError: not three whole numbers from 2 to 20.
+        PointsError, DegenerateError, OptionError: a cloud cannot be fitted, or there is none.
     """
-    sides = tuple(box) if isinstance(box, (tuple, list)) else ()
-    if len(sides) != 3 or not all(isinstance(n, (int, np.integer)) and 2 <= n <= 20 for n in sides):
-        raise OptionError(
-            f"option box={box!r} is out of range; expected three whole numbers from 2 to 20, as (5, 5, 5)"
-        )
-    return int(sides[0]), int(sides[1]), int(sides[2])
-
-
-def _named(points: Clouds) -> dict[str, Array]:
     given = points if isinstance(points, Mapping) else {ALONE: points}
     if not given:
         raise OptionError("points: an empty mapping; expected at least one named cloud")
-    clouds = {str(name): check_points(cloud, _about(str(name), "points")) for name, cloud in given.items()}
+    single = given.keys() == {ALONE}
+    clouds = {str(n): check_points(cloud, "points" if single else f"{n}: points") for n, cloud in given.items()}
     for cloud in clouds.values():
         check_spread(cloud, needed=11)
     return clouds
 
 
-def _about(name: str, text: str) -> str:
-    return text if name == ALONE else f"{name}: {text}"
+def _weights(weights: Weights, clouds: dict[str, Array], method: str) -> dict[str, Array]:
+    choose(method, METHODS, "method")
+    if weights is not None and method == "paper":
+        raise OptionError("option weights is not one of method='paper'; use method='tangent'")
+    given = weights if isinstance(weights, Mapping) else dict.fromkeys(clouds, weights)
+    if given.keys() != clouds.keys():
+        raise OptionError(f"weights {sorted(given)} and points {sorted(clouds)} must have the same names")
+    return {name: check_weights(given[name], len(cloud)) for name, cloud in clouds.items()}
 
 
-def _unnamed(residuals: dict[str, Array]) -> Array | dict[str, Array]:
-    return residuals[ALONE] if residuals.keys() == {ALONE} else residuals
+def _unnamed(values: dict[str, Array]) -> Array | dict[str, Array]:
+    return values[ALONE] if values.keys() == {ALONE} else values
 
 
 def _hash(clouds: Mapping[str, Array]) -> str:
@@ -148,38 +191,10 @@ def _hash(clouds: Mapping[str, Array]) -> str:
     return hashlib.sha256(b"".join(cloud.tobytes() for cloud in clouds.values())).hexdigest()
 
 
-def _in_frame(surface: Superquadric, frame: Frame) -> Superquadric:
-    return surface.placed(1 / frame.scale, -frame.centre / frame.scale)
-
-
-def _scaled(record: Iteration, scale: float) -> Iteration:
+def _scaled(entry: Iteration, scale: float) -> Iteration:
     return Iteration(
-        error=scale * record.error,
-        box_motion=scale * record.box_motion,
-        box_displacement=scale * record.box_displacement,
-        surface_motion=scale * record.surface_motion,
+        error=scale * entry.error,
+        box_motion=scale * entry.box_motion,
+        box_displacement=scale * entry.box_displacement,
+        surface_motion=scale * entry.surface_motion,
     )
-
-
-def _warnings(model: DeformableModel, clouds: dict[str, Array], residuals: dict[str, Array], frame: Frame) -> Warnings:
-    """Warnings about a refined model, in the centred, scaled frame; the residuals are in the unit of the data."""
-    warnings: Warnings = {}
-    share = float(np.sqrt((flat(residuals) ** 2).mean())) / frame.scale
-    if share > POOR:
-        warnings[WarningKind.POOR_FIT] = (
-            f"the RMS distance is {100 * share:.1f} % of the cloud's RMS radius; is it one closed surface, without "
-            "inner walls, filled volumes or strangers?"
-        )
-    thin = [text for name, cloud in clouds.items() if (text := coverage_warning(model.surfaces[name], cloud))]
-    if thin:
-        warnings[WarningKind.PARTIAL_COVERAGE] = "; ".join(_about(name, t) for name, t in zip(clouds, thin))
-    outside = {name: _outside(model.box, surface) for name, surface in model.surfaces.items()}
-    if max(outside.values()) > 0:
-        named = ", ".join(f"{name} {100 * part:.0f} %" for name, part in outside.items() if part)
-        warnings[WarningKind.OUTSIDE_LATTICE] = f"surface points beyond the box of the outer surface: {named}"
-    return warnings
-
-
-def _outside(box: ControlBox, surface: Superquadric) -> float:
-    local = box.local(surface.grid(12)[0])
-    return float(((local < -1e-9) | (local > 1 + 1e-9)).any(axis=1).mean())

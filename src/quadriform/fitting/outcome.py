@@ -1,11 +1,12 @@
 """What a fit returns beside the model: how good it is, how it went, and what to be wary of."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from quadriform.errors import FitError, Warnings
+from quadriform.errors import FitError, OptionError, Warnings
 from quadriform.points import Array
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
@@ -40,6 +41,10 @@ class SuperquadricFit:
         warnings: kind -> sentence.
         rank: of the derivatives at the answer; below 11 (12 for the toroid) the points do not determine it.
         condition: largest over smallest singular value of the same, lengths in units of the cloud's RMS radius.
+        covariance: (11, 11) or (12, 12), in the order a1 a2 a3, e1 e2, turns about the object's own three axes
+            (radians), tx ty tz, hole radius; unit of the data; zero for what was held fixed.
+        inliers: (n,) probability of each point to be of the surface, 0 for points of weight 0.
+        noise: standard deviation of the inliers' distances, in the unit of the data.
         history: the criterion after each iteration.
         iterations: how many there were.
     """
@@ -48,6 +53,9 @@ class SuperquadricFit:
     warnings: Warnings
     rank: int
     condition: float
+    covariance: Array
+    inliers: Array
+    noise: float
     history: tuple[float, ...]
     iterations: int
 
@@ -69,6 +77,10 @@ class Fit:
         superquadric_residuals: the same for the superquadric(s) before refinement.
         history: one record for each iteration.
         strength: how strongly the box was held, as `refine` takes it.
+        noise: standard deviation of the points along the normal, in their unit; for the paper's method their RMS.
+        inliers: probability of each point to be of its surface, (n,) or a mapping; all one where none was estimated.
+        covariance: posterior covariance (3 k, 3 k) of the k control points, coordinates of a point together, in
+            squared units; None for the paper's method, which has no such thing.
     """
 
     model: DeformableModel
@@ -77,7 +89,24 @@ class Fit:
     superquadric_residuals: Array | dict[str, Array]
     history: tuple[Iteration, ...]
     strength: float
-    options: dict[str, object] = field(default_factory=dict)
+    noise: float
+    inliers: Array | dict[str, Array]
+    covariance: Array | None = None
+
+    def uncertainty(self, points: ArrayLike, surface: str | None = None) -> Array:
+        """One standard deviation (n,) of the surface along its normal, at the surface points nearest to (n, 3) points.
+
+        What the noise of the data and the lack of it leave open; a wrong kind of model is not in it.
+
+        Raises:
+            OptionError: the fit has no covariance (method="paper").
+        """
+        if self.covariance is None:
+            raise OptionError("uncertainty: method='paper' estimates none; use method='tangent'")
+        foot = self.model.foot_points(points, surface)
+        rows = self.model.box.matrix(foot.origins)[:, :, None] * foot.normals[:, None, :]
+        rows = rows.reshape(len(foot.origins), -1)
+        return np.sqrt(np.maximum(np.einsum("ni,ni->n", rows @ self.covariance, rows), 0))
 
     @property
     def status(self) -> str:

@@ -1,53 +1,19 @@
 """The iterative two-step algorithm (paper 3.3): displacements, then control points, again and again."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
-from quadriform.errors import OptionError, choose
 from quadriform.fitting.matching import MATCHINGS
+from quadriform.fitting.options import PaperOptions
 from quadriform.fitting.outcome import Iteration, Progress
-from quadriform.fitting.regularity import REGULARITIES, Regulariser, step_for
+from quadriform.fitting.regularity import step_for
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superquadric import Superquadric
 
 MODEL_RESOLUTION = 20
 """Cells along a cube edge for the model's sample: 2,402 points a surface."""
-
-
-@dataclass(frozen=True)
-class PaperOptions:
-    """The choices of the paper's iteration.
-
-    Attributes:
-        box: control points along each axis.
-        regularity: "svd" (P8), "svd-position", "springs" (on the displacement), "springs-paper" (P9 to the letter) or
-            a regulariser of one's own.
-        strength: for the SVD a count (>= 1) or a threshold (< 1) of singular values; for springs alpha; or "auto".
-        matching: "data-to-model" or "model-to-data".
-        iterations: how many turns.
-        tolerance: stop when the surface moves less than this share of the cloud's RMS radius; None never stops early.
-    """
-
-    box: tuple[int, int, int] = (5, 5, 5)
-    regularity: str | Regulariser = "springs"
-    strength: float | str = "auto"
-    matching: str = "data-to-model"
-    iterations: int = 30
-    tolerance: float | None = None
-
-    def __post_init__(self) -> None:
-        choose(self.matching, tuple(MATCHINGS), "matching")
-        if isinstance(self.regularity, str):
-            choose(self.regularity, REGULARITIES, "regularity")
-        if not isinstance(self.strength, (int, float)) or isinstance(self.strength, bool):
-            choose(self.strength, ("auto",), "strength")
-        if not isinstance(self.iterations, int) or self.iterations < 1:
-            raise OptionError(f"option iterations={self.iterations!r} is out of range; expected a whole number >= 1")
-        if self.tolerance is not None and not self.tolerance > 0:
-            raise OptionError(f"option tolerance={self.tolerance!r} is out of range; expected a number above 0")
 
 
 def outer_box(superquadrics: Mapping[str, Superquadric], shape: tuple[int, int, int]) -> ControlBox:

@@ -8,6 +8,7 @@ from scipy.linalg import qr, solve_triangular
 
 from quadriform.errors import OptionError
 from quadriform.points import Array, check_number
+from quadriform.shapes.bernstein import derivative_matrix, gram
 
 NUMERICAL_RANK = 1e-10
 """Singular values below this share of the largest count as vanishing when no other cut is asked for."""
@@ -38,6 +39,41 @@ class Springs:
             for a, b in ((one, other), (other, one)):
                 np.add.at(result, (a, a), 2.0)  # a pair counts twice: 2 |P_a - P_b|^2 over both
                 np.add.at(result, (a, b), -2.0)
+        return result
+
+
+class Bending:
+    """Integral over the unit box of the squared second derivatives of the displacement field, in closed form.
+
+    Affine displacements cost nothing, and raising the degree of a box changes nothing.
+    """
+
+    def matrix(self, shape: tuple[int, int, int]) -> Array:
+        """Sum over the six second derivatives, the mixed ones twice."""
+        along = [self._one_axis(count - 1) for count in shape]
+        result = np.zeros((int(np.prod(shape)),) * 2)
+        for orders, times in (
+            ((2, 0, 0), 1),
+            ((0, 2, 0), 1),
+            ((0, 0, 2), 1),
+            ((1, 1, 0), 2),
+            ((1, 0, 1), 2),
+            ((0, 1, 1), 2),
+        ):
+            first, second, third = (along[axis][order] for axis, order in enumerate(orders))
+            result += times * np.kron(np.kron(first, second), third)
+        return result
+
+    @staticmethod
+    def _one_axis(degree: int) -> list[Array]:
+        """Inner products over [0, 1] of the basis, of its first and of its second derivatives."""
+        result, operator = [gram(degree)], np.eye(degree + 1)
+        for order in (1, 2):
+            if order > degree:
+                result.append(np.zeros((degree + 1, degree + 1)))
+                continue
+            operator = derivative_matrix(degree - order + 1) @ operator
+            result.append(operator.T @ gram(degree - order) @ operator)
         return result
 
 
@@ -107,20 +143,20 @@ def step_for(
     if regularity == "svd-position":
         return svd_position_step(b, given)
     held = SPRINGS_STRENGTH if given is None else given
-    if isinstance(regularity, str):
-        return held_step(b, Springs().matrix(shape), held, on_displacement=regularity == "springs")
-    return held_step(b, user_matrix(regularity, shape), held, on_displacement=True)
+    return held_step(b, penalty(regularity, shape), held, on_displacement=regularity != "springs-paper")
 
 
-def user_matrix(regulariser: Regulariser, shape: tuple[int, int, int]) -> Array:
-    """The matrix of a user's own regulariser, checked.
+def penalty(regularity: str | Regulariser, shape: tuple[int, int, int]) -> Array:
+    """The matrix (k, k) of "springs", "springs-paper", "bending" or of a user's own regulariser, checked.
 
     Raises:
         OptionError: no method `matrix`, or it is not a symmetric (k, k) array of finite numbers.
     """
-    if not callable(getattr(regulariser, "matrix", None)):
-        raise OptionError(f"regularity={regulariser!r}: expected a name or an object with a method matrix(shape)")
-    matrix = np.asarray(regulariser.matrix(shape), dtype=np.float64)
+    if isinstance(regularity, str):
+        return Bending().matrix(shape) if regularity == "bending" else Springs().matrix(shape)
+    if not callable(getattr(regularity, "matrix", None)):
+        raise OptionError(f"regularity={regularity!r}: expected a name or an object with a method matrix(shape)")
+    matrix = np.asarray(regularity.matrix(shape), dtype=np.float64)
     count = int(np.prod(shape))
     if matrix.shape != (count, count) or not np.isfinite(matrix).all() or not np.allclose(matrix, matrix.T):
         raise OptionError(

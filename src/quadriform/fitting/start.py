@@ -36,10 +36,17 @@ def ellipsoid_by_moments(points: Array) -> Superquadric:
 
 
 def toroid_by_moments(points: Array) -> Superquadric:
-    """An elliptic torus about the principal axis that suits best; ring and tube from means and spreads around it."""
+    """An elliptic torus about the principal axis that suits best."""
+    return min(
+        tori_by_moments(points),
+        key=lambda torus: float(((torus.implicit(points) - 1) ** 2).sum()),
+    )
+
+
+def tori_by_moments(points: Array) -> list[Superquadric]:
+    """An elliptic torus about each principal axis; ring and tube from means and spreads around it."""
     centre, axes, _ = principal_frame(points)
-    candidates = [_torus_about(points, centre, np.roll(axes, shift, axis=1)) for shift in range(3)]
-    return min(candidates, key=lambda torus: float(((torus.implicit(points) - 1) ** 2).sum()))
+    return [_torus_about(points, centre, np.roll(axes, shift, axis=1)) for shift in range(3)]
 
 
 def _torus_about(points: Array, centre: Array, axes: Array) -> Superquadric:
@@ -73,7 +80,14 @@ def hyperboloid_by_quadric(points: Array, kind: str) -> Superquadric:
         raise DegenerateError(
             f"points do not look like kind={kind!r}; expected them around a hyperboloid, try 'ellipsoid'"
         )
-    return Superquadric(kind, best[1], np.ones(2), best[0], centre, height=_reach(points, centre, best, kind))
+    return Superquadric(
+        kind,
+        best[1],
+        np.ones(2),
+        best[0],
+        centre,
+        height=_reach(points, centre, best, kind),
+    )
 
 
 def _reach(points: Array, centre: Array, frame: tuple[Array, Array], kind: str) -> float:

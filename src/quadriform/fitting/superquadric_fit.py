@@ -1,16 +1,20 @@
-"""Least squares on the superquadric's numbers (paper 2.3): criterion P3, explicit derivatives, conjugate gradient."""
+"""Fitting a superquadric: the front door, and the paper's way (2.3): criterion P3 by conjugate gradient."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
-from quadriform.errors import WarningKind, Warnings, choose
+from quadriform.errors import OptionError, WarningKind, Warnings, choose
+from quadriform.fitting.determined import determined
+from quadriform.fitting.inliers import LEAST_SIGMA
 from quadriform.fitting.outcome import SuperquadricFit
+from quadriform.fitting.residuals import Candidates, distances
+from quadriform.fitting.robust_superquadric import cut_to, fit_robust, in_world
 from quadriform.fitting.start import start
-from quadriform.points import Array, Frame, check_points, check_spread
-from quadriform.shapes import pose
+from quadriform.points import Array, Frame, check_points, check_spread, check_weights
 from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.superquadric import EXPONENTS, Superquadric
 
@@ -22,28 +26,36 @@ UNDETERMINED = 1e4
 NEAR_BOUND = 1e-3
 
 
-def fit_superquadric(points: ArrayLike, kind: str = "ellipsoid", method: str = "paper") -> SuperquadricFit:
+def fit_superquadric(
+    points: ArrayLike,
+    kind: str = "ellipsoid",
+    method: str = "robust",
+    weights: ArrayLike | None = None,
+    fixed: Mapping[str, ArrayLike] | None = None,
+) -> SuperquadricFit:
     """Fit a superquadric to points around it.
 
     Args:
         points: (n, 3), in any unit and frame; at least 11 distinct ones (12 for the toroid), not on one plane.
         kind: "ellipsoid", "toroid", "hyperboloid1" or "hyperboloid2".
-        method: "paper": start from moments (A.3), criterion P3 by conjugate gradient (2.3).
+        method: "robust": outliers, missing parts and other bodies are allowed for, nothing has to be set;
+            "paper": start from moments (A.3), criterion P3 by conjugate gradient (2.3).
+        weights: (n,), >= 0; a point of weight k counts as k points, one of weight 0 is not there.
+        fixed: values of "semi_axes", "exponents", "rotation" or "translation" that are held.
 
     Raises:
         PointsError, DegenerateError, OptionError: the input cannot be fitted.
     """
     choose(kind, tuple(KINDS), "kind")
-    choose(method, ("paper",), "method")
+    choose(method, ("robust", "paper"), "method")
     world = check_points(points)
+    if method == "robust":
+        return fit_robust(world, kind, check_weights(weights, len(world)), dict(fixed or {}))
+    if weights is not None or fixed:
+        raise OptionError("method='paper' takes neither weights nor fixed; use method='robust'")
     check_spread(world, needed=12 if kind == "toroid" else 11)
     frame = Frame.of(world)
     return in_world(fit_paper(frame.to_local(world), kind), frame)
-
-
-def in_world(fit: SuperquadricFit, frame: Frame) -> SuperquadricFit:
-    """A fit made in the centred, unit-free frame, back in the unit of the data."""
-    return replace(fit, superquadric=fit.superquadric.placed(frame.scale, frame.centre))
 
 
 class _Unbounded:
@@ -80,7 +92,11 @@ class _Unbounded:
     def in_place(self, free: Array) -> Superquadric:
         """The superquadric in the frame of the points."""
         found, _ = self.bound(free)
-        return replace(found, rotation=self.axes @ found.rotation, translation=self.axes @ found.translation)
+        return replace(
+            found,
+            rotation=self.axes @ found.rotation,
+            translation=self.axes @ found.translation,
+        )
 
 
 def fit_paper(points: Array, kind: str) -> SuperquadricFit:
@@ -109,16 +125,23 @@ def fit_paper(points: Array, kind: str) -> SuperquadricFit:
     warnings = superquadric_warnings(found, points, rank, condition)
     if result.nit >= MAX_ITERATIONS:
         warnings[WarningKind.MAX_ITERATIONS] = f"the superquadric fit stopped after {result.nit} iterations"
-    return SuperquadricFit(found, warnings, rank, condition, tuple(history), int(result.nit))
-
-
-def cut_to(found: Superquadric, points: Array) -> Superquadric:
-    """A hyperboloid cut where the points end; other kinds as they are."""
-    if found.height is None:
-        return found
-    axis = 0 if found.kind == "hyperboloid2" else 2
-    reach = float(np.abs(pose.to_local(points, found.rotation, found.translation)[:, axis]).max())
-    return replace(found, height=max(reach, 1.001 * found.semi_axes[0]) if axis == 0 else reach)
+    distance, derivatives = distances(Candidates.of([found]), points)
+    noise = max(float(np.sqrt((distance**2).mean())), LEAST_SIGMA)
+    free = np.zeros(len(found.parameters), dtype=np.bool_)
+    state = determined(Candidates.of([found]), derivatives[0], np.ones(len(points)), noise, free)
+    everyone = np.ones(len(points))
+    iterations = int(result.nit)
+    return SuperquadricFit(
+        found,
+        warnings,
+        rank,
+        condition,
+        state.covariance,
+        everyone,
+        noise,
+        tuple(history),
+        iterations,
+    )
 
 
 def determinacy(found: Superquadric, points: Array) -> tuple[int, float]:

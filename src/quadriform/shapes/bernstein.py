@@ -6,15 +6,17 @@ import numpy as np
 
 from quadriform.points import Array
 
-CHUNK = 8192
+CHUNK = 2048
 """Points handled at once: what they need stays in the cache, so memory does not grow with the cloud."""
 
 
 def basis(s: Array, degree: int) -> Array:
     """B_i(s) = C(l, i) (1 - s)^(l - i) s^i for i = 0 .. l, shape (n, l + 1)."""
-    i = np.arange(degree + 1)
-    binomials = np.array([comb(degree, k) for k in i], dtype=np.float64)
-    return binomials * np.power(1 - s[:, None], degree - i) * np.power(s[:, None], i)  # P19
+    up, down = np.ones((degree + 1, len(s))), np.ones((degree + 1, len(s)))
+    for k in range(degree):
+        up[k + 1], down[k + 1] = up[k] * s, down[k] * (1 - s)
+    binomials = np.array([comb(degree, k) for k in range(degree + 1)], dtype=np.float64)
+    return (binomials[:, None] * up * down[::-1]).T  # P19
 
 
 def basis_derivative(s: Array, degree: int) -> Array:
@@ -35,12 +37,19 @@ def combine(factors: list[Array], coefficients: Array) -> Array:
     Returns:
         (n, d).
     """
-    along_s, along_t, along_u = factors
-    n = len(along_s)
-    _, m, k, d = coefficients.shape
-    first = along_s @ coefficients.reshape(len(coefficients), -1)
-    second = np.matmul(along_t[:, None, :], first.reshape(n, m, k * d))
-    return np.matmul(along_u[:, None, :], second.reshape(n, k, d))[:, 0]
+    along_s, along_t, along_u = (factor.T for factor in factors)
+    count, m, k, d = coefficients.shape
+    first = (coefficients.reshape(count, -1).T @ along_s).reshape(m, k * d, -1)
+    second = _weighted_sum(first, along_t).reshape(k, d, -1)
+    return _weighted_sum(second, along_u).T
+
+
+def _weighted_sum(terms: Array, weights: Array) -> Array:
+    """sum_j w_j t_j for weights (m, n) and terms (m, d, n); term by term, which is faster than einsum."""
+    total = terms[0] * weights[0]
+    for term, weight in zip(terms[1:], weights[1:]):
+        total += term * weight
+    return total
 
 
 def products(factors: list[Array]) -> Array:
@@ -56,4 +65,68 @@ def elevation(low: int, high: int) -> Array:
     for j in range(high + 1):
         for i in range(max(0, j - high + low), min(low, j) + 1):
             matrix[j, i] = comb(low, i) * comb(high - low, j - i) / comb(high, j)
+    return matrix
+
+
+def restriction(degree: int, start: float, stop: float) -> Array:
+    """Matrix (degree + 1, degree + 1) to the coefficients over [start, stop] instead of [0, 1] (de Casteljau).
+
+    Row i holds the blossom at `degree - i` times start and i times stop; for halves every entry is exact.
+    """
+    matrix = np.empty((degree + 1, degree + 1))
+    for i in range(degree + 1):
+        row = np.ones(1)
+        for s in [start] * (degree - i) + [stop] * i:
+            row = np.convolve(row, [1 - s, s])
+        matrix[i] = row
+    return matrix
+
+
+def along(axis: int, matrix: Array, coefficients: Array) -> Array:
+    """Apply a matrix to the coefficients along one axis of their array."""
+    return np.moveaxis(np.tensordot(matrix, coefficients, (1, axis)), 0, axis)
+
+
+def product(one: Array, other: Array) -> Array:
+    """Coefficients of the product of two trivariate polynomials; the degrees add, nothing is sampled.
+
+    With each coefficient times its binomials the product is a convolution, and laid out in rows of the result's
+    length a convolution in three variables is one in a single variable (Kronecker's substitution).
+    """
+    shape = tuple(a + b - 1 for a, b in zip(one.shape, other.shape))
+    flat = np.convolve(_laid_out(one, shape), _laid_out(other, shape))[: shape[0] * shape[1] * shape[2]]
+    return flat.reshape(shape) / _binomials(shape)
+
+
+def _laid_out(coefficients: Array, shape: tuple[int, ...]) -> Array:
+    """Coefficients times binomials in one row, as long as an array of `shape` keeps their places."""
+    scaled = coefficients * _binomials(coefficients.shape)
+    gaps = [(0, 0), *((0, full - count) for full, count in zip(shape[1:], scaled.shape[1:]))]
+    return np.pad(scaled, gaps).ravel()
+
+
+def _binomials(shape: tuple[int, ...]) -> Array:
+    """C(l, i) C(m, j) C(n, k) for an array of that shape."""
+    s, t, u = (np.array([comb(count - 1, i) for i in range(count)], dtype=np.float64) for count in shape)
+    return s[:, None, None] * t[:, None] * u
+
+
+def product_factor(degree: int) -> Array:
+    """B_i B_j is this factor, (l + 1, l + 1), times the basis polynomial i + j of twice the degree."""
+    single = np.array([comb(degree, k) for k in range(degree + 1)], dtype=np.float64)
+    double = np.array([comb(2 * degree, k) for k in range(2 * degree + 1)], dtype=np.float64)
+    i = np.arange(degree + 1)
+    return np.outer(single, single) / double[i[:, None] + i]
+
+
+def gram(degree: int) -> Array:
+    """Inner products of the basis over [0, 1], (l + 1, l + 1)."""
+    return product_factor(degree) / (2 * degree + 1)
+
+
+def derivative_matrix(degree: int) -> Array:
+    """Matrix (l, l + 1) from coefficients of degree l to those of the derivative, of degree l - 1."""
+    rows = np.arange(degree)
+    matrix = np.zeros((degree, degree + 1))
+    matrix[rows, rows], matrix[rows, rows + 1] = -degree, degree
     return matrix

@@ -207,6 +207,12 @@ class ControlBox:
             damping[good], damping[bad] = np.minimum(1, 2 * damping[good]), damping[bad] / 4
         return point
 
+    def min_jacobian(self) -> float:
+        """A proven lower bound of det(d deformed / d point) over the whole box; positive: it folds nowhere."""
+        from quadriform.shapes.certificate import jacobian_bound
+
+        return jacobian_bound(self).lower
+
     def elevate(self, degrees: tuple[int, int, int]) -> "ControlBox":
         """The same deformation with more control points, exactly.
 

@@ -1,14 +1,17 @@
 """The deformable model: superquadric surface(s) carried by one control box (paper 3)."""
 
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quadriform.errors import OptionError
 from quadriform.points import Array, check_points
+from quadriform.shapes import certificate
 from quadriform.shapes.closest import FootPoints, closest_on
 from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.crossings import crossings
 from quadriform.shapes.directions import split_quads
 from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.superquadric import Superquadric
@@ -97,3 +100,41 @@ class DeformableModel:
         """Area of a surface in squared units, likewise."""
         coarse, fine = (self.mesh(surface, n).area() for n in (32, 64))
         return fine + (fine - coarse) / 3
+
+    def min_jacobian(self) -> float:
+        """A proven lower bound of det(d deformed / d point) over the inside of the surfaces; positive: no fold."""
+        return certificate.jacobian_bound(self.box, self.surfaces.values()).lower
+
+    def folds(self) -> Array:
+        """Points (n, 3) of the inside, before deformation, where det(d deformed / d point) is not positive.
+
+        Returns:
+            Empty when the model is certified. The first point is the lowest that was met; where neither a proof nor a
+            fold was found it stands alone, and its determinant is positive.
+        """
+        return certificate.folds(self.box, self.surfaces.values())
+
+    def crossings(self, resolution: int = 24) -> dict[tuple[str, str], Array]:
+        """Where surfaces cross themselves, (a, a), or each other, (a, b); empty when none does.
+
+        Args:
+            resolution: of the meshes that are tested, as in `mesh`; crossings finer than their cells can be missed.
+        """
+        meshes = {name: self.mesh(name, resolution) for name in self.surfaces}
+        found = {(name, name): crossings(mesh) for name, mesh in meshes.items()}
+        found |= {(a, b): crossings(meshes[a], meshes[b]) for a, b in combinations(meshes, 2)}
+        return {pair: points for pair, points in found.items() if len(points)}
+
+    def nesting(self, resolution: int = 24) -> dict[tuple[str, str], str]:
+        """How each pair (a, b) of closed surfaces lies: a "around" b, "inside" b, "apart" from it or "crossing" it."""
+        crossed = self.crossings(resolution)
+        result = {}
+        for a, b in combinations(self.surfaces, 2):
+            one, two = (self.mesh(name, 2).vertices[:1] for name in (a, b))
+            if (a, b) in crossed:
+                result[a, b] = "crossing"
+            elif self.contains(two, a)[0]:
+                result[a, b] = "around"
+            else:
+                result[a, b] = "inside" if self.contains(one, b)[0] else "apart"
+        return result

@@ -37,10 +37,17 @@ def norm_derivatives(u: Array, v: Array, exponent: float) -> tuple[Array, Array,
     """
     k = 2 / exponent
     log_u, log_v = log_abs(u), log_abs(v)
-    total = np.logaddexp(k * log_u, k * log_v)
-    log_n, log_p, log_q = total / k, k * log_u - total, k * log_v - total
-    d_u = np.sign(u) * np.exp(log_n + log_p - log_u)
-    d_v = np.sign(v) * np.exp(log_n + log_q - log_v)
-    entropy = -np.exp(log_p) * log_p - np.exp(log_q) * log_q
-    n = np.exp(log_n)
-    return n, d_u, d_v, n * entropy / 2
+    gap = k * (log_u - log_v)
+    ratio = np.exp(-np.abs(gap))  # of the smaller term to the larger: one exponential gives both shares
+    excess = np.log1p(ratio)
+    n = np.exp(np.maximum(log_u, log_v) + excess / k)
+    large = 1 / (1 + ratio)
+    small = ratio * large
+    p, q = np.where(gap > 0, large, small), np.where(gap > 0, small, large)
+    entropy = excess + np.abs(gap) * small
+    return n, _quotient(n * p, u), _quotient(n * q, v), n * entropy / 2
+
+
+def _quotient(share: Array, u: Array) -> Array:
+    """share / u, zero where u is zero: a norm has no slope to either side there."""
+    return np.divide(share, u, out=np.zeros_like(share), where=u != 0)

@@ -1,0 +1,186 @@
+"""The rounds of the refinement: few control points and few data points first, all of them at the end."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from quadriform.fitting.correspondence import MODEL_RESOLUTION, match_facing, match_unclaimed
+from quadriform.fitting.evidence import Solution
+from quadriform.fitting.outcome import Iteration, Progress
+from quadriform.fitting.regularity import Regulariser
+from quadriform.fitting.sheet import FacingCloud, Sheet
+from quadriform.fitting.tangent import Pull, evidence_of, moved, record
+from quadriform.points import Array
+from quadriform.shapes.closest import settle
+from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.model import DeformableModel
+
+COARSE_POINTS = (1000, 700, 1500)
+"""Few data points for the first rounds; another number gives another path, for a surface that came out folded."""
+COARSE_ROUNDS, FINE_ROUNDS, SLIDES = 8, 16, 2
+COARSE_REST, FINE_REST = 0.1, 0.02
+"""A stage ends when the surface moves less than this share of the noise."""
+FIRST_NOISE = 1.4826
+"""Times the median absolute distance: the standard deviation of a Gaussian, half of the points being strangers."""
+
+
+@dataclass(frozen=True)
+class Refined:
+    """A refined box in the centred, scaled frame.
+
+    Attributes:
+        box: deformed.
+        sheets: the surfaces with their foot points and inlier probabilities.
+        solution: of the last round.
+        history: one record a round.
+    """
+
+    box: ControlBox
+    sheets: tuple[Sheet, ...]
+    solution: Solution
+    history: tuple[Iteration, ...]
+
+    @property
+    def covered(self) -> bool:
+        """Whether the data samples all of every surface."""
+        return all(sheet.is_covered() for sheet in self.sheets)
+
+    @property
+    def tangled(self) -> bool:
+        """Whether surfaces cross although the data covers them: more strength would not undo that."""
+        if not self.covered:
+            return False
+        names = map(str, range(len(self.sheets)))
+        surfaces = {name: sheet.superquadric for name, sheet in zip(names, self.sheets)}
+        return bool(DeformableModel(surfaces, self.box).crossings())
+
+
+class Rounds:
+    """The state that goes from round to round.
+
+    Args:
+        box: undeformed, around the outermost surface, with the wanted number of control points.
+        regularity: name or object.
+        strength: alpha per data point; None for the evidence's.
+        robust: whether strangers are told from inliers.
+        progress: called after each round with (done, about how many).
+    """
+
+    def __init__(
+        self,
+        box: ControlBox,
+        regularity: str | Regulariser = "bending",
+        strength: float | None = None,
+        robust: bool = True,
+        progress: Progress | None = None,
+    ) -> None:
+        self.target, self.regularity, self.strength, self.robust = box, regularity, strength, robust
+        self.progress = progress or (lambda done, total: None)
+        self.history: list[Iteration] = []
+        self.near: float | None = None
+
+    @property
+    def ladder(self) -> list[tuple[int, int, int]]:
+        """Control points a side from stage to stage: 3, 5, 7 ... up to the wanted number."""
+        l, m, n, _ = self.target.control_points.shape
+        most = max(l, m, n)
+        return sorted({(min(l, s), min(m, s), min(n, s)) for s in (*range(3, most, 2), most)})
+
+    def coarse(self, sheets: Sequence[Sheet], points: int) -> Refined:
+        """All stages on few points that are matched anew in each round; the last round on the data alone."""
+        few = [sheet.thinned(points, self.robust) for sheet in sheets]
+        clouds = [sheet.facing() for sheet in few]
+        covered = [sheet.is_covered() for sheet in few]
+        box = ControlBox.undeformed(self.target.origin, self.target.edges, self.ladder[0])
+        for shape in self.ladder:
+            box = box.elevate((shape[0] - 1, shape[1] - 1, shape[2] - 1))
+            self.near = None
+            for _ in range(COARSE_ROUNDS):
+                pulls = [self._match(box, *each) for each in zip(few, clouds, covered)]
+                box, solution = self._step(box, few, pulls)
+                if self.history[-1].surface_motion < COARSE_REST * solution.noise:
+                    break
+        self._slide(box, few)
+        self.near = None  # the strengths so far knew the pulls; this one counts
+        box, solution = self._step(box, few, [None] * len(few))
+        return Refined(box, tuple(few), solution, tuple(self.history))
+
+    def fine(self, sheets: Sequence[Sheet], coarse: Refined) -> Refined:
+        """Rounds on all points, whose foot points only slide."""
+        box = coarse.box
+        for sheet, part in zip(sheets, coarse.sheets):
+            sheet.origins = _placed(sheet, part, box)
+        self.near = coarse.solution.strength
+        noise = None
+        for _ in range(FINE_ROUNDS):
+            self._slide(box, sheets)
+            if self.robust:
+                noise = self._weigh(box, sheets, noise)
+            box, solution = self._step(box, sheets, [None] * len(sheets))
+            noise = solution.noise
+            if self.history[-1].surface_motion < FINE_REST * noise:
+                break
+        return Refined(box, tuple(sheets), solution, tuple(self.history))
+
+    def held(self, refined: Refined, strength: float) -> Refined:
+        """A few more rounds at a given strength."""
+        self.strength, box = strength, refined.box
+        for _ in range(3):
+            self._slide(box, refined.sheets)
+            box, solution = self._step(box, refined.sheets, [None] * len(refined.sheets))
+        return replace(refined, box=box, solution=solution, history=tuple(self.history))
+
+    def _match(self, box: ControlBox, sheet: Sheet, cloud: FacingCloud, covered: bool) -> Pull | None:
+        matched = match_facing(sheet.superquadric, box, cloud)
+        sheet.origins = settle(sheet.superquadric, box, sheet.points, matched, SLIDES).origins
+        if not covered:
+            return None
+        origins, targets = match_unclaimed(sheet.superquadric, box, cloud, sheet.origins)
+        wanted = ~sheet.missing(box.deform(origins)) if len(origins) else np.zeros(0, dtype=bool)
+        if not wanted.any():
+            return None
+        weight = float(sheet.weights.sum()) / len(sheet.superquadric.grid(MODEL_RESOLUTION)[0])
+        return Pull(origins[wanted], targets[wanted], weight)
+
+    def _slide(self, box: ControlBox, sheets: Sequence[Sheet]) -> None:
+        for sheet in sheets:
+            sheet.origins = settle(sheet.superquadric, box, sheet.points, sheet.origins, SLIDES).origins
+
+    def _weigh(self, box: ControlBox, sheets: Sequence[Sheet], noise: float | None) -> float:
+        distances = [np.linalg.norm(sheet.points - box.deform(sheet.origins), axis=1) for sheet in sheets]
+        if noise is None:
+            noise = FIRST_NOISE * float(np.median(np.concatenate(distances)))
+        for sheet, distance in zip(sheets, distances):
+            sheet.weigh(distance, noise)
+        return noise
+
+    def _step(
+        self, box: ControlBox, sheets: Sequence[Sheet], pulls: Sequence[Pull | None]
+    ) -> tuple[ControlBox, Solution]:
+        evidence = evidence_of(sheets, pulls, box, self.regularity)
+        solution = evidence.best(self.near) if self.strength is None else evidence.solve(self.strength)
+        self.near = solution.strength
+        after = moved(box, solution)
+        probes = np.concatenate([sheet.superquadric.grid(8)[0] for sheet in sheets])
+        self.history.append(record(box, after, probes, solution.noise))
+        self.progress(len(self.history), COARSE_ROUNDS * len(self.ladder) + FINE_ROUNDS)
+        return after, solution
+
+
+def _placed(sheet: Sheet, part: Sheet, box: ControlBox) -> Array:
+    """First foot points (n, 3) of all data, facing like the nearest of the few points."""
+    cloud = part.facing()
+    near = cKDTree(cloud.points).query(sheet.points)[1]
+    facing = FacingCloud(sheet.points, cloud.normals[near], cloud.flatness[near])
+    return match_facing(sheet.superquadric, box, facing)
+
+
+def coarse_unfolded(rounds: Rounds, sheets: Sequence[Sheet]) -> Refined:
+    """The coarse stage; where it comes out tangled, again on other points: the first without counts, or the last."""
+    for points in COARSE_POINTS:
+        found = rounds.coarse(sheets, points)
+        if not found.tangled:
+            break
+    return found

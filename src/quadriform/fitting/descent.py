@@ -1,0 +1,178 @@
+"""Levenberg-Marquardt on many candidates at once: the mixture's likelihood, a weak prior on the exponents, bounds."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadriform.fitting.inliers import Mixture
+from quadriform.fitting.residuals import POWERS, Candidates, distances
+from quadriform.points import Array
+from quadriform.shapes.superquadric import EXPONENTS
+
+EXPONENT_SPREAD = (EXPONENTS[1] - EXPONENTS[0]) / np.sqrt(12)
+"""Standard deviation of an exponent that may be anything in its range: the weak prior around 1."""
+LARGEST_STEP = 0.5
+MEMORY, WORSE = 6, 2.0
+"""Steps that the acceleration remembers; one this many times larger than the last makes it forget."""
+Mask = NDArray[np.bool_]
+Reestimate = Callable[["Descent"], Mixture]
+"""Gives the mixture of the next step."""
+
+
+class Descent:
+    """The state of M candidates on m points.
+
+    Args:
+        candidates: where they start.
+        points: (m, 3), centred and scaled.
+        weights: (m,) for all, or (M, m).
+        mixture: where it starts.
+        longest: no semi-axis grows above it.
+        held: (n_parameters,) true for parameters that stay.
+    """
+
+    def __init__(
+        self,
+        candidates: Candidates,
+        points: Array,
+        weights: Array,
+        mixture: Mixture,
+        longest: float,
+        held: Mask,
+    ) -> None:
+        self.candidates, self.points, self.weights, self.mixture = (
+            candidates,
+            points,
+            weights,
+            mixture,
+        )
+        self.longest, self.held = longest, held
+        self.damping = np.full(len(candidates), 1e-2)
+        self.distances, self.derivatives = distances(candidates, points)
+        self.inliers, self.log_density = mixture.densities(self.distances)
+        self.history: list[float] = []  # the least sigma after each step
+
+    def picked(self, index: NDArray[np.int64]) -> tuple[Candidates, Mixture]:
+        """The chosen candidates and their mixtures."""
+        return self.candidates.take(index), self.mixture.take(index)
+
+    def scores(self) -> Array:
+        """Log likelihood (M,), less what fitting few points exactly gains: each parameter takes a share of sigma."""
+        gain = self.candidates.n_parameters * np.log(self.mixture.sigma)
+        return (self.weights * self.log_density).sum(axis=1) + gain
+
+    def run(self, iterations: int, tolerance: float, reestimate: Reestimate) -> bool:
+        """Step until the change is below `tolerance` for all candidates; True when that was reached."""
+        for _ in range(iterations):
+            step = self._step()
+            change = self._change(step)
+            accepted = self._try(step)
+            self._set_mixture(reestimate(self))
+            if (accepted & (change < tolerance)).all():
+                return True
+        return False
+
+    def settle(self, iterations: int, tolerance: float, reestimate: Reestimate) -> bool:
+        """Undamped, accelerated steps of one candidate to the fixed point; True when it was reached.
+
+        Derivatives at foot points are those of the Euclidean distance: their fixed point is not quite where the
+        likelihood of first-order distances is largest, so here steps must shrink instead of gain.
+        """
+        before = self.candidates, self.mixture
+        self.damping = np.zeros(len(self.candidates))
+        places, proposals = [np.zeros(self.held.size + 2)], list[Array]()
+        for _ in range(iterations):
+            step = self._step()
+            mixture = reestimate(self)
+            proposals.append(np.concatenate([step[0], mixture.coordinates() - self.mixture.coordinates()]))
+            rest = self._change(step)[0] < tolerance
+            if len(proposals) > 1 and np.abs(proposals[-1]).max() > WORSE * np.abs(proposals[-2]).max():
+                places, proposals = places[-1:], proposals[-1:]
+            motion = accelerated(places[-MEMORY:], proposals[-MEMORY:])
+            motion *= min(1, LARGEST_STEP / max(np.abs(motion).max(), 1e-300))
+            self._move(motion)
+            places.append(places[-1] + motion)
+            if rest:
+                return True
+        self.candidates, self.mixture = before
+        self._move(np.zeros_like(motion))
+        return False
+
+    def _move(self, motion: Array) -> None:
+        """Move one candidate and its mixture whether or not it gains."""
+        self.candidates = self.candidates.moved(motion[None, :-2], self.longest)
+        self.distances, self.derivatives = distances(self.candidates, self.points)
+        self._set_mixture(Mixture.at(self.mixture.coordinates() + motion[-2:]))
+
+    def _set_mixture(self, mixture: Mixture) -> None:
+        self.history.append(float(mixture.sigma.min()))
+        self.mixture = mixture
+        self.inliers, self.log_density = mixture.densities(self.distances)
+
+    def _step(self) -> Array:
+        """The damped Gauss-Newton step (M, n_parameters) of the weighted squares and the prior."""
+        weighted = self.derivatives * (self.weights * self.inliers)[:, None]
+        normal = weighted @ np.swapaxes(self.derivatives, 1, 2)
+        slope = (weighted @ self.distances[:, :, None])[..., 0]
+        prior = (self.mixture.sigma / EXPONENT_SPREAD) ** 2
+        slope[:, POWERS] += prior[:, None] * (self.candidates.exponents - 1)
+        diagonal = np.einsum("mii->mi", normal)
+        diagonal[:, POWERS] += prior[:, None]
+        free = ~self._blocked(slope)
+        slope *= free
+        normal *= free[:, :, None] & free[:, None]
+        largest = diagonal.max(axis=1, keepdims=True)
+        diagonal += self.damping[:, None] * diagonal + 1e-13 * largest + (1e-300 + largest) * ~free
+        step = -np.linalg.solve(normal, slope[:, :, None])[..., 0]
+        return step * np.minimum(1, LARGEST_STEP / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
+
+    def _blocked(self, slope: Array) -> Mask:
+        """Parameters (M, n_parameters) that are held, or at a bound and drawn beyond it."""
+        blocked = np.broadcast_to(self.held, slope.shape).copy()
+        low, high = (
+            (self.candidates.exponents <= EXPONENTS[0]),
+            (self.candidates.exponents >= EXPONENTS[1]),
+        )
+        blocked[:, POWERS] |= (low & (slope[:, POWERS] > 0)) | (high & (slope[:, POWERS] < 0))
+        blocked[:, :3] |= (self.candidates.log_axes >= np.log(self.longest)) & (slope[:, :3] < 0)
+        return blocked
+
+    def _change(self, step: Array) -> Array:
+        """How far the step goes (M,): the largest parameter's way, or what the points feel of it if that is less."""
+        felt = (step[:, None] @ self.derivatives)[:, 0]
+        return np.minimum(np.abs(step).max(axis=1), 1e3 * np.abs(felt).max(axis=1))
+
+    def _try(self, step: Array) -> Mask:
+        """Take the step where it does not lose; which (M,) did."""
+        moved = self.candidates.moved(step, self.longest)
+        found, derivatives = distances(moved, self.points)
+        inliers, log_density = self.mixture.densities(found)
+        before = (self.weights * self.log_density).sum(axis=1) + _log_prior(self.candidates)
+        after = (self.weights * log_density).sum(axis=1) + _log_prior(moved)
+        accepted = after >= before
+        self.candidates = moved.where(accepted, self.candidates)
+        self.distances = np.where(accepted[:, None], found, self.distances)
+        self.derivatives = np.where(accepted[:, None, None], derivatives, self.derivatives)
+        self.inliers = np.where(accepted[:, None], inliers, self.inliers)
+        self.damping = np.clip(np.where(accepted, self.damping / 5, self.damping * 4), 1e-12, 1e8)
+        return accepted
+
+
+def _log_prior(candidates: Candidates) -> Array:
+    return -((candidates.exponents - 1) ** 2).sum(axis=1) / (2 * EXPONENT_SPREAD**2)
+
+
+def accelerated(places: list[Array], proposals: list[Array]) -> Array:
+    """Anderson's step: the mix of the last proposals that would have cancelled, had the map been linear.
+
+    Args:
+        places: where the iteration was, (k,) each, the latest last.
+        proposals: the step that the map proposed there.
+    """
+    latest = proposals[-1]
+    if len(proposals) == 1:
+        return latest
+    moved, changed = np.diff(places, axis=0), np.diff(proposals, axis=0)
+    mix = np.linalg.lstsq(changed.T, latest, rcond=None)[0]
+    return latest - (moved + changed).T @ mix

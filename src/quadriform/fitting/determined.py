@@ -1,0 +1,82 @@
+"""How well points determine a fitted superquadric: rank, condition, covariance of its parameters."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadriform.fitting.descent import EXPONENT_SPREAD
+from quadriform.fitting.residuals import AXES, HOLE, POWERS, SHIFT, TURN, Candidates
+from quadriform.points import Array
+
+UNDETERMINED = 1e4
+"""A singular value this many times below the largest counts as undetermined."""
+PURE_TURN = 0.9
+"""Share of a direction in parameter space above which it only turns the surface."""
+
+
+@dataclass(frozen=True)
+class Determined:
+    """What the derivatives at the answer say; lengths in RMS radii of the cloud.
+
+    Attributes:
+        rank: of the derivatives of the distances by the parameters that were free.
+        condition: their largest singular value over the smallest.
+        symmetric: whether a direction that only turns the surface is undetermined.
+        covariance: (p, p) in the order a1 a2 a3, e1 e2, three turns about the object's own axes in radians,
+            tx ty tz, hole radius; zero for held parameters.
+    """
+
+    rank: int
+    condition: float
+    symmetric: bool
+    covariance: Array
+
+    @property
+    def turn_spread(self) -> float:
+        """One sigma, in radians, of the least determined turn."""
+        return float(np.sqrt(max(np.linalg.eigvalsh(self.covariance[TURN, TURN])[-1], 0)))
+
+
+def determined(
+    candidate: Candidates,
+    derivatives: Array,
+    weights: Array,
+    sigma: float,
+    held: NDArray[np.bool_],
+) -> Determined:
+    """Rank, condition and covariance of one candidate.
+
+    Args:
+        candidate: one.
+        derivatives: (p, n) of the distances by its internal parameters.
+        weights: (n,) weights times inlier probabilities.
+        sigma: noise.
+        held: (p,) parameters that were not free.
+    """
+    free = np.flatnonzero(~held)
+    rows = (_natural(candidate, derivatives) * np.sqrt(weights))[free]
+    left, singular, _ = np.linalg.svd(rows, full_matrices=False)
+    rank = int((singular > 1e-10 * singular[0]).sum())
+    weak = left[:, singular < singular[0] / UNDETERMINED]
+    turning = (weak[np.isin(free, np.r_[TURN])] ** 2).sum(axis=0)
+    covariance = np.zeros((len(held), len(held)))
+    covariance[np.ix_(free, free)] = _inverse(rows @ rows.T / sigma**2, free)
+    condition = float(singular[0] / max(singular[-1], 1e-300))
+    return Determined(rank, condition, bool((turning > PURE_TURN).any()), covariance)
+
+
+def _natural(candidate: Candidates, derivatives: Array) -> Array:
+    """Derivatives by semi-axes instead of their logarithms, by the shift along the world's axes, by the hole."""
+    rows = derivatives.copy()
+    rows[AXES] /= np.exp(candidate.log_axes[0])[:, None]
+    rows[SHIFT] = candidate.rotations[0] @ rows[SHIFT]
+    rows[HOLE] /= np.exp(candidate.log_holes[0, 0])
+    return rows
+
+
+def _inverse(information: Array, free: NDArray[np.intp]) -> Array:
+    """Inverse of the information and the exponents' prior; what nothing determines gets a huge variance."""
+    information = information + np.diag(np.isin(free, np.r_[POWERS]) / EXPONENT_SPREAD**2)
+    values, vectors = np.linalg.eigh(information)
+    return (vectors / np.maximum(values, 1e-16 * values[-1])) @ vectors.T

@@ -1,0 +1,105 @@
+"""How strongly to hold the box, and how noisy the data is: both from the evidence of the data itself (REML)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.optimize import minimize_scalar
+
+from quadriform.errors import OptionError
+from quadriform.fitting.normal_equations import NormalEquations
+from quadriform.points import Array
+
+WIDEST = (1e-13, 1e3)
+"""Strengths per data point that a first search looks through, in steps of a decade."""
+NEARBY = 30.0
+"""A later search stays within this factor of the strength before it."""
+NOISE_FLOOR = 1e-9
+"""Of the cloud's RMS radius: no data is more exact than that."""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Control points' displacement under one strength, and how sure it is; lengths in the frame of the data.
+
+    Attributes:
+        displacement: (k, 3).
+        strength: alpha, per data point.
+        noise: standard deviation of the data along the normal.
+        criterion: minus twice the log evidence, up to a constant.
+        factor: lower Cholesky factor of A + lambda K.
+    """
+
+    displacement: Array
+    strength: float
+    noise: float
+    criterion: float
+    factor: Array
+
+    def variance(self, rows: Array) -> Array:
+        """Posterior variance of linear functions (n, 3 k) of the displacement."""
+        return self.noise**2 * (solve_triangular(self.factor, rows.T, lower=True) ** 2).sum(axis=0)
+
+    def covariance(self) -> Array:
+        """Posterior covariance (3 k, 3 k) of the control points."""
+        half = solve_triangular(self.factor, np.eye(len(self.factor)), lower=True)
+        return self.noise**2 * half.T @ half
+
+
+class Evidence:
+    """The linearised problem seen as a function of the strength.
+
+    Args:
+        equations: of the data.
+        penalty: (k, k), K of the regulariser for one coordinate.
+        count: number of residual rows, the sum of the weights.
+    """
+
+    def __init__(self, equations: NormalEquations, penalty: Array, count: float) -> None:
+        self.equations = equations
+        self.penalty = np.kron(penalty, np.eye(3))
+        self.count = count
+        values = np.linalg.eigvalsh(penalty)
+        self.rank = 3 * int((values > 1e-10 * values[-1]).sum())
+        self.free = len(self.penalty) - self.rank
+
+    def solve(self, strength: float) -> Solution:
+        """The displacement at one strength.
+
+        Raises:
+            OptionError: the strength leaves control points undetermined.
+        """
+        held = strength * self.count
+        try:
+            factor, _ = cho_factor(self.equations.matrix + held * self.penalty, lower=True)
+        except np.linalg.LinAlgError as error:
+            raise OptionError(f"strength={strength:g} leaves control points undetermined; try a larger one") from error
+        factor = np.tril(factor)
+        displacement = cho_solve((factor, True), self.equations.right)
+        rows = max(self.count - self.free, 1.0)
+        misfit = self.equations.constant - self.equations.right @ displacement  # RSS + lambda p' K p
+        variance = max(float(misfit) / rows, NOISE_FLOOR**2)
+        log_determinant = 2 * np.log(np.diag(factor)).sum()
+        criterion = rows * np.log(variance) + log_determinant - self.rank * np.log(max(held, 1e-300))
+        return Solution(displacement.reshape(-1, 3), strength, float(np.sqrt(variance)), float(criterion), factor)
+
+    def best(self, near: float | None = None) -> Solution:
+        """The displacement at the strength with the largest evidence.
+
+        Args:
+            near: the strength of an earlier, similar problem; without it the whole range is searched.
+        """
+        if near is None:
+            grid = np.geomspace(*WIDEST, 17)
+            near = float(min(grid, key=self._criterion))
+        low, high = np.log(near / NEARBY), np.log(near * NEARBY)
+        found = minimize_scalar(
+            lambda x: self._criterion(np.exp(x)), bounds=(low, high), method="bounded", options={"xatol": 0.05}
+        )
+        return self.solve(float(np.exp(found.x)))
+
+    def _criterion(self, strength: float) -> float:
+        try:
+            return self.solve(strength).criterion
+        except OptionError:
+            return np.inf

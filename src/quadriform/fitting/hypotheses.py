@@ -1,0 +1,117 @@
+"""Where a robust fit may start: ellipsoids of parts of the cloud in several frames, all found without chance.
+
+Every choice here turns, moves and scales with the points and does not see their order.
+"""
+
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from quadriform.fitting.residuals import Candidates
+from quadriform.fitting.start import hyperboloid_by_quadric, tori_by_moments
+from quadriform.points import Array
+from quadriform.shapes import pose
+from quadriform.shapes.superquadric import Superquadric
+
+NEIGHBOURS = 9
+SPARSE = 2.0
+"""A point whose neighbours are this many times further away than the median point's is left out of starts."""
+DENSE_SHARE = 0.4
+"""The densest points: mostly surface even when there are more outliers than inliers."""
+SIDE_SHARE = 0.4
+"""How much of the cloud lies on one side of a cut: a start must do without what lies on the other."""
+THINNEST = 1e-2
+"""Least semi-axis of a start over its longest."""
+
+
+ORDERS = np.array([np.roll(np.eye(3), shift, axis=1) for shift in range(3)])
+EIGHTH = pose.rotation_from_euler(np.array([0, 0, np.pi / 4]))
+FRAMES = np.concatenate([ORDERS, ORDERS @ EIGHTH])
+"""Each axis as z, and the same turned by 45 degrees: the dual, where e2 and 2 - e2 look alike."""
+CUTS = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
+
+
+def thinned(points: Array, most: int) -> NDArray[np.int64]:
+    """Indices of at most `most` points, even over their order by distance from the centre."""
+    order = np.argsort((points**2).sum(axis=1), kind="stable")
+    if len(points) <= most:
+        return order
+    return order[np.linspace(0, len(points) - 1, most).round().astype(np.int64)]
+
+
+def dense_parts(points: Array) -> Array:
+    """Weights (2, n), 0 or 1, of two parts of a cloud: without lone points, and the densest points only."""
+    count = min(NEIGHBOURS, len(points) - 1)
+    reach = cKDTree(points).query(points, count + 1)[0][:, -1]
+    return np.array([reach <= SPARSE * np.median(reach), reach <= np.quantile(reach, DENSE_SHARE)], dtype=np.float64)
+
+
+def sides(points: Array, core: NDArray[np.bool_]) -> Array:
+    """Weights (26, n), 0 or 1, of parts of the core (n,) on one side of a plane.
+
+    The planes' normals are 26 even directions about the core's principal axes.
+    """
+    centre = points[core].mean(axis=0)
+    _, axes = np.linalg.eigh(np.cov(points[core].T))
+    heights = (points - centre) @ axes @ (CUTS / np.linalg.norm(CUTS, axis=1)[:, None]).T
+    return (core[:, None] & (heights <= np.quantile(heights[core], SIDE_SHARE, axis=0))).T.astype(np.float64)
+
+
+def _moments(points: Array, weights: Array) -> tuple[Array, Array]:
+    """Centres (H, 3) and second moments (H, 3, 3) of weighted parts (H, n) of a cloud."""
+    share = weights / weights.sum(axis=1, keepdims=True)
+    centres = share @ points
+    squares = (points[:, :, None] * points[:, None]).reshape(-1, 9)
+    return centres, (share @ squares).reshape(-1, 3, 3) - centres[:, :, None] * centres[:, None]
+
+
+def principal_axes(points: Array, weights: Array) -> Array:
+    """Principal axes (H, 3, 3) of weighted parts (H, n) of a cloud, right-handed, the longest last."""
+    axes = np.linalg.eigh(_moments(points, weights)[1])[1]
+    axes[:, :, 0] *= np.sign(np.linalg.det(axes))[:, None]
+    return axes
+
+
+def ellipsoids(points: Array, weights: Array, rotations: Array) -> Candidates:
+    """Ellipsoids by centre and spread of weighted parts of a cloud.
+
+    Args:
+        points: (n, 3).
+        weights: (H, n), a row for each part.
+        rotations: (H, k, 3, 3), k frames for each part.
+    """
+    centres, second = _moments(points, weights)
+    count = rotations.shape[0] * rotations.shape[1]
+    turned = np.swapaxes(rotations, 2, 3) @ second[:, None] @ rotations
+    spread = np.einsum("hkaa->hka", turned).reshape(-1, 3)
+    sizes = np.sqrt(3 * np.maximum(spread, THINNEST**2 * spread.max(axis=1, keepdims=True)))
+    return Candidates(
+        "ellipsoid",
+        np.log(sizes),
+        np.ones((count, 2)),
+        rotations.reshape(-1, 3, 3),
+        np.repeat(centres, rotations.shape[1], axis=0),
+        np.zeros((count, 1)),
+    )
+
+
+def other_kind(points: Array, kind: str) -> Candidates:
+    """Starts of a toroid or hyperboloid, each also turned by 45 degrees."""
+    first = tori_by_moments(points) if kind == "toroid" else [hyperboloid_by_quadric(points, kind)]
+    return Candidates.of(first + [_eighth_turned(s) for s in first])
+
+
+def _eighth_turned(s: Superquadric) -> Superquadric:
+    size = np.sqrt((s.semi_axes[:2] ** 2).mean())
+    axes = np.array([size, size, s.semi_axes[2]])
+    return Superquadric(
+        s.kind,
+        axes,
+        s.exponents,
+        s.rotation @ EIGHTH,
+        s.translation,
+        s.hole_radius,
+        s.height,
+    )

@@ -1,0 +1,87 @@
+"""Which points belong to the surface: inliers Gaussian in the distance, outliers uniform, both estimated (EM)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadriform.points import Array
+
+DEPTH = 2.0
+"""Outliers are uniform over this depth, in RMS radii of the cloud: about its diameter."""
+LEAST_SIGMA = 1e-9
+"""Noise-free data would drive sigma to zero; this is rounding's place."""
+LEAST_SHARE, LARGEST_SHARE = 0.02, 0.999
+COOLING, COLDEST = 0.75, 0.02
+"""A cooling step takes sigma down to this share of itself, and no further than this share of the candidate's size."""
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """The mixture of M candidates.
+
+    Attributes:
+        share: (M,) of inliers, in (0, 1).
+        sigma: (M,) standard deviation of the inliers' distances.
+    """
+
+    share: Array
+    sigma: Array
+
+    def take(self, index: NDArray[np.int64]) -> "Mixture":
+        """The chosen ones."""
+        return Mixture(self.share[index], self.sigma[index])
+
+    def joined(self, others: "Mixture") -> "Mixture":
+        """These and the others."""
+        return Mixture(np.append(self.share, others.share), np.append(self.sigma, others.sigma))
+
+    def coordinates(self) -> Array:
+        """Unbounded numbers (2,) of one candidate's mixture."""
+        return np.array([np.log(self.share[0] / (1 - self.share[0])), np.log(self.sigma[0])])
+
+    @classmethod
+    def at(cls, coordinates: Array) -> "Mixture":
+        """The mixture at such numbers."""
+        share = np.clip(1 / (1 + np.exp(-coordinates[:1])), LEAST_SHARE, LARGEST_SHARE)
+        return cls(share, np.maximum(np.exp(coordinates[1:]), LEAST_SIGMA))
+
+    def densities(self, distances: Array) -> tuple[Array, Array]:
+        """Probability to be an inlier and log density of distances (M, m), both (M, m)."""
+        sigma = self.sigma[:, None]
+        inlier = np.log(self.share / (np.sqrt(2 * np.pi) * self.sigma))[:, None] - (distances / sigma) ** 2 / 2
+        outlier = np.log((1 - self.share) / DEPTH)[:, None]
+        gap = inlier - outlier
+        both = np.log1p(np.exp(-np.abs(gap)))
+        total = np.maximum(inlier, outlier) + both
+        return np.exp(inlier - total), total
+
+
+def estimated(distances: Array, inliers: Array, weights: Array, n_parameters: int) -> Mixture:
+    """Share and sigma by one EM step; sigma with the degrees of freedom that the parameters leave."""
+    weighted = weights * inliers
+    count, total = (
+        weighted.sum(axis=1),
+        np.broadcast_to(weights, inliers.shape).sum(axis=1),
+    )
+    freedom = np.maximum(count - n_parameters, 0.2 * count)  # a few points met exactly must not look noise-free
+    sigma = np.sqrt((weighted * distances**2).sum(axis=1) / np.maximum(freedom, 1e-300))
+    share = np.clip((count + 1) / (total + 1.5), LEAST_SHARE, LARGEST_SHARE)
+    return Mixture(share, np.maximum(sigma, LEAST_SIGMA))
+
+
+def everyone(distances: Array, weights: Array) -> Mixture:
+    """Nearly all weighted points as inliers, sigma their RMS distance."""
+    total = np.broadcast_to(weights, distances.shape).sum(axis=1)
+    sigma = np.sqrt((weights * distances**2).sum(axis=1) / total)
+    return Mixture(np.full(len(sigma), LARGEST_SHARE), np.maximum(sigma, LEAST_SIGMA))
+
+
+def cooled(mixture: Mixture, sizes: Array) -> Mixture:
+    """A smaller sigma whatever the data says, so that a surface between two bodies must choose one of them.
+
+    Args:
+        mixture: of M candidates.
+        sizes: (M,) of the candidates at the start.
+    """
+    return Mixture(np.full(len(sizes), 0.6), np.maximum(mixture.sigma * COOLING, COLDEST * sizes))

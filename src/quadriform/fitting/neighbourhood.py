@@ -1,0 +1,110 @@
+"""What the neighbours of each point tell: which way the cloud faces, where it runs, who is alone, whether it ends."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
+from scipy.spatial import cKDTree
+
+from quadriform.points import Array
+
+NEIGHBOURS = 12
+EVEN = 0.25
+"""Flatness that 12 neighbours on an evenly sampled surface have at least; a curve has less."""
+CROWD, LONELY = 10, 3.0
+"""A point is alone when its tenth neighbour is farther than three times the usual."""
+AROUND, EDGE_GAP, EDGES = 20, np.radians(150), 0.01
+"""At an edge 20 neighbours leave a gap of 150 degrees; of a closed surface less than one point in a hundred does."""
+
+
+@dataclass(frozen=True)
+class Neighbourhood:
+    """Principal axes of the 12 nearest neighbours of n points.
+
+    Attributes:
+        along: (n, 3) unit, where the neighbours spread most.
+        normals: (n, 3) unit, where they spread least; signs are arbitrary.
+        flatness: (n,) in [0, 1]; near 0 on curves and in filled volumes, where the normal means nothing.
+    """
+
+    along: Array
+    normals: Array
+    flatness: Array
+
+    @classmethod
+    def of(cls, points: Array) -> "Neighbourhood":
+        """From the points (n, 3) alone."""
+        near = _nearest(points, NEIGHBOURS)
+        spread = points[near] - points[near].mean(axis=1, keepdims=True)
+        values, axes = np.linalg.eigh(np.einsum("nki,nkj->nij", spread, spread))
+        flatness = (values[:, 1] - values[:, 0]) / np.maximum(values[:, 2], 1e-300)
+        return cls(axes[:, :, 2], axes[:, :, 0], np.clip(flatness, 0, 1))
+
+    def alone_across(self) -> Array:
+        """How little the data says across the line it runs along, (n,): 0 on a surface, 1 on a curve."""
+        return np.clip(1 - self.flatness / EVEN, 0, 1) ** 2
+
+
+def oriented(points: Array, normals: Array) -> Array:
+    """The normals (n, 3) turned to agree with their neighbours, outwards (after Hoppe et al. 1992).
+
+    Signs are carried along the flattest paths; an edge straight through a thin wall, along the normals, is no path.
+    The outermost point of each connected part faces outwards.
+    """
+    normals = normals.copy()
+    tree = _flattest_paths(points, normals)
+    outward = points - points.mean(axis=0)
+    far = np.linalg.norm(outward, axis=1)
+    parts, member = connected_components(tree, directed=False)
+    for part in range(parts):
+        inside = np.flatnonzero(member == part)
+        root = inside[far[inside].argmax()]
+        if normals[root] @ outward[root] < 0:
+            normals[root] *= -1
+        order, before = breadth_first_order(tree, root, directed=False)
+        for point in order[1:]:
+            if normals[point] @ normals[before[point]] < 0:
+                normals[point] *= -1
+    return normals
+
+
+def _flattest_paths(points: Array, normals: Array) -> coo_matrix:
+    near = _nearest(points, NEIGHBOURS)
+    rows, columns = np.repeat(np.arange(len(points)), near.shape[1] - 1), near[:, 1:].ravel()
+    edge = points[columns] - points[rows]
+    edge /= np.maximum(np.linalg.norm(edge, axis=1, keepdims=True), 1e-300)
+    through = [np.einsum("ij,ij->i", edge, normals[end]) ** 2 for end in (rows, columns)]
+    turn = 1 - np.abs(np.einsum("ij,ij->i", normals[rows], normals[columns]))
+    cost = turn + np.maximum(*through) + 1e-6  # zero would mean no edge
+    graph = coo_matrix((cost, (rows, columns)), shape=(len(points),) * 2).tocsr()
+    tree = minimum_spanning_tree(graph.maximum(graph.T))
+    return tree + tree.T
+
+
+def crowded(points: Array) -> NDArray[np.bool_]:
+    """Which points (n,) have neighbours as near as most do; strangers scattered through space have not."""
+    reach = cKDTree(points).query(points, k=min(CROWD, len(points)))[0][:, -1]
+    return reach <= LONELY * np.median(reach)
+
+
+def is_surface(neighbourhood: Neighbourhood) -> bool:
+    """Whether most points lie on a sampled surface, not on curves or in a volume."""
+    return bool(np.median(neighbourhood.flatness) > EVEN)
+
+
+def has_edge(points: Array, neighbourhood: Neighbourhood) -> bool:
+    """Whether a sampled surface ends somewhere: its last points see a wide gap in their tangent plane."""
+    near = _nearest(points, AROUND + 1)[:, 1:]
+    offset = points[near] - points[:, None, :]
+    first = neighbourhood.along
+    second = np.cross(neighbourhood.normals, first)
+    angle = np.arctan2(np.einsum("nki,ni->nk", offset, second), np.einsum("nki,ni->nk", offset, first))
+    angle.sort(axis=1)
+    around = np.concatenate([angle, angle[:, :1] + 2 * np.pi], axis=1)
+    return bool((np.diff(around, axis=1).max(axis=1) > EDGE_GAP).mean() >= EDGES)
+
+
+def _nearest(points: Array, count: int) -> NDArray[np.int64]:
+    return cKDTree(points).query(points, k=np.arange(1, min(count, len(points)) + 1))[1]

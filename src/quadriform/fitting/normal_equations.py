@@ -1,0 +1,89 @@
+"""Normal equations of the control points from sums over a few moments, not from a matrix with a row a point.
+
+A product of two Bernstein polynomials of degree l is a multiple of one of degree 2l, so every entry of the normal
+matrix is a multiple of one of (2l + 1)(2m + 1)(2n + 1) moments. Points are taken in chunks: memory does not grow.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadriform.points import Array
+from quadriform.shapes import bernstein
+
+PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+"""The six different entries of a symmetric 3 x 3 matrix."""
+
+
+@dataclass(frozen=True)
+class NormalEquations:
+    """sum_i (r_i - B_i p)' M_i (r_i - B_i p) as p' A p - 2 b' p + c.
+
+    Attributes:
+        matrix: (3 k, 3 k), A; the coordinates of a control point stand together.
+        right: (3 k,), b.
+        constant: c.
+    """
+
+    matrix: Array
+    right: Array
+    constant: float
+
+
+def normal_equations(local: Array, metric: Array, residual: Array, degrees: tuple[int, int, int]) -> NormalEquations:
+    """Sum up n points.
+
+    Args:
+        local: (n, 3) local coordinates of the points in the box.
+        metric: (n, 3, 3) symmetric weights M_i.
+        residual: (n, 3) what the displacement of each should be.
+        degrees: of the box.
+    """
+    pulled = np.einsum("nij,nj->ni", metric, residual)
+    weights = np.stack([metric[:, a, b] for a, b in PAIRS], axis=1)
+    doubled = (2 * degrees[0], 2 * degrees[1], 2 * degrees[2])
+    moments = _sums(local, weights, doubled)
+    right = _sums(local, pulled, degrees)
+    index, factor = _doubling(degrees)
+    k = len(index)
+    matrix = np.empty((k, 3, k, 3))
+    for pair, (a, b) in enumerate(PAIRS):
+        matrix[:, a, :, b] = moments[index, pair] * factor
+        matrix[:, b, :, a] = matrix[:, a, :, b]
+    return NormalEquations(
+        matrix.reshape(3 * k, 3 * k), right.reshape(-1), float(np.einsum("ni,ni->", residual, pulled))
+    )
+
+
+def _sums(local: Array, values: Array, degrees: tuple[int, int, int]) -> Array:
+    """sum_i B_a(s_i) B_b(t_i) B_c(u_i) v_i, (number of a b c, columns of v)."""
+    sides, columns = [degree + 1 for degree in degrees], values.shape[1]
+    result = np.zeros((sides[0] * sides[1], sides[2] * columns))
+    for start in range(0, len(local), bernstein.CHUNK):
+        part = slice(start, start + bernstein.CHUNK)
+        s, t, u = (bernstein.basis(local[part, axis], degree) for axis, degree in enumerate(degrees))
+        n = len(s)
+        first = (s[:, :, None] * t[:, None, :]).reshape(n, -1)
+        second = (u[:, :, None] * values[part, None, :]).reshape(n, -1)
+        result += first.T @ second
+    return result.reshape(-1, columns)
+
+
+@lru_cache(maxsize=8)
+def _doubling(degrees: tuple[int, int, int]) -> tuple[NDArray[np.int64], Array]:
+    """For each pair of control points the moment they meet in, and the factor of it, both (k, k)."""
+    index, factor = np.zeros((1, 1), np.int64), np.ones((1, 1))
+    for degree in degrees:
+        i = np.arange(degree + 1)
+        meet = i[:, None] + i[None, :]
+        index = _outer(index * (2 * degree + 1), meet, np.add)
+        factor = _outer(factor, bernstein.product_factor(degree), np.multiply)
+    return index, factor
+
+
+def _outer(slow: NDArray, fast: NDArray, combine: np.ufunc) -> NDArray:
+    """Kronecker arrangement of two square tables with any operation in place of the product."""
+    both = combine(slow[:, None, :, None], fast[None, :, None, :])
+    return both.reshape(len(slow) * len(fast), -1)

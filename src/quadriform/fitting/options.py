@@ -1,0 +1,147 @@
+"""The choices of a refinement, checked once."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from quadriform.errors import OptionError, choose
+from quadriform.fitting.matching import MATCHINGS
+from quadriform.fitting.regularity import REGULARITIES, Regulariser
+from quadriform.points import Array, Frame, check_number, check_points
+
+METHODS = ("tangent", "paper")
+TANGENT_REGULARITIES = ("bending", "springs")
+
+
+def check_box(box: object) -> tuple[int, int, int]:
+    """Three counts of control points.
+
+    Raises:
+        OptionError: not three whole numbers from 2 to 20.
+    """
+    sides = tuple(box) if isinstance(box, (tuple, list)) else ()
+    if len(sides) != 3 or not all(isinstance(n, (int, np.integer)) and 2 <= n <= 20 for n in sides):
+        raise OptionError(f"option box={box!r} is out of range; expected three whole numbers from 2 to 20, or 'auto'")
+    return int(sides[0]), int(sides[1]), int(sides[2])
+
+
+def check_strength(strength: float | str) -> float | None:
+    """A number >= 0, or None for "auto".
+
+    Raises:
+        OptionError: anything else.
+    """
+    if isinstance(strength, str):
+        choose(strength, ("auto",), "strength")
+        return None
+    return check_number(strength, "strength", 0)
+
+
+@dataclass(frozen=True)
+class PaperOptions:
+    """The choices of the paper's iteration.
+
+    Attributes:
+        box: control points along each axis.
+        regularity: "springs" (on the displacement), "springs-paper" (P9 to the letter), "svd" (P8), "svd-position" or
+            a regulariser of one's own, held on the displacement.
+        strength: for springs alpha; for the SVD a count (>= 1) or a threshold (< 1) of singular values; or "auto".
+        matching: "data-to-model" or "model-to-data".
+        iterations: how many turns.
+        tolerance: stop when the surface moves less than this share of the cloud's RMS radius; None never stops early.
+    """
+
+    box: tuple[int, int, int] = (5, 5, 5)
+    regularity: str | Regulariser = "springs"
+    strength: float | str = "auto"
+    matching: str = "data-to-model"
+    iterations: int = 30
+    tolerance: float | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "box", check_box(self.box))
+        if isinstance(self.regularity, str):
+            choose(self.regularity, REGULARITIES, "regularity")
+        check_strength(self.strength)
+        choose(self.matching, tuple(MATCHINGS), "matching")
+        if not isinstance(self.iterations, int) or isinstance(self.iterations, bool) or self.iterations < 1:
+            raise OptionError(f"option iterations={self.iterations!r} is out of range; expected a whole number >= 1")
+        if self.tolerance is not None and not check_number(self.tolerance, "tolerance", 0):
+            raise OptionError("option tolerance=0 is out of range; expected a number above 0, or None")
+
+
+@dataclass(frozen=True)
+class TangentOptions:
+    """The choices of the refinement by tangent distance.
+
+    Attributes:
+        box: control points along each axis, or "auto": the smallest that reaches `max_error`.
+        regularity: "bending", "springs", or a regulariser of one's own, on the displacement of the control points.
+        strength: alpha per data point, or "auto": that of the largest evidence.
+        robust: whether strangers are told from inliers.
+        base: where the data ends on purpose: a plane (point, direction to the missing side), or a loop (m, 3) of
+            points along the edge; None when the surface should be covered.
+        max_error: RMS distance to the inliers that box="auto" must reach, in the unit of the points.
+    """
+
+    box: tuple[int, int, int] | str = (5, 5, 5)
+    regularity: str | Regulariser = "bending"
+    strength: float | str = "auto"
+    robust: bool = True
+    base: ArrayLike | tuple[ArrayLike, ArrayLike] | None = None
+    max_error: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.box != "auto":
+            object.__setattr__(self, "box", check_box(self.box))
+        if isinstance(self.regularity, str):
+            choose(self.regularity, TANGENT_REGULARITIES, "regularity")
+        check_strength(self.strength)
+        if (self.box == "auto") != (self.max_error is not None):
+            raise OptionError("options box='auto' and max_error go together: give both or neither")
+        if self.max_error is not None:
+            check_number(self.max_error, "max_error", 0)
+
+    def beyond(self, clouds: Mapping[str, Array], frame: Frame) -> tuple[Array, Array] | None:
+        """The base as a half-space (point, unit direction) in the centred, scaled frame.
+
+        Raises:
+            OptionError: `base` is neither a plane nor a loop.
+        """
+        if self.base is None:
+            return None
+        centre = np.concatenate(list(clouds.values())).mean(axis=0)
+        point, direction = _plane(self.base, centre)
+        return frame.to_local(point[None])[0], direction
+
+
+def _plane(base: ArrayLike | tuple[ArrayLike, ArrayLike], centre: Array) -> tuple[Array, Array]:
+    if isinstance(base, tuple) and len(base) == 2:
+        point, direction = (check_points(np.reshape(row, (1, -1)), "base")[0] for row in base)
+        length = float(np.linalg.norm(direction))
+        if length == 0:
+            raise OptionError("option base: the direction of the plane is zero")
+        return point, direction / length
+    loop = check_points(base, "base")
+    if len(loop) < 3:
+        raise OptionError(f"option base: a loop of {len(loop)} points; expected at least 3, or (point, direction)")
+    middle = loop.mean(axis=0)
+    direction = np.linalg.svd(loop - middle)[2][2]
+    return middle, direction if (middle - centre) @ direction > 0 else -direction
+
+
+def options_for(method: str, given: Mapping[str, object]) -> PaperOptions | TangentOptions:
+    """The options of a method from named choices.
+
+    Raises:
+        OptionError: unknown method, a choice that the method has not, or one out of its range.
+    """
+    choose(method, METHODS, "method")
+    kind = PaperOptions if method == "paper" else TangentOptions
+    known = kind.__dataclass_fields__
+    for name in given:
+        if name not in known:
+            raise OptionError(f"option {name} is not one of method={method!r}; expected {', '.join(known)}")
+    return kind(**given)  # type: ignore[arg-type]

@@ -1,0 +1,187 @@
+"""Signed distances of points to many superquadrics at once, with their derivatives by the parameters.
+
+The distance is the first-order one of P4, d = (F - 1) / |grad F|: exact for planes and for spheres, since F is of
+degree one. Its derivatives are taken at the foot point x - d n instead of at x: there they are those of the Euclidean
+distance itself, to first order in d, without second derivatives of F.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from quadriform.points import Array
+from quadriform.shapes.kinds import KINDS
+from quadriform.shapes.superquadric import EXPONENTS, Superquadric
+
+FLATTEST = 1e-3
+"""Least slope of F, in units of one over the longest semi-axis: keeps the distance finite at the centre."""
+AXES, POWERS, TURN, SHIFT, HOLE = (
+    slice(0, 3),
+    slice(3, 5),
+    slice(5, 8),
+    slice(8, 11),
+    slice(11, 12),
+)
+"""Places of the parameters: log semi-axes, exponents, turn and shift in the object's own frame, log(hole - 1)."""
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """M superquadrics of one kind as arrays.
+
+    Attributes:
+        kind: of all of them.
+        log_axes: (M, 3).
+        exponents: (M, 2).
+        rotations: (M, 3, 3), from the object's frame to that of the points.
+        translations: (M, 3).
+        log_holes: (M, 1) logarithm of the hole radius less one; without meaning for kinds without a hole.
+    """
+
+    kind: str
+    log_axes: Array
+    exponents: Array
+    rotations: Array
+    translations: Array
+    log_holes: Array
+
+    @classmethod
+    def of(cls, superquadrics: list[Superquadric]) -> "Candidates":
+        """Superquadrics of one kind, at least one."""
+        holes = [[np.log((s.hole_radius or 2.0) - 1)] for s in superquadrics]
+        return cls(
+            superquadrics[0].kind,
+            np.log([s.semi_axes for s in superquadrics]),
+            np.array([s.exponents for s in superquadrics]),
+            np.array([s.rotation for s in superquadrics]),
+            np.array([s.translation for s in superquadrics]),
+            np.array(holes),
+        )
+
+    def __len__(self) -> int:
+        return len(self.log_axes)
+
+    @property
+    def arrays(self) -> tuple[Array, ...]:
+        """The five arrays."""
+        return (
+            self.log_axes,
+            self.exponents,
+            self.rotations,
+            self.translations,
+            self.log_holes,
+        )
+
+    @property
+    def n_parameters(self) -> int:
+        """11, or 12 for the toroid."""
+        return 12 if self.kind == "toroid" else 11
+
+    def take(self, index: NDArray[np.int64]) -> "Candidates":
+        """The chosen ones."""
+        return Candidates(self.kind, *(a[index] for a in self.arrays))
+
+    def joined(self, others: "Candidates") -> "Candidates":
+        """These and the others of the same kind."""
+        return Candidates(
+            self.kind,
+            *(np.concatenate(pair) for pair in zip(self.arrays, others.arrays)),
+        )
+
+    def where(self, chosen: Array, others: "Candidates") -> "Candidates":
+        """These where `chosen` (M,) is true, the others elsewhere."""
+        pairs = zip(self.arrays, others.arrays)
+        return Candidates(
+            self.kind,
+            *(np.where(chosen.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs),
+        )
+
+    def moved(self, step: Array, longest: float) -> "Candidates":
+        """After a step (M, n_parameters), kept inside the bounds; no semi-axis above `longest`."""
+        return replace(
+            self,
+            log_axes=np.clip(self.log_axes + step[:, AXES], np.log(longest) - 25, np.log(longest)),
+            exponents=np.clip(self.exponents + step[:, POWERS], *EXPONENTS),
+            rotations=self.rotations @ Rotation.from_rotvec(step[:, TURN]).as_matrix(),
+            translations=self.translations + (self.rotations @ step[:, SHIFT, None])[..., 0],
+            log_holes=np.clip(self.log_holes + step[:, HOLE], -10, 10) if self.kind == "toroid" else self.log_holes,
+        )
+
+    def superquadric(self, index: int) -> Superquadric:
+        """One of them as an object; a hyperboloid's height is left for the caller to set by the data."""
+        axes, hole = (
+            np.exp(self.log_axes[index]),
+            1 + float(np.exp(self.log_holes[index, 0])),
+        )
+        turn = Rotation.from_matrix(self.rotations[index]).as_matrix()  # rounding off many small turns
+        return Superquadric(
+            self.kind,
+            axes,
+            self.exponents[index],
+            turn,
+            self.translations[index],
+            hole_radius=hole if self.kind == "toroid" else None,
+            height=2 * float(axes.max()) if self.kind.startswith("hyperboloid") else None,
+        )
+
+
+@dataclass(frozen=True)
+class _Slopes:
+    """F and its derivatives, coordinates first: (3, M, m), (2, M, m), (M, m)."""
+
+    value: Array
+    scaled: Array
+    by_scaled: Array
+    by_exponents: Array
+    by_hole: Array
+    by_local: Array
+    steepness: Array
+
+
+def distances(candidates: Candidates, points: Array) -> tuple[Array, Array]:
+    """Signed distances (M, m) of points (m, 3) to each candidate and their derivatives (M, n_parameters, m)."""
+    turned = np.swapaxes(candidates.rotations, 1, 2)
+    local = turned @ points.T - turned @ candidates.translations[:, :, None]
+    local = np.ascontiguousarray(np.swapaxes(local, 0, 1))
+    at = _slopes(candidates, local)
+    distance = (at.value - 1) / at.steepness  # P4
+    foot = local - distance * at.by_local / at.steepness
+    return distance, _by_parameters(candidates, foot, _slopes(candidates, foot))
+
+
+def _slopes(candidates: Candidates, local: Array) -> _Slopes:
+    count, each = local.shape[1:]
+    axes = np.exp(candidates.log_axes.T)[:, :, None]
+    scaled = local / axes
+    exponents = np.repeat(candidates.exponents.T, each, axis=1)
+    holes = np.repeat(1 + np.exp(candidates.log_holes[:, 0]), each)
+    found = KINDS[candidates.kind].derivatives(scaled.reshape(3, -1).T, exponents, holes)  # type: ignore[arg-type]
+    by_scaled = found.point.T.reshape(3, count, each)
+    by_local = by_scaled / axes
+    steepness = np.sqrt(by_local[0] ** 2 + by_local[1] ** 2 + by_local[2] ** 2)
+    return _Slopes(
+        found.value.reshape(count, each),
+        scaled,
+        by_scaled,
+        found.exponents.T.reshape(2, count, each),
+        found.hole.reshape(count, each),
+        by_local,
+        np.maximum(steepness, FLATTEST / axes.max(axis=0)),
+    )
+
+
+def _by_parameters(candidates: Candidates, local: Array, at: _Slopes) -> Array:
+    """Derivatives of the distance by the parameters; a turn w moves x by -w x x, a shift s by -s."""
+    result = np.empty((len(candidates), candidates.n_parameters, local.shape[2]))
+    unit = 1 / at.steepness
+    normal = at.by_local * unit
+    result[:, AXES] = np.swapaxes(-at.scaled * at.by_scaled * unit, 0, 1)
+    result[:, POWERS] = np.swapaxes(at.by_exponents * unit, 0, 1)
+    for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
+        result[:, TURN.start + k] = normal[i] * local[j] - normal[j] * local[i]
+    result[:, SHIFT] = np.swapaxes(-normal, 0, 1)
+    if candidates.kind == "toroid":
+        result[:, HOLE.start] = at.by_hole * unit * np.exp(candidates.log_holes)
+    return result

@@ -1,0 +1,281 @@
+"""The search behind the robust superquadric: many starts on few points, the best of them on all.
+
+Coarse to fine: candidates are cooled and compared on a small even sample, the distinct best ones again on a larger
+one, the winner is run to rest on all points. A wider search over parts of the cloud follows only where the winner
+does not convince.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from quadriform.fitting.descent import Descent
+from quadriform.fitting.hypotheses import (
+    FRAMES,
+    dense_parts,
+    ellipsoids,
+    other_kind,
+    principal_axes,
+    sides,
+    thinned,
+)
+from quadriform.fitting.inliers import (
+    LARGEST_SHARE,
+    Mixture,
+    cooled,
+    estimated,
+    everyone,
+)
+from quadriform.fitting.residuals import Candidates
+from quadriform.points import Array
+
+CLOUD, FINE, COARSE, COARSE_WIDE = 1500, 500, 160, 320
+"""Points that density is taken from, that the best are compared on, and that all are tried on, narrowly and widely."""
+OWN_STEPS, COOLING_STEPS, FREE_STEPS, COMPARE_STEPS = 4, 8, 10, 15
+"""Steps on the part that a start came from, while sigma is forced down, with sigma free, and in comparison."""
+GROWTH = 16
+"""From one sample to the next, until all points are in it."""
+KEPT, KEPT_WIDE = 4, 8
+"""Distinct candidates that the larger sample sees, after the narrow and after the wide search."""
+REST = 1e-10
+"""The last descent ends when no parameter moves more than this (lengths in RMS radii)."""
+NEAR = 1e-2
+"""Steps below this need no guard any more."""
+NEARLY = 1e-6
+"""What must do on a crease, where derivatives jump and nothing comes to rest."""
+MOST_STEPS = 40
+PATTERN = 0.5
+"""Share of the distances' variance that neighbours must not have in common."""
+ENOUGH_PAIRS = (4 / (1 - PATTERN)) ** 2
+"""With fewer neighbours pure noise has as much in common one time in 30,000 (four sigma), so nothing is told."""
+PATTERN_COST = 0.1
+"""Log likelihood per point that a pattern in the distances is held against a candidate."""
+NOISE_FREE = 1e-6
+RIVAL = 0.01
+"""Surfaces whose cost, sigma squared, is within this share of the best are rivals."""
+HOTTEST = 0.5
+"""Cooling starts no hotter than this share of a candidate's size."""
+SAME = 0.5
+"""Surfaces nearer to each other than this many sigma at the points are one."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is fitted: centred and scaled distinct points with weights of mean one, and what is held.
+
+    Attributes:
+        points: (n, 3).
+        weights: (n,).
+        kind: of the superquadric.
+        fixed: values of parameters that stay, by name, in the frame of the points.
+    """
+
+    points: Array
+    weights: Array
+    kind: str
+    fixed: dict[str, Array]
+
+    def sample(self, most: int) -> "Problem":
+        """The same on an even sample of the points."""
+        index = thinned(self.points, most)
+        return Problem(self.points[index], self.weights[index], self.kind, self.fixed)
+
+    @property
+    def held(self) -> NDArray[np.bool_]:
+        """(11,) or (12,): which parameters stay."""
+        names = np.repeat(
+            ["semi_axes", "exponents", "rotation", "translation", "hole_radius"],
+            [3, 2, 3, 3, 1],
+        )
+        return np.isin(names[: 12 if self.kind == "toroid" else 11], list(self.fixed))
+
+    def with_fixed(self, candidates: Candidates) -> Candidates:
+        """Candidates with the held values in their places."""
+        names = ("semi_axes", "exponents", "rotation", "translation", "hole_radius")
+        values: dict[str, Array] = dict(zip(names, candidates.arrays))
+        for name, value in self.fixed.items():
+            values[name] = np.broadcast_to(np.log(value) if name == "semi_axes" else value, values[name].shape)
+        return Candidates(self.kind, *values.values())
+
+    def descent(self, candidates: Candidates, mixture: Mixture, longest: float) -> Descent:
+        """A descent of the candidates on these points."""
+        return Descent(candidates, self.points, self.weights, mixture, longest, self.held)
+
+
+@dataclass(frozen=True)
+class Solution:
+    """The winner and what is known of it.
+
+    Attributes:
+        descent: at rest, with one candidate.
+        converged: whether it came to rest.
+        rivals: other surfaces that explain the points equally well.
+    """
+
+    descent: Descent
+    converged: bool
+    rivals: int
+
+
+def em(descent: Descent) -> Mixture:
+    """The mixture re-estimated."""
+    count = int((~descent.held).sum())
+    return estimated(descent.distances, descent.inliers, descent.weights, count)
+
+
+def solve(problem: Problem) -> Solution:
+    """Fit one superquadric to points of which some may be outliers, parts of other things, or missing."""
+    cloud = problem.sample(CLOUD)
+    parts = dense_parts(cloud.points)
+    core = parts[0] > 0
+    longest = bound_of_axes(cloud.points[core])
+    race = Race(cloud, longest)
+    best = race.compared(race.raced(parts, race.frames(parts, FRAMES), COARSE), KEPT, None)
+    convinces = convincing(best)
+    if problem.kind == "ellipsoid" and not convinces[np.argmax(best.scores())]:
+        best = race.widened(np.concatenate([parts, sides(cloud.points, core)]), best)
+        convinces = convincing(best)
+    rivals = _rivals(best, _ranking(best, convinces))
+    return _to_rest(problem, best.picked(rivals), len(rivals) - 1, longest)
+
+
+def bound_of_axes(points: Array) -> float:
+    """Twice the extent of the points (n, 3) along a side of their box, whichever way the box is turned."""
+    axes = np.linalg.svd(points, full_matrices=False)[2]
+    return 2 * float(np.ptp(points @ axes.T, axis=0).max()) / np.sqrt(3)
+
+
+@dataclass(frozen=True)
+class Race:
+    """Candidates against each other on samples of a cloud; no semi-axis above `longest`."""
+
+    cloud: Problem
+    longest: float
+
+    def widened(self, parts: Array, earlier: Descent) -> Descent:
+        """A race from many parts, another from what its winners hold in their own frames, and the comparison."""
+        first = self.raced(parts, self.frames(parts, FRAMES[::3]), COARSE_WIDE)
+        winners, mixture = first.picked(distinct(first, first.scores(), KEPT_WIDE))
+        inliers = self.cloud.descent(winners, mixture, self.longest).inliers
+        second = self.raced(inliers, winners.rotations[:, None] @ FRAMES, COARSE_WIDE)
+        return self.compared(second, KEPT_WIDE, earlier)
+
+    def raced(self, parts: Array, rotations: Array, most: int) -> Descent:
+        """Starts from weighted parts (H, n) of the cloud, cooled and then let go, on `most` points.
+
+        Args:
+            parts: weights of the cloud's points, a row for each part.
+            rotations: (H, k, 3, 3), the frames of the k starts of each part.
+            most: points of the sample.
+        """
+        index = thinned(self.cloud.points, most)
+        few = Problem(
+            self.cloud.points[index],
+            self.cloud.weights[index],
+            self.cloud.kind,
+            self.cloud.fixed,
+        )
+        starts = few.with_fixed(self._starts(parts, rotations))
+        own = np.repeat(
+            np.maximum(parts[:, index], 1e-6) * few.weights,
+            -(-len(starts) // len(parts)),
+            axis=0,
+        )
+        sizes = np.sqrt(np.exp(2 * starts.log_axes).mean(axis=1))  # RMS radius of the part
+        spread = Mixture(np.full(len(starts), LARGEST_SHARE), HOTTEST * sizes)
+        descent = Descent(starts, few.points, own[: len(starts)], spread, self.longest, few.held)
+        descent.run(OWN_STEPS, 0, lambda d: everyone(d.distances, d.weights))
+        hot = Mixture(descent.mixture.share, np.minimum(descent.mixture.sigma, HOTTEST * sizes))
+        descent = few.descent(descent.candidates, hot, self.longest)
+        descent.run(COOLING_STEPS, 0, lambda d: cooled(d.mixture, sizes))
+        descent.run(FREE_STEPS, 1e-4, em)
+        return descent
+
+    def _starts(self, parts: Array, rotations: Array) -> Candidates:
+        if self.cloud.kind != "ellipsoid":
+            return other_kind(self.cloud.points[parts[0] > 0], self.cloud.kind)
+        return ellipsoids(self.cloud.points, parts * self.cloud.weights, rotations)
+
+    def frames(self, parts: Array, turns: Array) -> Array:
+        """Turns (k, 3, 3) of the principal axes of each part, or the held rotation: (H, k, 3, 3)."""
+        held = self.cloud.fixed.get("rotation")
+        if held is not None:
+            return np.broadcast_to(held, (len(parts), 1, 3, 3))
+        return principal_axes(self.cloud.points, parts * self.cloud.weights)[:, None] @ turns
+
+    def compared(self, descent: Descent, kept: int, earlier: Descent | None) -> Descent:
+        """The distinct best candidates, and those of an earlier comparison, on a larger sample."""
+        candidates, mixture = descent.picked(distinct(descent, descent.scores(), kept))
+        if earlier is not None:
+            candidates, mixture = (
+                candidates.joined(earlier.candidates),
+                mixture.joined(earlier.mixture),
+            )
+        descent = self.cloud.sample(FINE).descent(candidates, mixture, self.longest)
+        descent.run(COMPARE_STEPS, 1e-4, em)
+        return descent
+
+
+def distinct(descent: Descent, ranking: Array, most: int) -> NDArray[np.int64]:
+    """The best candidates, at most `most`, no two of them the same surface at the points."""
+    chosen: list[int] = []
+    for index in np.argsort(-ranking, kind="stable"):
+        sigma = SAME * descent.mixture.sigma[index]
+        weight = descent.inliers[index]
+        gaps = descent.distances[chosen] - descent.distances[index]
+        if not ((gaps**2 @ weight) < sigma**2 * weight.sum()).any():
+            chosen.append(int(index))
+        if len(chosen) == most:
+            break
+    return np.array(chosen)
+
+
+def convincing(descent: Descent) -> NDArray[np.bool_]:
+    """Which candidates (M,) hold half of the points and leave distances without much of a pattern.
+
+    Distances of neighbours are compared by von Neumann's ratio: one for noise, less where the surface is not that of
+    the points. Edges seen through strong noise alone give about 0.6.
+    """
+    neighbour = cKDTree(descent.points).query(descent.points, 2)[1][:, 1]
+    pair = descent.inliers * descent.inliers[:, neighbour] * descent.weights
+    here, there = descent.distances, descent.distances[:, neighbour]
+    apart, both = (
+        (pair * (here - there) ** 2).sum(axis=1),
+        (pair * (here**2 + there**2)).sum(axis=1),
+    )
+    white = (pair.sum(axis=1) > ENOUGH_PAIRS) & (apart > PATTERN * both)
+    return (descent.mixture.share >= 0.5) & (white | (descent.mixture.sigma < NOISE_FREE))
+
+
+def _ranking(descent: Descent, convinces: NDArray[np.bool_]) -> Array:
+    """Scores (M,), with an advantage for candidates that convince: the likelihood does not see patterns."""
+    return descent.scores() + PATTERN_COST * descent.weights.sum() * convinces
+
+
+def _rivals(descent: Descent, ranking: Array) -> NDArray[np.int64]:
+    """The best candidate and those within `RIVAL` of its cost."""
+    index = distinct(descent, ranking, KEPT_WIDE)
+    margin = RIVAL / 2 * descent.inliers[index[0]].sum()
+    return index[ranking[index] >= ranking[index[0]] - margin]
+
+
+def _to_rest(problem: Problem, start: tuple[Candidates, Mixture], rivals: int, longest: float) -> Solution:
+    """Larger and larger samples, then all points; rivals race up to the last."""
+    candidates, mixture = start
+    size = FINE * GROWTH
+    while size * 2 < len(problem.points):
+        descent = problem.sample(size).descent(candidates, mixture, longest)
+        descent.run(15, 1e-6, em)
+        candidates, mixture = _winner(descent)
+        size *= GROWTH
+    descent = problem.descent(candidates, mixture, longest)
+    descent.run(MOST_STEPS, NEAR, em)
+    descent = descent if len(candidates) == 1 else problem.descent(*_winner(descent), longest)
+    converged = descent.settle(MOST_STEPS, REST, em) or descent.run(MOST_STEPS, NEARLY, em)
+    return Solution(descent, converged, rivals)
+
+
+def _winner(descent: Descent) -> tuple[Candidates, Mixture]:
+    return descent.picked(np.array([int(np.argmax(descent.scores()))]))

@@ -1,0 +1,98 @@
+"""One surface with its data, while the refinement goes on."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadriform.fitting.inliers import Mixture
+from quadriform.fitting.neighbourhood import Neighbourhood, crowded, has_edge, is_surface, oriented
+from quadriform.points import Array
+from quadriform.shapes.superquadric import Superquadric
+
+MISFIT = 5e-3
+"""Of the cloud's RMS radius: a distance of this size is the model's own misfit, so no smaller sigma tells strangers."""
+SHARE_ROUNDS = 20
+
+
+@dataclass
+class Sheet:
+    """A superquadric and its points; lengths in the centred, scaled frame.
+
+    Attributes:
+        superquadric: before deformation.
+        points: (n, 3).
+        weights: (n,), how often each point counts.
+        beyond: half-space (point, direction) where the data ends on purpose, or None.
+        around: what the neighbours of each point tell.
+        origins: (n, 3), foot points on the superquadric.
+        inliers: (n,), probabilities.
+    """
+
+    superquadric: Superquadric
+    points: Array
+    weights: Array
+    beyond: tuple[Array, Array] | None = None
+    around: Neighbourhood = field(init=False)
+    origins: Array = field(init=False)
+    inliers: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.around = Neighbourhood.of(self.points)
+        self.inliers = np.ones(len(self.points))
+
+    def thinned(self, count: int, robust: bool) -> "Sheet":
+        """About `count` points, spread over their distances to the centre: whatever their order and pose.
+
+        With `robust` those without near neighbours are left out: sums over few points have no other defence.
+        """
+        reach = np.linalg.norm(self.points - self.points.mean(axis=0), axis=1)
+        order = np.argsort(reach, kind="stable")
+        if robust:
+            order = order[crowded(self.points)[order]]
+        chosen = order[np.linspace(0, len(order) - 1, min(count, len(order))).astype(int)]
+        return Sheet(self.superquadric, self.points[chosen], self.weights[chosen], self.beyond)
+
+    def with_superquadric(self, superquadric: Superquadric) -> "Sheet":
+        """The same data around another start."""
+        return Sheet(superquadric, self.points, self.weights, self.beyond)
+
+    def facing(self) -> "FacingCloud":
+        """The points with outward normals."""
+        return FacingCloud(self.points, oriented(self.points, self.around.normals), self.around.flatness)
+
+    def is_covered(self) -> bool:
+        """Whether the data samples the whole surface, or all of it on this side of the base."""
+        if not is_surface(self.around):
+            return False
+        return self.beyond is not None or not has_edge(self.points, self.around)
+
+    def missing(self, points: Array) -> NDArray[np.bool_]:
+        """Which of (m, 3) points lie beyond the base, where no data is expected."""
+        if self.beyond is None:
+            return np.zeros(len(points), dtype=np.bool_)
+        at, direction = self.beyond
+        return (points - at) @ direction > 0
+
+    def weigh(self, distances: Array, noise: float) -> None:
+        """Find which points are inliers by their distances to the surface, and their share on the way."""
+        sigma, share = np.array([max(noise, MISFIT)]), 0.9
+        for _ in range(SHARE_ROUNDS):
+            mixture = Mixture(np.array([share]), sigma)
+            self.inliers = mixture.densities(distances[None])[0][0]
+            share = float(np.clip(np.average(self.inliers, weights=self.weights), 0.02, 1 - 1e-6))
+
+
+@dataclass(frozen=True)
+class FacingCloud:
+    """Points with the way they face.
+
+    Attributes:
+        points: (n, 3), centred and scaled.
+        normals: (n, 3) unit, outward.
+        flatness: (n,) in [0, 1], how much the normal is to be trusted.
+    """
+
+    points: Array
+    normals: Array
+    flatness: Array

@@ -1,0 +1,132 @@
+"""Where a search for the nearest surface point has to begin: a net over the surface that knows how coarse it is."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from quadriform.points import Array
+from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.superquadric import Superquadric
+
+RESOLUTION = 32
+FEW = 20
+"""Vertices that are looked at first; targets for which more of them may qualify are compared with all."""
+MOST = 24
+"""Starts of one target; only near the centre of a sphere are there more, all as good as each other."""
+SAFETY = 1.5
+"""The sampled curvature of a cell times this is taken for its largest."""
+SAME_FACE = 0.9
+"""Cosine between the normals of neighbours that count as parts of one face."""
+BLOCK = 256
+
+Index = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Net:
+    """Vertices of a deformed surface and what they stand for.
+
+    Attributes:
+        origins: (n, 3), before deformation.
+        points: (n, 3), after.
+        around: (n, k), the vertices of the adjoining cells that face nearly the same way, padded with the vertex
+            itself: across an edge there may be a second minimum.
+        cell: (n,), the farthest that a surface point of its own cell can be.
+        curvature: (n,), how strongly the surface bends within it, 1 / radius.
+    """
+
+    origins: Array
+    points: Array
+    around: Index
+    cell: Array
+    curvature: Array
+
+    @classmethod
+    def of(cls, superquadric: Superquadric, box: ControlBox) -> "Net":
+        """The net of a surface carried by a box."""
+        origins, quads = superquadric.grid(RESOLUTION)
+        points = box.deform(origins)
+        around = _neighbours(quads, len(points))
+        chords = points[around] - points[:, None]
+        lengths = np.linalg.norm(chords, axis=2)
+        normals = _vertex_normals(points, quads)
+        alike = np.einsum("nki,ni->nk", normals[around], normals) > SAME_FACE
+        sag = np.abs(np.einsum("nki,ni->nk", chords, normals))
+        bend = 2 * sag / np.maximum(lengths**2, 1e-300)
+        around = np.where(alike, around, np.arange(len(points))[:, None])
+        return cls(origins, points, around, 1.1 * lengths.max(axis=1) / 2, SAFETY * bend.max(axis=1))
+
+    @property
+    def _slack(self) -> Array:
+        """How much farther a vertex may be, (n,).
+
+        Where its cell holds the nearest point, at distance d, its squared distance is at most
+        d^2 + cell^2 + d slack; to second order with the curvature, to first order at most.
+        """
+        return np.minimum(self.cell**2 * self.curvature, 2 * self.cell)
+
+    def starts(self, targets: Array) -> tuple[Index, Index]:
+        """Pairs (target, vertex) to search from, sorted; the nearest vertex of each target is among them."""
+        n, slack = len(self.points), self._slack
+        distance, vertex = cKDTree(self.points).query(targets, k=FEW)
+        nearest = distance[:, :1]
+        room = distance**2 - nearest**2
+        owner, column = np.nonzero(room <= self.cell[vertex] ** 2 + nearest * slack[vertex])
+        crowded = np.flatnonzero(room[:, -1] <= self.cell.max() ** 2 + nearest[:, 0] * slack.max())
+        codes = [owner * n + vertex[owner, column], *self._among_all(crowded, targets, nearest[:, 0])]
+        return self._local_minima(targets, *np.divmod(np.unique(np.concatenate(codes)), n))
+
+    def _among_all(self, crowded: Index, targets: Array, nearest: Array) -> list[Index]:
+        """For crowded targets all vertices that qualify, as target * n + vertex."""
+        centre, n = self.points.mean(axis=0), len(self.points)
+        points = self.points - centre
+        columns = np.column_stack([-2 * points, -self._slack]).T
+        fixed = (points**2).sum(axis=1) - self.cell**2
+        codes = []
+        for start in range(0, len(crowded), BLOCK):
+            part = crowded[start : start + BLOCK]
+            x, d = targets[part] - centre, nearest[part]
+            excess = np.column_stack([x, d]) @ columns
+            excess += fixed
+            row, vertex = np.nonzero(excess <= (d**2 - (x**2).sum(axis=1) * (1 - 1e-14))[:, None])
+            codes.append(part[row] * n + vertex)
+        return codes
+
+    def _local_minima(self, targets: Array, owner: Index, vertex: Index) -> tuple[Index, Index]:
+        """Pairs whose vertex is as near as all its neighbours."""
+        several = np.bincount(owner, minlength=len(targets))[owner] > 1
+        o, v = owner[several], vertex[several]
+        own = np.linalg.norm(targets[o] - self.points[v], axis=1)
+        lowest = np.ones(len(o), dtype=bool)
+        for k in range(self.around.shape[1]):
+            left = np.flatnonzero(lowest)
+            ring = np.linalg.norm(targets[o[left]] - self.points[self.around[v[left], k]], axis=1)
+            lowest[left] = own[left] <= ring * (1 + 1e-12)
+        kept = ~several
+        kept[several] = lowest
+        owner, vertex = owner[kept], vertex[kept]
+        _, first, count = np.unique(owner, return_index=True, return_counts=True)
+        rank = np.arange(len(owner)) - np.repeat(first, count)
+        thinned = rank % np.repeat(-(-count // MOST), count) == 0
+        return owner[thinned], vertex[thinned]
+
+
+def _neighbours(quads: Index, n: int) -> Index:
+    """For each of n vertices the other vertices of its cells, (n, k), padded with itself."""
+    pairs = np.concatenate([quads[:, [i, j]] for i in range(4) for j in range(4) if i != j])
+    one, other = np.divmod(np.unique(pairs[:, 0] * n + pairs[:, 1]), n)
+    first = np.searchsorted(one, np.arange(n))
+    column = np.arange(len(one)) - first[one]
+    table = np.tile(np.arange(n)[:, None], (1, int(column.max()) + 1))
+    table[one, column] = other
+    return table
+
+
+def _vertex_normals(points: Array, quads: Index) -> Array:
+    """Unit normals (n, 3), the mean of the adjoining cells' area vectors."""
+    corners = points[quads]
+    area = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    total = np.stack([np.bincount(quads.ravel(), np.repeat(area[:, k], 4), len(points)) for k in range(3)], axis=1)
+    return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-300)

@@ -1,0 +1,168 @@
+"""Closest points: against closed forms, against brute force, and the side they lie on."""
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+from shapes_made import SKEW, made, turned
+
+from quadriform.shapes.closest import closest_on, settle
+from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.superquadric import Superquadric
+
+SIZE = np.linalg.norm([6.0, 4.0, 8.0])
+
+
+def undeformed(**numbers):
+    surface = Superquadric(semi_axes=(3.0, 2.0, 4.0), **numbers)
+    return surface, ControlBox.around(surface)
+
+
+def deformed(exponents, size=0.3, seed=1):
+    surface, box = undeformed(exponents=exponents)
+    moves = np.random.default_rng(seed).normal(0, size, box.control_points.shape)
+    return surface, box.with_control_points(box.control_points + moves)
+
+
+def around(rng, n=600):
+    """Targets inside, near and far."""
+    return np.concatenate([rng.uniform(-5, 5, (n, 3)), rng.normal(size=(n // 2, 3)) * 40])
+
+
+def to_ellipsoid(targets, axes):
+    """Distance by the root of the Lagrange equation, sum (a x / (a^2 + t))^2 = 1 with t > -min a^2."""
+    low = np.full(len(targets), -(axes.min() ** 2))
+    high = np.linalg.norm(targets, axis=1) * axes.max() + 1
+    for _ in range(200):
+        t = (low + high) / 2
+        outside = ((axes * targets / (axes**2 + t[:, None])) ** 2).sum(axis=1) > 1
+        low, high = np.where(outside, t, low), np.where(outside, high, t)
+    feet = axes**2 * targets / (axes**2 + high[:, None])
+    return feet, np.linalg.norm(targets - feet, axis=1) * np.sign(high)
+
+
+def brute(surface, box, targets):
+    """Distance to the nearest of 240,000 vertices, polished from the four nearest."""
+    vertices = surface.grid(200)[0]
+    nearest = cKDTree(box.deform(vertices)).query(targets, k=4)[1]
+    polished = [settle(surface, box, targets, vertices[column]).signed for column in nearest.T]
+    return np.abs(polished).min(axis=0)
+
+
+def test_sphere(rng):
+    surface = Superquadric(semi_axes=(2.0, 2.0, 2.0), translation=(1, 2, 3), rotation=SKEW)
+    targets = around(rng)
+    offset = targets - [1, 2, 3]
+    radius = np.linalg.norm(offset, axis=1)
+    foot = closest_on(surface, ControlBox.around(surface), targets)
+    np.testing.assert_allclose(foot.signed, radius - 2, atol=1e-12)
+    np.testing.assert_allclose(foot.points, [1, 2, 3] + 2 * offset / radius[:, None], atol=1e-9)
+    np.testing.assert_allclose(foot.normals, offset / radius[:, None], atol=1e-9)
+
+
+def test_ellipsoid_by_its_lagrange_equation(rng):
+    surface, box = undeformed()
+    targets = around(rng, 3000)
+    feet, signed = to_ellipsoid(targets, surface.semi_axes)
+    found = closest_on(surface, box, targets)
+    np.testing.assert_allclose(found.signed, signed, atol=1e-9 * SIZE)
+    well = np.abs(targets).min(axis=1) > 0.1  # on the planes of symmetry two feet are as near
+    np.testing.assert_allclose(found.points[well], feet[well], atol=1e-6)
+
+
+def test_medial_axis_of_an_ellipsoid():
+    surface, box = undeformed()
+    x = np.linspace(-1.5, 1.5, 31)
+    targets = np.column_stack([x, np.zeros(31), 0.3 * x])  # on the medial axis: two feet, mirrored in y
+    targets = np.concatenate([targets, [[0, 0, 0], [1e-9, -1e-9, 0], [3 - 4 / 3, 0, 0], [0, 0, 3.0]]])
+    found = closest_on(surface, box, targets).signed
+    best = brute(surface, box, targets)
+    np.testing.assert_allclose(-found, best, atol=1e-9)
+    assert found[31] == pytest.approx(-2, abs=1e-12)
+
+
+@pytest.mark.parametrize("exponents", [(1, 1), (0.6, 1.2), (0.3, 0.3), (0.1, 0.1), (0.1, 1.0), (1.4, 0.5)])
+@pytest.mark.parametrize("size", [0.0, 0.3])
+def test_no_vertex_of_a_dense_mesh_leads_closer(exponents, size, rng):
+    surface, box = deformed(exponents, size)
+    targets = around(rng)
+    found = closest_on(surface, box, targets)
+    assert (np.abs(found.signed) - brute(surface, box, targets)).max() < 1e-9 * SIZE
+    np.testing.assert_allclose(surface.implicit(found.origins), 1, rtol=1e-9)
+    np.testing.assert_allclose(box.deform(found.origins), found.points, atol=1e-12)
+
+
+@pytest.mark.parametrize("exponents", [(1, 1), (0.6, 1.2), (0.1, 0.1), (0.01, 0.01), (1.9, 1.9)])
+def test_sign_is_that_of_the_implicit_function(exponents, rng):
+    surface, box = undeformed(exponents=exponents)
+    near = surface.project(rng.normal(size=(2000, 3))) * rng.choice([0.97, 0.9999, 1.0001, 1.03], (2000, 1))
+    targets = np.concatenate([around(rng), near])
+    np.testing.assert_array_equal(closest_on(surface, box, targets).signed < 0, surface.implicit(targets) < 1)
+
+
+def test_cube_with_sharp_edges_is_a_box_from_far(rng):
+    surface, box = undeformed(exponents=(0.01, 0.01))
+    targets = rng.normal(size=(2000, 3)) * 30
+    targets = targets[np.abs(targets).max(axis=1) > 5]
+    exact = np.linalg.norm(np.maximum(np.abs(targets) - [3, 2, 4], 0), axis=1)
+    np.testing.assert_allclose(closest_on(surface, box, targets).signed, exact, atol=0.07)
+    assert (closest_on(surface, box, targets).signed >= exact - 1e-12).all()
+
+
+def test_inside_a_sharp_edge_the_nearer_face_is_found(rng):
+    surface, box = undeformed(exponents=(0.05, 0.05))
+    edge = rng.choice([-1.0, 1.0], (6000, 3)) * [3, 2, 4]
+    along = rng.integers(0, 3, 6000)
+    depth = rng.uniform(0.02, 0.4, (6000, 3))
+    depth[np.arange(6000), along] = rng.uniform(0.5, 2, 6000) * np.take([3, 2, 4], along)
+    targets = edge - np.sign(edge) * depth
+    targets = targets[surface.implicit(targets) < 0.999]
+    faces = ([3, 2, 4] - np.abs(targets)).min(axis=1)
+    found = -closest_on(surface, box, targets).signed
+    assert (found <= faces + 1e-9).all()  # the surface lies within the box that it touches
+    assert (found - brute(surface, box, targets)).max() < 1e-9 * SIZE
+
+
+@pytest.mark.parametrize("distance", [1e3, 1e6])
+def test_very_far_targets_see_the_supporting_point(distance, rng):
+    surface, box = deformed((0.6, 1.0))
+    directions = rng.normal(size=(50, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    found = closest_on(surface, box, distance * directions)
+    support = (found.points * directions).sum(axis=1)
+    best = (box.deform(surface.grid(200)[0]) @ directions.T).max(axis=0)
+    assert (support - best).min() > -60 / distance
+    assert (found.signed > 0).all()
+
+
+def test_a_turn_of_everything_turns_the_answer(rng):
+    surface, box = deformed((0.5, 0.9))
+    targets, turn = around(rng), turned(4)
+    other = Superquadric(semi_axes=surface.semi_axes, exponents=surface.exponents, rotation=turn)
+    turned_box = ControlBox(turn @ box.origin, box.edges @ turn.T, box.control_points @ turn.T)
+    here, there = closest_on(surface, box, targets).signed, closest_on(other, turned_box, targets @ turn.T).signed
+    np.testing.assert_allclose(there, here, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["toroid", "hyperboloid1", "hyperboloid2"])
+def test_other_kinds_find_their_own_normal_offsets(kind, rng):
+    surface = made(kind, (0.8, 1.0))
+    box = ControlBox.around(surface)
+    vertices = surface.grid(12)[0]
+    inner = vertices[:: 7 if kind == "toroid" else 11]
+    normals = surface.gradient(inner)
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    found = closest_on(surface, box, inner + 0.05 * normals)
+    np.testing.assert_allclose(found.signed, 0.05, atol=1e-9)
+    np.testing.assert_allclose(found.points, inner, atol=1e-7)
+
+
+def test_settle_never_leads_away_and_few_slides_come_near(rng):
+    surface, box = deformed((0.7, 1.1))
+    origins = surface.project(rng.normal(size=(2000, 3)))
+    targets = box.deform(origins) + rng.normal(0, 0.05, origins.shape)
+    before = np.linalg.norm(targets - box.deform(origins), axis=1)
+    two = np.abs(settle(surface, box, targets, origins, 2).signed)
+    rest = np.abs(settle(surface, box, targets, origins).signed)
+    assert (two <= before + 1e-12).all()
+    assert np.quantile(two - rest, 0.99) < 1e-6
+    np.testing.assert_array_equal(settle(surface, box, targets, origins, 0).origins, origins)
