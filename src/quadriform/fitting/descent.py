@@ -30,6 +30,7 @@ class Descent:
         mixture: where it starts.
         longest: no semi-axis grows above it.
         held: (n_parameters,) true for parameters that stay.
+        odds: (m,) log odds of the points to be inliers, besides their distances.
     """
 
     def __init__(
@@ -40,17 +41,13 @@ class Descent:
         mixture: Mixture,
         longest: float,
         held: Mask,
+        odds: Array,
     ) -> None:
-        self.candidates, self.points, self.weights, self.mixture = (
-            candidates,
-            points,
-            weights,
-            mixture,
-        )
-        self.longest, self.held = longest, held
+        self.candidates, self.points, self.weights, self.mixture = candidates, points, weights, mixture
+        self.longest, self.held, self.odds = longest, held, odds
         self.damping = np.full(len(candidates), 1e-2)
         self.distances, self.derivatives = distances(candidates, points)
-        self.inliers, self.log_density = mixture.densities(self.distances)
+        self.inliers, self.log_density = mixture.densities(self.distances, self.odds)
         self.history: list[float] = []  # the least sigma after each step
 
     def picked(self, index: NDArray[np.int64]) -> tuple[Candidates, Mixture]:
@@ -108,7 +105,7 @@ class Descent:
     def _set_mixture(self, mixture: Mixture) -> None:
         self.history.append(float(mixture.sigma.min()))
         self.mixture = mixture
-        self.inliers, self.log_density = mixture.densities(self.distances)
+        self.inliers, self.log_density = mixture.densities(self.distances, self.odds)
 
     def _step(self) -> Array:
         """The damped Gauss-Newton step (M, n_parameters) of the weighted squares and the prior."""
@@ -130,10 +127,7 @@ class Descent:
     def _blocked(self, slope: Array) -> Mask:
         """Parameters (M, n_parameters) that are held, or at a bound and drawn beyond it."""
         blocked = np.broadcast_to(self.held, slope.shape).copy()
-        low, high = (
-            (self.candidates.exponents <= EXPONENTS[0]),
-            (self.candidates.exponents >= EXPONENTS[1]),
-        )
+        low, high = ((self.candidates.exponents <= EXPONENTS[0]), (self.candidates.exponents >= EXPONENTS[1]))
         blocked[:, POWERS] |= (low & (slope[:, POWERS] > 0)) | (high & (slope[:, POWERS] < 0))
         blocked[:, :3] |= (self.candidates.log_axes >= np.log(self.longest)) & (slope[:, :3] < 0)
         return blocked
@@ -147,7 +141,7 @@ class Descent:
         """Take the step where it does not lose; which (M,) did."""
         moved = self.candidates.moved(step, self.longest)
         found, derivatives = distances(moved, self.points)
-        inliers, log_density = self.mixture.densities(found)
+        inliers, log_density = self.mixture.densities(found, self.odds)
         before = (self.weights * self.log_density).sum(axis=1) + _log_prior(self.candidates)
         after = (self.weights * log_density).sum(axis=1) + _log_prior(moved)
         accepted = after >= before

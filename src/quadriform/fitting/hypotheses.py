@@ -41,11 +41,15 @@ def thinned(points: Array, most: int) -> NDArray[np.int64]:
     return order[np.linspace(0, len(points) - 1, most).round().astype(np.int64)]
 
 
+def reach(points: Array, cloud: Array) -> Array:
+    """Distance (n,) of each point to the last of its near neighbours in a cloud, maybe a sample of the points."""
+    return cKDTree(cloud).query(points, min(NEIGHBOURS, len(cloud) - 1) + 1)[0][:, -1]
+
+
 def dense_parts(points: Array) -> Array:
     """Weights (2, n), 0 or 1, of two parts of a cloud: without lone points, and the densest points only."""
-    count = min(NEIGHBOURS, len(points) - 1)
-    reach = cKDTree(points).query(points, count + 1)[0][:, -1]
-    return np.array([reach <= SPARSE * np.median(reach), reach <= np.quantile(reach, DENSE_SHARE)], dtype=np.float64)
+    far = reach(points, points)
+    return np.array([far <= SPARSE * np.median(far), far <= np.quantile(far, DENSE_SHARE)], dtype=np.float64)
 
 
 def sides(points: Array, core: NDArray[np.bool_]) -> Array:
@@ -106,12 +110,4 @@ def other_kind(points: Array, kind: str) -> Candidates:
 def _eighth_turned(s: Superquadric) -> Superquadric:
     size = np.sqrt((s.semi_axes[:2] ** 2).mean())
     axes = np.array([size, size, s.semi_axes[2]])
-    return Superquadric(
-        s.kind,
-        axes,
-        s.exponents,
-        s.rotation @ EIGHTH,
-        s.translation,
-        s.hole_radius,
-        s.height,
-    )
+    return Superquadric(s.kind, axes, s.exponents, s.rotation @ EIGHTH, s.translation, s.hole_radius, s.height)

@@ -12,6 +12,8 @@ DEPTH = 2.0
 LEAST_SIGMA = 1e-9
 """Noise-free data would drive sigma to zero; this is rounding's place."""
 LEAST_SHARE, LARGEST_SHARE = 0.02, 0.999
+FEWEST = 10
+"""Means are taken of no fewer."""
 COOLING, COLDEST = 0.75, 0.02
 """A cooling step takes sigma down to this share of itself, and no further than this share of the candidate's size."""
 
@@ -46,10 +48,15 @@ class Mixture:
         share = np.clip(1 / (1 + np.exp(-coordinates[:1])), LEAST_SHARE, LARGEST_SHARE)
         return cls(share, np.maximum(np.exp(coordinates[1:]), LEAST_SIGMA))
 
-    def densities(self, distances: Array) -> tuple[Array, Array]:
-        """Probability to be an inlier and log density of distances (M, m), both (M, m)."""
+    def densities(self, distances: Array, odds: Array | float = 0.0) -> tuple[Array, Array]:
+        """Probability to be an inlier and log density of distances (M, m), both (M, m).
+
+        Args:
+            distances: (M, m).
+            odds: (m,) log odds to be an inlier that something else than the distance gives.
+        """
         sigma = self.sigma[:, None]
-        inlier = np.log(self.share / (np.sqrt(2 * np.pi) * self.sigma))[:, None] - (distances / sigma) ** 2 / 2
+        inlier = np.log(self.share / (np.sqrt(2 * np.pi) * self.sigma))[:, None] - (distances / sigma) ** 2 / 2 + odds
         outlier = np.log((1 - self.share) / DEPTH)[:, None]
         gap = inlier - outlier
         both = np.log1p(np.exp(-np.abs(gap)))
@@ -60,10 +67,7 @@ class Mixture:
 def estimated(distances: Array, inliers: Array, weights: Array, n_parameters: int) -> Mixture:
     """Share and sigma by one EM step; sigma with the degrees of freedom that the parameters leave."""
     weighted = weights * inliers
-    count, total = (
-        weighted.sum(axis=1),
-        np.broadcast_to(weights, inliers.shape).sum(axis=1),
-    )
+    count, total = (weighted.sum(axis=1), np.broadcast_to(weights, inliers.shape).sum(axis=1))
     freedom = np.maximum(count - n_parameters, 0.2 * count)  # a few points met exactly must not look noise-free
     sigma = np.sqrt((weighted * distances**2).sum(axis=1) / np.maximum(freedom, 1e-300))
     share = np.clip((count + 1) / (total + 1.5), LEAST_SHARE, LARGEST_SHARE)
@@ -85,3 +89,24 @@ def cooled(mixture: Mixture, sizes: Array) -> Mixture:
         sizes: (M,) of the candidates at the start.
     """
     return Mixture(np.full(len(sizes), 0.6), np.maximum(mixture.sigma * COOLING, COLDEST * sizes))
+
+
+def crowding_odds(reach: Array, inliers: Array) -> Array:
+    """Log odds (n,) of each point to be an inlier by how near its neighbours are: strays are lonely.
+
+    Without them a surface gains by bending, where nothing was measured, to the strays that happen to lie there. They
+    speak against points only: a stray beside the surface has neighbours too. The log distance is taken as normal around
+    one mean for inliers and another for outliers, with one variance; where inliers are not the more crowded ones, or
+    either kind has too few to tell, nothing is said.
+
+    Args:
+        reach: (n,) distance of each point to its last near neighbour.
+        inliers: (n,) probabilities.
+    """
+    outliers = 1 - inliers
+    if outliers.sum() < FEWEST or inliers.sum() < FEWEST:
+        return np.zeros(len(reach))
+    crowd = np.log(np.maximum(reach, 1e-300))
+    near, far = (crowd @ inliers) / inliers.sum(), (crowd @ outliers) / outliers.sum()
+    variance = (inliers @ (crowd - near) ** 2 + outliers @ (crowd - far) ** 2) / len(crowd)
+    return np.minimum(max(far - near, 0.0) / variance * ((near + far) / 2 - crowd), 0)

@@ -5,7 +5,7 @@ one, the winner is run to rest on all points. A wider search over parts of the c
 does not convince.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,22 +18,17 @@ from quadriform.fitting.hypotheses import (
     ellipsoids,
     other_kind,
     principal_axes,
+    reach,
     sides,
     thinned,
 )
-from quadriform.fitting.inliers import (
-    LARGEST_SHARE,
-    Mixture,
-    cooled,
-    estimated,
-    everyone,
-)
+from quadriform.fitting.inliers import LARGEST_SHARE, Mixture, cooled, crowding_odds, estimated, everyone
 from quadriform.fitting.residuals import Candidates
 from quadriform.points import Array
 
 CLOUD, FINE, COARSE, COARSE_WIDE = 1500, 500, 160, 320
 """Points that density is taken from, that the best are compared on, and that all are tried on, narrowly and widely."""
-OWN_STEPS, COOLING_STEPS, FREE_STEPS, COMPARE_STEPS = 4, 8, 10, 15
+OWN_STEPS, COOLING_STEPS, FREE_STEPS, COMPARE_STEPS = 4, 8, 6, 8
 """Steps on the part that a start came from, while sigma is forced down, with sigma free, and in comparison."""
 GROWTH = 16
 """From one sample to the next, until all points are in it."""
@@ -70,25 +65,24 @@ class Problem:
         weights: (n,).
         kind: of the superquadric.
         fixed: values of parameters that stay, by name, in the frame of the points.
+        odds: (n,) log odds to be an inlier, besides the distance to the surface.
     """
 
     points: Array
     weights: Array
     kind: str
     fixed: dict[str, Array]
+    odds: Array
 
     def sample(self, most: int) -> "Problem":
         """The same on an even sample of the points."""
         index = thinned(self.points, most)
-        return Problem(self.points[index], self.weights[index], self.kind, self.fixed)
+        return replace(self, points=self.points[index], weights=self.weights[index], odds=self.odds[index])
 
     @property
     def held(self) -> NDArray[np.bool_]:
         """(11,) or (12,): which parameters stay."""
-        names = np.repeat(
-            ["semi_axes", "exponents", "rotation", "translation", "hole_radius"],
-            [3, 2, 3, 3, 1],
-        )
+        names = np.repeat(["semi_axes", "exponents", "rotation", "translation", "hole_radius"], [3, 2, 3, 3, 1])
         return np.isin(names[: 12 if self.kind == "toroid" else 11], list(self.fixed))
 
     def with_fixed(self, candidates: Candidates) -> Candidates:
@@ -101,7 +95,7 @@ class Problem:
 
     def descent(self, candidates: Candidates, mixture: Mixture, longest: float) -> Descent:
         """A descent of the candidates on these points."""
-        return Descent(candidates, self.points, self.weights, mixture, longest, self.held)
+        return Descent(candidates, self.points, self.weights, mixture, longest, self.held, self.odds)
 
 
 @dataclass(frozen=True)
@@ -137,8 +131,22 @@ def solve(problem: Problem) -> Solution:
     if problem.kind == "ellipsoid" and not convinces[np.argmax(best.scores())]:
         best = race.widened(np.concatenate([parts, sides(cloud.points, core)]), best)
         convinces = convincing(best)
+    problem = _crowded(problem, best, convinces, longest)
+    if problem.odds.any():
+        contest = problem.sample(CLOUD).descent(*best.picked(distinct(best, _ranking(best, convinces), KEPT)), longest)
+        contest.run(COMPARE_STEPS, NEAR, em)
+        best, convinces = contest, convincing(contest)
     rivals = _rivals(best, _ranking(best, convinces))
     return _to_rest(problem, best.picked(rivals), len(rivals) - 1, longest)
+
+
+def _crowded(problem: Problem, best: Descent, convinces: NDArray[np.bool_], longest: float) -> Problem:
+    """The problem with the odds that crowding gives, when the best candidate leaves outliers."""
+    index = np.array([int(np.argmax(_ranking(best, convinces)))])
+    if best.mixture.share[index[0]] >= LARGEST_SHARE:
+        return problem
+    inliers = problem.descent(*best.picked(index), longest).inliers[0]
+    return replace(problem, odds=crowding_odds(reach(problem.points, problem.sample(CLOUD).points), inliers))
 
 
 def bound_of_axes(points: Array) -> float:
@@ -171,21 +179,12 @@ class Race:
             most: points of the sample.
         """
         index = thinned(self.cloud.points, most)
-        few = Problem(
-            self.cloud.points[index],
-            self.cloud.weights[index],
-            self.cloud.kind,
-            self.cloud.fixed,
-        )
+        few = self.cloud.sample(most)
         starts = few.with_fixed(self._starts(parts, rotations))
-        own = np.repeat(
-            np.maximum(parts[:, index], 1e-6) * few.weights,
-            -(-len(starts) // len(parts)),
-            axis=0,
-        )
+        own = np.repeat(np.maximum(parts[:, index], 1e-6) * few.weights, -(-len(starts) // len(parts)), axis=0)
         sizes = np.sqrt(np.exp(2 * starts.log_axes).mean(axis=1))  # RMS radius of the part
         spread = Mixture(np.full(len(starts), LARGEST_SHARE), HOTTEST * sizes)
-        descent = Descent(starts, few.points, own[: len(starts)], spread, self.longest, few.held)
+        descent = Descent(starts, few.points, own[: len(starts)], spread, self.longest, few.held, few.odds)
         descent.run(OWN_STEPS, 0, lambda d: everyone(d.distances, d.weights))
         hot = Mixture(descent.mixture.share, np.minimum(descent.mixture.sigma, HOTTEST * sizes))
         descent = few.descent(descent.candidates, hot, self.longest)
@@ -209,10 +208,7 @@ class Race:
         """The distinct best candidates, and those of an earlier comparison, on a larger sample."""
         candidates, mixture = descent.picked(distinct(descent, descent.scores(), kept))
         if earlier is not None:
-            candidates, mixture = (
-                candidates.joined(earlier.candidates),
-                mixture.joined(earlier.mixture),
-            )
+            candidates, mixture = (candidates.joined(earlier.candidates), mixture.joined(earlier.mixture))
         descent = self.cloud.sample(FINE).descent(candidates, mixture, self.longest)
         descent.run(COMPARE_STEPS, 1e-4, em)
         return descent
@@ -241,10 +237,7 @@ def convincing(descent: Descent) -> NDArray[np.bool_]:
     neighbour = cKDTree(descent.points).query(descent.points, 2)[1][:, 1]
     pair = descent.inliers * descent.inliers[:, neighbour] * descent.weights
     here, there = descent.distances, descent.distances[:, neighbour]
-    apart, both = (
-        (pair * (here - there) ** 2).sum(axis=1),
-        (pair * (here**2 + there**2)).sum(axis=1),
-    )
+    apart, both = ((pair * (here - there) ** 2).sum(axis=1), (pair * (here**2 + there**2)).sum(axis=1))
     white = (pair.sum(axis=1) > ENOUGH_PAIRS) & (apart > PATTERN * both)
     return (descent.mixture.share >= 0.5) & (white | (descent.mixture.sigma < NOISE_FREE))
 

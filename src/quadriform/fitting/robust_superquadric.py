@@ -33,7 +33,15 @@ def fit_robust(world: Array, kind: str, weights: Array, fixed: dict[str, ArrayLi
     frame = Frame.of(given.points)
     held = _in_frame(fixed, frame)
     with np.errstate(all="ignore"):
-        solution = solve(Problem(frame.to_local(given.points), given.weights / given.weights.mean(), kind, held))
+        solution = solve(
+            Problem(
+                frame.to_local(given.points),
+                given.weights / given.weights.mean(),
+                kind,
+                held,
+                np.zeros(len(given.points)),
+            )
+        )
     inliers = given.spread(solution.descent.inliers[0])
     fit = in_world(_outcome(solution, frame.to_local(world), inliers), frame)
     return replace(fit, warnings=fit.warnings | given.warnings())

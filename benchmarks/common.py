@@ -1,0 +1,32 @@
+"""What the benchmarks share: where the beds are, and tables."""
+
+import sys
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+SHARED = REPOSITORY.parent / "shared"
+
+
+def bed(name: str) -> Path | None:
+    """The folder of a test bed, put on the import path; None, and said, where it is missing."""
+    folder = SHARED / "bench" / name
+    if not folder.is_dir():
+        print(f"skipped: there is no test bed {name!r} beside this repository")
+        return None
+    sys.path.insert(0, str(folder))
+    return folder
+
+
+def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Print a table in Markdown, row by row as they come."""
+    print("| " + " | ".join(header) + " |\n|" + " --- |" * len(header), flush=True)
+    for row in rows:
+        print("| " + " | ".join(map(str, row)) + " |", flush=True)
+
+
+def rms(values: np.ndarray) -> float:
+    """Root of the mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
