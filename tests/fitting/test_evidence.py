@@ -1,0 +1,147 @@
+"""Strength and noise by evidence: on data drawn from the prior itself both are known, and so is the answer."""
+
+import numpy as np
+import pytest
+from shapes_made import even_directions, made
+
+from quadriform.errors import OptionError
+from quadriform.fitting.evidence import Evidence
+from quadriform.fitting.normal_equations import normal_equations
+from quadriform.fitting.regularity import Bending, Springs
+from quadriform.shapes.control_box import ControlBox
+
+SHAPE = (4, 4, 4)
+SURFACE = made(exponents=(0.8, 1.1), semi_axes=(1.0, 0.7, 1.4))
+BOX = ControlBox.around(SURFACE, SHAPE)
+
+
+def observed(n):
+    """Rows n_i' B_i, (n, 192), of even surface points, with local coordinates and normals."""
+    points = SURFACE.surface(even_directions(n))
+    normals = SURFACE.gradient(points)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    rows = (BOX.matrix(points)[:, :, None] * normals[:, None, :]).reshape(n, -1)
+    return rows, BOX.local(points), normals
+
+
+def drawn(penalty, strength, noise, n=800, seed=0):
+    """A displacement of prior precision alpha n K / sigma^2, an affine part that costs nothing, noise along normals."""
+    rng = np.random.default_rng(seed)
+    rows, local, normals = observed(n)
+    values, vectors = np.linalg.eigh(penalty)
+    bends = values > 1e-10 * values[-1]
+    spread = noise / np.sqrt(strength * n * values[bends])
+    p = vectors[:, bends] @ (spread[:, None] * rng.normal(size=(bends.sum(), 3)))
+    p += 0.1 * vectors[:, ~bends] @ rng.normal(size=((~bends).sum(), 3))
+    heights = rows @ p.ravel() + noise * rng.normal(size=n)
+    metric = normals[:, :, None] * normals[:, None, :]
+    equations = normal_equations(local, metric, heights[:, None] * normals, BOX.degrees)
+    return Evidence(equations, penalty, n), rows, heights
+
+
+BENDING, SPRINGS = Bending().matrix(SHAPE), Springs().matrix(SHAPE)
+
+
+@pytest.mark.parametrize("penalty", [BENDING, SPRINGS], ids=["bending", "springs"])
+@pytest.mark.parametrize(("strength", "noise"), [(1e-6, 0.01), (1e-4, 0.05), (1e-3, 1e-4)])
+def test_noise_and_strength_of_the_prior_are_found(penalty, strength, noise):
+    found = [drawn(penalty, strength, noise, seed=seed)[0].best() for seed in range(4)]
+    for one in found:
+        assert one.noise == pytest.approx(noise, rel=0.1)
+    assert np.exp(np.mean([abs(np.log(one.strength / strength)) for one in found])) < 3
+
+
+def test_what_costs_nothing_is_counted():
+    """Four affine displacements a coordinate for bending, one for springs."""
+    assert (drawn(BENDING, 1e-4, 0.1)[0].free, drawn(SPRINGS, 1e-4, 0.1)[0].free) == (12, 3)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_the_largest_evidence_is_found(seed):
+    evidence = drawn(BENDING, 1e-5, 0.02, seed=seed)[0]
+    best = evidence.best()
+    dense = [evidence.solve(strength) for strength in best.strength * np.geomspace(1e-6, 1e6, 241)]
+    assert best.criterion <= min(one.criterion for one in dense) + 1e-2
+    for near in (best.strength / 20, best.strength * 20):
+        assert evidence.best(near).criterion == pytest.approx(best.criterion, abs=1e-2)
+
+
+def test_the_criterion_is_the_density_of_the_data():
+    """Against the marginal density of the rows themselves, flat in what costs nothing (REML), at several strengths.
+
+    Differences only: a constant is free. The noise is profiled: s2 = quadratic form / (n - d0).
+    """
+    evidence, rows, heights = drawn(BENDING, 1e-5, 0.02, n=400)
+    k3 = np.kron(BENDING, np.eye(3))
+    values, vectors = np.linalg.eigh(k3)
+    bends = values > 1e-10 * values[-1]
+    fixed = rows @ vectors[:, ~bends]
+    random = rows @ vectors[:, bends]
+    n, free = fixed.shape
+
+    def direct(strength):
+        covariance = np.eye(n) + (random / (strength * n * values[bends])) @ random.T
+        inverse = np.linalg.inv(covariance)
+        inner = fixed.T @ inverse @ fixed
+        left = heights - fixed @ np.linalg.solve(inner, fixed.T @ inverse @ heights)
+        quadratic = left @ inverse @ left
+        return (
+            (n - free) * np.log(quadratic / (n - free)) + np.linalg.slogdet(covariance)[1] + np.linalg.slogdet(inner)[1]
+        )
+
+    strengths = [1e-7, 1e-5, 1e-3, 1e-1]
+    ours = np.array([evidence.solve(strength).criterion for strength in strengths])
+    theirs = np.array([direct(strength) for strength in strengths])
+    np.testing.assert_allclose(ours - ours[0], theirs - theirs[0], atol=1e-4)
+
+
+@pytest.mark.parametrize("strength", [1e-6, 1e-3, 1.0])
+def test_the_displacement_solves_the_stacked_rows(strength):
+    evidence, rows, heights = drawn(BENDING, 1e-4, 0.05)
+    values, vectors = np.linalg.eigh(np.kron(BENDING, np.eye(3)))
+    root = np.sqrt(np.maximum(values, 0) * strength * len(rows))[:, None] * vectors.T
+    stacked, right = np.vstack([rows, root]), np.concatenate([heights, np.zeros(len(root))])
+    expected = np.linalg.lstsq(stacked, right, rcond=None)[0]
+    found = evidence.solve(strength)
+    np.testing.assert_allclose(found.displacement.ravel(), expected, atol=1e-7 * np.abs(expected).max())
+    left = right - stacked @ expected
+    assert found.noise**2 == pytest.approx(left @ left / (len(rows) - 12), rel=1e-6)
+
+
+def test_covariance_is_the_noise_on_the_inverse(rng):
+    evidence, rows, _ = drawn(BENDING, 1e-3, 0.05)
+    found = evidence.solve(1e-3)
+    precision = rows.T @ rows + 1e-3 * len(rows) * np.kron(BENDING, np.eye(3))
+    unit = found.covariance() @ precision / found.noise**2
+    np.testing.assert_allclose(unit, np.eye(len(unit)), atol=1e-6)
+    some = rng.normal(size=(7, rows.shape[1]))
+    np.testing.assert_allclose(
+        found.variance(some), np.einsum("ni,ij,nj->n", some, found.covariance(), some), rtol=1e-8
+    )
+
+
+def test_variance_shrinks_with_the_number_of_points():
+    """Four times the same rows, the strength per point as before: a quarter of the variance for the same noise."""
+    evidence, rows, _ = drawn(BENDING, 1e-4, 0.05)
+    once = evidence.solve(1e-4)
+    fourfold = normal_equations(*repeated(4), BOX.degrees)
+    four = Evidence(fourfold, BENDING, 4 * len(rows)).solve(1e-4)
+    some = rows[::50]
+    np.testing.assert_allclose(four.variance(some) / four.noise**2, once.variance(some) / once.noise**2 / 4, rtol=1e-9)
+
+
+def repeated(times, n=800):
+    _, local, normals = observed(n)
+    metric = normals[:, :, None] * normals[:, None, :]
+    return np.tile(local, (times, 1)), np.tile(metric, (times, 1, 1)), np.tile(0.1 * normals, (times, 1))
+
+
+def test_a_wall_is_put_before_no_strength_at_all():
+    """27 of the 125 polynomials vanish on an ellipsoid: without any hold the box is not determined."""
+    ellipsoid = made(exponents=(1, 1))
+    box = ControlBox.around(ellipsoid, (5, 5, 5))
+    points = ellipsoid.surface(even_directions(600))
+    metric = np.tile(np.eye(3), (600, 1, 1))
+    equations = normal_equations(box.local(points), metric, 0.1 * points, box.degrees)
+    with pytest.raises(OptionError, match=r"strength=0 .*larger"):
+        Evidence(equations, Bending().matrix((5, 5, 5)), 600).solve(0.0)

@@ -1,0 +1,99 @@
+"""Choices of a refinement are checked once, and refused by name."""
+
+import numpy as np
+import pytest
+from shapes_made import lumpy, made
+
+import quadriform as qf
+from quadriform.errors import OptionError, PointsError
+from quadriform.fitting.options import PaperOptions, TangentOptions, options_for
+from quadriform.points import Frame
+
+CLOUD = lumpy(200)
+
+
+@pytest.mark.parametrize(
+    ("method", "option"),
+    [
+        ("paper", {"robust": False}),
+        ("paper", {"base": CLOUD}),
+        ("paper", {"max_error": 1.0}),
+        ("paper", {"bix": 3}),
+        ("tangent", {"matching": "data-to-model"}),
+        ("tangent", {"iterations": 3}),
+        ("tangent", {"tolerance": 1e-3}),
+        ("tangent", {"bix": 3}),
+    ],
+)
+def test_options_of_the_other_method_are_refused_by_name(method, option):
+    name = next(iter(option))
+    for door in (lambda **given: qf.fit(CLOUD, **given), lambda **given: qf.refine(made(), CLOUD, **given)):
+        with pytest.raises(OptionError, match=f"option {name} is not one of method='{method}'; expected box"):
+            door(method=method, **option)
+
+
+def test_weights_are_not_the_papers():
+    with pytest.raises(OptionError, match=r"weights .*method='paper'"):
+        qf.fit(CLOUD, method="paper", weights=np.ones(len(CLOUD)))
+
+
+BAD = [
+    ({"box": (5, 5)}, "box"),
+    ({"box": (5, 5, 1)}, "box"),
+    ({"box": (5, 5, 21)}, "box"),
+    ({"box": 5}, "box"),
+    ({"box": (5, 5.0, 5)}, "box"),
+    ({"box": "auto"}, "max_error"),
+    ({"max_error": 1.0}, "max_error"),
+    ({"box": "auto", "max_error": -1.0}, "max_error"),
+    ({"box": "auto", "max_error": np.nan}, "max_error"),
+    ({"regularity": "svd"}, "regularity"),
+    ({"regularity": "bends"}, "regularity"),
+    ({"strength": -1.0}, "strength"),
+    ({"strength": np.nan}, "strength"),
+    ({"strength": "car"}, "strength"),
+    ({"base": (np.zeros(3), np.zeros(3))}, "base"),
+    ({"base": CLOUD[:2]}, "base"),
+]
+
+
+@pytest.mark.parametrize(("option", "name"), BAD, ids=[f"{k}-{name}" for k, (_, name) in enumerate(BAD)])
+def test_values_out_of_their_range_are_refused_by_name(option, name):
+    with pytest.raises(OptionError, match=name) as caught:
+        qf.refine(made(), CLOUD, **option)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("base", [np.full((4, 3), np.nan), np.ones((4, 2)), (np.zeros(3), np.array([0, np.inf, 1]))])
+def test_a_base_of_no_numbers_is_refused(base):
+    with pytest.raises(PointsError, match="base"):
+        qf.refine(made(), CLOUD, base=base)
+
+
+def test_an_unknown_method_is_refused():
+    with pytest.raises(OptionError, match=r"method='best'.*'tangent', 'paper'"):
+        qf.fit(CLOUD, method="best")
+
+
+def test_each_method_has_its_own_options():
+    assert isinstance(options_for("paper", {"iterations": 3}), PaperOptions)
+    chosen = options_for("tangent", {"box": [3, 4, 5]})
+    assert isinstance(chosen, TangentOptions) and chosen.box == (3, 4, 5)
+
+
+def test_a_loop_is_the_plane_through_it():
+    """A wobble-free ring above the cloud: its middle, and the direction away from the cloud."""
+    frame = Frame.of(CLOUD)
+    t = np.linspace(0, 2 * np.pi, 20, endpoint=False)
+    direction = np.array([1.0, 2, 2]) / 3
+    first = np.array([2.0, -1, 0]) / np.sqrt(5)
+    ring = CLOUD.mean(axis=0) + 30 * direction
+    ring = ring + 12 * (np.cos(t)[:, None] * first + np.sin(t)[:, None] * np.cross(direction, first))
+    plane = (CLOUD.mean(axis=0) + 30 * direction, 7 * direction)
+    for base in (ring, ring[::-1], plane):
+        point, way = TangentOptions(base=base).beyond({"surface": CLOUD}, frame)
+        np.testing.assert_allclose(way, direction, atol=1e-12)
+        np.testing.assert_allclose(frame.to_world(point), plane[0], atol=1e-9)
+    below = TangentOptions(base=2 * CLOUD.mean(axis=0) - ring).beyond({"surface": CLOUD}, frame)
+    np.testing.assert_allclose(below[1], -direction, atol=1e-12)
+    assert TangentOptions().beyond({"surface": CLOUD}, frame) is None

@@ -1,0 +1,142 @@
+"""A surface with its data: thinning that knows no order, inliers by their distance, foot points that face the data."""
+
+import numpy as np
+import pytest
+from shapes_made import even_directions, lumpy, made, turned
+
+from quadriform.fitting.correspondence import match_facing, match_unclaimed
+from quadriform.fitting.sheet import FacingCloud, Sheet
+from quadriform.fitting.tangent import data_rows
+from quadriform.points import Frame
+from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.superquadric import Superquadric
+
+BALL = Superquadric("ellipsoid", (1.0, 1.0, 1.0), (1.0, 1.0), np.eye(3), (0.0, 0.0, 0.0))
+CLOUD = Frame.of(lumpy(900)).to_local(lumpy(900))
+
+
+def sheet(points=CLOUD, weights=None, beyond=None):
+    return Sheet(BALL, points, np.ones(len(points)) if weights is None else weights, beyond)
+
+
+@pytest.mark.parametrize("robust", [False, True])
+def test_the_same_few_points_whatever_the_order_and_the_pose(robust, rng):
+    order, turn = rng.permutation(len(CLOUD)), turned(4)
+    plain = sheet().thinned(250, robust).points
+    assert plain.shape == (250, 3)
+    np.testing.assert_array_equal(sheet(CLOUD[order]).thinned(250, robust).points, plain)
+    np.testing.assert_allclose(sheet(CLOUD[order] @ turn.T).thinned(250, robust).points, plain @ turn.T, atol=1e-12)
+
+
+def test_points_keep_their_weights(rng):
+    weights = rng.uniform(1, 2, len(CLOUD))
+    few = sheet(weights=weights).thinned(100, False)
+    for point, weight in zip(few.points, few.weights):
+        assert weight == weights[np.flatnonzero((point == CLOUD).all(axis=1))[0]]
+    assert len(sheet().thinned(5000, False).points) == len(CLOUD)
+
+
+def test_those_alone_are_left_out_only_when_asked(rng):
+    strangers = rng.uniform(-6, 6, (60, 3))
+    strangers = strangers[np.linalg.norm(strangers, axis=1) > 2.5]
+    both = sheet(np.concatenate([CLOUD, strangers]))
+    assert (np.linalg.norm(both.thinned(500, True).points, axis=1) < 2.5).all()
+    assert (np.linalg.norm(both.thinned(500, False).points, axis=1) > 2.5).any()
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.3])
+def test_the_share_of_strangers_is_found(share, rng):
+    n, sigma = 4000, 0.02
+    distances = np.abs(rng.normal(0, sigma, n))
+    stranger = np.arange(n) < share * n
+    distances[stranger] = rng.uniform(0, 2, stranger.sum())
+    one = sheet(rng.normal(size=(n, 3)))
+    one.weigh(distances, sigma)
+    assert one.inliers.mean() == pytest.approx(1 - share, abs=0.015)
+    assert (one.inliers[distances > 6 * sigma] < 0.05).all()
+    assert (one.inliers[distances < sigma] > 0.9).all()
+
+
+def test_weights_count_in_the_share(rng):
+    """Strangers that count ten times as much make an uncertain point more of a stranger."""
+    distances = np.concatenate([np.abs(rng.normal(0, 0.02, 900)), rng.uniform(0.2, 2, 100)])
+    plain, heavy = sheet(rng.normal(size=(1000, 3))), sheet(rng.normal(size=(1000, 3)))
+    heavy.weights = np.where(distances > 0.15, 10.0, 1.0)
+    for one in (plain, heavy):
+        one.weigh(distances, 0.02)
+    between = (distances > 0.05) & (distances < 0.15)
+    assert between.any() and (heavy.inliers[between] < plain.inliers[between]).all()
+
+
+def test_half_of_a_sphere_is_covered_only_with_its_base():
+    half = even_directions(1500)
+    half = half[half[:, 2] < 0]
+    assert sheet(even_directions(800)).is_covered()
+    assert not sheet(half).is_covered()
+    based = sheet(half, beyond=(np.zeros(3), np.array([0.0, 0.0, 1.0])))
+    assert based.is_covered()
+    np.testing.assert_array_equal(based.missing(np.array([[0, 0, 0.1], [5, 0, -0.1]])), [True, False])
+    assert not sheet(half).missing(half).any()
+
+
+PLATE = Superquadric("ellipsoid", (1.0, 1.0, 0.05), (1.0, 1.0), np.eye(3), (0.0, 0.0, 0.0))
+
+
+def crossed_over(flatness):
+    """Points just below the middle of a thin plate that face up."""
+    points = np.column_stack([0.5 * even_directions(200)[:, :2], np.full(200, -0.02)])
+    return FacingCloud(points, np.tile([0.0, 0, 1], (200, 1)), np.full(200, flatness))
+
+
+def test_a_point_belongs_to_the_side_that_faces_as_it_does():
+    box = ControlBox.around(PLATE)
+    assert (match_facing(PLATE, box, crossed_over(1.0))[:, 2] > 0).all()
+
+
+def test_a_normal_without_trust_does_not_count():
+    box = ControlBox.around(PLATE)
+    assert (match_facing(PLATE, box, crossed_over(0.0))[:, 2] < 0).all()
+
+
+def test_the_surface_that_nobody_claims_asks_for_data():
+    """Upper half claimed: the lower half's model points choose data points below, near and facing alike."""
+    cloud = FacingCloud(even_directions(600), even_directions(600), np.ones(600))
+    box = ControlBox.around(BALL)
+    grid, _ = BALL.grid(20)
+    origins, targets = match_unclaimed(BALL, box, cloud, grid[grid[:, 2] > 0])
+    assert len(origins) == (grid[:, 2] <= 0).sum()
+    assert np.linalg.norm(origins - targets, axis=1).max() < 0.2
+    nobody, nothing = match_unclaimed(BALL, box, cloud, grid)
+    assert len(nobody) == len(nothing) == 0
+
+
+def test_data_pulls_along_the_normal_and_hardly_along_the_surface(rng):
+    """The metric of each point, by its weight and inlier probability, on a sphere where the normal is the radius."""
+    points = even_directions(600)
+    one = sheet(points, weights=rng.uniform(1, 3, 600))
+    one.origins, one.inliers = points, rng.uniform(0.5, 1, 600)
+    metric = data_rows(one, ControlBox.around(BALL)).metric
+    count = one.weights * one.inliers
+    np.testing.assert_allclose(np.einsum("ni,nij,nj->n", points, metric, points), count, rtol=1e-9)
+    values = np.linalg.eigvalsh(metric)
+    assert (values[:, :2].max(axis=1) < 0.01 * count).all() and (values[:, 0] > 0).all()
+
+
+def test_a_lone_curve_of_data_holds_the_surface_across_it():
+    """On the equator of a sphere: the step across, along z, is held; the one along the curve is free."""
+    t = np.linspace(0, 2 * np.pi, 300, endpoint=False)
+    points = np.column_stack([np.cos(t), np.sin(t), 0 * t])
+    one = sheet(points)
+    one.origins = points
+    metric = data_rows(one, ControlBox.around(BALL)).metric
+    along = np.column_stack([-np.sin(t), np.cos(t), 0 * t])
+    assert (metric[:, 2, 2] > 0.9).all()
+    assert (np.einsum("ni,nij,nj->n", along, metric, along) < 0.01).all()
+
+
+def test_toroids_are_matched_too():
+    ring = made("toroid", (1, 1))
+    grid, _ = ring.grid(12)
+    normals = ring.gradient(grid) / np.linalg.norm(ring.gradient(grid), axis=1, keepdims=True)
+    found = match_facing(ring, ControlBox.around(ring), FacingCloud(grid, normals, np.ones(len(grid))))
+    assert np.linalg.norm(found - grid, axis=1).max() < 0.15 * np.linalg.norm(np.ptp(grid, axis=0))
