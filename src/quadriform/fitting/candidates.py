@@ -7,7 +7,7 @@ import numpy as np
 
 from quadriform.fitting.neighbourhood import crowded
 from quadriform.fitting.robust_superquadric import fit_robust
-from quadriform.fitting.superquadric_fit import fit_paper
+from quadriform.fitting.superquadric_fit import least_criterion
 from quadriform.points import Array
 from quadriform.shapes.superquadric import Superquadric
 
@@ -35,7 +35,7 @@ def candidates(
         return [dict(robust)]
     dense = {name: cloud[crowded(cloud)] for name, cloud in clouds.items()}
     found = [dict(robust), {name: _ellipsoid(cloud) for name, cloud in dense.items()}]
-    plain = {name: fit_paper(_some(cloud), kind).superquadric for name, cloud in dense.items()}
+    plain = {name: least_criterion(_some(cloud), kind) for name, cloud in dense.items()}
     if all(surface.semi_axes.max() <= LONGEST * np.ptp(dense[name], axis=0).max() for name, surface in plain.items()):
         found.append(plain)
     return [nested(surfaces, clouds) for surfaces in found]

@@ -19,9 +19,12 @@ from quadriform.shapes.model import DeformableModel
 
 COARSE_POINTS = (1000, 700, 1500)
 """Few data points for the first rounds; another number gives another path, for a surface that came out folded."""
-COARSE_ROUNDS, FINE_ROUNDS, SLIDES = 8, 16, 2
+MEDIUM_POINTS = 3000
+"""More than these are only taken in for the last rounds."""
+COARSE_ROUNDS, FINE_ROUNDS, LAST_ROUNDS, SLIDES = 8, 16, 3, 3
 COARSE_REST, FINE_REST = 0.1, 0.02
 """A stage ends when the surface moves less than this share of the noise."""
+HELD_ROUNDS = 3
 FIRST_NOISE = 1.4826
 """Times the median absolute distance: the standard deviation of a Gaussian, half of the points being strangers."""
 
@@ -108,13 +111,24 @@ class Rounds:
         return Refined(box, tuple(few), solution, tuple(self.history))
 
     def fine(self, sheets: Sequence[Sheet], coarse: Refined) -> Refined:
-        """Rounds on all points, whose foot points only slide."""
-        box = coarse.box
+        """Rounds on more points, whose foot points only slide, and the last few on all."""
+        self.near = coarse.solution.strength
+        box, noise = coarse.box, None
+        if max(len(sheet.points) for sheet in sheets) > MEDIUM_POINTS:
+            some = [sheet.thinned(MEDIUM_POINTS, robust=False) for sheet in sheets]
+            box, solution = self._rest(box, some, coarse, FINE_ROUNDS, noise)
+            box, solution = self._rest(box, sheets, coarse, LAST_ROUNDS, solution.noise)
+        else:
+            box, solution = self._rest(box, sheets, coarse, FINE_ROUNDS, noise)
+        return Refined(box, tuple(sheets), solution, tuple(self.history))
+
+    def _rest(
+        self, box: ControlBox, sheets: Sequence[Sheet], coarse: Refined, rounds: int, noise: float | None
+    ) -> tuple[ControlBox, Solution]:
+        """Slide and step until the surface rests."""
         for sheet, part in zip(sheets, coarse.sheets):
             sheet.origins = _placed(sheet, part, box)
-        self.near = coarse.solution.strength
-        noise = None
-        for _ in range(FINE_ROUNDS):
+        for _ in range(rounds):
             self._slide(box, sheets)
             if self.robust:
                 noise = self._weigh(box, sheets, noise)
@@ -122,15 +136,21 @@ class Rounds:
             noise = solution.noise
             if self.history[-1].surface_motion < FINE_REST * noise:
                 break
-        return Refined(box, tuple(sheets), solution, tuple(self.history))
+        return box, solution
 
-    def held(self, refined: Refined, strength: float) -> Refined:
-        """A few more rounds at a given strength."""
-        self.strength, box = strength, refined.box
-        for _ in range(3):
-            self._slide(box, refined.sheets)
-            box, solution = self._step(box, refined.sheets, [None] * len(refined.sheets))
-        return replace(refined, box=box, solution=solution, history=tuple(self.history))
+    def held(self, few: Refined, strength: float) -> Refined:
+        """A few more rounds of the coarse stage's points at a given strength."""
+        self.strength, box = strength, few.box
+        for _ in range(HELD_ROUNDS):
+            self._slide(box, few.sheets)
+            box, solution = self._step(box, few.sheets, [None] * len(few.sheets))
+        return replace(few, box=box, solution=solution)
+
+    def finished(self, few: Refined, refined: Refined) -> Refined:
+        """All points taken in again, from the box and at the strength of a coarse stage."""
+        self.strength = few.solution.strength
+        box, solution = self._rest(few.box, refined.sheets, few, LAST_ROUNDS, None)
+        return Refined(box, refined.sheets, solution, tuple(self.history))
 
     def _match(self, box: ControlBox, sheet: Sheet, cloud: FacingCloud, covered: bool) -> Pull | None:
         matched = match_facing(sheet.superquadric, box, cloud)

@@ -123,7 +123,8 @@ def _refine(
     beyond = options.beyond(clouds, frame)
     result = fit_tangent(_placed(surfaces, frame), local, counted, options, beyond, limit, kind, progress)
     inliers = {name: parts[name].spread(found) for name, found in (result.inliers or {}).items()}
-    found = _in_world(replace(result, inliers=inliers), clouds, frame)
+    there = {name: part.there for name, part in parts.items()}
+    found = _in_world(replace(result, inliers=inliers, counted=there), clouds, frame)
     return replace(found, warnings=named_texts({n: part.warnings() for n, part in parts.items()}) | found.warnings)
 
 

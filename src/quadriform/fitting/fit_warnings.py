@@ -38,7 +38,8 @@ def fit_warnings(
 
 def _of_surface(result: Result, name: str, cloud: Array, residuals: Array, inliers: Array) -> Warnings:
     warnings: Warnings = {}
-    strangers = np.flatnonzero(inliers < STRANGER)
+    counted = np.ones(len(cloud), dtype=bool) if result.counted is None else result.counted[name]
+    strangers = np.flatnonzero(counted & (inliers < STRANGER))
     kept = inliers >= STRANGER
     if len(strangers):
         first = ", ".join(map(str, strangers[:NAMED])) + (", ..." if len(strangers) > NAMED else "")

@@ -11,6 +11,8 @@ from scipy.spatial import cKDTree
 from quadriform.points import Array
 
 NEIGHBOURS = 12
+SURFACE = 0.4
+"""Most points on a surface are flatter than this; in a filled volume they are not."""
 EVEN = 0.25
 """Flatness that 12 neighbours on an evenly sampled surface have at least; a curve has less."""
 CROWD, LONELY = 10, 3.0
@@ -91,7 +93,7 @@ def crowded(points: Array) -> NDArray[np.bool_]:
 
 def is_surface(neighbourhood: Neighbourhood) -> bool:
     """Whether most points lie on a sampled surface, not on curves or in a volume."""
-    return bool(np.median(neighbourhood.flatness) > EVEN)
+    return bool(np.median(neighbourhood.flatness) > SURFACE)
 
 
 def has_edge(points: Array, neighbourhood: Neighbourhood) -> bool:

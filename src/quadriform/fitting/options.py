@@ -98,7 +98,8 @@ class TangentOptions:
             object.__setattr__(self, "box", check_box(self.box))
         if isinstance(self.regularity, str):
             choose(self.regularity, TANGENT_REGULARITIES, "regularity")
-        check_strength(self.strength)
+        if check_strength(self.strength) == 0:
+            raise OptionError("option strength=0 leaves control points undetermined; expected a number above 0")
         if (self.box == "auto") != (self.max_error is not None):
             raise OptionError("options box='auto' and max_error go together: give both or neither")
         if self.max_error is not None:

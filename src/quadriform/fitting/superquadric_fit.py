@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import minimize
+from scipy.optimize import least_squares, minimize
 
 from quadriform.errors import OptionError, WarningKind, Warnings, choose
 from quadriform.fitting.determined import determined
@@ -142,6 +142,28 @@ def fit_paper(points: Array, kind: str) -> SuperquadricFit:
         tuple(history),
         iterations,
     )
+
+
+def least_criterion(points: Array, kind: str) -> Superquadric:
+    """The minimum of P3 from the paper's start, to the last digits, by Levenberg and Marquardt's method.
+
+    Conjugate gradients stop a few digits earlier; a start that other results depend on must be the same for a turned
+    cloud. Points (n, 3) centred and scaled.
+    """
+    coordinates = _Unbounded(start(points, kind))
+    turned = points @ coordinates.axes
+
+    def gap(free: Array) -> Array:
+        return coordinates.bound(free)[0].implicit(turned) - 1
+
+    def slopes(free: Array) -> Array:
+        candidate, slope = coordinates.bound(free)
+        return candidate.parameter_derivatives(turned)[1] * slope
+
+    found = least_squares(
+        gap, coordinates.free(), slopes, method="lm", xtol=1e-14, ftol=1e-14, gtol=1e-14, max_nfev=300
+    )
+    return cut_to(coordinates.in_place(found.x), points)
 
 
 def determinacy(found: Superquadric, points: Array) -> tuple[int, float]:

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from quadriform.errors import WarningKind, Warnings
 from quadriform.fitting.candidates import candidates
@@ -18,10 +19,11 @@ from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
 
 AUTO_SIDES = (3, 5, 7)
-STRONGER, MOST_STRONGER = 2.0, 24
-"""A fold is cured by strengths two, four, eight ... times that of the evidence."""
-PRICE = 1.5
-"""A cure that makes the noise larger than this many times is worse than the fold."""
+STRONGER, MOST_STRONGER = 1.5, 60
+"""A fold is cured by raising the strength of the evidence by halves."""
+PRICE, CHEAP = 1.5, 0.025
+"""A cure is worse than the fold when it makes the noise this many times larger, and larger than this share of the
+cloud's RMS radius."""
 
 HalfSpace = tuple[Array, Array]
 
@@ -40,6 +42,7 @@ class Result:
         warnings: about the refinement itself.
         beyond: half-space where no data is expected.
         covered: whether the data was seen to sample closed surfaces, whatever directions it lies in.
+        counted: name -> which points have a weight, or None for all.
     """
 
     model: DeformableModel
@@ -51,6 +54,7 @@ class Result:
     warnings: Warnings = field(default_factory=dict)
     beyond: HalfSpace | None = None
     covered: bool = False
+    counted: dict[str, NDArray[np.bool_]] | None = None
 
 
 @dataclass(frozen=True)
@@ -131,7 +135,7 @@ def _best_start(task: _Task, starts: Sequence[dict[str, Superquadric]], shape: t
     trials = [_tried(task, surfaces, shape) for surfaces in starts]
     rounds, sheets, coarse = min(trials, key=lambda trial: (trial[2].tangled, trial[2].solution.criterion))
     surfaces = dict(zip(task.clouds, (sheet.superquadric for sheet in sheets)))
-    refined, warnings = unfold(rounds, rounds.fine(sheets, coarse), surfaces)
+    refined, warnings = unfold(rounds, coarse, rounds.fine(sheets, coarse), surfaces)
     return Result(
         model=DeformableModel(surfaces, refined.box),
         history=refined.history,
@@ -141,7 +145,7 @@ def _best_start(task: _Task, starts: Sequence[dict[str, Superquadric]], shape: t
         inliers=_all_inliers(task, refined),
         warnings=warnings,
         beyond=task.beyond,
-        covered=coarse.covered,
+        covered=coarse.covered and task.beyond is None,
     )
 
 
@@ -161,31 +165,46 @@ def _all_inliers(task: _Task, refined: Refined) -> dict[str, Array]:
     return result
 
 
-def unfold(rounds: Rounds, refined: Refined, surfaces: dict[str, Superquadric]) -> tuple[Refined, Warnings]:
+def unfold(
+    rounds: Rounds, coarse: Refined, refined: Refined, surfaces: dict[str, Superquadric]
+) -> tuple[Refined, Warnings]:
     """Raise the strength until the map is certified not to fold inside the surfaces, if that costs little.
 
-    Several surfaces in one box are only worth having when space between them does not fold: there the price is paid.
+    Begins again from the coarse stage: its few points do not make a fold of every wrinkle of the data. Several surfaces
+    in one box are only worth having when the space between them does not fold: there any price is paid.
     """
     if _certified(refined, surfaces):
         return refined, {}
-    noise, strength, cured = refined.solution.noise, refined.solution.strength, refined
-    for power in range(1, MOST_STRONGER + 1):
-        cured = rounds.held(cured, strength * STRONGER**power)
-        if len(surfaces) == 1 and cured.solution.noise > PRICE * noise:
+    limit = np.inf if len(surfaces) > 1 else max(PRICE * refined.solution.noise, CHEAP)
+    few, strength = coarse, max(coarse.solution.strength, refined.solution.strength)
+    for _ in range(MOST_STRONGER):
+        few = rounds.held(few, strength)
+        if few.solution.noise > 2 * limit:
             break
-        if _certified(cured, surfaces):
-            return cured, {}
-    folds = DeformableModel(surfaces, refined.box).folds()
-    crossed = DeformableModel(surfaces, refined.box).crossings()
-    text = f"the map folds space inside the surface at {len(folds)} sampled places"
-    crossing = ", ".join(" and ".join(dict.fromkeys(pair)) for pair in crossed)
-    text += f"; the surface crosses itself or another: {crossing}" if crossed else "; the surface does not cross itself"
-    return refined, {WarningKind.FOLDING: text}
+        if _certified(few, surfaces):
+            cured = rounds.finished(few, refined)
+            if cured.solution.noise > limit:
+                break
+            if _certified(cured, surfaces):
+                return cured, {}
+        strength *= STRONGER
+    return refined, {WarningKind.FOLDING: _fold_text(refined, surfaces)}
+
+
+def _fold_text(refined: Refined, surfaces: dict[str, Superquadric]) -> str:
+    model = DeformableModel(surfaces, refined.box)
+    crossed = ", ".join(" and ".join(dict.fromkeys(pair)) for pair in model.crossings())
+    end = f"crossing: {crossed}" if crossed else "no surface crosses itself or another"
+    return f"the map folds space inside the surface at {len(model.folds())} sampled places; {end}"
 
 
 def _certified(refined: Refined, surfaces: dict[str, Superquadric]) -> bool:
+    """Whether the map provably does not fold inside the surfaces and no mesh of them crosses."""
+    for surface in surfaces.values():  # a look at some points is quicker than a proof that cannot come
+        if np.linalg.det(refined.box.jacobian(surface.grid(12)[0])).min() <= 0:
+            return False
     model = DeformableModel(surfaces, refined.box)
-    return model.min_jacobian() > 0 and not model.crossings()
+    return not model.crossings() and model.min_jacobian() > 0
 
 
 def common_box(surfaces: Mapping[str, Superquadric], shape: tuple[int, int, int]) -> ControlBox:
