@@ -22,7 +22,7 @@ COARSE_POINTS = (1000, 700, 1500)
 MEDIUM_POINTS = 3000
 """More than these are only taken in for the last rounds."""
 COARSE_ROUNDS, FINE_ROUNDS, LAST_ROUNDS, SLIDES = 8, 16, 3, 3
-COARSE_REST, FINE_REST = 0.1, 0.02
+COARSE_REST, FINE_REST = 0.2, 0.02
 """A stage ends when the surface moves less than this share of the noise."""
 HELD_ROUNDS = 3
 FIRST_NOISE = 1.4826
