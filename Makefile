@@ -6,7 +6,7 @@ READY := .venv/ready
 .PHONY: demo test check bench docs-figures clean
 
 demo: $(READY)
-	$(BIN)/quadriform demo -o out/demo --force
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/quadriform demo -o out/demo --force
 
 # One thread each: the matrices are tiny, and threads that share them cost more than they bring.
 test: $(READY)
