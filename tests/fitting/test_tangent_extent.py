@@ -31,7 +31,6 @@ def test_a_cut_shape_is_warned_of_unless_the_cut_is_on_purpose(cut, based):
     assert based.status == "ok"
 
 
-@pytest.mark.skip(reason="with any base, even one that the data does not reach, the surface counts as covered")
 @pytest.mark.parametrize("base", [(AT, -UP), (AT + 100 * UP, UP)], ids=["other side", "far away"])
 def test_a_base_elsewhere_excuses_nothing(cut, base):
     assert "PARTIAL_COVERAGE" in qf.refine(BODY, cut, base=base).warnings

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from clouds_made import EGG, error, noisy_egg, with_strangers
+from scipy.linalg import solve_triangular
 from shapes_made import even_directions, gap, made
 
 import quadriform as qf
@@ -81,12 +82,26 @@ def test_the_uncertainty_is_what_it_says(fitted):
     assert 0.6 < np.sqrt((off**2).mean() / (sigma**2).mean()) < 1.6
 
 
-def test_the_uncertainty_is_the_spread_of_the_posterior(refined, rng):
-    """Boxes drawn from the covariance: their surfaces move along the normal as far as was said."""
-    foot = refined.model.foot_points(EGG[::100])
-    draws = rng.multivariate_normal(np.zeros(375), refined.covariance, size=3000).reshape(3000, 125, 3)
-    moved = np.einsum("nk,dkc,nc->dn", refined.model.box.matrix(foot.origins), draws, foot.normals, optimize=True)
-    np.testing.assert_allclose(moved.std(axis=0), refined.uncertainty(EGG[::100]), rtol=0.1)
+def test_the_uncertainty_is_the_spread_of_the_finer_posterior_about_the_fit(refined, rng):
+    """Finer boxes drawn around the fit: their surfaces lie along the normal as far away as was said."""
+    foot, finer = refined.model.foot_points(EGG[::100]), refined.finer
+    noise = finer.noise * rng.normal(size=(len(finer.shift), 2000))
+    draws = finer.shift[:, None] + solve_triangular(finer.factor, noise, trans="T", lower=True)
+    rows = refined.model.box.elevate(finer.degrees).matrix(foot.origins)[:, :, None] * foot.normals[:, None, :]
+    off = rows.reshape(len(rows), -1) @ draws
+    np.testing.assert_allclose(np.sqrt((off**2).mean(axis=1)), refined.uncertainty(EGG[::100]), rtol=0.1)
+
+
+def test_what_few_control_points_cannot_say_is_in_the_uncertainty():
+    """Old bug: it knew only the noise, and without noise claimed that a box of 27 points is right to a hundredth."""
+    fit = qf.fit(noisy_egg(900, noise=0.02), box=(3, 3, 3))
+    sigma, off = fit.uncertainty(EGG), np.abs(fit.model.distance(EGG))
+    assert off.mean() > 3 * 0.02
+    assert (off < 2 * sigma).mean() > 0.9
+    rows = fit.model.foot_points(EGG)
+    rows = (fit.model.box.matrix(rows.origins)[:, :, None] * rows.normals[:, None, :]).reshape(len(EGG), -1)
+    only_noise = np.sqrt(np.einsum("ni,ij,nj->n", rows, fit.covariance, rows, optimize=True))
+    assert (off < 2 * only_noise).mean() < 0.7
 
 
 def test_strangers_hardly_matter_and_are_named(fitted):
@@ -121,7 +136,7 @@ class Recorded:
 def test_a_regulariser_of_ones_own_is_used(start, refined):
     own = Recorded()
     same = qf.refine(start, FEW, regularity=own)
-    assert own.asked == {(3, 3, 3), (5, 5, 5)}
+    assert own.asked == {(3, 3, 3), (5, 5, 5), (7, 7, 7)}
     np.testing.assert_array_equal(same.model.box.control_points, refined.model.box.control_points)
 
 

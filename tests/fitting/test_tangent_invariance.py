@@ -11,10 +11,7 @@ from quadriform.shapes.superquadric import Superquadric
 
 CLOUD = noisy_egg(500)
 QUARTER = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
-LOCAL = "two slides leave foot points on their way, by different amounts in different frames: 1e-6 to 3e-5; four do not"
-PLAIN = "the start by the paper's descent is the same only to 1e-7, which the unfinished rounds enlarge to 1e-5"
-WEIGHTS = "the other starts of a fit are made from points of weight zero too: 4e-3"
-COUNTS = "a doubled weight doubles the number of points in the evidence, so the strength changes: 1e-2"
+LOCAL = "slides leave foot points on their way, by different amounts in different frames: 4e-6"
 
 
 def carried(superquadric, matrix, scale, offset):
@@ -53,9 +50,7 @@ EXACT = {
 TURNS = {"quarter": (QUARTER, 1.0, np.zeros(3)), "turn": (turned(1), 1.0, np.array([5.0, -30, 12]))}
 
 
-@pytest.mark.parametrize(
-    "change", [*EXACT, *(pytest.param(name, marks=pytest.mark.skip(reason=LOCAL)) for name in TURNS)]
-)
+@pytest.mark.parametrize("change", [*EXACT, "quarter", pytest.param("turn", marks=pytest.mark.skip(reason=LOCAL))])
 def test_a_refinement_moves_with_its_points(change, start, refined):
     """M1, M2, M9, from a start that is carried along."""
     matrix, scale, offset = (EXACT | TURNS)[change]
@@ -74,7 +69,6 @@ def test_the_order_of_points_does_not_matter(start, refined, rng):
     np.testing.assert_allclose(found.inliers, refined.inliers[order], atol=1e-5)
 
 
-@pytest.mark.skip(reason=PLAIN)
 @pytest.mark.parametrize("change", [*EXACT, *TURNS])
 def test_a_whole_fit_moves_with_its_points(change):
     matrix, scale, offset = (EXACT | TURNS)[change]
@@ -107,7 +101,7 @@ def test_points_of_weight_zero_are_no_inliers(start):
     assert found.inliers[:-50].mean() > 0.98
 
 
-@pytest.mark.parametrize("door", [qf.refine, pytest.param(qf.fit, marks=pytest.mark.skip(reason=WEIGHTS))])
+@pytest.mark.parametrize("door", [qf.refine, qf.fit])
 def test_a_weight_of_zero_is_an_absent_point(door, start):
     """M4."""
     cloud, weights = with_strangers(CLOUD, 50), np.ones(len(CLOUD))
@@ -118,7 +112,6 @@ def test_a_weight_of_zero_is_an_absent_point(door, start):
     assert zero.noise == pytest.approx(absent.noise, rel=1e-7)
 
 
-@pytest.mark.skip(reason="points of weight zero are warned of as strangers")
 def test_nobody_is_warned_of_points_of_weight_zero(start):
     """M4: what the caller has left out is no outlier."""
     cloud, weights = with_strangers(CLOUD, 50), np.ones(len(CLOUD))
@@ -126,7 +119,6 @@ def test_nobody_is_warned_of_points_of_weight_zero(start):
     assert "OUTLIERS" not in qf.refine(start, cloud, weights=weights).warnings
 
 
-@pytest.mark.skip(reason=COUNTS)
 def test_all_weights_doubled_are_the_same_surface(start, refined):
     """M4."""
     assert gap(refined.model, qf.refine(start, CLOUD, weights=np.full(len(CLOUD), 2.0)).model) < 1e-7

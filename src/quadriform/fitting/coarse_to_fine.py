@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from quadriform.fitting.correspondence import MODEL_RESOLUTION, match_facing, match_unclaimed
 from quadriform.fitting.evidence import Solution
+from quadriform.fitting.normal_equations import NormalEquations
 from quadriform.fitting.outcome import Iteration, Progress
 from quadriform.fitting.regularity import Regulariser
 from quadriform.fitting.sheet import FacingCloud, Sheet
@@ -24,7 +26,7 @@ MEDIUM_POINTS = 3000
 COARSE_ROUNDS, FINE_ROUNDS, LAST_ROUNDS, SLIDES = 8, 16, 3, 3
 COARSE_REST, FINE_REST = 0.2, 0.02
 """A stage ends when the surface moves less than this share of the noise."""
-HELD_ROUNDS = 3
+SMALLEST_STEP = 1e-3
 FIRST_NOISE = 1.4826
 """Times the median absolute distance: the standard deviation of a Gaussian, half of the points being strangers."""
 
@@ -58,6 +60,16 @@ class Refined:
         names = map(str, range(len(self.sheets)))
         surfaces = {name: sheet.superquadric for name, sheet in zip(names, self.sheets)}
         return bool(DeformableModel(surfaces, self.box).crossings())
+
+
+class Press(Protocol):
+    """Something besides the data that the control points must meet."""
+
+    def equations(self, box: ControlBox) -> NormalEquations:
+        """Its part of the sum, linear about a box, in the displacement from rest."""
+
+    def cost(self, box: ControlBox) -> float:
+        """Its part of the sum itself."""
 
 
 class Rounds:
@@ -138,19 +150,24 @@ class Rounds:
                 break
         return box, solution
 
-    def held(self, few: Refined, strength: float) -> Refined:
-        """A few more rounds of the coarse stage's points at a given strength."""
-        self.strength, box = strength, few.box
-        for _ in range(HELD_ROUNDS):
-            self._slide(box, few.sheets)
-            box, solution = self._step(box, few.sheets, [None] * len(few.sheets))
-        return replace(few, box=box, solution=solution)
+    def pressed(self, refined: Refined, press: "Press", strength: float) -> Refined:
+        """One more round at a given strength, under a pressure that is not linear: as far as it lowers the sum."""
+        box, sheets = refined.box, refined.sheets
+        self._slide(box, sheets)
+        evidence = evidence_of(sheets, [None] * len(sheets), box, self.regularity)
+        solution = evidence.plus(press.equations(box)).solve(strength)
+        whole = moved(box, solution)
 
-    def finished(self, few: Refined, refined: Refined) -> Refined:
-        """All points taken in again, from the box and at the strength of a coarse stage."""
-        self.strength = few.solution.strength
-        box, solution = self._rest(few.box, refined.sheets, few, LAST_ROUNDS, None)
-        return Refined(box, refined.sheets, solution, tuple(self.history))
+        def total(trial: ControlBox) -> float:
+            return evidence.cost(trial.control_points - trial.rest, solution.strength) + press.cost(trial)
+
+        before, share = total(box), 1.0
+        after = whole
+        while total(after) > before and share > SMALLEST_STEP:
+            share /= 2
+            after = box.with_control_points(box.control_points + share * (whole.control_points - box.control_points))
+        self._note(box, after, sheets, solution)
+        return replace(refined, box=after, solution=solution, history=tuple(self.history))
 
     def _match(self, box: ControlBox, sheet: Sheet, cloud: FacingCloud, covered: bool) -> Pull | None:
         matched = match_facing(sheet.superquadric, box, cloud)
@@ -183,10 +200,13 @@ class Rounds:
         solution = evidence.best(self.near) if self.strength is None else evidence.solve(self.strength)
         self.near = solution.strength
         after = moved(box, solution)
+        self._note(box, after, sheets, solution)
+        return after, solution
+
+    def _note(self, box: ControlBox, after: ControlBox, sheets: Sequence[Sheet], solution: Solution) -> None:
         probes = np.concatenate([sheet.superquadric.grid(8)[0] for sheet in sheets])
         self.history.append(record(box, after, probes, solution.noise))
         self.progress(len(self.history), COARSE_ROUNDS * len(self.ladder) + FINE_ROUNDS)
-        return after, solution
 
 
 def _placed(sheet: Sheet, part: Sheet, box: ControlBox) -> Array:

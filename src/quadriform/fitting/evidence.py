@@ -1,5 +1,6 @@
 """How strongly to hold the box, and how noisy the data is: both from the evidence of the data itself (REML)."""
 
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,6 +63,18 @@ class Evidence:
         values = np.linalg.eigvalsh(penalty)
         self.rank = 3 * int((values > 1e-10 * values[-1]).sum())
         self.free = len(self.penalty) - self.rank
+
+    def plus(self, equations: NormalEquations) -> "Evidence":
+        """The same with something else to be met."""
+        other = copy(self)
+        other.equations = self.equations + equations
+        return other
+
+    def cost(self, displacement: Array, strength: float) -> float:
+        """The sum at a displacement: squares of residuals, and the regulariser's part."""
+        p, equations = displacement.ravel(), self.equations
+        held = strength * self.count * self.penalty
+        return float(p @ ((equations.matrix + held) @ p) - 2 * equations.right @ p + equations.constant)
 
     def solve(self, strength: float) -> Solution:
         """The displacement at one strength.

@@ -118,7 +118,7 @@ def _refine(
     parts = {name: Distinct.of(cloud, weights[name]) for name, cloud in clouds.items()}
     frame = Frame.of(np.concatenate([part.points for part in parts.values()]))
     local = _local({name: part.points for name, part in parts.items()}, frame)
-    counted = {name: part.weights for name, part in parts.items()}
+    counted = _of_mean_one({name: part.weights for name, part in parts.items()})
     limit = None if options.max_error is None else options.max_error / frame.scale
     beyond = options.beyond(clouds, frame)
     result = fit_tangent(_placed(surfaces, frame), local, counted, options, beyond, limit, kind, progress)
@@ -126,6 +126,13 @@ def _refine(
     there = {name: part.there for name, part in parts.items()}
     found = _in_world(replace(result, inliers=inliers, counted=there), clouds, frame)
     return replace(found, warnings=named_texts({n: part.warnings() for n, part in parts.items()}) | found.warnings)
+
+
+def _of_mean_one(weights: dict[str, Array]) -> dict[str, Array]:
+    """Weights whose mean over all distinct points that count is one: what is said twice of all is no new evidence."""
+    every = np.concatenate(list(weights.values()))
+    mean = every[every > 0].mean()
+    return {name: values / mean for name, values in weights.items()}
 
 
 def _local(clouds: Mapping[str, Array], frame: Frame) -> dict[str, Array]:
@@ -154,6 +161,7 @@ def _in_world(result: Result, clouds: dict[str, Array], frame: Frame) -> Fit:
         noise=frame.scale * noise,
         inliers=_unnamed(inliers),
         covariance=None if result.covariance is None else frame.scale**2 * result.covariance,
+        finer=None if result.finer is None else result.finer.scaled(frame.scale),
     )
 
 

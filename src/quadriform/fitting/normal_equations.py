@@ -31,6 +31,14 @@ class NormalEquations:
     right: Array
     constant: float
 
+    @classmethod
+    def of_rows(cls, rows: Array, wanted: Array, weight: float) -> "NormalEquations":
+        """Of weight |rows p - wanted|^2, with rows (n, 3 k) and wanted (n,)."""
+        return cls(weight * rows.T @ rows, weight * rows.T @ wanted, float(weight * wanted @ wanted))
+
+    def __add__(self, other: "NormalEquations") -> "NormalEquations":
+        return NormalEquations(self.matrix + other.matrix, self.right + other.right, self.constant + other.constant)
+
 
 def normal_equations(local: Array, metric: Array, residual: Array, degrees: tuple[int, int, int]) -> NormalEquations:
     """Sum up n points.

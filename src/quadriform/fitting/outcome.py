@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from quadriform.errors import FitError, OptionError, Warnings
+from quadriform.fitting.uncertainty import FinerBox
 from quadriform.points import Array
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
@@ -81,6 +82,7 @@ class Fit:
         inliers: probability of each point to be of its surface, (n,) or a mapping; all one where none was estimated.
         covariance: posterior covariance (3 k, 3 k) of the k control points, coordinates of a point together, in
             squared units; None for the paper's method, which has no such thing.
+        finer: what more control points would say of the same data, for `uncertainty`; None for the paper's method.
     """
 
     model: DeformableModel
@@ -92,21 +94,20 @@ class Fit:
     noise: float
     inliers: Array | dict[str, Array]
     covariance: Array | None = None
+    finer: FinerBox | None = None
 
     def uncertainty(self, points: ArrayLike, surface: str | None = None) -> Array:
         """One standard deviation (n,) of the surface along its normal, at the surface points nearest to (n, 3) points.
 
-        What the noise of the data and the lack of it leave open; a wrong kind of model is not in it.
+        What the noise of the data, the lack of it and the number of control points leave open; in the unit of the data.
 
         Raises:
             OptionError: the fit has no covariance (method="paper").
         """
-        if self.covariance is None:
+        if self.finer is None:
             raise OptionError("uncertainty: method='paper' estimates none; use method='tangent'")
         foot = self.model.foot_points(points, surface)
-        rows = self.model.box.matrix(foot.origins)[:, :, None] * foot.normals[:, None, :]
-        rows = rows.reshape(len(foot.origins), -1)
-        return np.sqrt(np.maximum(np.einsum("ni,ni->n", rows @ self.covariance, rows), 0))
+        return self.finer.deviation(self.model.box, foot.origins, foot.normals)
 
     @property
     def status(self) -> str:

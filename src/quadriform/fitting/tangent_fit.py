@@ -11,7 +11,11 @@ from quadriform.fitting.candidates import candidates
 from quadriform.fitting.coarse_to_fine import Refined, Rounds, coarse_unfolded
 from quadriform.fitting.options import TangentOptions, check_box, check_strength
 from quadriform.fitting.outcome import Iteration, Progress
+from quadriform.fitting.regularity import Regulariser
 from quadriform.fitting.sheet import Sheet
+from quadriform.fitting.tangent import evidence_of
+from quadriform.fitting.uncertainty import FinerBox
+from quadriform.fitting.unfolding import fair_price, unfolded
 from quadriform.points import Array
 from quadriform.shapes import pose
 from quadriform.shapes.control_box import ControlBox
@@ -19,12 +23,8 @@ from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
 
 AUTO_SIDES = (3, 5, 7)
-STRONGER, MOST_STRONGER = 1.5, 60
-"""A fold is cured by raising the strength of the evidence by halves."""
-PRICE, CHEAP = 1.5, 0.025
-"""A cure is worse than the fold when it makes the noise this many times larger, and larger than this share of the
-cloud's RMS radius."""
-
+MORE = 2
+"""Control points a side that the finer box of the uncertainty has besides: the next step of the ladder 3, 5, 7."""
 HalfSpace = tuple[Array, Array]
 
 
@@ -38,6 +38,7 @@ class Result:
         strength: that was used.
         noise: standard deviation along the normal; None where none is estimated.
         covariance: of the control points, or None.
+        finer: what a box with more control points says, or None.
         inliers: name -> probabilities, or None.
         warnings: about the refinement itself.
         beyond: half-space where no data is expected.
@@ -50,6 +51,7 @@ class Result:
     strength: float
     noise: float | None = None
     covariance: Array | None = None
+    finer: FinerBox | None = None
     inliers: dict[str, Array] | None = None
     warnings: Warnings = field(default_factory=dict)
     beyond: HalfSpace | None = None
@@ -131,21 +133,34 @@ def _error(result: Result, clouds: dict[str, Array]) -> float:
 
 
 def _best_start(task: _Task, starts: Sequence[dict[str, Superquadric]], shape: tuple[int, int, int]) -> Result:
-    """The start whose coarse stage is not tangled and has the largest evidence, refined on all points."""
+    """The best start that unfolds at a fair price, or the best: not tangled, and of the largest evidence."""
     trials = [_tried(task, surfaces, shape) for surfaces in starts]
-    rounds, sheets, coarse = min(trials, key=lambda trial: (trial[2].tangled, trial[2].solution.criterion))
-    surfaces = dict(zip(task.clouds, (sheet.superquadric for sheet in sheets)))
-    refined, warnings = unfold(rounds, coarse, rounds.fine(sheets, coarse), surfaces)
+    trials.sort(key=lambda trial: (trial[2].tangled, trial[2].solution.criterion))
+    found, price = [], None
+    for rounds, sheets, coarse in trials:
+        surfaces = dict(zip(task.clouds, (sheet.superquadric for sheet in sheets)))
+        refined = rounds.fine(sheets, coarse)
+        price = fair_price(refined, surfaces) if price is None else price
+        found.append((surfaces, *unfolded(rounds, refined, surfaces, price)))
+        if not found[-1][2]:
+            return _result(task, *found[-1], covered=coarse.covered)
+    return _result(task, *found[0], covered=trials[0][2].covered)
+
+
+def _result(
+    task: _Task, surfaces: dict[str, Superquadric], refined: Refined, warnings: Warnings, covered: bool
+) -> Result:
     return Result(
         model=DeformableModel(surfaces, refined.box),
         history=refined.history,
         strength=refined.solution.strength,
         noise=refined.solution.noise,
         covariance=refined.solution.covariance(),
+        finer=_finer(refined, task.options.regularity),
         inliers=_all_inliers(task, refined),
         warnings=warnings,
         beyond=task.beyond,
-        covered=coarse.covered and task.beyond is None,
+        covered=covered and task.beyond is None,
     )
 
 
@@ -165,46 +180,14 @@ def _all_inliers(task: _Task, refined: Refined) -> dict[str, Array]:
     return result
 
 
-def unfold(
-    rounds: Rounds, coarse: Refined, refined: Refined, surfaces: dict[str, Superquadric]
-) -> tuple[Refined, Warnings]:
-    """Raise the strength until the map is certified not to fold inside the surfaces, if that costs little.
-
-    Begins again from the coarse stage: its few points do not make a fold of every wrinkle of the data. Several surfaces
-    in one box are only worth having when the space between them does not fold: there any price is paid.
-    """
-    if _certified(refined, surfaces):
-        return refined, {}
-    limit = np.inf if len(surfaces) > 1 else max(PRICE * refined.solution.noise, CHEAP)
-    few, strength = coarse, max(coarse.solution.strength, refined.solution.strength)
-    for _ in range(MOST_STRONGER):
-        few = rounds.held(few, strength)
-        if few.solution.noise > 2 * limit:
-            break
-        if _certified(few, surfaces):
-            cured = rounds.finished(few, refined)
-            if cured.solution.noise > limit:
-                break
-            if _certified(cured, surfaces):
-                return cured, {}
-        strength *= STRONGER
-    return refined, {WarningKind.FOLDING: _fold_text(refined, surfaces)}
-
-
-def _fold_text(refined: Refined, surfaces: dict[str, Superquadric]) -> str:
-    model = DeformableModel(surfaces, refined.box)
-    crossed = ", ".join(" and ".join(dict.fromkeys(pair)) for pair in model.crossings())
-    end = f"crossing: {crossed}" if crossed else "no surface crosses itself or another"
-    return f"the map folds space inside the surface at {len(model.folds())} sampled places; {end}"
-
-
-def _certified(refined: Refined, surfaces: dict[str, Superquadric]) -> bool:
-    """Whether the map provably does not fold inside the surfaces and no mesh of them crosses."""
-    for surface in surfaces.values():  # a look at some points is quicker than a proof that cannot come
-        if np.linalg.det(refined.box.jacobian(surface.grid(12)[0])).min() <= 0:
-            return False
-    model = DeformableModel(surfaces, refined.box)
-    return not model.crossings() and model.min_jacobian() > 0
+def _finer(refined: Refined, regularity: str | Regulariser) -> FinerBox:
+    """The same foot points in a finer box, held at its own strength of largest evidence."""
+    l, m, n = refined.box.degrees
+    finer = refined.box.elevate((l + MORE, m + MORE, n + MORE))
+    evidence = evidence_of(refined.sheets, [None] * len(refined.sheets), finer, regularity)
+    solution = evidence.best(refined.solution.strength)
+    shift = (finer.rest - finer.control_points).ravel() + solution.displacement.ravel()
+    return FinerBox(finer.degrees, shift, solution.factor, solution.noise)
 
 
 def common_box(surfaces: Mapping[str, Superquadric], shape: tuple[int, int, int]) -> ControlBox:

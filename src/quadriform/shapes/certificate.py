@@ -5,7 +5,7 @@ them, which no sampling can. Halving the region (an octree) makes the bound as t
 split first, and leaves that lie outside the surfaces are dropped.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import product as every
 
@@ -126,13 +126,28 @@ def folds(box: ControlBox, used: Iterable[Superquadric]) -> Array:
     bound = jacobian_bound(box, surfaces, tolerance=0.5)
     if bound.lower > 0:
         return np.empty((0, 3))
-    low, high = _range(box, surfaces)
-    steps = np.linspace(0, 1, LATTICE)
-    lattice = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
-    points = box.origin + (low + lattice * (high - low)) @ box.edges
-    points = points[_inside_any(surfaces, points)]
+    points = lattice_inside(box, surfaces)
     folded = points[np.linalg.det(box.jacobian(points)) <= 0] if len(points) else points
     return np.concatenate([bound.where[None], folded])
+
+
+def lattice_inside(box: ControlBox, surfaces: Sequence[Superquadric], count: int = LATTICE) -> Array:
+    """Points (n, 3) before deformation inside the surfaces, of a lattice with `count` along each axis."""
+    low, high = _range(box, tuple(surfaces))
+    steps = np.linspace(0, 1, count)
+    lattice = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
+    points = box.origin + (low + lattice * (high - low)) @ box.edges
+    return points[_inside_any(tuple(surfaces), points)]
+
+
+def determinant_rows(box: ControlBox, points: Array) -> Array:
+    """Derivatives of det(d deformed / d point) at (n, 3) points by the control points, (n, 3 k), coordinates together.
+
+    The derivative of a determinant by its matrix is the matrix of its cofactors.
+    """
+    a, b, c = np.moveaxis(box.jacobian(points), 1, 0)
+    cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
+    return np.einsum("nab,nkb->nka", cofactors, box.matrix_gradient(points)).reshape(len(points), -1)
 
 
 def _root(box: ControlBox, surfaces: tuple[Superquadric, ...]) -> tuple[_Leaves, float]:

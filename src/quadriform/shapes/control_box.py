@@ -118,10 +118,22 @@ class ControlBox:
     def jacobian(self, points: ArrayLike) -> Array:
         """d deformed / d point, (n, 3, 3), rows the deformed coordinates; the deformation gradient."""
         result = np.empty((len(np.asarray(points)), 3, 3))
-        inverse_edges = self.edges / (self.edges**2).sum(axis=1, keepdims=True)  # d (s, t, u) / d point
         for part, local in self._chunks(points):
-            result[part] = self._by_local(local) @ inverse_edges
+            result[part] = self._by_local(local) @ self._local_by_point
         return result
+
+    def matrix_gradient(self, points: ArrayLike) -> Array:
+        """Derivatives of `matrix` by the world points, (n, (l+1)(m+1)(n+1), 3)."""
+        local = self.local(points)
+        plain = [bernstein.basis(local[:, a], d) for a, d in enumerate(self.degrees)]
+        slopes = [bernstein.basis_derivative(local[:, a], d) for a, d in enumerate(self.degrees)]
+        along = [bernstein.products([slopes[a] if a == axis else plain[a] for a in range(3)]) for axis in range(3)]
+        return np.stack(along, axis=2) @ self._local_by_point
+
+    @property
+    def _local_by_point(self) -> Array:
+        """d (s, t, u) / d point, (3, 3)."""
+        return self.edges / (self.edges**2).sum(axis=1, keepdims=True)
 
     def _by_local(self, local: Array) -> Array:
         """d deformed / d (s, t, u), (n, 3, 3)."""

@@ -1,0 +1,153 @@
+"""Folds of the map found, located, and cured: the determinant is held above a floor where it falls below.
+
+The data says where the surface is, and next to nothing about the space inside; there a fold can be pressed out almost
+without moving the surface. More strength everywhere would press it out too, but at the price of the surface.
+"""
+
+from collections.abc import Iterable
+from copy import copy
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from quadriform.errors import WarningKind, Warnings
+from quadriform.fitting.coarse_to_fine import Refined, Rounds
+from quadriform.fitting.normal_equations import NormalEquations
+from quadriform.fitting.sheet import Sheet
+from quadriform.points import Array
+from quadriform.shapes.certificate import determinant_rows, jacobian_bound, lattice_inside
+from quadriform.shapes.closest import closest_on
+from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.model import DeformableModel
+from quadriform.shapes.superquadric import Superquadric
+
+FLOOR, NEAR_FLOOR = 0.1, 0.03
+"""Determinants are pressed up to the first, 1 being no change of volume; above the second a proof is worth trying."""
+FIRST_PRESS, HARDER, MOST_PRESSES = 1e-3, 2.0, 30
+"""The pressure on a place begins with this share of all the data's, and grows by this factor from round to round."""
+LATTICE, GRID, FINE_LATTICE, FINE_GRID = 21, 12, 45, 32
+STRONGEST, DESCENT = 1e3, 8
+PRICE, CHEAP = 1.5, 0.025
+"""A cure is worse than the fold when it makes the noise this many times larger, and larger than this share of the
+cloud's RMS radius."""
+
+
+@dataclass(frozen=True)
+class _Floor:
+    """Pressure where the determinant falls below the floor: weight (FLOOR - det)^2 over the places below it.
+
+    Attributes:
+        places: (n, 3) points before deformation where the determinant is watched.
+        weight: of a place.
+    """
+
+    places: Array
+    weight: float
+
+    @classmethod
+    def under(cls, box: ControlBox, surfaces: dict[str, Superquadric], weight: float) -> "_Floor":
+        grids = [surface.grid(GRID)[0] for surface in surfaces.values()]
+        return cls(np.concatenate([lattice_inside(box, list(surfaces.values()), LATTICE), *grids]), weight)
+
+    def determinants(self, box: ControlBox) -> Array:
+        return np.linalg.det(box.jacobian(self.places))
+
+    def equations(self, box: ControlBox) -> NormalEquations:
+        determinants = self.determinants(box)
+        low = determinants < FLOOR
+        rows = determinant_rows(box, self.places[low]) if low.any() else np.empty((0, box.control_points.size))
+        wanted = FLOOR - determinants[low] + rows @ (box.control_points - box.rest).ravel()
+        return NormalEquations.of_rows(rows, wanted, self.weight)
+
+    def cost(self, box: ControlBox) -> float:
+        return self.weight * float((np.maximum(FLOOR - self.determinants(box), 0) ** 2).sum())
+
+    def harder(self) -> "_Floor":
+        return replace(self, weight=HARDER * self.weight)
+
+    def with_places(self, places: Array) -> "_Floor":
+        return replace(self, places=np.concatenate([self.places, places]))
+
+
+def fair_price(refined: Refined, surfaces: dict[str, Superquadric]) -> float:
+    """The noise at which a cure is worse than the fold.
+
+    Several surfaces in one box are only worth having when the space between them does not fold: there any price is
+    fair.
+    """
+    return np.inf if len(surfaces) > 1 else max(PRICE * refined.solution.noise, CHEAP)
+
+
+def unfolded(
+    rounds: Rounds, refined: Refined, surfaces: dict[str, Superquadric], price: float
+) -> tuple[Refined, Warnings]:
+    """Press the folds out until the map is certified not to fold inside the surfaces, if the noise stays below a price.
+
+    Returns:
+        What was given, with a warning, where that does not come about.
+    """
+    weight = FIRST_PRESS * sum(len(sheet.points) for sheet in refined.sheets) * (refined.solution.noise / FLOOR) ** 2
+    floor = _Floor.under(refined.box, surfaces, weight)
+    fair = refined.solution.noise <= price
+    if fair and floor.determinants(refined.box).min() > NEAR_FLOOR and _certified(refined, surfaces):
+        return refined, {}
+    for sheets in (_copies(refined.sheets), _at_rest(refined)):
+        cured = _descended(rounds, replace(refined, sheets=sheets), floor, surfaces, price)
+        if cured is not None:
+            return cured, {}
+    return refined, {WarningKind.FOLDING: _fold_text(refined, surfaces)}
+
+
+def _descended(
+    rounds: Rounds, refined: Refined, floor: _Floor, surfaces: dict[str, Superquadric], price: float
+) -> Refined | None:
+    """From a strength under which nothing folds down to the wanted one, the floor always held; None without success."""
+    strength = refined.solution.strength
+    for harder in np.geomspace(STRONGEST, 1, DESCENT):
+        refined = rounds.pressed(refined, floor, harder * strength)
+    for _ in range(MOST_PRESSES):
+        if floor.determinants(refined.box).min() > NEAR_FLOOR:
+            if _certified(refined, surfaces):
+                return refined
+            floor = floor.with_places(_low_places(refined.box, surfaces))
+        refined = rounds.pressed(refined, floor, strength)
+        if refined.solution.noise > price:
+            return None
+        floor = floor.harder()
+    return None
+
+
+def _copies(sheets: Iterable[Sheet]) -> tuple[Sheet, ...]:
+    """Whose foot points can slide without those of the given sheets."""
+    return tuple(copy(sheet) for sheet in sheets)
+
+
+def _at_rest(refined: Refined) -> tuple[Sheet, ...]:
+    """Sheets with the foot points of the undeformed surfaces, for data that led them astray."""
+    sheets, rest = _copies(refined.sheets), refined.box.with_control_points(refined.box.rest)
+    for sheet in sheets:
+        sheet.origins = closest_on(sheet.superquadric, rest, sheet.points).origins
+    return sheets
+
+
+def _certified(refined: Refined, surfaces: dict[str, Superquadric]) -> bool:
+    """Whether the map provably does not fold inside the surfaces and no mesh of them crosses."""
+    model = DeformableModel(surfaces, refined.box)
+    return model.min_jacobian() > 0 and not model.crossings()
+
+
+def _low_places(box: ControlBox, surfaces: dict[str, Superquadric]) -> Array:
+    """More places to be watched: low ones of finer lattices, and some around the lowest that the proof met."""
+    inside = [lattice_inside(box, list(surfaces.values()), FINE_LATTICE)]
+    fine = np.concatenate([*inside, *(surface.grid(FINE_GRID)[0] for surface in surfaces.values())])
+    low = fine[np.linalg.det(box.jacobian(fine)) < NEAR_FLOOR]
+    steps = np.linspace(-1, 1, 5) / FINE_LATTICE
+    cluster = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3) @ box.edges
+    return np.concatenate([jacobian_bound(box, surfaces.values()).where + cluster, low])
+
+
+def _fold_text(refined: Refined, surfaces: dict[str, Superquadric]) -> str:
+    model = DeformableModel(surfaces, refined.box)
+    crossed = ", ".join(" and ".join(dict.fromkeys(pair)) for pair in model.crossings())
+    end = f"crossing: {crossed}" if crossed else "no surface crosses itself or another"
+    return f"the map folds space inside the surface at {len(model.folds())} sampled places; {end}"

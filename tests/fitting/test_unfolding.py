@@ -1,0 +1,96 @@
+"""Folds are pressed out of the space inside, and the surface stays where the data is."""
+
+import numpy as np
+import pytest
+from clouds_made import noisy_egg
+from shapes_made import even_directions, made
+
+import quadriform as qf
+from quadriform.fitting import tangent_fit
+from quadriform.fitting.unfolding import fair_price
+from quadriform.shapes.certificate import determinant_rows, lattice_inside
+from quadriform.shapes.control_box import ControlBox
+
+FEW = noisy_egg(300)
+
+
+def dented(directions):
+    """An ellipsoid with half of its radius pressed in on one side."""
+    pole = np.array([0.94, 0.28, 0.19])
+    angle = np.arccos(np.clip(directions @ pole / np.linalg.norm(pole), -1, 1))
+    return directions * (1 - 0.5 * np.exp(-((angle / 0.5) ** 2)))[:, None] * [30, 30, 39]
+
+
+TRUTH = dented(even_directions(1500))
+DENTED = dented(even_directions(900)) + np.random.default_rng(0).normal(0, 0.1, (900, 3))
+
+
+@pytest.fixture(scope="module")
+def folded():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tangent_fit, "unfolded", lambda rounds, refined, surfaces, price: (refined, {}))
+        return qf.fit(DENTED)
+
+
+def off(model):
+    return np.sqrt((model.distance(TRUTH) ** 2).mean())
+
+
+@pytest.fixture
+def box(rng):
+    plain = ControlBox.around(made(), (3, 4, 3))
+    return plain.with_control_points(plain.control_points + rng.normal(scale=1.0, size=plain.control_points.shape))
+
+
+def test_the_determinants_rows_are_its_derivatives(box, rng):
+    places = box.origin + rng.random((20, 3)) @ box.edges
+    direction = rng.normal(size=box.control_points.shape)
+    there, back = (box.with_control_points(box.control_points + step * direction) for step in (1e-5, -1e-5))
+    slope = (np.linalg.det(there.jacobian(places)) - np.linalg.det(back.jacobian(places))) / 2e-5
+    np.testing.assert_allclose(determinant_rows(box, places) @ direction.ravel(), slope, rtol=1e-6, atol=1e-9)
+
+
+def test_the_matrix_gradient_gives_the_jacobian(box, rng):
+    places = box.origin + rng.random((20, 3)) @ box.edges
+    rows = np.einsum("nkb,ka->nab", box.matrix_gradient(places), box.control_points.reshape(-1, 3))
+    np.testing.assert_allclose(rows, box.jacobian(places), atol=1e-12)
+
+
+def test_lattice_points_lie_inside():
+    surface = made()
+    points = lattice_inside(ControlBox.around(surface), [surface], 15)
+    assert (surface.implicit(points) <= 1).all()
+    assert len(points) == pytest.approx(15**3 * surface.volume() / (8 * surface.semi_axes.prod()), rel=0.2)
+
+
+def test_a_cure_leaves_the_surface_alone(folded):
+    """Old bug: more strength everywhere cured a small fold inside, and the error grew eightfold."""
+    cured = qf.fit(DENTED)
+    assert folded.model.min_jacobian() < 0 < cured.model.min_jacobian()
+    assert "FOLDING" not in cured.warnings and not cured.model.crossings()
+    assert off(cured.model) < 1.1 * off(folded.model) < 0.1
+    inside = 0.5 * TRUTH
+    assert cured.model.undeform(cured.model.deform(inside)) == pytest.approx(inside, abs=1e-7)
+
+
+def test_any_price_is_fair_for_two_surfaces(monkeypatch):
+    seen = []
+
+    def look(rounds, refined, surfaces, price):
+        seen.append((price, refined.solution.noise, fair_price(refined, surfaces)))
+        return refined, {}
+
+    monkeypatch.setattr(tangent_fit, "unfolded", look)
+    qf.fit(FEW, box=(3, 3, 3))
+    qf.fit({"epi": FEW, "endo": 0.7 * FEW}, box=(3, 3, 3))
+    (one, noise, same), (two, _, _) = seen
+    assert one == same >= 1.5 * noise
+    assert two == np.inf
+
+
+def test_a_fold_that_no_fair_price_cures_is_told(monkeypatch, folded):
+    monkeypatch.setattr(tangent_fit, "fair_price", lambda refined, surfaces: 0.0)
+    fit = qf.fit(DENTED)
+    assert "sampled places" in fit.warnings["FOLDING"]
+    assert fit.model.min_jacobian() < 0
+    assert off(fit.model) == off(folded.model)  # what the cure tried has left no trace
