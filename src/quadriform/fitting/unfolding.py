@@ -106,13 +106,13 @@ def _descended(
     for harder in np.geomspace(STRONGEST, 1, DESCENT):
         refined = rounds.pressed(refined, floor, harder * strength)
     for _ in range(MOST_PRESSES):
+        if refined.solution.noise > price:
+            return None
         if floor.determinants(refined.box).min() > NEAR_FLOOR:
             if _certified(refined, surfaces):
                 return refined
             floor = floor.with_places(_low_places(refined.box, surfaces))
         refined = rounds.pressed(refined, floor, strength)
-        if refined.solution.noise > price:
-            return None
         floor = floor.harder()
     return None
 
