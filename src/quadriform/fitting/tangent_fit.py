@@ -15,7 +15,7 @@ from quadriform.fitting.regularity import Regulariser
 from quadriform.fitting.sheet import Sheet
 from quadriform.fitting.tangent import evidence_of
 from quadriform.fitting.uncertainty import FinerBox
-from quadriform.fitting.unfolding import fair_price, unfolded
+from quadriform.fitting.unfolding import cures, fair_price, folding
 from quadriform.points import Array
 from quadriform.shapes import pose
 from quadriform.shapes.control_box import ControlBox
@@ -133,25 +133,49 @@ def _error(result: Result, clouds: dict[str, Array]) -> float:
 
 
 def _best_start(task: _Task, starts: Sequence[dict[str, Superquadric]], shape: tuple[int, int, int]) -> Result:
-    """The best start that unfolds at a fair price, or the best: not tangled, and of the largest evidence."""
-    trials = [_tried(task, surfaces, shape) for surfaces in starts]
-    trials.sort(key=lambda trial: (trial[2].tangled, trial[2].solution.criterion))
-    found, price = [], None
-    for rounds, sheets, coarse in trials:
+    """The best start that unfolds at a fair price, or the best: not tangled, and of the largest evidence.
+
+    Several surfaces in one box are only worth having when the space between them does not fold: there any price is
+    fair, if there is none better.
+    """
+    trials = [_Trial.of(task, surfaces, shape) for surfaces in starts]
+    trials.sort(key=lambda trial: (trial.coarse.tangled, trial.coarse.solution.criterion))
+    first, dear = trials[0].refined(), list[tuple[_Trial, Refined]]()
+    price = fair_price(first)
+    for trial in trials:
+        refined = first if trial is trials[0] else trial.refined()
+        for cured in cures(trial.rounds, refined, trial.surfaces, np.inf if len(trial.surfaces) > 1 else price):
+            if cured.solution.noise <= price:
+                return _result(task, trial, cured, {})
+            dear.append((trial, cured))
+    if dear:
+        return _result(task, *min(dear, key=lambda found: found[1].solution.noise), {})
+    return _result(task, trials[0], first, folding(first, trials[0].surfaces))
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """A start and how far its coarse stage came."""
+
+    surfaces: dict[str, Superquadric]
+    rounds: Rounds
+    sheets: list[Sheet]
+    coarse: Refined
+
+    @classmethod
+    def of(cls, task: _Task, start: dict[str, Superquadric], shape: tuple[int, int, int]) -> "_Trial":
+        rounds, sheets = task.rounds(start, shape), task.sheets(start)
+        coarse = coarse_unfolded(rounds, sheets)
         surfaces = dict(zip(task.clouds, (sheet.superquadric for sheet in sheets)))
-        refined = rounds.fine(sheets, coarse)
-        price = fair_price(refined, surfaces) if price is None else price
-        found.append((surfaces, *unfolded(rounds, refined, surfaces, price)))
-        if not found[-1][2]:
-            return _result(task, *found[-1], covered=coarse.covered)
-    return _result(task, *found[0], covered=trials[0][2].covered)
+        return cls(surfaces, rounds, sheets, coarse)
+
+    def refined(self) -> Refined:
+        return self.rounds.fine(self.sheets, self.coarse)
 
 
-def _result(
-    task: _Task, surfaces: dict[str, Superquadric], refined: Refined, warnings: Warnings, covered: bool
-) -> Result:
+def _result(task: _Task, trial: _Trial, refined: Refined, warnings: Warnings) -> Result:
     return Result(
-        model=DeformableModel(surfaces, refined.box),
+        model=DeformableModel(trial.surfaces, refined.box),
         history=refined.history,
         strength=refined.solution.strength,
         noise=refined.solution.noise,
@@ -160,15 +184,8 @@ def _result(
         inliers=_all_inliers(task, refined),
         warnings=warnings,
         beyond=task.beyond,
-        covered=covered and task.beyond is None,
+        covered=trial.coarse.covered and task.beyond is None,
     )
-
-
-def _tried(
-    task: _Task, surfaces: dict[str, Superquadric], shape: tuple[int, int, int]
-) -> tuple[Rounds, list[Sheet], Refined]:
-    rounds, sheets = task.rounds(surfaces, shape), task.sheets(surfaces)
-    return rounds, sheets, coarse_unfolded(rounds, sheets)
 
 
 def _all_inliers(task: _Task, refined: Refined) -> dict[str, Array]:

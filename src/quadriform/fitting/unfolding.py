@@ -4,7 +4,7 @@ The data says where the surface is, and next to nothing about the space inside; 
 without moving the surface. More strength everywhere would press it out too, but at the price of the surface.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterator
 from copy import copy
 from dataclasses import dataclass, replace
 
@@ -69,44 +69,46 @@ class _Floor:
         return replace(self, places=np.concatenate([self.places, places]))
 
 
-def fair_price(refined: Refined, surfaces: dict[str, Superquadric]) -> float:
-    """The noise at which a cure is worse than the fold.
-
-    Several surfaces in one box are only worth having when the space between them does not fold: there any price is
-    fair.
-    """
-    return np.inf if len(surfaces) > 1 else max(PRICE * refined.solution.noise, CHEAP)
+def fair_price(refined: Refined) -> float:
+    """The noise at which a cure is worse than the fold."""
+    return max(PRICE * refined.solution.noise, CHEAP)
 
 
-def unfolded(
-    rounds: Rounds, refined: Refined, surfaces: dict[str, Superquadric], price: float
-) -> tuple[Refined, Warnings]:
-    """Press the folds out until the map is certified not to fold inside the surfaces, if the noise stays below a price.
+def cures(rounds: Rounds, refined: Refined, surfaces: dict[str, Superquadric], most: float) -> Iterator[Refined]:
+    """What is certified not to fold inside the surfaces, with a noise of at most `most`.
 
-    Returns:
-        What was given, with a warning, where that does not come about.
+    The given refinement itself if that is so; else with its folds pressed out, from its own foot points and from those
+    of the undeformed surfaces.
     """
     weight = FIRST_PRESS * sum(len(sheet.points) for sheet in refined.sheets) * (refined.solution.noise / FLOOR) ** 2
     floor = _Floor.under(refined.box, surfaces, weight)
-    fair = refined.solution.noise <= price
+    fair = refined.solution.noise <= most
     if fair and floor.determinants(refined.box).min() > NEAR_FLOOR and _certified(refined, surfaces):
-        return refined, {}
-    for sheets in (_copies(refined.sheets), _at_rest(refined)):
-        cured = _descended(rounds, replace(refined, sheets=sheets), floor, surfaces, price)
+        yield refined
+    for place in (_copies, _at_rest):
+        cured = _descended(rounds, replace(refined, sheets=place(refined)), floor, surfaces, most)
         if cured is not None:
-            return cured, {}
-    return refined, {WarningKind.FOLDING: _fold_text(refined, surfaces)}
+            yield cured
+
+
+def folding(refined: Refined, surfaces: dict[str, Superquadric]) -> Warnings:
+    """The warning about a refinement without a cure."""
+    model = DeformableModel(surfaces, refined.box)
+    crossed = ", ".join(" and ".join(dict.fromkeys(pair)) for pair in model.crossings())
+    end = f"crossing: {crossed}" if crossed else "no surface crosses itself or another"
+    text = f"the map folds space inside the surface at {len(model.folds())} sampled places; {end}"
+    return {WarningKind.FOLDING: text}
 
 
 def _descended(
-    rounds: Rounds, refined: Refined, floor: _Floor, surfaces: dict[str, Superquadric], price: float
+    rounds: Rounds, refined: Refined, floor: _Floor, surfaces: dict[str, Superquadric], most: float
 ) -> Refined | None:
     """From a strength under which nothing folds down to the wanted one, the floor always held; None without success."""
     strength = refined.solution.strength
     for harder in np.geomspace(STRONGEST, 1, DESCENT):
         refined = rounds.pressed(refined, floor, harder * strength)
     for _ in range(MOST_PRESSES):
-        if refined.solution.noise > price:
+        if refined.solution.noise > most:
             return None
         if floor.determinants(refined.box).min() > NEAR_FLOOR:
             if _certified(refined, surfaces):
@@ -117,14 +119,14 @@ def _descended(
     return None
 
 
-def _copies(sheets: Iterable[Sheet]) -> tuple[Sheet, ...]:
-    """Whose foot points can slide without those of the given sheets."""
-    return tuple(copy(sheet) for sheet in sheets)
+def _copies(refined: Refined) -> tuple[Sheet, ...]:
+    """Sheets whose foot points can slide without those of the given ones."""
+    return tuple(copy(sheet) for sheet in refined.sheets)
 
 
 def _at_rest(refined: Refined) -> tuple[Sheet, ...]:
     """Sheets with the foot points of the undeformed surfaces, for data that led them astray."""
-    sheets, rest = _copies(refined.sheets), refined.box.with_control_points(refined.box.rest)
+    sheets, rest = _copies(refined), refined.box.with_control_points(refined.box.rest)
     for sheet in sheets:
         sheet.origins = closest_on(sheet.superquadric, rest, sheet.points).origins
     return sheets
@@ -144,10 +146,3 @@ def _low_places(box: ControlBox, surfaces: dict[str, Superquadric]) -> Array:
     steps = np.linspace(-1, 1, 5) / FINE_LATTICE
     cluster = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3) @ box.edges
     return np.concatenate([jacobian_bound(box, surfaces.values()).where + cluster, low])
-
-
-def _fold_text(refined: Refined, surfaces: dict[str, Superquadric]) -> str:
-    model = DeformableModel(surfaces, refined.box)
-    crossed = ", ".join(" and ".join(dict.fromkeys(pair)) for pair in model.crossings())
-    end = f"crossing: {crossed}" if crossed else "no surface crosses itself or another"
-    return f"the map folds space inside the surface at {len(model.folds())} sampled places; {end}"
