@@ -15,7 +15,7 @@ from quadriform.fitting.regularity import Regulariser
 from quadriform.fitting.sheet import FacingCloud, Sheet
 from quadriform.fitting.tangent import Pull, evidence_of, moved, record
 from quadriform.points import Array
-from quadriform.shapes.closest import settle
+from quadriform.shapes.closest import closest_on, settle
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.model import DeformableModel
 
@@ -119,6 +119,14 @@ class Rounds:
                     break
         self._slide(box, few)
         self.near = None  # the strengths so far knew the pulls; this one counts
+        box, solution = self._step(box, few, [None] * len(few))
+        return Refined(box, tuple(few), solution, tuple(self.history))
+
+    def resumed(self, sheets: Sequence[Sheet], box: ControlBox) -> Refined:
+        """In place of the coarse stages: one round on few points from a box that is deformed already."""
+        few = [sheet.thinned(COARSE_POINTS[0], self.robust) for sheet in sheets]
+        for sheet in few:
+            sheet.origins = closest_on(sheet.superquadric, box, sheet.points).origins
         box, solution = self._step(box, few, [None] * len(few))
         return Refined(box, tuple(few), solution, tuple(self.history))
 

@@ -16,6 +16,7 @@ from quadriform.fitting.refinement import two_step
 from quadriform.fitting.superquadric_fit import fit_superquadric
 from quadriform.fitting.tangent_fit import Result, fit_tangent
 from quadriform.points import Array, Frame, check_points, check_spread, check_weights
+from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
@@ -69,6 +70,7 @@ def refine(
     points: Clouds,
     *,
     method: str = "tangent",
+    start: ControlBox | None = None,
     weights: Weights = None,
     progress: Progress | None = None,
     **options: object,
@@ -79,6 +81,8 @@ def refine(
         superquadric: where to start from; a mapping when `points` is one, with the same names.
         points: (n, 3), or several clouds by name.
         method: "tangent" or "paper".
+        start: a deformed box of the same superquadric(s) to go on from, such as that of the frame before; only for
+            "tangent".
         weights: as in `fit`.
         progress: as in `fit`.
         **options: for both methods `box`, control points along each axis, (5, 5, 5) unless said, and `strength`.
@@ -98,7 +102,10 @@ def refine(
     surfaces = {ALONE: superquadric} if isinstance(superquadric, Superquadric) else dict(superquadric)
     if surfaces.keys() != clouds.keys():
         raise OptionError(f"surfaces {sorted(surfaces)} and points {sorted(clouds)} must have the same names")
-    return _refine(surfaces, clouds, _weights(weights, clouds, method), options_for(method, options), None, progress)
+    counted, chosen = _weights(weights, clouds, method), options_for(method, options)
+    if start is not None and isinstance(chosen, PaperOptions):
+        raise OptionError("option start is not one of method='paper'; use method='tangent'")
+    return _refine(surfaces, clouds, counted, chosen, None, progress, start)
 
 
 def _refine(
@@ -108,6 +115,7 @@ def _refine(
     options: PaperOptions | TangentOptions,
     kind: str | None,
     progress: Progress | None,
+    start: ControlBox | None = None,
 ) -> Fit:
     """Centre and scale, refine, undo; with a `kind` other superquadrics than the given may serve as starts."""
     if isinstance(options, PaperOptions):  # where copies are points like any other
@@ -121,7 +129,8 @@ def _refine(
     counted = _of_mean_one({name: part.weights for name, part in parts.items()})
     limit = None if options.max_error is None else options.max_error / frame.scale
     beyond = options.beyond(clouds, frame)
-    result = fit_tangent(_placed(surfaces, frame), local, counted, options, beyond, limit, kind, progress)
+    begin = None if start is None else start.placed(1 / frame.scale, -frame.centre / frame.scale)
+    result = fit_tangent(_placed(surfaces, frame), local, counted, options, beyond, limit, kind, progress, begin)
     inliers = {name: parts[name].spread(found) for name, found in (result.inliers or {}).items()}
     there = {name: part.there for name, part in parts.items()}
     found = _in_world(replace(result, inliers=inliers, counted=there), clouds, frame)

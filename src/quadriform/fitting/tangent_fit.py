@@ -68,6 +68,7 @@ class _Task:
     options: TangentOptions
     beyond: HalfSpace | None
     progress: Progress | None
+    start: ControlBox | None
 
     def sheets(self, surfaces: Mapping[str, Superquadric]) -> list[Sheet]:
         """One sheet a surface, without the points of weight zero."""
@@ -93,6 +94,7 @@ def fit_tangent(
     max_error: float | None,
     kind: str | None,
     progress: Progress | None,
+    start: ControlBox | None = None,
 ) -> Result:
     """Refine all surfaces at once; everything in the centred, scaled frame.
 
@@ -105,9 +107,12 @@ def fit_tangent(
         max_error: RMS distance that box="auto" must reach.
         kind: other starts of this kind may take the place of the given ones; None keeps them.
         progress: called after each round.
+        start: a deformed box to go on from; its number of control points goes before that of the options.
     """
-    task = _Task(clouds, weights, options, beyond, progress)
+    task = _Task(clouds, weights, options, beyond, progress, start)
     starts = [surfaces] if kind is None else candidates(clouds, surfaces, kind)
+    if start is not None:
+        return _best_start(task, starts, check_box(start.control_points.shape[:3]))
     if max_error is None:
         return _best_start(task, starts, check_box(options.box))
     for side in AUTO_SIDES:
@@ -165,7 +170,7 @@ class _Trial:
     @classmethod
     def of(cls, task: _Task, start: dict[str, Superquadric], shape: tuple[int, int, int]) -> "_Trial":
         rounds, sheets = task.rounds(start, shape), task.sheets(start)
-        coarse = coarse_unfolded(rounds, sheets)
+        coarse = coarse_unfolded(rounds, sheets) if task.start is None else rounds.resumed(sheets, task.start)
         surfaces = dict(zip(task.clouds, (sheet.superquadric for sheet in sheets)))
         return cls(surfaces, rounds, sheets, coarse)
 

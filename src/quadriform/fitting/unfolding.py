@@ -4,7 +4,7 @@ The data says where the surface is, and next to nothing about the space inside; 
 without moving the surface. More strength everywhere would press it out too, but at the price of the surface.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from copy import copy
 from dataclasses import dataclass, replace
 
@@ -33,7 +33,7 @@ cloud's RMS radius."""
 
 
 @dataclass(frozen=True)
-class _Floor:
+class Floor:
     """Pressure where the determinant falls below the floor: weight (FLOOR - det)^2 over the places below it.
 
     Attributes:
@@ -45,28 +45,37 @@ class _Floor:
     weight: float
 
     @classmethod
-    def under(cls, box: ControlBox, surfaces: dict[str, Superquadric], weight: float) -> "_Floor":
+    def under(cls, box: ControlBox, surfaces: Mapping[str, Superquadric], weight: float) -> "Floor":
+        """Watched on a lattice inside the surfaces and on them."""
         grids = [surface.grid(GRID)[0] for surface in surfaces.values()]
         return cls(np.concatenate([lattice_inside(box, list(surfaces.values()), LATTICE), *grids]), weight)
 
-    def determinants(self, box: ControlBox) -> Array:
-        return np.linalg.det(box.jacobian(self.places))
+    def lowest(self, box: ControlBox) -> float:
+        """The smallest determinant at the places."""
+        return float(self._determinants(box).min())
 
     def equations(self, box: ControlBox) -> NormalEquations:
-        determinants = self.determinants(box)
+        """The pressure, linear about a box, in the displacement of the control points from rest."""
+        determinants = self._determinants(box)
         low = determinants < FLOOR
         rows = determinant_rows(box, self.places[low]) if low.any() else np.empty((0, box.control_points.size))
         wanted = FLOOR - determinants[low] + rows @ (box.control_points - box.rest).ravel()
         return NormalEquations.of_rows(rows, wanted, self.weight)
 
     def cost(self, box: ControlBox) -> float:
-        return self.weight * float((np.maximum(FLOOR - self.determinants(box), 0) ** 2).sum())
+        """The pressure itself."""
+        return self.weight * float((np.maximum(FLOOR - self._determinants(box), 0) ** 2).sum())
 
-    def harder(self) -> "_Floor":
+    def harder(self) -> "Floor":
+        """With more weight."""
         return replace(self, weight=HARDER * self.weight)
 
-    def with_places(self, places: Array) -> "_Floor":
+    def with_places(self, places: Array) -> "Floor":
+        """Watched at more places (m, 3)."""
         return replace(self, places=np.concatenate([self.places, places]))
+
+    def _determinants(self, box: ControlBox) -> Array:
+        return np.linalg.det(box.jacobian(self.places))
 
 
 def fair_price(refined: Refined) -> float:
@@ -81,9 +90,9 @@ def cures(rounds: Rounds, refined: Refined, surfaces: dict[str, Superquadric], m
     of the undeformed surfaces.
     """
     weight = FIRST_PRESS * sum(len(sheet.points) for sheet in refined.sheets) * (refined.solution.noise / FLOOR) ** 2
-    floor = _Floor.under(refined.box, surfaces, weight)
+    floor = Floor.under(refined.box, surfaces, weight)
     fair = refined.solution.noise <= most
-    if fair and floor.determinants(refined.box).min() > NEAR_FLOOR and _certified(refined, surfaces):
+    if fair and floor.lowest(refined.box) > NEAR_FLOOR and _certified(refined, surfaces):
         yield refined
     for place in (_copies, _at_rest):
         cured = _descended(rounds, replace(refined, sheets=place(refined)), floor, surfaces, most)
@@ -101,7 +110,7 @@ def folding(refined: Refined, surfaces: dict[str, Superquadric]) -> Warnings:
 
 
 def _descended(
-    rounds: Rounds, refined: Refined, floor: _Floor, surfaces: dict[str, Superquadric], most: float
+    rounds: Rounds, refined: Refined, floor: Floor, surfaces: dict[str, Superquadric], most: float
 ) -> Refined | None:
     """From a strength under which nothing folds down to the wanted one, the floor always held; None without success."""
     strength = refined.solution.strength
@@ -110,10 +119,10 @@ def _descended(
     for _ in range(MOST_PRESSES):
         if refined.solution.noise > most:
             return None
-        if floor.determinants(refined.box).min() > NEAR_FLOOR:
+        if floor.lowest(refined.box) > NEAR_FLOOR:
             if _certified(refined, surfaces):
                 return refined
-            floor = floor.with_places(_low_places(refined.box, surfaces))
+            floor = floor.with_places(low_places(refined.box, surfaces))
         refined = rounds.pressed(refined, floor, strength)
         floor = floor.harder()
     return None
@@ -138,7 +147,7 @@ def _certified(refined: Refined, surfaces: dict[str, Superquadric]) -> bool:
     return model.min_jacobian() > 0 and not model.crossings()
 
 
-def _low_places(box: ControlBox, surfaces: dict[str, Superquadric]) -> Array:
+def low_places(box: ControlBox, surfaces: Mapping[str, Superquadric]) -> Array:
     """More places to be watched: low ones of finer lattices, and some around the lowest that the proof met."""
     inside = [lattice_inside(box, list(surfaces.values()), FINE_LATTICE)]
     fine = np.concatenate([*inside, *(surface.grid(FINE_GRID)[0] for surface in surfaces.values())])

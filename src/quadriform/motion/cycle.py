@@ -1,0 +1,213 @@
+"""The whole cycle at once: foot points slide in every frame, then all control points of all times move together."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from quadriform.fitting.coarse_to_fine import FIRST_NOISE
+from quadriform.fitting.normal_equations import normal_equations
+from quadriform.fitting.outcome import Progress
+from quadriform.fitting.regularity import Regulariser, penalty
+from quadriform.fitting.sheet import Sheet
+from quadriform.fitting.tangent import data_rows
+from quadriform.fitting.unfolding import FIRST_PRESS, FLOOR, NEAR_FLOOR, Floor, low_places
+from quadriform.motion.cycle_equations import CycleEvidence
+from quadriform.motion.slice_shifts import SliceNumbers, SlicePlanes
+from quadriform.points import Array
+from quadriform.shapes.closest import closest_on, settle
+from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.model import DeformableModel
+from quadriform.shapes.splines import TimeBasis
+from quadriform.shapes.superquadric import Superquadric
+
+STRONGEST, DESCENT = 1e3, 6
+SEARCHES = 2
+ROUNDS, MOST_ROUNDS = 6, 24
+REST = 0.005
+"""The cycle is fitted when the noise changes by less than this share, and no frame folds."""
+SLIDES = 3
+SMALLEST_STEP = 1e-2
+FIRST_GAMMA = 1.0
+
+
+@dataclass(frozen=True)
+class CycleFit:
+    """The fitted cycle, in the centred, scaled frame.
+
+    Attributes:
+        control_points: (K, l+1, m+1, n+1, 3), at the knots.
+        sheets: for each frame the surfaces with their points, moved by the shifts, and inlier probabilities.
+        noise: standard deviation of the data along the normal.
+        strengths: alpha in space, gamma in time.
+        shifts: (S, 2), of the slices in their planes; none without slice numbers.
+        certified: whether each frame is proven not to fold.
+    """
+
+    control_points: Array
+    sheets: tuple[dict[str, Sheet], ...]
+    noise: float
+    strengths: tuple[float, float]
+    shifts: Array
+    certified: tuple[bool, ...]
+
+    @property
+    def inliers(self) -> list[dict[str, Array]]:
+        """Probabilities of the points of each frame, by surface."""
+        return [{name: sheet.inliers for name, sheet in sheets.items()} for sheets in self.sheets]
+
+
+class Cycle:
+    """The state that goes from round to round.
+
+    Args:
+        surfaces: name -> superquadric.
+        box: a deformed box to start all frames from.
+        frames: name -> points, for each frame.
+        values: (F, K), the splines at the frames' times.
+        basis: the splines.
+        regularity: in space.
+        robust: whether strangers are told from inliers.
+        planes: of the slices whose shifts are sought, with the slice number of each point; or None.
+    """
+
+    def __init__(
+        self,
+        surfaces: Mapping[str, Superquadric],
+        box: ControlBox,
+        frames: Sequence[Mapping[str, Array]],
+        values: Array,
+        basis: TimeBasis,
+        regularity: str | Regulariser,
+        robust: bool,
+        planes: tuple[SlicePlanes, SliceNumbers] | None,
+    ) -> None:
+        self.surfaces, self.values, self.basis, self.robust, self.planes = surfaces, values, basis, robust, planes
+        self.boxes = [box] * len(frames)
+        start = (box.control_points - box.rest).reshape(-1, 3)
+        self.displacement = np.broadcast_to(start, (values.shape[1], *start.shape))
+        self.frames = frames
+        self.sheets = [self._sheets(frame, box) for frame in frames]
+        self.shape: tuple[int, int, int] = box.control_points.shape[:3]
+        self.penalty = penalty(regularity, self.shape)
+        self.noise = FIRST_NOISE * float(np.median(np.abs(np.concatenate(self._distances()))))
+        self.shifts = np.zeros((0 if planes is None else len(planes[0].numbers), 2))
+        weight = FIRST_PRESS * sum(len(cloud) for cloud in frames[0].values()) * (self.noise / FLOOR) ** 2
+        self.floors = [Floor.under(box, surfaces, weight)] * len(frames)
+
+    def _sheets(self, frame: Mapping[str, Array], box: ControlBox) -> list[Sheet]:
+        result = []
+        for name, points in frame.items():
+            sheet = Sheet(self.surfaces[name], points, np.ones(len(points)))
+            sheet.origins = closest_on(sheet.superquadric, box, points).origins
+            result.append(sheet)
+        return result
+
+    def _distances(self) -> list[Array]:
+        return [
+            np.linalg.norm(sheet.points - box.deform(sheet.origins), axis=1)
+            for box, sheets in zip(self.boxes, self.sheets)
+            for sheet in sheets
+        ]
+
+    def fit(self, alpha: float, progress: Progress | None = None) -> CycleFit:
+        """From a strength under which nothing folds down to those of the largest evidence, then until it rests."""
+        strengths, told = (alpha, alpha * FIRST_GAMMA), progress or (lambda done, total: None)
+        total = DESCENT + ROUNDS
+        for done, harder in enumerate(np.geomspace(STRONGEST, 1, DESCENT)):
+            self._round((harder * strengths[0], harder * strengths[1]))
+            told(done + 1, total)
+        certified: tuple[bool, ...] = ()
+        for done in range(MOST_ROUNDS):
+            if done < SEARCHES:
+                strengths = alpha, self._evidence().best_in_time(*strengths)
+            before = self.noise
+            self._round(strengths)
+            told(min(DESCENT + done + 1, total), total)
+            if done + 1 >= ROUNDS:
+                certified = self._certified()
+                if all(certified) and abs(self.noise - before) < REST * before:
+                    break
+        control = self.displacement.reshape(-1, *self.shape, 3) + self.boxes[0].rest
+        sheets = tuple(dict(zip(frame, sheets)) for frame, sheets in zip(self.frames, self.sheets))
+        return CycleFit(control, sheets, self.noise, strengths, self.shifts, certified)
+
+    def _round(self, strengths: tuple[float, float]) -> None:
+        """Everything moves as far towards the solution of the linear problem as lowers the sum."""
+        self._slide()
+        if self.robust:
+            self._weigh()
+        evidence = self._evidence()
+        presses = [floor.equations(box) for floor, box in zip(self.floors, self.boxes)]
+        solution = evidence.plus(presses).solve(*strengths)
+        moved, turned = solution.displacement - self.displacement, solution.shifts - self.shifts.ravel()
+        before, share = self._total(evidence, self.displacement, self.shifts.ravel(), strengths), 1.0
+        while share > SMALLEST_STEP:
+            displacement, shifts = self.displacement + share * moved, self.shifts.ravel() + share * turned
+            if self._total(evidence, displacement, shifts, strengths) <= before:
+                break
+            share /= 2
+        self.displacement, self.shifts = displacement, shifts.reshape(-1, 2)
+        self.boxes, self.noise = self._boxes(self.displacement), solution.noise
+        self._shift()
+
+    def _total(
+        self, evidence: CycleEvidence, displacement: Array, shifts: Array, strengths: tuple[float, float]
+    ) -> float:
+        pressures = [floor.cost(box) for floor, box in zip(self.floors, self._boxes(displacement))]
+        return evidence.cost(displacement, shifts, *strengths) + sum(pressures)
+
+    def _boxes(self, displacement: Array) -> list[ControlBox]:
+        rest = self.boxes[0].rest
+        in_time = np.einsum("fa,akc->fkc", self.values, displacement).reshape(-1, *rest.shape)
+        return [self.boxes[0].with_control_points(rest + moved) for moved in in_time]
+
+    def _slide(self) -> None:
+        for box, sheets in zip(self.boxes, self.sheets):
+            for sheet in sheets:
+                sheet.origins = settle(sheet.superquadric, box, sheet.points, sheet.origins, SLIDES).origins
+
+    def _weigh(self) -> None:
+        distances = iter(self._distances())
+        for sheets in self.sheets:
+            for sheet in sheets:
+                sheet.weigh(next(distances), self.noise)
+
+    def _shift(self) -> None:
+        if self.planes is None:
+            return
+        planes, slices = self.planes
+        for frame, sheets, numbers in zip(self.frames, self.sheets, slices):
+            for sheet, (name, points) in zip(sheets, frame.items()):
+                sheet.points = points + planes.offsets(self.shifts, numbers[name])
+
+    def _evidence(self) -> CycleEvidence:
+        equations, rows, count = [], [], 0.0
+        for frame, (box, sheets) in enumerate(zip(self.boxes, self.sheets)):
+            found = [data_rows(sheet, box) for sheet in sheets]
+            targets = list(self.frames[frame].values()) if self.planes else [row.targets for row in found]
+            parts = [
+                normal_equations(box.local(row.origins), row.metric, target - row.origins, box.degrees)
+                for row, target in zip(found, targets)
+            ]
+            equations.append(sum(parts[1:], parts[0]))
+            count += sum(float((sheet.weights * sheet.inliers).sum()) for sheet in sheets)
+            if self.planes:
+                rows.append(list(zip(found, self.planes[1][frame].values(), targets)))
+        border = self.planes[0].border(rows, self.boxes, self.noise) if self.planes else None
+        return CycleEvidence(equations, self.values, self.basis, self.penalty, self.shape, count, border)
+
+    def _certified(self) -> tuple[bool, ...]:
+        """Which frames do not fold; the others are pressed harder, at more places."""
+        result = []
+        for frame, (box, floor) in enumerate(zip(self.boxes, self.floors)):
+            fine = floor.lowest(box) > NEAR_FLOOR
+            result.append(fine and self._proven(box))
+            if not result[-1]:
+                more = low_places(box, self.surfaces) if fine else np.empty((0, 3))
+                self.floors[frame] = floor.harder().with_places(more)
+        return tuple(result)
+
+    def _proven(self, box: ControlBox) -> bool:
+        model = DeformableModel(dict(self.surfaces), box)
+        return model.min_jacobian() > 0 and not model.crossings()

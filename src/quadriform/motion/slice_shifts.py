@@ -1,0 +1,106 @@
+"""Slices that moved: each was taken in its own breath-hold, and lies beside its place by a shift in its plane.
+
+A shift is the same for the whole cycle. It is one unknown pair more in the linear problem of the control points, held
+to zero as weakly as a spread of SPREAD says.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadriform.fitting.normal_equations import normal_equations
+from quadriform.fitting.tangent import Rows
+from quadriform.points import Array
+from quadriform.shapes.control_box import ControlBox
+
+SPREAD = 0.05
+"""Standard deviation of a shift before the data is seen, in RMS radii of the cloud: two or three millimetres."""
+FEWEST = 6
+
+Numbers = NDArray[np.int64]
+SliceNumbers = Sequence[Mapping[str, Numbers]]
+"""For each frame the slice number of each point, by surface."""
+
+
+@dataclass(frozen=True)
+class SlicePlanes:
+    """Where the slices lie.
+
+    Attributes:
+        numbers: (S,), sorted.
+        axes: (S, 2, 3), two unit vectors in the plane of each.
+    """
+
+    numbers: Numbers
+    axes: Array
+
+    @classmethod
+    def of(cls, frames: Sequence[Mapping[str, Array]], slices: SliceNumbers) -> "SlicePlanes":
+        """From the points of all frames; slices of fewer than six points are not moved."""
+        points = np.concatenate([cloud for frame in frames for cloud in frame.values()])
+        numbers = np.concatenate([frame[name] for frame, clouds in zip(slices, frames) for name in clouds])
+        kept, axes = [], []
+        for number in np.unique(numbers):
+            inside = points[numbers == number]
+            if len(inside) >= FEWEST:
+                kept.append(number)
+                axes.append(np.linalg.svd(inside - inside.mean(axis=0), full_matrices=False)[2][:2])
+        return cls(np.array(kept, dtype=np.int64), np.array(axes).reshape(-1, 2, 3))
+
+    def named(self, shifts: Array) -> dict[int, Array]:
+        """Slice number -> shift (3,) in space."""
+        return dict(zip(self.numbers.tolist(), np.einsum("sk,ska->sa", shifts, self.axes)))
+
+    def offsets(self, shifts: Array, numbers: Numbers) -> Array:
+        """How far points (n,) of given slices are moved, (n, 3), under shifts (S, 2)."""
+        vectors = np.einsum("sk,ska->sa", shifts, self.axes)
+        result = np.zeros((len(numbers), 3))
+        place = np.searchsorted(self.numbers, numbers).clip(0, max(len(self.numbers) - 1, 0))
+        known = self.numbers[place] == numbers if len(self.numbers) else np.zeros(len(numbers), dtype=bool)
+        result[known] = vectors[place[known]]
+        return result
+
+    def border(
+        self,
+        frames: Sequence[Sequence[tuple[Rows, Numbers, Array]]],
+        boxes: Sequence[ControlBox],
+        noise: float,
+    ) -> tuple[Array, Array, Array]:
+        """The shifts' part of the linear problem: coupling (2 S, F, 3 k), own matrix (2 S, 2 S), right side (2 S,).
+
+        Args:
+            frames: for each frame and surface the rows, their slice numbers, and the targets (n, 3) before any shift.
+            boxes: of the frames.
+            noise: standard deviation of the data along the normal.
+        """
+        count = 2 * len(self.numbers)
+        coupling = np.zeros((count, len(frames), boxes[0].control_points.size))
+        own, right = (noise / SPREAD) ** 2 * np.eye(count), np.zeros(count)
+        for frame, (surfaces, box) in enumerate(zip(frames, boxes)):
+            for rows, numbers, targets in surfaces:
+                for place, number in enumerate(self.numbers):
+                    inside = numbers == number
+                    if inside.any():
+                        self._add(place, rows, inside, targets, box, (coupling[:, frame], own, right))
+        return coupling, own, right
+
+    def _add(
+        self,
+        place: int,
+        rows: Rows,
+        inside: NDArray[np.bool_],
+        targets: Array,
+        box: ControlBox,
+        sums: tuple[Array, Array, Array],
+    ) -> None:
+        coupling, own, right = sums
+        metric, local = rows.metric[inside], box.local(rows.origins[inside])
+        pulled = np.einsum("nij,kj->nki", metric, self.axes[place])
+        at = slice(2 * place, 2 * place + 2)
+        own[at, at] += np.einsum("nki,li->kl", pulled, self.axes[place])
+        right[at] -= np.einsum("nki,ni->k", pulled, targets[inside] - rows.origins[inside])
+        for k in range(2):
+            along = np.broadcast_to(self.axes[place, k], (len(local), 3))
+            coupling[2 * place + k] -= normal_equations(local, metric, along, box.degrees).right

@@ -1,0 +1,312 @@
+"""Points at several times in, a moving model out: three strategies by name (after the companion paper).
+
+"alone" fits each frame for itself; "previous" holds the superquadrics of the first fit and goes on from the box of the
+frame before; "cycle" finds the control points of all times at once, smooth and periodic.
+"""
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from quadriform.errors import OptionError, PointsError, WarningKind, Warnings, choose
+from quadriform.fitting.fit import ALONE, Clouds, fit, named, refine
+from quadriform.fitting.outcome import Fit, Progress, flat
+from quadriform.motion.cycle import Cycle
+from quadriform.motion.slice_shifts import SlicePlanes
+from quadriform.points import Array, Frame
+from quadriform.shapes.model import DeformableModel
+from quadriform.shapes.moving_model import MovingModel
+from quadriform.shapes.splines import TimeBasis
+
+MOST_KNOTS = 12
+"""A heart's cycle needs no more; fewer frames have a knot each."""
+POOR = 0.05
+"""A frame whose RMS distance is above this share of the clouds' RMS radius is called a poor fit."""
+STRANGER = 0.5
+
+SliceNumbers = Sequence[Mapping[str, ArrayLike] | ArrayLike]
+_Frames = list[dict[str, Array]]
+
+
+@dataclass(frozen=True)
+class Track:
+    """Models of all frames.
+
+    Attributes:
+        strategy: its name.
+        times: (F,) of the frames.
+        models: one a frame.
+        moving: the same as one moving model; None for "alone", whose superquadrics differ.
+        residuals: for each frame the signed distance of each point (moved by the shift of its slice) to its surface.
+        noise: standard deviation of the points along the normal, in their unit.
+        strengths: in space, and in time where there is one.
+        shifts: slice number -> shift (3,) in its plane, in the unit of the points; empty where none was sought.
+        warnings: kind -> sentence.
+    """
+
+    strategy: str
+    times: Array
+    models: tuple[DeformableModel, ...]
+    moving: MovingModel | None
+    residuals: tuple[dict[str, Array], ...]
+    noise: float
+    strengths: tuple[float, ...]
+    shifts: dict[int, Array] = field(default_factory=dict)
+    warnings: Warnings = field(default_factory=dict)
+
+    @property
+    def status(self) -> str:
+        """The word "ok", or "warned" when there are warnings."""
+        return "warned" if self.warnings else "ok"
+
+    @property
+    def rms(self) -> float:
+        """RMS distance of all points of all frames to their surfaces."""
+        return float(np.sqrt(np.concatenate([flat(found) ** 2 for found in self.residuals]).mean()))
+
+    @property
+    def frame_rms(self) -> Array:
+        """The same for each frame, (F,)."""
+        return np.array([np.sqrt((flat(found) ** 2).mean()) for found in self.residuals])
+
+
+def track(
+    frames: Sequence[Clouds],
+    *,
+    times: ArrayLike | None = None,
+    period: float | str | None = "auto",
+    strategy: str = "cycle",
+    slices: SliceNumbers | None = None,
+    box: tuple[int, int, int] = (5, 5, 5),
+    regularity: str = "bending",
+    robust: bool = True,
+    progress: Progress | None = None,
+) -> Track:
+    """Fit a moving model to the points of two or more frames.
+
+    Args:
+        frames: for each (n, 3) points, or several clouds by name, the same names in all; lengths in any unit.
+        times: (F,) increasing; 0, 1, 2 ... unless given.
+        period: after which the motion repeats, in the unit of the times; "auto": the frames are one whole cycle, evenly
+            sampled; None: it does not repeat.
+        strategy: "cycle", "previous" or "alone".
+        slices: for each frame the slice number of each point, in the form of `frames`; slices are then shifted in their
+            planes, each by the same amount in all frames. Only for "cycle".
+        box: control points along each axis.
+        regularity: "bending", "springs" or a regulariser of one's own.
+        robust: whether strangers are told from inliers.
+        progress: called with (steps done, about how many).
+
+    Raises:
+        PointsError, DegenerateError, OptionError: the input cannot be fitted.
+    """
+    choose(strategy, tuple(STRATEGIES), "strategy")
+    clouds = _checked(frames)
+    at = _times(times, len(clouds))
+    basis = _basis(at, period)
+    numbers = _slice_numbers(slices, clouds, strategy)
+    task = _Task(clouds, at, basis, numbers, {"box": box, "regularity": regularity, "robust": robust}, progress)
+    return STRATEGIES[strategy](task)
+
+
+@dataclass(frozen=True)
+class _Task:
+    clouds: _Frames
+    times: Array
+    basis: TimeBasis
+    slices: list[dict[str, NDArray[np.int64]]] | None
+    options: dict
+    progress: Progress | None
+
+    @property
+    def first(self) -> int:
+        """The frame with the most points: the superquadrics are fitted to it."""
+        return int(np.argmax([sum(map(len, frame.values())) for frame in self.clouds]))
+
+    def told(self, done: int) -> None:
+        if self.progress is not None:
+            self.progress(done, len(self.clouds))
+
+
+def _alone(task: _Task) -> Track:
+    fits = []
+    for frame in task.clouds:
+        fits.append(fit(frame, **task.options))
+        task.told(len(fits))
+    return _of_fits("alone", task, fits, None)
+
+
+def _previous(task: _Task) -> Track:
+    """Forwards from the frame with the most points to the last, and backwards from it to the first."""
+    fits: dict[int, Fit] = {task.first: fit(task.clouds[task.first], **task.options)}
+    surfaces = fits[task.first].model.surfaces
+    options = {name: value for name, value in task.options.items() if name != "box"}
+    for order, before in ((range(task.first + 1, len(task.clouds)), -1), (range(task.first - 1, -1, -1), 1)):
+        for frame in order:
+            start = fits[frame + before].model.box
+            fits[frame] = refine(surfaces, task.clouds[frame], start=start, **options)
+            task.told(len(fits))
+    ordered = [fits[frame] for frame in range(len(task.clouds))]
+    box = ordered[0].model.box
+    every = TimeBasis(task.times, task.basis.period)
+    control = np.stack([found.model.box.control_points for found in ordered])
+    return _of_fits("previous", task, ordered, MovingModel(surfaces, box.origin, box.edges, every, control))
+
+
+def _of_fits(strategy: str, task: _Task, fits: Sequence[Fit], moving: MovingModel | None) -> Track:
+    sha256 = _hash(task.clouds)
+    named_residuals = [f.residuals if isinstance(f.residuals, dict) else {ALONE: f.residuals} for f in fits]
+    return Track(
+        strategy=strategy,
+        times=task.times,
+        models=tuple(found.model for found in fits),
+        moving=None if moving is None else replace(moving, input_sha256=sha256),
+        residuals=tuple(named_residuals),
+        noise=float(np.sqrt(np.mean([found.noise**2 for found in fits]))),
+        strengths=(float(np.median([found.strength for found in fits])),),
+        warnings=_by_frame([found.warnings for found in fits]),
+    )
+
+
+def _cycle(task: _Task) -> Track:
+    start = fit(task.clouds[task.first], **task.options)
+    frame = Frame.of(np.concatenate([cloud for clouds in task.clouds for cloud in clouds.values()]))
+    local = [{name: frame.to_local(cloud) for name, cloud in clouds.items()} for clouds in task.clouds]
+    model = start.model.placed(1 / frame.scale, -frame.centre / frame.scale)
+    planes = None if task.slices is None else (SlicePlanes.of(local, task.slices), task.slices)
+    cycle = Cycle(
+        model.surfaces,
+        model.box,
+        local,
+        task.basis.values(task.times),
+        task.basis,
+        task.options["regularity"],
+        task.options["robust"],
+        planes,
+    )
+    found = cycle.fit(start.strength, task.progress)
+    moving = MovingModel(model.surfaces, model.box.origin, model.box.edges, task.basis, found.control_points)
+    moving = replace(moving.placed(frame.scale, frame.centre), input_sha256=_hash(task.clouds))
+    models = tuple(moving.at(time) for time in task.times)
+    residuals = tuple(
+        {name: model.distance(frame.to_world(sheet.points), name) for name, sheet in sheets.items()}
+        for model, sheets in zip(models, found.sheets)
+    )
+    shifts = {} if planes is None else planes[0].named(frame.scale * found.shifts)
+    return Track(
+        strategy="cycle",
+        times=task.times,
+        models=models,
+        moving=moving,
+        residuals=residuals,
+        noise=frame.scale * found.noise,
+        strengths=found.strengths,
+        shifts=shifts,
+        warnings=_by_frame(_cycle_warnings(residuals, found.inliers, found.certified, frame.scale)),
+    )
+
+
+STRATEGIES: dict[str, Callable[[_Task], Track]] = {"cycle": _cycle, "previous": _previous, "alone": _alone}
+
+
+def _cycle_warnings(
+    residuals: Sequence[Mapping[str, Array]],
+    inliers: Sequence[Mapping[str, Array]],
+    certified: Sequence[bool],
+    scale: float,
+) -> list[Warnings]:
+    result = []
+    for distances, kept, proven in zip(residuals, inliers, certified):
+        warnings: Warnings = {}
+        strangers = sum(int((values < STRANGER).sum()) for values in kept.values())
+        rms = max(float(np.sqrt((distances[n][kept[n] >= STRANGER] ** 2).mean())) for n in distances)
+        if strangers:
+            warnings[WarningKind.OUTLIERS] = f"{strangers} points are not of the surface"
+        if rms > POOR * scale:
+            warnings[WarningKind.POOR_FIT] = f"the RMS distance is {rms:.3g}"
+        if not proven:
+            warnings[WarningKind.FOLDING] = "the map is not proven to be free of folds"
+        result.append(warnings)
+    return result
+
+
+def _by_frame(found: Sequence[Warnings]) -> Warnings:
+    """Warnings of all frames as one mapping; each text says the frames."""
+    joined: dict[WarningKind, dict[str, list[int]]] = {}
+    for frame, warnings in enumerate(found):
+        for kind, text in warnings.items():
+            joined.setdefault(kind, {}).setdefault(text, []).append(frame)
+    return {
+        kind: "; ".join(f"frame{'s'[: len(at) > 1]} {', '.join(map(str, at))}: {text}" for text, at in texts.items())
+        for kind, texts in joined.items()
+    }
+
+
+def _checked(frames: Sequence[Clouds]) -> _Frames:
+    if len(frames) < 2:
+        raise OptionError(f"frames: expected two or more, found {len(frames)}; a single one is for fit")
+    result: _Frames = []
+    for number, frame in enumerate(frames):
+        try:
+            result.append(named(frame))
+        except PointsError as error:
+            raise type(error)(f"frame {number}: {error}") from error
+        if result[-1].keys() != result[0].keys():
+            raise OptionError(f"frame {number} has the surfaces {sorted(result[-1])}, frame 0 has {sorted(result[0])}")
+    return result
+
+
+def _times(times: ArrayLike | None, count: int) -> Array:
+    given = np.arange(count) if times is None else np.asarray(times)
+    at = given.astype(np.float64)
+    if at.shape != (count,) or not np.isfinite(at).all():
+        raise OptionError(f"times: expected {count} finite numbers, one a frame, found {given!r}")
+    late = np.flatnonzero(np.diff(at) <= 0)
+    if len(late):
+        one = late[0]
+        raise OptionError(f"times: frame {one + 1} at {at[one + 1]:g} does not come after frame {one} at {at[one]:g}")
+    return at
+
+
+def _basis(times: Array, period: float | str | None) -> TimeBasis:
+    mean_step = float(times[-1] - times[0]) / (len(times) - 1)
+    if isinstance(period, str):
+        choose(period, ("auto",), "period")
+        period = mean_step * len(times)
+    count = min(len(times), MOST_KNOTS)
+    if period is None:
+        return TimeBasis(np.linspace(times[0], times[-1], count))
+    if not period > times[-1] - times[0]:
+        raise OptionError(
+            f"period={period}: expected more than the {times[-1] - times[0]:g} between first and last frame"
+        )
+    return TimeBasis(times[0] + np.arange(count) * period / count, float(period))
+
+
+def _slice_numbers(
+    slices: SliceNumbers | None, clouds: _Frames, strategy: str
+) -> list[dict[str, NDArray[np.int64]]] | None:
+    if slices is None:
+        return None
+    if strategy != "cycle":
+        raise OptionError(f"option slices is not one of strategy={strategy!r}; use strategy='cycle'")
+    if len(slices) != len(clouds):
+        raise OptionError(f"slices: expected one entry for each of {len(clouds)} frames, found {len(slices)}")
+    result = []
+    for number, (given, frame) in enumerate(zip(slices, clouds)):
+        by_name = given if isinstance(given, Mapping) else {ALONE: given}
+        found = {name: np.asarray(by_name.get(name, ())).astype(np.int64) for name in frame}
+        for name, cloud in frame.items():
+            if found[name].shape != (len(cloud),):
+                raise OptionError(
+                    f"slices: frame {number}, {name}: expected {len(cloud)} numbers, found {found[name].shape}"
+                )
+        result.append(found)
+    return result
+
+
+def _hash(clouds: _Frames) -> str:
+    return hashlib.sha256(b"".join(cloud.tobytes() for frame in clouds for cloud in frame.values())).hexdigest()

@@ -1,0 +1,96 @@
+"""A moving model: a deformable model at any time, and the paths of its material points."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from quadriform.errors import OptionError
+from quadriform.points import Array, check_points
+from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.model import DeformableModel
+from quadriform.shapes.splines import TimeBasis
+from quadriform.shapes.superquadric import Superquadric
+
+
+@dataclass(frozen=True)
+class MovingModel:
+    """Superquadrics that do not move in a box whose control points do.
+
+    Attributes:
+        surfaces: name -> superquadric before deformation, the same at all times.
+        origin: (3,), corner of the undeformed box.
+        edges: (3, 3), its rows S, T, U.
+        basis: the splines over time.
+        control_points: (K, l+1, m+1, n+1, 3), at the knots of the basis.
+        space: frame of the world: "LPS", "RAS" or "unknown".
+        unit: "mm", "m" or "unknown".
+        input_sha256: hash of the input that the model was fitted to.
+    """
+
+    surfaces: dict[str, Superquadric]
+    origin: Array
+    edges: Array
+    basis: TimeBasis
+    control_points: Array
+    space: str = "unknown"
+    unit: str = "unknown"
+    input_sha256: str = ""
+
+    def __post_init__(self) -> None:
+        expected = len(self.basis.knots)
+        if self.control_points.ndim != 5 or len(self.control_points) != expected:
+            raise OptionError(
+                f"control_points: expected shape ({expected}, l+1, m+1, n+1, 3), one box a knot, found "
+                f"{self.control_points.shape}"
+            )
+
+    @property
+    def n_parameters(self) -> int:
+        """How many numbers the model is: those of its superquadrics and 3 a control point and knot."""
+        return sum(len(s.parameters) for s in self.surfaces.values()) + self.control_points.size
+
+    def box(self, time: float) -> ControlBox:
+        """The control box at a time."""
+        weights = self.basis.values(np.array([time]))[0]
+        return ControlBox(self.origin, self.edges, np.tensordot(weights, self.control_points, 1))
+
+    def at(self, time: float) -> DeformableModel:
+        """The model at a time, in the unit of the knots; with a period any time.
+
+        Raises:
+            OptionError: a time that a motion without period does not cover.
+        """
+        return DeformableModel(self.surfaces, self.box(time), self.space, self.unit, self.input_sha256)
+
+    def trajectories(self, points: ArrayLike, times: ArrayLike) -> Array:
+        """Where material points, given before deformation (n, 3), are at (T,) times: (T, n, 3)."""
+        matrix = self.rest.matrix(check_points(points))
+        weights = self.basis.values(np.asarray(times, dtype=np.float64))
+        return np.einsum(
+            "tk,np,kpc->tnc", weights, matrix, self.control_points.reshape(len(weights.T), -1, 3), optimize=True
+        )
+
+    def undeform(self, points: ArrayLike, time: float) -> Array:
+        """The material points (n, 3), before deformation, that are at world points at a time."""
+        return self.box(time).undeform(points)
+
+    @property
+    def rest(self) -> ControlBox:
+        """The undeformed box."""
+        l, m, n = self.control_points.shape[1:4]
+        return ControlBox.undeformed(self.origin, self.edges, (l, m, n))
+
+    def placed(self, scale: float, offset: Array) -> "MovingModel":
+        """The same model after `scale` x + `offset`; time stays."""
+        surfaces = {name: s.placed(scale, offset) for name, s in self.surfaces.items()}
+        return MovingModel(
+            surfaces,
+            scale * self.origin + offset,
+            scale * self.edges,
+            self.basis,
+            scale * self.control_points + offset,
+            self.space,
+            self.unit,
+            self.input_sha256,
+        )
