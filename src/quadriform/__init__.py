@@ -8,13 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from quadriform.files import load, read_points, save
+    from quadriform.files.guide_points import read_guide_points
     from quadriform.fitting.fit import fit, refine
     from quadriform.fitting.outcome import Fit, SuperquadricFit
     from quadriform.fitting.superquadric_fit import fit_superquadric
     from quadriform.imaging.reading import read_volume
+    from quadriform.motion.tracking import Track, track
     from quadriform.shapes.control_box import ControlBox
     from quadriform.shapes.mesh import Mesh
     from quadriform.shapes.model import DeformableModel
+    from quadriform.shapes.moving_model import MovingModel
     from quadriform.shapes.superquadric import Superquadric
 
 __version__ = "0.1.0"
@@ -24,15 +27,19 @@ _HOME = {
     "DeformableModel": "shapes.model",
     "Fit": "fitting.outcome",
     "Mesh": "shapes.mesh",
+    "MovingModel": "shapes.moving_model",
     "Superquadric": "shapes.superquadric",
     "SuperquadricFit": "fitting.outcome",
+    "Track": "motion.tracking",
     "fit": "fitting.fit",
     "fit_superquadric": "fitting.superquadric_fit",
     "load": "files",
+    "read_guide_points": "files.guide_points",
     "read_points": "files",
     "read_volume": "imaging.reading",
     "refine": "fitting.fit",
     "save": "files",
+    "track": "motion.tracking",
 }
 
 __all__ = [
@@ -40,15 +47,19 @@ __all__ = [
     "DeformableModel",
     "Fit",
     "Mesh",
+    "MovingModel",
     "Superquadric",
     "SuperquadricFit",
+    "Track",
     "fit",
     "fit_superquadric",
     "load",
+    "read_guide_points",
     "read_points",
     "read_volume",
     "refine",
     "save",
+    "track",
 ]
 
 

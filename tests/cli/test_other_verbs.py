@@ -270,3 +270,18 @@ def test_info_refuses(terminal, tmp_path, name, content):
     assert result.code == 4
     assert len(result.err.splitlines()) == 1
     assert name in result.err
+
+
+def test_export_writes_wall_film_and_labels(terminal, tmp_path, nifti, body):
+    pytest.importorskip("h5py")
+    inner, outer = Superquadric(semi_axes=(10, 8, 12)), Superquadric(semi_axes=(15, 13, 20))
+    save(DeformableModel({"epi": outer, "endo": inner}, ControlBox.around(outer), "LPS", "mm"), tmp_path / "two.json")
+    like = nifti("like.nii.gz", body)
+    words = ("export", "two.json", "--to", "vtu,vtkhdf,nii", "--like", like, "-o", "out", "--resolution", 4)
+    assert terminal(*words).code == 0
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"wall.vtu", "surfaces.vtkhdf", "labels.nii.gz"}
+    assert nibabel.load("out/labels.nii.gz").shape == body.shape
+    assert terminal(*words).code == 5
+    refused = terminal("export", "two.json", "--to", "nii", "-o", "other")
+    assert refused.code == 2 and "--like" in refused.err
+    assert not (tmp_path / "other").exists()

@@ -15,7 +15,7 @@ from quadriform.errors import (
     OptionError,
     QuadriformError,
 )
-from quadriform.imaging.reading import example_path, example_volume, read_volume
+from quadriform.imaging.reading import example_path, example_volume, frame_count, frame_times, read_volume
 
 LPS_FROM_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
 
@@ -166,6 +166,35 @@ class TestFrames:
         refused(save_nifti(np.zeros(shape, np.uint8)), MaskError, rf"\({shape[0]},.*\)")
 
 
+class TestTimes:
+    """Of NIfTI; those of the other formats are tested beside their readers."""
+
+    @pytest.mark.parametrize("code, scale", [(8, 1000), (16, 1), (24, 0.001)])
+    def test_are_milliseconds(self, save_nifti, code, scale):
+        path = save_nifti(np.zeros((4, 5, 6, 3), np.uint8), xyzt_units=2 + code, pixdim=[1, 1, 1, 1, 0.5, 1, 1, 1])
+        assert frame_count(path) == 3
+        assert_allclose(frame_times(path), np.array([0, 0.5, 1]) * scale)
+
+    def test_begin_where_the_file_says(self, save_nifti):
+        fields = {"pixdim": [1, 1, 1, 1, 30, 1, 1, 1], "toffset": 12}
+        assert_allclose(frame_times(save_nifti(np.zeros((4, 5, 6, 2)), xyzt_units=18, **fields)), [12, 42])
+
+    @pytest.mark.parametrize("code, step", [(0, 30), (16, 0), (16, np.nan), (16, -1)])
+    def test_are_not_guessed(self, save_nifti, code, step):
+        path = save_nifti(np.zeros((4, 5, 6, 3), np.uint8), xyzt_units=2 + code, pixdim=[1, 1, 1, 1, step, 1, 1, 1])
+        assert (frame_count(path), frame_times(path)) == (3, None)
+
+    def test_a_still_image_has_none(self, save_nifti, values):
+        path = save_nifti(values, xyzt_units=18)
+        assert (frame_count(path), frame_times(path)) == (1, None)
+
+    def test_a_damaged_file_is_refused(self, save_nifti, values):
+        path = save_nifti(values)
+        path.write_bytes(path.read_bytes()[:20])
+        with pytest.raises(FileFormatError, match="cut short"):
+            frame_count(path)
+
+
 def test_nan_voxels_are_counted_and_the_file_named(save_nifti):
     values = np.ones((4, 4, 4), np.float32)
     values[:2, 0, 0] = np.nan
@@ -300,3 +329,9 @@ def test_real_frames_are_what_nibabel_reads(shared):
     volume = read_volume(path, frame=11)
     assert_array_equal(volume.values, np.asarray(nibabel.load(path).dataobj[..., 11]))
     assert_allclose(volume.spacing, [0.82, 0.82, 5.0], rtol=1e-3)
+
+
+def test_real_times_are_those_of_the_scanner(shared):
+    assert_allclose(
+        frame_times(shared / "data" / "pig_cine_mri" / "sax_lv_labels_crop_4d.nii.gz"), 31.55 * np.arange(20), rtol=1e-6
+    )

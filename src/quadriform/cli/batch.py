@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from quadriform.cli.exit_codes import complain
-from quadriform.cli.inputs import ImageOptions, Source, kind_of, naming, read_source, refuse
+from quadriform.cli.inputs import ImageOptions, Source, files_of, kind_of, naming, read_source, refuse
 from quadriform.cli.options import stem, surface_file
 from quadriform.cli.screen import emit_json, emit_table, progress_bar, say, warn
 from quadriform.errors import InputError, OptionError, Warnings
@@ -60,8 +60,8 @@ def plan(
         return [_surfaces_job(inputs, surfaces, output, image)], False
     if not inputs:
         raise OptionError("expected at least one INPUT, or --surface NAME=FILE")
-    files = [file for path in inputs for file in (_files_in(path) if path.is_dir() else [path])]
-    several = len(files) > 1 or any(path.is_dir() for path in inputs)
+    files = [file for path in inputs for file in (_files_in(path) if path.is_dir() and not kind_of(path) else [path])]
+    several = len(files) > 1 or any(path.is_dir() and not kind_of(path) for path in inputs)
     jobs = []
     for path in files:
         own = Path(f"{stem(path)}-model") if output is None else output / stem(path) if several else output
@@ -87,6 +87,7 @@ def _surfaces_job(inputs: Sequence[Path], surfaces: Sequence[str], output: Path 
         surface_file(name, "")  # refuses names that no file can have
         if not equals or not value or name in sources:
             raise OptionError(f"option --surface={text!r}: expected NAME=FILE or NAME=LABEL, each name once")
+        value = _labels(value)
         is_label = bool(inputs) and value.replace(",", "").isdigit()
         if is_label and len(inputs) != 1:
             raise OptionError(f"option --surface={text!r}: a label needs exactly one INPUT image, found {len(inputs)}")
@@ -98,6 +99,12 @@ def _surfaces_job(inputs: Sequence[Path], surfaces: Sequence[str], output: Path 
         )
     first = next(iter(sources.values()))[0]
     return Job(sources, output or Path(f"{stem(first)}-model"))
+
+
+def _labels(value: str) -> str:
+    """label:1+2 as 1,2; anything else as it is."""
+    words = value.removeprefix("label:").split("+")
+    return ",".join(words) if value.startswith("label:") and all(word.isdigit() for word in words) else value
 
 
 # --- one job -----------------------------------------------------------------------------------------------------
@@ -160,7 +167,12 @@ def _fit(job: Job, sources: Mapping[str, Source], options: Mapping[str, Any]) ->
     clouds = {name: source.points for name, source in sources.items()}
     with progress_bar(job.name) as progress:
         found = fit(clouds[ALONE] if clouds.keys() == {ALONE} else clouds, progress=progress, **options)
-    model = replace(found.model, space=space, unit=unit, input_sha256=sha256_of(*job.files))
+    model = replace(
+        found.model,
+        space=space,
+        unit=unit,
+        input_sha256=sha256_of(*(file for path in job.files for file in files_of(path))),
+    )
     return replace(found, model=model, warnings=_all_warnings(sources, found))
 
 

@@ -1,43 +1,98 @@
-"""`quadriform export`: the surfaces of a model as meshes."""
+"""`quadriform export`: a model as meshes, as hexahedra, as a film, as labels."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from quadriform.cli.options import Force, Json, surface_file
 
+if TYPE_CHECKING:
+    from quadriform.shapes.model import DeformableModel
+
+    Film = tuple[list[DeformableModel], list[float]]
+
+FORMATS = ("ply", "stl", "obj", "vtp", "vtu", "vtkhdf", "nii")
+
 
 def export(
-    model: Annotated[Path, typer.Argument(help="A model, .json or .npz.")],
-    to: Annotated[str, typer.Option(help="Formats between commas: ply, stl, obj, vtp.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the meshes; made where missing.")],
+    model: Annotated[Path, typer.Argument(help="A model, .json or .npz, or a moving model, .json.")],
+    to: Annotated[str, typer.Option(help=f"Formats between commas: {', '.join(FORMATS)}.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the files; made where missing.")],
     resolution: Annotated[int, typer.Option(min=2, max=400, help="Cells along an edge of the surface's grid.")] = 24,
+    layers: Annotated[int, typer.Option(min=1, max=100, help="vtu: cells across the wall.")] = 4,
+    like: Annotated[Path | None, typer.Option(help="nii: the NIfTI image whose grid is taken.")] = None,
+    frames: Annotated[int, typer.Option(min=2, max=1000, help="vtkhdf: states of a moving model's cycle.")] = 25,
+    at: Annotated[float | None, typer.Option(help="A moving model's time for all formats but vtkhdf.")] = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Write every surface of a model in one or several mesh formats."""
+    """Write the surfaces of a model as meshes, its wall as hexahedra, its motion as a film, its inside as labels."""
     from quadriform.cli.screen import emit, emit_json
-    from quadriform.errors import choose
-    from quadriform.files import read_model, write_mesh
-    from quadriform.files.atomic import check_folder, check_writable, make_folder
-    from quadriform.files.meshes import MESH_SUFFIXES
+    from quadriform.errors import OptionError, choose
+    from quadriform.files.atomic import check_folder, check_writable, make_folder, write_bytes
 
-    known = tuple(suffix[1:] for suffix in MESH_SUFFIXES)
-    formats = [choose(name.strip().lower(), known, "--to") for name in to.split(",")]
-    source = read_model(model)
+    formats = [choose(name.strip().lower(), FORMATS, "--to") for name in to.split(",")]
+    if ("nii" in formats) != (like is not None):
+        raise OptionError("options --to nii and --like IMAGE go together: labels need a grid")
     check_folder(output)
-    targets = {output / surface_file(name, f".{kind}"): name for name in source.surfaces for kind in formats}
+    state, film = _read(model, at, frames)
+    files: dict[Path, bytes] = {}
+    for kind in dict.fromkeys(formats):
+        for name, content in _encode(kind, state, film, resolution, layers, like).items():
+            files[output / name] = content
     if output.exists():
-        for path in targets:
-            check_writable(path, force)
-    meshes = {name: source.mesh(name, resolution) for name in source.surfaces}
+        for path in files:
+            check_writable(path, force, inputs=[model] if like is None else [model, like])
     make_folder(output)
-    for path, name in targets.items():
-        write_mesh(meshes[name], path, source.space, source.unit, force)
+    for path, content in files.items():
+        write_bytes(path, content, force)
+    outputs = [str(path) for path in files]
     if as_json:
-        emit_json(
-            {"outputs": [str(path) for path in targets], "triangles": {n: len(m.faces) for n, m in meshes.items()}}
-        )
+        emit_json({"outputs": outputs})
     else:
-        emit("\n".join(str(path) for path in targets))
+        emit("\n".join(outputs))
+
+
+def _read(path: Path, at: float | None, frames: int) -> "tuple[DeformableModel, Film]":
+    """The model, at the asked time, and its states over the cycle with their times."""
+    import numpy as np
+
+    from quadriform.errors import OptionError
+    from quadriform.files import load
+    from quadriform.shapes.mesh import Mesh
+    from quadriform.shapes.model import DeformableModel
+
+    loaded = load(path)
+    if isinstance(loaded, Mesh):
+        raise OptionError(f"{str(path)!r}: expected a model, found a mesh")
+    if isinstance(loaded, DeformableModel):
+        if at is not None:
+            raise OptionError(f"option --at={at:g}: {str(path)!r} does not move")
+        return loaded, ([loaded], [0.0])
+    start = float(loaded.basis.knots[0])
+    times = start + np.linspace(0, loaded.basis.span, frames, endpoint=loaded.basis.period is None)
+    return loaded.at(start if at is None else at), ([loaded.at(float(time)) for time in times], times.tolist())
+
+
+def _encode(
+    kind: str, state: "DeformableModel", film: "Film", resolution: int, layers: int, like: Path | None
+) -> dict[str, bytes]:
+    """The files of one format, by name."""
+    from quadriform.files.label_maps import encode_label_map
+    from quadriform.files.meshes import encode_mesh
+    from quadriform.files.vtkhdf import encode_vtkhdf
+    from quadriform.files.vtu import encode_vtu
+    from quadriform.shapes.wall import wall_mesh
+
+    if kind == "vtu":
+        wall = wall_mesh(state, layers=layers, resolution=resolution)
+        return {"wall.vtu": encode_vtu(wall, state.space, state.unit)}
+    if kind == "vtkhdf":
+        return {"surfaces.vtkhdf": encode_vtkhdf(*film, resolution=resolution)}
+    if kind == "nii" and like is not None:
+        return {"labels.nii.gz": encode_label_map(state, like)}
+    return {
+        surface_file(name, f".{kind}"): encode_mesh(state.mesh(name, resolution), f".{kind}", state.space, state.unit)
+        for name in state.surfaces
+    }

@@ -19,7 +19,9 @@ if TYPE_CHECKING:
     from quadriform.imaging.segmentation import Segmentation
     from quadriform.imaging.volume import Volume
 
-IMAGE_SUFFIXES = (".nii", ".nii.gz")
+NIFTI_SUFFIXES = (".nii", ".nii.gz")
+SLICE_SUFFIXES = (".dcm", ".ima")
+IMAGE_SUFFIXES = (*NIFTI_SUFFIXES, ".nrrd", ".nhdr", ".mha", ".mhd", *SLICE_SUFFIXES)
 FEW = 32
 """A whole-numbered image with no more distinct values is taken as labels."""
 PERCENTILE = re.compile(r"(?:(\d+(?:\.\d+)?)%)?p(\d+(?:\.\d+)?)")
@@ -113,13 +115,20 @@ class Source:
 
 
 def kind_of(path: Path) -> Literal["image", "mesh", "points"] | None:
-    """What a file is by its name; None for anything that `fit` does not read."""
+    """What a file is by its name; None for anything that `fit` does not read. A folder of DICOM slices is an image."""
     name = path.name.lower()
+    if path.is_dir():
+        return "image" if any(file.suffix.lower() in SLICE_SUFFIXES for file in path.iterdir()) else None
     if name.endswith(IMAGE_SUFFIXES):
         return "image"
     if name.endswith(MESH_SUFFIXES):
         return "mesh"
     return "points" if name.endswith(POINT_SUFFIXES) else None
+
+
+def files_of(path: Path) -> list[Path]:
+    """The file itself, or the files of a folder of slices in the order of their names."""
+    return sorted(file for file in path.iterdir() if file.is_file()) if path.is_dir() else [path]
 
 
 def read_source(path: Path, options: ImageOptions) -> Source:

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from quadriform import __version__
-from quadriform.cli import deform, demo, export, fit, info, segment
+from quadriform.cli import deform, demo, export, fit, info, measure, segment, track
 from quadriform.cli.exit_codes import INTERRUPTED, USAGE, complain, one_line
 
 # typer carries its own copy of click in some versions: its errors are found through a name that it does export.
@@ -19,7 +19,16 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for verb in (fit.fit, segment.segment, deform.deform, export.export, info.info, demo.demo):
+for verb in (
+    fit.fit,
+    track.track,
+    measure.measure,
+    segment.segment,
+    deform.deform,
+    export.export,
+    info.info,
+    demo.demo,
+):
     app.command()(verb)
 
 

@@ -27,14 +27,14 @@ def segment(
     as_json: shared.Json = False,
 ) -> None:
     """Write the object of an image as a mask of 0 and 1 on the image's own grid."""
-    from quadriform.cli.inputs import IMAGE_SUFFIXES, ImageOptions, kept_note, naming, read_object, refuse
+    from quadriform.cli.inputs import NIFTI_SUFFIXES, ImageOptions, kept_note, naming, read_object, refuse
     from quadriform.cli.screen import emit_json, emit_table, say, warn
     from quadriform.errors import OptionError
     from quadriform.files.atomic import check_writable, write_bytes
     from quadriform.imaging.segmentation import segment as segment_volume
 
-    if not output.name.lower().endswith(IMAGE_SUFFIXES):
-        raise OptionError(f"option --output={str(output)!r}: a mask is written as {' or '.join(IMAGE_SUFFIXES)}")
+    if not output.name.lower().endswith(NIFTI_SUFFIXES):
+        raise OptionError(f"option --output={str(output)!r}: a mask is written as {' or '.join(NIFTI_SUFFIXES)}")
     options = ImageOptions.parse(label, threshold, region, seed, closing, fill_holes, None, frame)
     check_writable(output, force, inputs=[image])
     with naming(image):

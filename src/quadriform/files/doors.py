@@ -5,15 +5,17 @@ import os
 from quadriform.errors import OptionError
 from quadriform.files.meshes import MESH_SUFFIXES, read_mesh, write_mesh
 from quadriform.files.models import MODEL_SUFFIXES, read_model, write_model
+from quadriform.files.moving_models import is_moving_model, read_moving_model, write_moving_model
 from quadriform.files.reading import suffix_of
 from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.model import DeformableModel
+from quadriform.shapes.moving_model import MovingModel
 
 PathLike = str | os.PathLike[str]
 
 
-def save(model_or_mesh: DeformableModel | Mesh, path: PathLike, force: bool = False) -> None:
-    """Write a model (.json .npz) or a mesh (.ply .stl .obj .vtp), all or nothing.
+def save(model_or_mesh: DeformableModel | MovingModel | Mesh, path: PathLike, force: bool = False) -> None:
+    """Write a model (.json .npz), a moving model (.json) or a mesh (.ply .stl .obj .vtp), all or nothing.
 
     A model with one surface can be given a mesh suffix: its surface is written, with its frame and unit. A mesh knows
     neither and says so; `write_mesh` takes them.
@@ -31,6 +33,9 @@ def save(model_or_mesh: DeformableModel | Mesh, path: PathLike, force: bool = Fa
     if isinstance(model_or_mesh, Mesh):
         write_mesh(model_or_mesh, path, force=force)
         return
+    if isinstance(model_or_mesh, MovingModel):
+        write_moving_model(model_or_mesh, path, force)
+        return
     if not isinstance(model_or_mesh, DeformableModel):
         raise OptionError(f"save: expected a DeformableModel or a Mesh, found {type(model_or_mesh).__name__}")
     model = model_or_mesh
@@ -43,8 +48,8 @@ def save(model_or_mesh: DeformableModel | Mesh, path: PathLike, force: bool = Fa
     write_mesh(model.mesh(), path, model.space, model.unit, force)
 
 
-def load(path: PathLike) -> DeformableModel | Mesh:
-    """Read back what `save` wrote: a model from .json or .npz, a mesh from .ply, .stl, .obj or .vtp.
+def load(path: PathLike) -> DeformableModel | MovingModel | Mesh:
+    """Read back what `save` wrote: a model from .json or .npz, a moving one from .json, a mesh from its own suffixes.
 
     Raises:
         InputError: the file is missing or cannot be read.
@@ -52,5 +57,6 @@ def load(path: PathLike) -> DeformableModel | Mesh:
         FileLimitError: beyond the budget.
     """
     if suffix_of(path, MODEL_SUFFIXES + MESH_SUFFIXES, "a model or a mesh") in MODEL_SUFFIXES:
-        return read_model(path)
+        moving = str(path).lower().endswith(".json") and is_moving_model(path)
+        return read_moving_model(path) if moving else read_model(path)
     return read_mesh(path)

@@ -45,7 +45,7 @@ def write_model(model: DeformableModel, path: str | os.PathLike[str], force: boo
         OptionError: a frame or unit that the format does not know.
         OutputError: the target cannot be written.
     """
-    encode = {".json": _encode_json, ".npz": _encode_npz}[suffix_of(path, MODEL_SUFFIXES, "a model")]
+    encode = {".json": encode_json, ".npz": _encode_npz}[suffix_of(path, MODEL_SUFFIXES, "a model")]
     write_bytes(path, encode(_document(model)), force)
 
 
@@ -60,7 +60,7 @@ def read_model(path: str | os.PathLike[str]) -> DeformableModel:
     """
     suffix = suffix_of(path, MODEL_SUFFIXES, "a model")
     data, where = read_bytes(path), quoted(path)
-    document = _parse_json(data, where) if suffix == ".json" else _parse_arrays(data, where)
+    document = parse_json(data, where) if suffix == ".json" else _parse_arrays(data, where)
     return _model(Field(document, "", where))
 
 
@@ -86,12 +86,13 @@ def _document(model: DeformableModel) -> dict[str, Any]:
         "space": model.space,
         "unit": model.unit,
         "input_sha256": model.input_sha256,
-        "surfaces": [_surface_document(name, surface) for name, surface in model.surfaces.items()],
+        "surfaces": [surface_document(name, surface) for name, surface in model.surfaces.items()],
         "box": {name: getattr(model.box, name).tolist() for name in ("origin", "edges", "control_points")},
     }
 
 
-def _surface_document(name: str, surface: Superquadric) -> dict[str, Any]:
+def surface_document(name: str, surface: Superquadric) -> dict[str, Any]:
+    """A named superquadric as it stands in the document."""
     fields: dict[str, Any] = {"name": name, "kind": surface.kind}
     fields |= {key: getattr(surface, key).tolist() for key in ARRAYS}
     if surface.kind in EXTRA:
@@ -105,19 +106,33 @@ def _model(root: Field) -> DeformableModel:
     if not 1 <= version.whole() <= VERSION:
         version.refuse(f"version 1 to {VERSION}; a later one needs a newer quadriform")
     root.only(("format", "version", "space", "unit", "input_sha256", "surfaces", "box"))
-    sha256 = root.member("input_sha256")
-    if not re.fullmatch(r"([0-9a-f]{64})?", sha256.text()):
-        sha256.refuse("64 hexadecimal digits, or nothing")
     return DeformableModel(
-        _surfaces(root.member("surfaces")),
+        read_surfaces(root.member("surfaces")),
         _box(root.member("box")),
         root.member("space").choice(SPACES),
         root.member("unit").choice(UNITS),
-        sha256.text(),
+        read_sha256(root),
     )
 
 
-def _surfaces(field: Field) -> dict[str, Superquadric]:
+def read_sha256(root: Field) -> str:
+    """The hash of the input, or nothing.
+
+    Raises:
+        FileFormatError: something else.
+    """
+    sha256 = root.member("input_sha256")
+    if not re.fullmatch(r"([0-9a-f]{64})?", sha256.text()):
+        sha256.refuse("64 hexadecimal digits, or nothing")
+    return sha256.text()
+
+
+def read_surfaces(field: Field) -> dict[str, Superquadric]:
+    """The named superquadrics of a document.
+
+    Raises:
+        FileFormatError: a field that is missing, unknown or wrong.
+    """
     surfaces: dict[str, Superquadric] = {}
     for item in field.items():
         name = item.member("name").text()
@@ -156,14 +171,20 @@ def _box(field: Field) -> ControlBox:
 # --- document <-> bytes ------------------------------------------------------------------------------------------
 
 
-def _encode_json(document: dict[str, Any]) -> bytes:
+def encode_json(document: dict[str, Any]) -> bytes:
+    """A document as text, one point a line."""
     text = json.dumps(document, indent=1, allow_nan=False)
     # One point a line: small, and two models can be compared line by line. A line end stands in no JSON string.
     text = re.sub(r"\[\n\s*([^\[\]{}]*?)\n\s*\]", lambda found: "[" + re.sub(r",\n\s*", ",", found[1]) + "]", text)
     return (text + "\n").encode()
 
 
-def _parse_json(data: bytes, where: str) -> Any:
+def parse_json(data: bytes, where: str) -> Any:
+    """The document of a text.
+
+    Raises:
+        FileFormatError: it is no JSON, or has a field twice.
+    """
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         if len(dict(pairs)) != len(pairs):
             names = [name for name, _ in pairs]

@@ -27,14 +27,14 @@ def encode_vtp(mesh: Mesh, space: str, unit: str) -> bytes:
     """The bytes of a .vtp file with the vertices in double precision; frame and unit as field data."""
     n, m = len(mesh.vertices), len(mesh.faces)
     offsets = 3 * np.arange(1, m + 1, dtype="<i8")
-    polygons = _array("connectivity", mesh.faces.astype("<i8"), "Int64") + _array("offsets", offsets, "Int64")
+    polygons = data_array("connectivity", mesh.faces.astype("<i8"), "Int64") + data_array("offsets", offsets, "Int64")
     lines = [
         '<?xml version="1.0"?>',
         '<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt64">',
         "<PolyData>",
-        f"<FieldData>{_text('SPACE', space)}{_text('UNIT', unit)}</FieldData>",
+        f"<FieldData>{text_array('SPACE', space)}{text_array('UNIT', unit)}</FieldData>",
         f'<Piece NumberOfPoints="{n}" NumberOfVerts="0" NumberOfLines="0" NumberOfStrips="0" NumberOfPolys="{m}">',
-        f"<Points>{_array('Points', mesh.vertices.astype('<f8'), 'Float64', 3)}</Points>",
+        f"<Points>{data_array('Points', mesh.vertices.astype('<f8'), 'Float64', 3)}</Points>",
         f"<Polys>{polygons}</Polys>",
         "</Piece>",
         "</PolyData>",
@@ -43,14 +43,15 @@ def encode_vtp(mesh: Mesh, space: str, unit: str) -> bytes:
     return ("\n".join(lines) + "\n").encode()
 
 
-def _array(name: str, values: NDArray[Any], kind: str, components: int = 1) -> str:
+def data_array(name: str, values: NDArray[Any], kind: str, components: int = 1) -> str:
+    """An array of a VTK XML file, base64 in the file; `kind` is VTK's name of the type that `values` already have."""
     raw = values.tobytes()
     content = base64.b64encode(np.uint64(len(raw)).astype("<u8").tobytes() + raw).decode()
     shape = f' NumberOfComponents="{components}"' if components > 1 else ""
     return f'<DataArray type="{kind}" Name="{name}"{shape} format="binary">{content}</DataArray>'
 
 
-def _text(name: str, value: str) -> str:
+def text_array(name: str, value: str) -> str:
     """A string as field data: VTK wants its characters as numbers, closed by a zero."""
     codes = " ".join(str(code) for code in (*value.encode(), 0))
     return f'<DataArray type="String" Name={quoteattr(name)} NumberOfTuples="1" format="ascii">{codes}</DataArray>'

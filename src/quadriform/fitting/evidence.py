@@ -105,7 +105,7 @@ class Evidence:
         if near is None:
             grid = np.geomspace(*WIDEST, 17)
             near = float(min(grid, key=self._criterion))
-        low, high = np.log(near / NEARBY), np.log(near * NEARBY)
+        low, high = np.log(np.clip([near / NEARBY, near * NEARBY], WIDEST[0], NEARBY * WIDEST[1]))
         found = minimize_scalar(
             lambda x: self._criterion(np.exp(x)), bounds=(low, high), method="bounded", options={"xatol": 0.05}
         )

@@ -5,6 +5,8 @@ nibabel decodes the header. It is asked not to repair it: a voxel size of 0 woul
 
 import gzip
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, cast
 
@@ -17,10 +19,10 @@ from quadriform.errors import (
     FileLimitError,
     InputError,
     MaskError,
-    OptionError,
     WarningKind,
     Warnings,
 )
+from quadriform.imaging.frames import Size, choose_frame
 from quadriform.imaging.volume import Volume, affine_fault
 from quadriform.points import Array
 
@@ -34,6 +36,8 @@ MAX_EXPANSION = 1100
 CHUNK = 1 << 20
 MILLIMETRES = {1: 1000.0, 2: 1.0, 3: 0.001}
 """From the units code of the header."""
+MILLISECONDS = {8: 1000.0, 16: 1.0, 24: 0.001}
+"""From the code of the unit of time."""
 LPS_FROM_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
 SAME_FORM = 0.01
 """Two forms agree when no corner of the image moves by more than this share of the smallest spacing."""
@@ -41,6 +45,29 @@ SAME_FORM = 0.01
 
 def read_nifti(path: Path, frame: int | None) -> Volume:
     """Read one frame; see `quadriform.imaging.reading.read_volume`."""
+    with _opened(path) as stream:
+        return _read(stream, path, frame)
+
+
+def nifti_times(path: Path) -> tuple[int, Array | None]:
+    """The number of frames and their times (frames,) in ms; None where the header names no step or no unit of time.
+
+    Raises:
+        InputError, FileFormatError, MaskError: as `read_nifti`.
+    """
+    with _opened(path) as stream:
+        header = _read_header(stream, path)
+    n = _shape(header, path)[3]
+    step, start = float(header["pixdim"][4]), float(header["toffset"])
+    scale = MILLISECONDS.get(int(header["xyzt_units"]) & 0x38)
+    if n == 1 or scale is None or not (0 < step < np.inf and np.isfinite(start)):
+        return n, None
+    return n, scale * (start + step * np.arange(n, dtype=np.float64))
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[IO[bytes]]:
+    """The content, expanded; what goes wrong while it is read becomes one error."""
     try:
         raw = path.open("rb")
     except OSError as error:
@@ -52,8 +79,7 @@ def read_nifti(path: Path, frame: int | None) -> Volume:
             found = "a gzip file" if compressed else "no gzip file"
             raise FileFormatError(f"{str(path)!r}: by its content this is {found}; give it the name that fits")
         try:
-            stream = cast(IO[bytes], gzip.GzipFile(fileobj=raw) if compressed else raw)
-            return _read(stream, path, frame)
+            yield cast(IO[bytes], gzip.GzipFile(fileobj=raw) if compressed else raw)
         except (OSError, EOFError, zlib.error) as error:
             raise FileFormatError(f"{str(path)!r}: damaged or cut short: {error}; fetch the file again") from error
 
@@ -61,7 +87,7 @@ def read_nifti(path: Path, frame: int | None) -> Volume:
 def _read(stream: IO[bytes], path: Path, frame: int | None) -> Volume:
     header = _read_header(stream, path)
     shape, dtype = _shape(header, path), _dtype(header, path)
-    chosen = _choose_frame(frame, shape, path)
+    chosen = choose_frame(frame, shape, path)
     scale = _scale(header, path)
     affine, unit, warnings = _world(header, shape, path)
     block = int(np.prod(shape[:3], dtype=object)) * dtype.itemsize
@@ -100,7 +126,7 @@ def _read_header(stream: IO[bytes], path: Path) -> "Nifti1Header":
     raise FileFormatError(f"{str(path)!r}: not a NIfTI image in one file (.nii); its first bytes are {first!r}")
 
 
-def _shape(header: "Nifti1Header", path: Path) -> tuple[int, int, int, int]:
+def _shape(header: "Nifti1Header", path: Path) -> Size:
     """Voxels along i, j, k and frames."""
     dim = [int(size) for size in header["dim"]]
     shape = tuple(dim[1 : dim[0] + 1])
@@ -121,15 +147,6 @@ def _dtype(header: "Nifti1Header", path: Path) -> np.dtype[Any]:
     if dtype.kind not in "iuf":
         raise MaskError(f"{str(path)!r}: expected one real number a voxel, found type {dtype}")
     return dtype
-
-
-def _choose_frame(frame: int | None, shape: tuple[int, int, int, int], path: Path) -> int:
-    n = shape[3]
-    if frame is None and n > 1:
-        raise MaskError(f"{str(path)!r}: a four-dimensional image of shape {shape}; choose frame=0 to frame={n - 1}")
-    if frame is not None and not (isinstance(frame, (int, np.integer)) and 0 <= frame < n):
-        raise OptionError(f"option frame={frame!r}: {str(path)!r} has frames 0 to {n - 1}")
-    return int(frame or 0)
 
 
 def _start(header: "Nifti1Header", path: Path) -> int:
@@ -170,7 +187,7 @@ def _scaled(values: NDArray[Any], slope: float, intercept: float) -> NDArray[Any
     return values.astype(np.float64) * slope + intercept
 
 
-def _world(header: "Nifti1Header", shape: tuple[int, int, int, int], path: Path) -> tuple[Array, str, Warnings]:
+def _world(header: "Nifti1Header", shape: Size, path: Path) -> tuple[Array, str, Warnings]:
     """World LPS mm from voxels, the unit, and whether the two forms disagree."""
     stored = {"sform": header.get_sform(), "qform": _qform(header)}
     codes = {name: int(header[f"{name}_code"]) for name in stored}
@@ -203,7 +220,7 @@ def _qform(header: "Nifti1Header") -> Array:
         return np.full((4, 4), np.nan)
 
 
-def _difference(forms: dict[str, Array], shape: tuple[int, int, int, int]) -> str:
+def _difference(forms: dict[str, Array], shape: Size) -> str:
     """How far apart sform and qform put the corners of the image; empty when they agree."""
     sform, qform = forms["sform"], forms["qform"]
     corners = np.array([(*corner, 1) for corner in np.ndindex(2, 2, 2)]) * (*np.array(shape[:3]) - 1, 1)

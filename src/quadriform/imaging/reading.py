@@ -4,15 +4,39 @@ import os
 import stat
 from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 from quadriform.errors import FileFormatError, InputError
-from quadriform.imaging.nifti import read_nifti
+from quadriform.imaging.dicom import DICOM_SUFFIXES, dicom_times, is_dicom, read_dicom
+from quadriform.imaging.nifti import nifti_times, read_nifti
+from quadriform.imaging.simpleitk_images import read_with_simpleitk, simpleitk_times
 from quadriform.imaging.volume import Volume
+from quadriform.points import Array
 
 PathLike = str | os.PathLike[str]
 
-READERS: dict[str, Callable[[Path, int | None], Volume]] = {".nii": read_nifti, ".nii.gz": read_nifti}
-"""From a suffix to the function that reads such a file."""
+
+class Reader(NamedTuple):
+    """How files of a format are read.
+
+    Attributes:
+        volume: one frame of it.
+        times: the number of frames, and their times (frames,) in ms where they are known.
+    """
+
+    volume: Callable[[Path, int | None], Volume]
+    times: Callable[[Path], tuple[int, Array | None]]
+
+
+_NIFTI, _SIMPLEITK = Reader(read_nifti, nifti_times), Reader(read_with_simpleitk, simpleitk_times)
+_DICOM = Reader(read_dicom, dicom_times)
+
+READERS: dict[str, Reader] = {
+    **dict.fromkeys((".nii", ".nii.gz"), _NIFTI),
+    **dict.fromkeys((".nrrd", ".nhdr", ".mha", ".mhd"), _SIMPLEITK),
+    **dict.fromkeys(DICOM_SUFFIXES, _DICOM),
+}
+"""From a suffix to what reads such a file; folders, and files that say so in their content, are DICOM."""
 
 
 def read_volume(path: PathLike, frame: int | None = None) -> Volume:
@@ -20,9 +44,13 @@ def read_volume(path: PathLike, frame: int | None = None) -> Volume:
 
     NIfTI: the sform is used, else the qform; metres and microns become millimetres; slope and intercept are
     applied once (a slope of 0 means none, as the format says). The file is read and checked to its end.
+    NRRD and MetaImage (by SimpleITK): `space` is "unknown" where the file names no anatomical frame.
+    DICOM (by pydicom): slices are spaced by their positions; see `quadriform.imaging.dicom.read_dicom`, which also
+    takes one of several series in a folder.
 
     Args:
-        path: a .nii or .nii.gz file.
+        path: a .nii, .nii.gz, .nrrd, .nhdr, .mha or .mhd file, a folder of DICOM slices, or a DICOM file: one of a
+            series, or one that holds all slices.
         frame: which frame of a four-dimensional image, counted from 0.
 
     Returns:
@@ -30,7 +58,7 @@ def read_volume(path: PathLike, frame: int | None = None) -> Volume:
         sform and qform disagree.
 
     Raises:
-        InputError: no such file, a folder, or not readable.
+        InputError: no such file, not readable, a library is missing, or a DICOM series that is ragged or one of many.
         FileFormatError: empty, cut short, damaged, or not what its suffix says.
         FileLimitError: the header promises more than the budget.
         AffineError: the transform to the world is missing, singular or not finite.
@@ -38,11 +66,30 @@ def read_volume(path: PathLike, frame: int | None = None) -> Volume:
         OptionError: there is no such frame.
     """
     file = Path(path)
-    _check_file(file)
-    for suffix, reader in READERS.items():
-        if file.name.lower().endswith(suffix):
-            return reader(file, frame)
-    raise FileFormatError(f"{str(path)!r}: not the name of an image; expected a suffix of {' '.join(READERS)}")
+    return _reader(file).volume(file, frame)
+
+
+def frame_count(path: PathLike) -> int:
+    """How many frames an image has; 1 for a three-dimensional one.
+
+    Raises:
+        InputError, FileFormatError, FileLimitError, AffineError, MaskError: as `read_volume`.
+    """
+    file = Path(path)
+    return _reader(file).times(file)[0]
+
+
+def frame_times(path: PathLike) -> Array | None:
+    """The times (frames,) of an image in ms, or None where the file does not tell.
+
+    They are the trigger times of DICOM (mean over the slices), and the even steps of NIfTI; NRRD and MetaImage have
+    no unit of time.
+
+    Raises:
+        InputError, FileFormatError, FileLimitError, AffineError, MaskError: as `read_volume`.
+    """
+    file = Path(path)
+    return _reader(file).times(file)[1]
 
 
 def example_path() -> Path:
@@ -68,15 +115,28 @@ def example_volume() -> Volume:
     return read_volume(example_path(), frame=0)
 
 
-def _check_file(path: Path) -> None:
+def _reader(path: Path) -> Reader:
+    _check_path(path)
+    if path.is_dir():
+        return _DICOM
+    for suffix, reader in READERS.items():
+        if path.name.lower().endswith(suffix):
+            return reader
+    if is_dicom(path):
+        return _DICOM
+    raise FileFormatError(f"{str(path)!r}: not the name of an image; expected a suffix of {' '.join(READERS)}")
+
+
+def _check_path(path: Path) -> None:
     try:
         status = path.stat()
     except FileNotFoundError as error:
         raise InputError(f"{str(path)!r}: there is no such file") from error
     except (OSError, ValueError) as error:
         raise InputError(f"{str(path)!r}: cannot be read: {error}") from error
+    if stat.S_ISDIR(status.st_mode):
+        return
     if not stat.S_ISREG(status.st_mode):
-        kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a device or a pipe"
-        raise InputError(f"{str(path)!r}: expected an image file, found {kind}")
+        raise InputError(f"{str(path)!r}: expected an image file or a folder, found a device or a pipe")
     if status.st_size == 0:
         raise FileFormatError(f"{str(path)!r}: the file is empty")

@@ -121,7 +121,7 @@ def segment(
 
     mask = np.zeros(volume.values.shape, dtype=bool)
     mask[slices(region)] = kept
-    warnings = volume.warnings | _warnings(kept, inner)
+    warnings = volume.warnings | segment_warnings(kept, inner)
     return Segmentation(mask, volume, region, threshold, sizes, n_kept, int(holes.sum()), warnings)
 
 
@@ -131,8 +131,17 @@ def _check_options(component: Component, connectivity: int, closing: int) -> Non
         raise OptionError(f"option component={component!r}; expected 'largest', 'all' or a voxel (i, j, k)")
     if connectivity not in (6, 26):
         raise OptionError(f"option connectivity={connectivity!r}; expected 6 or 26")
-    if not _whole(closing) or closing < 0:
-        raise OptionError(f"option closing={closing!r}; expected a whole number of steps >= 0")
+    check_steps(closing, "closing")
+
+
+def check_steps(steps: int, option: str) -> None:
+    """Refuse what is no number of steps.
+
+    Raises:
+        OptionError: not whole, or below 0.
+    """
+    if not _whole(steps) or steps < 0:
+        raise OptionError(f"option {option}={steps!r}; expected a whole number of steps >= 0")
 
 
 def _whole(*numbers: object) -> bool:
@@ -151,13 +160,18 @@ def _threshold(values: NDArray[Any], select: float | Percentile | str) -> float:
         fraction = check_number(select.fraction, "fraction", 0.0)
         return fraction * float(np.percentile(values, check_number(select.of, "of", 0.0, 100.0)))
     if select == "otsu":
-        return _otsu(values)
+        return otsu(values)
     if isinstance(select, str):
         raise OptionError(f"option select={select!r}; expected a number, a Percentile, Labels or 'otsu'")
     return check_number(select, "select", -np.inf)
 
 
-def _otsu(values: NDArray[Any]) -> float:
+def otsu(values: NDArray[Any]) -> float:
+    """Otsu's threshold of all values, exact whatever their type (Otsu 1979).
+
+    Raises:
+        MaskError: there is but one value.
+    """
     from skimage.filters import threshold_otsu
 
     low, high = float(values.min()), float(values.max())
@@ -248,7 +262,8 @@ def _describe(values: NDArray[Any]) -> str:
     return "values and voxels: " + ", ".join(f"{value:g}: {n}" for value, n in zip(present, counts))
 
 
-def _warnings(mask: Mask, volume: Volume) -> Warnings:
+def segment_warnings(mask: Mask, volume: Volume) -> Warnings:
+    """BORDER_CUT and ANISOTROPIC of an object in an image, or in the part of one that was looked at."""
     warnings: Warnings = {}
     if cut := border_cut(mask, volume.world_from_voxel):
         warnings[WarningKind.BORDER_CUT] = cut

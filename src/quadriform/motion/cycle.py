@@ -28,7 +28,6 @@ REST = 0.005
 """The cycle is fitted when the noise changes by less than this share, and no frame folds."""
 SLIDES = 3
 SMALLEST_STEP = 1e-2
-FIRST_GAMMA = 1.0
 
 
 @dataclass(frozen=True)
@@ -110,9 +109,16 @@ class Cycle:
             for sheet in sheets
         ]
 
-    def fit(self, alpha: float, progress: Progress | None = None) -> CycleFit:
-        """From a strength under which nothing folds down to those of the largest evidence, then until it rests."""
-        strengths, told = (alpha, alpha * FIRST_GAMMA), progress or (lambda done, total: None)
+    def fit(self, alpha: float, noise: float, progress: Progress | None = None) -> CycleFit:
+        """From strengths under which nothing folds down to those of the largest evidence, then until it rests.
+
+        Args:
+            alpha: the strength in space.
+            noise: of a single frame; the strength in time is sought about the one that lets the whole cloud swing once
+                a period at this price.
+            progress: called after each round.
+        """
+        strengths, told = (alpha, noise**2 / (2 * np.pi) ** 4), progress or (lambda done, total: None)
         total = DESCENT + ROUNDS
         for done, harder in enumerate(np.geomspace(STRONGEST, 1, DESCENT)):
             self._round((harder * strengths[0], harder * strengths[1]))

@@ -18,6 +18,9 @@ from quadriform.shapes.control_box import ControlBox
 SPREAD = 0.05
 """Standard deviation of a shift before the data is seen, in RMS radii of the cloud: two or three millimetres."""
 FEWEST = 6
+TOGETHER = 1e6
+"""All slices together do not move: no data would notice, for the model moves with them. So much stronger is this held.
+"""
 
 Numbers = NDArray[np.int64]
 SliceNumbers = Sequence[Mapping[str, Numbers]]
@@ -31,23 +34,26 @@ class SlicePlanes:
     Attributes:
         numbers: (S,), sorted.
         axes: (S, 2, 3), two unit vectors in the plane of each.
+        counts: (S,), points of each in all frames.
     """
 
     numbers: Numbers
     axes: Array
+    counts: Array
 
     @classmethod
     def of(cls, frames: Sequence[Mapping[str, Array]], slices: SliceNumbers) -> "SlicePlanes":
         """From the points of all frames; slices of fewer than six points are not moved."""
         points = np.concatenate([cloud for frame in frames for cloud in frame.values()])
         numbers = np.concatenate([frame[name] for frame, clouds in zip(slices, frames) for name in clouds])
-        kept, axes = [], []
+        kept, axes, counts = [], [], []
         for number in np.unique(numbers):
             inside = points[numbers == number]
             if len(inside) >= FEWEST:
                 kept.append(number)
+                counts.append(float(len(inside)))
                 axes.append(np.linalg.svd(inside - inside.mean(axis=0), full_matrices=False)[2][:2])
-        return cls(np.array(kept, dtype=np.int64), np.array(axes).reshape(-1, 2, 3))
+        return cls(np.array(kept, dtype=np.int64), np.array(axes).reshape(-1, 2, 3), np.array(counts))
 
     def named(self, shifts: Array) -> dict[int, Array]:
         """Slice number -> shift (3,) in space."""
@@ -77,7 +83,9 @@ class SlicePlanes:
         """
         count = 2 * len(self.numbers)
         coupling = np.zeros((count, len(frames), boxes[0].control_points.size))
-        own, right = (noise / SPREAD) ** 2 * np.eye(count), np.zeros(count)
+        together = (self.counts[:, None, None] / self.counts.sum() * self.axes).reshape(count, 3)
+        own = (noise / SPREAD) ** 2 * (np.eye(count) + TOGETHER * together @ together.T)
+        right = np.zeros(count)
         for frame, (surfaces, box) in enumerate(zip(frames, boxes)):
             for rows, numbers, targets in surfaces:
                 for place, number in enumerate(self.numbers):

@@ -187,7 +187,7 @@ def _cycle(task: _Task) -> Track:
         task.options["robust"],
         planes,
     )
-    found = cycle.fit(start.strength, task.progress)
+    found = cycle.fit(_space_strength(task, start), start.noise / frame.scale, task.progress)
     moving = MovingModel(model.surfaces, model.box.origin, model.box.edges, task.basis, found.control_points)
     moving = replace(moving.placed(frame.scale, frame.centre), input_sha256=_hash(task.clouds))
     models = tuple(moving.at(time) for time in task.times)
@@ -207,6 +207,15 @@ def _cycle(task: _Task) -> Track:
         shifts=shifts,
         warnings=_by_frame(_cycle_warnings(residuals, found.inliers, found.certified, frame.scale)),
     )
+
+
+def _space_strength(task: _Task, start: Fit) -> float:
+    """The median of the strengths that three frames, a third of the cycle apart, ask for."""
+    count = len(task.clouds)
+    others = {(task.first + count // 3) % count, (task.first + 2 * count // 3) % count} - {task.first}
+    options = {name: value for name, value in task.options.items() if name != "box"}
+    fits = [refine(start.model.surfaces, task.clouds[n], start=start.model.box, **options) for n in sorted(others)]
+    return float(np.median([start.strength, *(found.strength for found in fits)]))
 
 
 STRATEGIES: dict[str, Callable[[_Task], Track]] = {"cycle": _cycle, "previous": _previous, "alone": _alone}

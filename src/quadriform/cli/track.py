@@ -1,0 +1,73 @@
+"""`quadriform track`: the frames of a cycle become one moving model."""
+
+import re
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from quadriform.cli import options as shared
+
+Frames = Annotated[
+    list[Path],
+    typer.Argument(
+        help="One file a frame in the order of time (points, meshes, images, contours GPFile_*.txt), a folder of them, "
+        "or one 4-D image."
+    ),
+]
+Output = Annotated[Path | None, typer.Option("--output", "-o", help="Folder for the results. [default: INPUT-track]")]
+Surface = Annotated[
+    list[str] | None,
+    typer.Option(help="NAME=label:VALUES of the label images, such as epi=label:1+2; give it once for each surface."),
+]
+Strategy = Annotated[str, typer.Option(help="cycle (all times at once), previous (from frame to frame), or alone.")]
+Times = Annotated[str | None, typer.Option(help="Times of the frames between commas. [default: 0, 1, 2 ...]")]
+Period = Annotated[
+    str, typer.Option(help="After which the motion repeats: a time, auto (the frames are one cycle), or none.")
+]
+ShiftSlices = Annotated[
+    bool, typer.Option("--shift-slices", help="Let each slice of contours move in its plane, once for the whole cycle.")
+]
+
+
+def track(
+    frames: Frames,
+    output: Output = None,
+    surface: Surface = None,
+    strategy: Strategy = "cycle",
+    times: Times = None,
+    period: Period = "auto",
+    shift_slices: ShiftSlices = False,
+    box: Annotated[str | None, typer.Option(help="Control points along each axis, as 5,5,5.")] = None,
+    strict: shared.Strict = False,
+    force: shared.Force = False,
+    as_json: shared.Json = False,
+) -> None:
+    """Fit a moving model to the frames of a cycle: model.json, frames.csv, and a table of what came out."""
+    from quadriform.cli.following import follow
+
+    options: dict[str, Any] = {"strategy": strategy, "period": _period(period)}
+    if times is not None:
+        options["times"] = _times(times)
+    if box is not None:
+        options["box"] = shared.numbers(box, 3, "--box")
+    follow(frames, surface or [], output, shift_slices, options, strict, force, as_json)
+
+
+def _times(text: str) -> list[float]:
+    from quadriform.errors import OptionError
+
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError as error:
+        raise OptionError(f"option --times={text!r}: expected numbers between commas") from error
+
+
+def _period(text: str) -> float | str | None:
+    from quadriform.errors import OptionError
+
+    if text in ("auto", "none"):
+        return "auto" if text == "auto" else None
+    if not re.fullmatch(r"\d+(\.\d*)?([eE][+-]?\d+)?", text):
+        raise OptionError(f"option --period={text!r}: expected a time above 0, auto or none")
+    return float(text)

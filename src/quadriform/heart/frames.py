@@ -1,0 +1,116 @@
+"""The beating heart that is measured: one model a frame, held to one set of rules before anything is computed."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from quadriform.errors import OptionError, WarningKind, Warnings
+from quadriform.points import Array
+from quadriform.shapes.model import DeformableModel
+
+MILLIMETRES = {"mm": 1.0, "m": 1000.0, "unknown": 1.0}
+SAME = 1e-9
+"""Superquadrics and boxes that differ by less than this share of their size are the same."""
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Models in the order of time.
+
+    Attributes:
+        models: one a frame.
+        times: (F,), increasing.
+        cavity: name of the surface around the cavity.
+        wall: name of the outer surface; None where there is only the cavity.
+        material: whether all frames share the undeformed space, so that a point of it is one piece of the heart.
+        millimetres: how many a unit of length is.
+        warnings: kind -> sentence.
+    """
+
+    models: tuple[DeformableModel, ...]
+    times: Array
+    cavity: str
+    wall: str | None
+    material: bool
+    millimetres: float
+    warnings: Warnings
+
+
+def check_frames(models: Sequence[DeformableModel] | DeformableModel, times: ArrayLike | None) -> Frames:
+    """The frames, checked.
+
+    Args:
+        models: with the surfaces "endo" and "epi", or with the cavity alone; in the order of time.
+        times: (F,) in any unit; None: 0, 1, 2 ...
+
+    Raises:
+        OptionError: no model, no cavity, surfaces that differ in name or unit, times that do not increase.
+    """
+    given = (models,) if isinstance(models, DeformableModel) else tuple(models)
+    if not given:
+        raise OptionError("models: there are none; expected one model a frame")
+    first = given[0]
+    for number, model in enumerate(given):
+        if model.surfaces.keys() != first.surfaces.keys() or (model.unit, model.space) != (first.unit, first.space):
+            raise OptionError(
+                f"models: frame {number} has the surfaces {', '.join(model.surfaces)} in {model.unit} {model.space}, "
+                f"frame 0 {', '.join(first.surfaces)} in {first.unit} {first.space}; expected the same in all frames"
+            )
+    warnings: Warnings = {}
+    cavity, wall = _names(first, warnings)
+    if first.unit == "unknown":
+        warnings[WarningKind.UNKNOWN_UNIT] = "the models know no unit of length; taken as mm"
+    if len(given) == 1:
+        warnings[WarningKind.ONE_FRAME] = "one frame: no ejection fraction, thickening, twist or strain"
+    shared = all(_share_material(first, model) for model in given)
+    if not shared:
+        warnings[WarningKind.SEPARATE_FRAMES] = (
+            "the frames have superquadrics or boxes of their own, so no point of one is known in another: no "
+            "thickening, twist or strain; refine all frames from one superquadric, or track them together"
+        )
+    checked = _check_times(times, len(given))
+    return Frames(given, checked, cavity, wall, shared, MILLIMETRES[first.unit], warnings)
+
+
+def _names(model: DeformableModel, warnings: Warnings) -> tuple[str, str | None]:
+    names = list(model.surfaces)
+    cavity = "endo" if "endo" in names else names[0] if len(names) == 1 and names != ["epi"] else None
+    if cavity is None:
+        raise OptionError(f"models: expected a surface 'endo' around the cavity, found {', '.join(names)}")
+    if "epi" not in names:
+        warnings[WarningKind.MISSING_SURFACE] = "there is no surface 'epi': no mass, wall thickness, twist or strain"
+        return cavity, None
+    for name in ("endo", "epi"):
+        if model.surfaces[name].kind != "ellipsoid":
+            raise OptionError(f"models: {name} is of kind={model.surfaces[name].kind!r}; the wall needs 'ellipsoid'")
+    return cavity, "epi"
+
+
+def _share_material(one: DeformableModel, other: DeformableModel) -> bool:
+    pairs = [(one.box.edges, other.box.edges), (one.box.origin, other.box.origin)]
+    pairs += [(one.surfaces[n].semi_axes, other.surfaces[n].semi_axes) for n in one.surfaces]
+    pairs += [(one.surfaces[n].translation, other.surfaces[n].translation) for n in one.surfaces]
+    size = float(np.linalg.norm(one.box.edges))
+    shapes = [(one.surfaces[n].exponents, other.surfaces[n].exponents) for n in one.surfaces]
+    shapes += [(one.surfaces[n].rotation, other.surfaces[n].rotation) for n in one.surfaces]
+    return all(np.abs(a - b).max() <= SAME * size for a, b in pairs) and all(
+        np.abs(a - b).max() <= SAME for a, b in shapes
+    )
+
+
+def _check_times(times: ArrayLike | None, n_frames: int) -> Array:
+    if times is None:
+        return np.arange(n_frames, dtype=np.float64)
+    given = np.asarray(times, dtype=np.float64)
+    if given.shape != (n_frames,) or not np.isfinite(given).all():
+        raise OptionError(f"times: expected {n_frames} finite numbers, one a frame, found shape {given.shape}")
+    wrong = np.flatnonzero(np.diff(given) <= 0)
+    if len(wrong):
+        at = int(wrong[0])
+        raise OptionError(
+            f"times: frame {at + 1} is at {given[at + 1]:g}, not after frame {at} at {given[at]:g}; expected times "
+            "that increase, without repetition"
+        )
+    return given

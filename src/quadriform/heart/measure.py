@@ -1,0 +1,124 @@
+"""The front door: a beating heart in, one table of measures out."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from quadriform.errors import OptionError, Warnings
+from quadriform.heart.base import Base, BaseRule, base_rule
+from quadriform.heart.contours import contour_length
+from quadriform.heart.frames import Frames, check_frames
+from quadriform.heart.planes import Planes, base_planes, long_axis
+from quadriform.heart.table import Measures, Row
+from quadriform.heart.volumes import DENSITY, volume
+from quadriform.heart.wall_rows import wall_rows
+from quadriform.points import Array
+from quadriform.shapes.model import DeformableModel
+
+
+def measure(
+    models: Sequence[DeformableModel] | DeformableModel,
+    times: ArrayLike | None = None,
+    *,
+    base: Base = None,
+    rv_inserts: ArrayLike | None = None,
+    ed: int | None = None,
+    observed: bool = False,
+) -> Measures:
+    """Measure a beating heart: volumes, ejection fraction, mass, wall thickness, twist, strain, the AHA's segments.
+
+    Args:
+        models: one a frame in the order of time, with the surfaces "endo" and "epi", or the cavity alone. Twist,
+            strain and thickening need frames that share superquadrics and undeformed box.
+        times: (F,) increasing, in any unit; the frames' numbers unless given.
+        base: where the cavity ends. None: nowhere, the closed surface. A number: this share of the long axis from the
+            apex. (point, direction to the side cut off): a fixed plane. Mitral points (n, 3): their plane, in all
+            frames. A list of mitral points, one set a frame: each frame's own plane.
+        rv_inserts: (n, 3) points at end diastole where the right ventricle meets the left, anterior and inferior.
+        ed: frame of end diastole; the one of the largest volume unless given. End systole has the smallest volume.
+        observed: whether the models were fitted to tracked material points. Contours and surfaces carry none: twist
+            and circumferential strain are then the prior's word, and marked "not observed".
+
+    Raises:
+        OptionError, PointsError, DegenerateError: no cavity, swapped surfaces, times that do not increase, a base that
+            leaves nothing, insertions that show no septum, a frame that is not there.
+    """
+    frames = check_frames(models, times)
+    rule = base_rule(base, len(frames.models))
+    warnings = dict(frames.warnings)
+    planes = base_planes(frames, rule, warnings)
+    to_ml = frames.millimetres**3 / 1000
+    pairs = zip(frames.models, planes)
+    volumes = to_ml * np.array([volume(model, frames.cavity, plane) for model, plane in pairs])
+    start, end = _ends(volumes, ed)
+    rows = _volume_rows(frames, rule, planes, volumes, start, end)
+    curves = {"cavity volume": volumes}
+    if end is not None:
+        length = _contours(frames, rule, planes, warnings)
+        curves["longitudinal strain"] = 100 * (length / length[start] - 1)
+        rows.append(_longitudinal(curves["longitudinal strain"][end], rule))
+    if frames.wall is not None:
+        axis = long_axis(frames, start, rule, planes[start], warnings)
+        more, moving = wall_rows(frames, planes[start], axis, (start, end), rv_inserts, observed, warnings)
+        rows, curves = rows + more, curves | moving
+    return Measures(tuple(rows), warnings, frames.times, curves, start, end)
+
+
+def _ends(volumes: Array, ed: int | None) -> tuple[int, int | None]:
+    """Frames of end diastole and end systole."""
+    n = len(volumes)
+    if ed is not None and not 0 <= ed < n:
+        raise OptionError(f"option ed={ed}: there is no such frame; expected 0 to {n - 1}")
+    start = int(volumes.argmax()) if ed is None else ed
+    if n == 1:
+        return start, None
+    end = int(volumes.argmin())
+    if end == start:
+        raise OptionError(f"option ed={ed}: this frame has the smallest volume; expected one before the contraction")
+    return start, end
+
+
+def _contours(frames: Frames, rule: BaseRule, planes: Planes, warnings: Warnings) -> Array:
+    """Length (F,) of the endocardium's longitudinal contours in every frame, in the unit of the data."""
+    lengths = []
+    for number, (model, plane) in enumerate(zip(frames.models, planes)):
+        axis = long_axis(frames, number, rule, plane, warnings)
+        lengths.append(contour_length(model.mesh(frames.cavity, 48), axis, plane))
+    return np.array(lengths)
+
+
+def _longitudinal(value: float, rule: BaseRule) -> Row:
+    """Global longitudinal strain, as contours in long-axis planes show it."""
+    how = f"change of length from ED to ES per length, of the endocardial contours in long-axis planes, {rule.words}"
+    return Row("longitudinal strain", float(value), "%", how)
+
+
+def _volume_rows(frames: Frames, rule: BaseRule, planes: Planes, volumes: Array, ed: int, es: int | None) -> list[Row]:
+    to_ml = frames.millimetres**3 / 1000
+    before = f"frame {ed} at {frames.times[ed]:g}"
+    rows = [Row("end-diastolic volume", float(volumes[ed]), "ml", f"{before}, {rule.words}")]
+    if es is not None:
+        rows += _function(volumes[[ed, es]], f"frames {ed} and {es}, {rule.words}", "")
+    if planes[ed] is not None:
+        parts = [frames.models[number] for number in (ed, es) if number is not None]
+        closed = to_ml * np.array([volume(model, frames.cavity, None) for model in parts])
+        words = "whole closed surface, beside the one below the base"
+        rows.append(Row("end-diastolic volume, closed", float(closed[0]), "ml", f"{before}, {words}"))
+        if es is not None:
+            rows += _function(closed, f"frames {ed} and {es}, {words}", ", closed")
+    if frames.wall is not None:
+        outer = to_ml * volume(frames.models[ed], frames.wall, planes[ed])
+        how = f"{DENSITY:g} g/ml times the volume between the surfaces, {before}, {rule.words}"
+        rows.append(Row("myocardial mass", DENSITY * float(outer - volumes[ed]), "g", how))
+    return rows
+
+
+def _function(pair: Array, how: str, suffix: str) -> list[Row]:
+    """End-systolic and stroke volume and ejection fraction from both volumes (2,) in ml."""
+    before, after = (float(value) for value in pair)
+    return [
+        Row(f"end-systolic volume{suffix}", after, "ml", how),
+        Row(f"stroke volume{suffix}", before - after, "ml", how),
+        Row(f"ejection fraction{suffix}", 100 * (before - after) / before, "%", how),
+    ]

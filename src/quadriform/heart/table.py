@@ -1,0 +1,112 @@
+"""One table of measures, on the screen, as CSV or as JSON."""
+
+import csv
+import io
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from quadriform.errors import OptionError, Warnings
+from quadriform.files.atomic import write_bytes
+from quadriform.files.reading import suffix_of
+from quadriform.points import Array
+
+TABLE_SUFFIXES = (".csv", ".json")
+SCHEMA = "quadriform-measures-1"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One measure.
+
+    Attributes:
+        quantity: what it is.
+        value: the number, in `unit`.
+        unit: "ml", "g", "%", "mm", "deg", "deg/mm" or "1".
+        how: definition, frames and base; starts with "not observed" where the data does not show it.
+        observed: False where the number is the word of the prior.
+    """
+
+    quantity: str
+    value: float
+    unit: str
+    how: str
+    observed: bool = True
+
+
+@dataclass(frozen=True)
+class Measures:
+    """What was measured on a beating heart.
+
+    Attributes:
+        rows: the table.
+        warnings: kind -> sentence.
+        times: (F,) of the frames.
+        curves: quantity -> (F,) over the cycle, units as in the rows; volume, thickness, strains and twist.
+        ed: frame of end diastole.
+        es: frame of end systole, None when there is one frame.
+    """
+
+    rows: tuple[Row, ...]
+    warnings: Warnings
+    times: Array
+    curves: dict[str, Array]
+    ed: int
+    es: int | None
+
+    def __getitem__(self, quantity: str) -> float:
+        """The value of a quantity.
+
+        Raises:
+            OptionError: it was not measured.
+        """
+        for row in self.rows:
+            if row.quantity == quantity:
+                return row.value
+        raise OptionError(f"quantity {quantity!r} was not measured; there are {', '.join(self)}")
+
+    def __iter__(self) -> Iterator[str]:
+        """The quantities, in order."""
+        return (row.quantity for row in self.rows)
+
+    def record(self) -> dict[str, Any]:
+        """Everything as lists, numbers and texts, ready for JSON."""
+        return {
+            "schema": SCHEMA,
+            "measures": [asdict(row) for row in self.rows],
+            "ed_frame": self.ed,
+            "es_frame": self.es,
+            "times": self.times.tolist(),
+            "curves": {name: values.tolist() for name, values in self.curves.items()},
+            "warnings": {str(kind): text for kind, text in self.warnings.items()},
+        }
+
+
+def write_measures(measures: Measures, path: str | os.PathLike[str], force: bool = False) -> None:
+    """Write the table as .csv, or everything as .json, all or nothing.
+
+    Args:
+        measures: what to write.
+        path: where to; its suffix chooses.
+        force: replace an existing file.
+
+    Raises:
+        FileFormatError: another suffix.
+        OutputError: the target cannot be written; what stood there is untouched.
+    """
+    if suffix_of(path, TABLE_SUFFIXES, "a table of measures") == ".csv":
+        text = _csv(measures)
+    else:
+        text = json.dumps(measures.record(), indent=2, allow_nan=False) + "\n"
+    write_bytes(path, text.encode(), force)
+
+
+def _csv(measures: Measures) -> str:
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(["quantity", "value", "unit", "how", "observed"])
+    for row in measures.rows:
+        writer.writerow([row.quantity, repr(row.value), row.unit, row.how, "yes" if row.observed else "no"])
+    return stream.getvalue()

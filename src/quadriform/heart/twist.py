@@ -1,0 +1,114 @@
+"""Twist of the left ventricle in the four published definitions.
+
+Young and Cowan, Evaluation of left ventricular torsion by cardiovascular magnetic resonance, J Cardiovasc Magn Reson
+2012; 14: 49, review them: the angle between two slices, the angle per length, the shear angle and the shear strain.
+Angles are counter-clockwise seen from the apex, so that the twist of a healthy heart at end systole is positive.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from quadriform.heart.axis import LongAxis
+from quadriform.heart.wall import Wall
+from quadriform.points import Array
+from quadriform.shapes.control_box import ControlBox
+
+LEVELS = (0.25, 0.75)
+"""The apical and the basal slice: shares of the long axis from the apex, at end diastole."""
+DEPTH = 0.5
+
+
+@dataclass(frozen=True)
+class Twist:
+    """Twist between an apical and a basal slice of the middle layer of the wall.
+
+    Attributes:
+        apical: rotation of the apical slice since end diastole, radians, counter-clockwise seen from the apex.
+        basal: the same of the basal slice.
+        distance: between the slices at end diastole, in the unit of the data.
+        radii: (2,) mean radii of the apical and the basal slice at end diastole.
+    """
+
+    apical: float
+    basal: float
+    distance: float
+    radii: Array
+
+    @property
+    def angle(self) -> float:
+        """Rotation of the apical against the basal slice, in degrees."""
+        return float(np.degrees(self.apical - self.basal))
+
+    @property
+    def angle_per_length(self) -> float:
+        """The angle over the distance of the slices, in degrees per unit of length."""
+        return self.angle / self.distance
+
+    @property
+    def shear_angle(self) -> float:
+        """The angle times the mean radius over the distance, in degrees: the circumferential-longitudinal shear."""
+        return self.angle * float(self.radii.mean()) / self.distance
+
+
+@dataclass(frozen=True)
+class Slices:
+    """Material points, before deformation, of the two slices, and the frame that they were cut in.
+
+    Attributes:
+        axis: the long axis at end diastole.
+        origins: two arrays (n, 3), apical and basal.
+        reference: the box at end diastole.
+    """
+
+    axis: LongAxis
+    origins: tuple[Array, Array]
+    reference: ControlBox
+
+    @classmethod
+    def cut(cls, wall: Wall, box: ControlBox, axis: LongAxis) -> "Slices":
+        """Cut the middle layer across the long axis at both levels."""
+        origins = wall.at(DEPTH)
+        heights = axis.heights(box.deform(origins))
+        edges = np.concatenate([wall.quads[:, [k, (k + 1) % 4]] for k in range(4)])  # each twice, which does no harm
+        apical, basal = (_crossings(origins, heights - level, edges) for level in LEVELS)
+        return cls(axis, (apical, basal), box)
+
+    def twist(self, box: ControlBox) -> Twist:
+        """Twist from end diastole to a frame, given by its box."""
+        ends = np.stack([self.axis.apex, self.axis.base])
+        moved = LongAxis(*box.deform(self.reference.undeform(ends)))
+        upright = _shortest_turn(moved.direction, self.axis.direction)
+        turns, radii = [], []
+        for origins in self.origins:
+            before = self.axis.across(_centred(self.reference.deform(origins)))
+            after = self.axis.across(_centred(box.deform(origins)) @ upright.T)
+            turns.append(_turn(before, after, -self.axis.direction))
+            radii.append(np.linalg.norm(before, axis=1).mean())
+        distance = (LEVELS[1] - LEVELS[0]) * self.axis.length
+        return Twist(turns[0], turns[1], distance, np.array(radii))
+
+
+def _crossings(origins: Array, heights: Array, edges: Array) -> Array:
+    """Points (m, 3) where edges pass the height 0."""
+    first, second = heights[edges[:, 0]], heights[edges[:, 1]]
+    cut = (first > 0) != (second > 0)
+    share = (first / np.where(cut, first - second, 1.0))[cut, None]
+    low, high = origins[edges[cut, 0]], origins[edges[cut, 1]]
+    return low + share * (high - low)
+
+
+def _centred(points: Array) -> Array:
+    return points - points.mean(axis=0)
+
+
+def _turn(before: Array, after: Array, axis: Array) -> float:
+    """The right-handed angle about an axis that carries plane vectors (n, 3) best onto others, least squares."""
+    return float(np.arctan2((np.cross(before, after) @ axis).sum(), (before * after).sum()))
+
+
+def _shortest_turn(one: Array, other: Array) -> Array:
+    """The rotation (3, 3) by the smallest angle that carries a unit vector onto another (Rodrigues' formula)."""
+    x, y, z = np.cross(one, other)
+    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + skew + skew @ skew / (1 + one @ other)

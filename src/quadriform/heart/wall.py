@@ -1,0 +1,122 @@
+"""The wall along the volumetric map: lines from the endocardium to the epicardium, straight before deformation."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadriform.errors import OptionError
+from quadriform.points import Array
+from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.directions import Faces, sphere_grid
+from quadriform.shapes.superquadric import Superquadric
+
+HALVINGS = 50
+NODES = (np.polynomial.legendre.leggauss(4)[0] + 1) / 2
+WEIGHTS = np.polynomial.legendre.leggauss(4)[1] / 2
+"""Four Gauss points across the wall, from 0 at the endocardium to 1 at the epicardium."""
+
+
+@dataclass(frozen=True)
+class Wall:
+    """Lines across the wall, in the undeformed space that all frames share.
+
+    A point at depth w lies at centre + (start + w (stop - start)) ray.
+
+    Attributes:
+        centre: (3,), of the endocardial superquadric.
+        rays: (n, 3), in units of its semi-axes one long.
+        start: (n,), where the rays leave the endocardium.
+        stop: (n,), where they leave the epicardium.
+        cells: (n,), volume that a ray stands for, per s^2 ds.
+        normals: (2, n, 3), outward unit normals of both surfaces, before deformation.
+        quads: (m, 4), neighbours among the rays.
+        crossing: (n,), rays on which the epicardium comes first; they carry no wall.
+    """
+
+    centre: Array
+    rays: Array
+    start: Array
+    stop: Array
+    cells: Array
+    normals: Array
+    quads: Faces
+    crossing: NDArray[np.bool_]
+
+    @classmethod
+    def between(cls, endo: Superquadric, epi: Superquadric, resolution: int = 24) -> "Wall":
+        """The wall between two superellipsoids, one line for each of 6 n^2 + 2 directions.
+
+        Raises:
+            OptionError: the endocardium lies outside the epicardium, as with swapped names.
+        """
+        directions, quads = sphere_grid(resolution)
+        inner = endo.surface(directions)
+        rays = (directions * endo.semi_axes) @ endo.rotation.T
+        start = np.linalg.norm(inner - endo.translation, axis=1) / np.linalg.norm(rays, axis=1)
+        inner = endo.translation + start[:, None] * rays
+        crossing = epi.implicit(inner) >= 1
+        if crossing.mean() > 0.5 or epi.implicit(endo.translation[None])[0] >= 1:
+            raise OptionError(
+                f"surfaces: 'endo' lies outside 'epi' in {100 * crossing.mean():.0f} % of its directions; expected the "
+                "endocardium inside; are the names swapped?"
+            )
+        stop = _leaves(epi, endo.translation, rays)
+        cells = np.prod(endo.semi_axes) * _solid_angles(directions, quads)
+        outer = endo.translation + stop[:, None] * rays
+        normals = np.stack([_unit(endo.gradient(inner)), _unit(epi.gradient(outer))])
+        return cls(endo.translation, rays, start, stop, cells, normals, quads, crossing)
+
+    def at(self, depth: float) -> Array:
+        """Material points (n, 3), before deformation, at a depth from 0 (endocardium) to 1 (epicardium)."""
+        reach = self.start + depth * (self.stop - self.start)
+        return self.centre + reach[:, None] * self.rays
+
+    def normals_at(self, depth: float) -> Array:
+        """Unit normals (n, 3) of the layer at a depth, before deformation: between those of the two surfaces."""
+        return _unit((1 - depth) * self.normals[0] + depth * self.normals[1])
+
+    def thickness(self, box: ControlBox) -> Array:
+        """Length (n,) of each line after deformation, by Gauss points: wall thickness along the volumetric map."""
+        across = (self.stop - self.start)[:, None] * self.rays
+        speeds = [np.einsum("nij,nj->ni", box.jacobian(self.at(depth)), across) for depth in NODES]
+        return np.einsum("k,kn->n", WEIGHTS, np.linalg.norm(speeds, axis=2))
+
+    def volumes(self, box: ControlBox) -> Array:
+        """Deformed volume (n, 4) that stands around each line's Gauss points; their sum is the wall's volume."""
+        span = self.stop - self.start
+        columns = []
+        for depth, weight in zip(NODES, WEIGHTS):
+            reach = self.start + depth * span
+            stretch = np.linalg.det(box.jacobian(self.at(depth)))
+            columns.append(self.cells * reach**2 * span * weight * stretch)
+        return np.where(self.crossing[:, None], 0.0, np.stack(columns, axis=1))
+
+
+def _leaves(epi: Superquadric, centre: Array, rays: Array) -> Array:
+    """How far (n,) along rays from a centre inside it a convex surface is met, by halving."""
+    farthest = np.linalg.norm(epi.translation - centre) + np.linalg.norm(epi.semi_axes)
+    low, high = np.zeros(len(rays)), farthest / np.linalg.norm(rays, axis=1)
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        inside = epi.implicit(centre + middle[:, None] * rays) < 1
+        low, high = np.where(inside, middle, low), np.where(inside, high, middle)
+    return (low + high) / 2
+
+
+def _solid_angles(directions: Array, quads: Faces) -> Array:
+    """Solid angle (n,) around each direction: a quarter of each quad it is a corner of.
+
+    Van Oosterom and Strackee, The solid angle of a plane triangle, IEEE Trans Biomed Eng 1983; 30: 125-126.
+    """
+    angle = np.zeros(len(directions))
+    for corners in ((0, 1, 2), (0, 2, 3)):
+        a, b, c = (directions[quads[:, k]] for k in corners)
+        dots = [np.einsum("ij,ij->i", p, q) for p, q in ((a, b), (b, c), (c, a))]
+        triangle = 2 * np.arctan2(np.einsum("ij,ij->i", a, np.cross(b, c)), 1 + sum(dots))
+        np.add.at(angle, quads, triangle[:, None] / 4)
+    return angle
+
+
+def _unit(vectors: Array) -> Array:
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)

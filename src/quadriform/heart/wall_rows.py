@@ -1,0 +1,172 @@
+"""The rows of the table about the wall: thickness, thickening, strain and twist, of all of it and of the segments."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from quadriform.errors import WarningKind, Warnings
+from quadriform.heart.axis import LongAxis
+from quadriform.heart.base import BasePlane
+from quadriform.heart.frames import Frames
+from quadriform.heart.segments import NAMES, Segmentation17
+from quadriform.heart.strain import relative_lengthening
+from quadriform.heart.table import Row
+from quadriform.heart.twist import DEPTH, LEVELS
+from quadriform.heart.wall import Wall
+from quadriform.heart.wall_motion import MovingWall
+from quadriform.points import Array
+from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.superquadric import Superquadric
+
+UNSEEN = "not observed: surfaces carry no material points, so this is the word of the prior; "
+DIRECTIONS = ("radial", "circumferential", "longitudinal")
+ALONG_MAP = "along the volumetric map from endo to epi, mean over the area of the wall"
+SOURCE = "Young and Cowan 2012"
+
+
+@dataclass(frozen=True)
+class Contraction:
+    """What became of the wall at end systole: thickness (n,) of its lines, and Green's strain (n, 4, 3, 3)."""
+
+    thickness: Array
+    strain: Array
+
+
+def wall_rows(
+    frames: Frames,
+    plane: BasePlane | None,
+    axis: LongAxis,
+    ends: tuple[int, int | None],
+    rv_inserts: ArrayLike | None,
+    observed: bool,
+    warnings: Warnings,
+) -> tuple[list[Row], dict[str, Array]]:
+    """Rows and curves of the wall.
+
+    Args:
+        frames: the models, with an "epi".
+        plane: the base at end diastole.
+        axis: the long axis at end diastole.
+        ends: frames of end diastole and end systole.
+        rv_inserts: (n, 3), or None.
+        observed: whether material points were tracked.
+        warnings: takes FOLDING where the surfaces cross, and UNANCHORED.
+
+    Raises:
+        OptionError: swapped surfaces, or insertions that show no septum.
+    """
+    ed, es = ends
+    model = frames.models[ed]
+    wall = _wall(model.surfaces["endo"], model.surfaces["epi"], warnings)
+    moving = MovingWall.at(wall, model.box, axis, plane)
+    parts = {"": np.ones(len(wall.rays), dtype=bool)} | _segments(frames, moving, ed, rv_inserts, warnings)
+    contraction, rows, curves = None, [], {}
+    if es is not None and frames.material:
+        later = frames.models[es].box
+        contraction = Contraction(wall.thickness(later), moving.strain(later))
+        rows = _twist_rows(frames, moving, later, contraction.strain, observed)
+        curves = _curves(frames, moving)
+    measured = [_part_rows(frames, moving, contraction, name, lines, observed) for name, lines in parts.items()]
+    return [*measured[0], *rows, *(row for part in measured[1:] for row in part)], curves
+
+
+def _wall(endo: Superquadric, epi: Superquadric, warnings: Warnings) -> Wall:
+    wall = Wall.between(endo, epi)
+    if wall.crossing.any():
+        warnings[WarningKind.FOLDING] = (
+            f"'endo' crosses 'epi' in {100 * wall.crossing.mean():.1f} % of its directions; no wall is measured there"
+        )
+    return wall
+
+
+def _segments(
+    frames: Frames, moving: MovingWall, ed: int, rv_inserts: ArrayLike | None, warnings: Warnings
+) -> dict[str, NDArray[np.bool_]]:
+    """Which lines (n,) belong to each segment; those that hold no wall are left out."""
+    if rv_inserts is None:
+        segments = Segmentation17.unanchored(moving.axis, frames.models[ed].surfaces["endo"])
+        warnings[WarningKind.UNANCHORED] = (
+            "without RV insertion points the segments start at an arbitrary angle: their rings are right, their names "
+            "are not"
+        )
+    else:
+        segments = Segmentation17.anchored(moving.axis, rv_inserts)
+    numbers = segments.numbers(moving.box.deform(moving.wall.at(DEPTH)))
+    there = moving.areas > 0
+    label = "segment" if rv_inserts is not None else "unanchored segment"
+    lines = {f"{label} {k + 1}, {name}: ": there & (numbers == k + 1) for k, name in enumerate(NAMES)}
+    return {name: mask for name, mask in lines.items() if mask.any()}
+
+
+def _part_rows(
+    frames: Frames,
+    moving: MovingWall,
+    contraction: Contraction | None,
+    part: str,
+    lines: NDArray[np.bool_],
+    observed: bool,
+) -> list[Row]:
+    """Thickness, and where a contraction is known thickening and strain, of a part of the wall."""
+    weights = moving.areas * lines
+    before = float(weights @ moving.thickness / weights.sum()) * frames.millimetres
+    rows = [Row(f"{part}wall thickness, end diastole", before, "mm", ALONG_MAP)]
+    if contraction is None:
+        return rows
+    after = float(weights @ contraction.thickness / weights.sum()) * frames.millimetres
+    rows.append(Row(f"{part}wall thickness, end systole", after, "mm", ALONG_MAP))
+    rows.append(Row(f"{part}wall thickening", 100 * (after / before - 1), "%", f"{ALONG_MAP}, of the one at ED"))
+    radial = 100 * float(weights @ _radial(moving, contraction.thickness) / weights.sum())
+    how = "change of length from ED to ES per length, of the lines along the volumetric map, mean over the wall's area"
+    rows.append(Row(f"{part}radial strain", radial, "%", how))
+    return rows + _strain_rows(moving, contraction.strain, part, lines[:, None], observed)
+
+
+def _radial(moving: MovingWall, thickness: Array) -> Array:
+    """Change of length per length (n,) of the lines across the wall; 0 where the surfaces cross."""
+    there = ~moving.wall.crossing
+    return np.where(there, thickness / np.where(there, moving.thickness, 1.0) - 1, 0.0)
+
+
+def _strain_rows(moving: MovingWall, strain: Array, part: str, where: NDArray[np.bool_], observed: bool) -> list[Row]:
+    """What the gradient says; where no material point was tracked, along the wall it is the prior's word."""
+    said = "" if observed else UNSEEN
+    around = 100 * float(moving.mean(relative_lengthening(strain), where)[1])
+    how = f"{said}change of length from ED to ES per length, from the gradient, mean over the volume of the wall"
+    rows = [Row(f"{part}circumferential strain", around, "%", how, observed)]
+    how = f"{said}(F'F - I) / 2 from ED to ES, mean over the volume of the wall"
+    green = np.diagonal(moving.mean(strain, where))
+    return rows + [
+        Row(f"{part}Green strain, {name}", float(value), "1", how, observed) for name, value in zip(DIRECTIONS, green)
+    ]
+
+
+def _twist_rows(frames: Frames, moving: MovingWall, later: ControlBox, strain: Array, observed: bool) -> list[Row]:
+    """The four definitions."""
+    twist = moving.slices.twist(later)
+    shear = moving.mean(strain[..., 1, 2], moving.between_slices())
+    levels = f"at {LEVELS[0]:g} and {LEVELS[1]:g} of the long axis, counter-clockwise from the apex; {SOURCE}"
+    per_mm = twist.angle_per_length / frames.millimetres
+    found = [
+        ("twist angle", twist.angle, "deg", f"rotation of the apical minus the basal slice, {levels}"),
+        ("twist per length", per_mm, "deg/mm", f"the angle over the distance of the slices at ED, {levels}"),
+        ("torsional shear angle", twist.shear_angle, "deg", f"the angle times mid-wall radius / distance, {levels}"),
+        ("torsional shear strain", float(shear), "1", f"Green strain E_CL, mean between the slices {levels}"),
+    ]
+    said = "" if observed else UNSEEN
+    return [Row(name, value, unit, said + how, observed) for name, value, unit, how in found]
+
+
+def _curves(frames: Frames, moving: MovingWall) -> dict[str, Array]:
+    """Thickness (mm), strains (%) and twist (degrees) of the whole wall over the cycle."""
+    everywhere = np.ones((len(moving.volumes), 1), dtype=bool)
+    weights = moving.areas / moving.areas.sum()
+    curves: dict[str, list[float]] = {"wall thickness": [], "radial strain": [], "circumferential strain": []}
+    for box in (model.box for model in frames.models):
+        thickness = moving.wall.thickness(box)
+        around = moving.mean(relative_lengthening(moving.strain(box)), everywhere)[1]
+        curves["wall thickness"].append(float(weights @ thickness) * frames.millimetres)
+        curves["radial strain"].append(100 * float(weights @ _radial(moving, thickness)))
+        curves["circumferential strain"].append(100 * float(around))
+    twist = [moving.slices.twist(model.box).angle for model in frames.models]
+    return {name: np.array(values) for name, values in (curves | {"twist angle": twist}).items()}

@@ -1,0 +1,235 @@
+"""From an image of a left ventricle to the points of its two surfaces: measured wall alone, the base left open."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from quadriform.errors import MaskError, OptionError, WarningKind, Warnings
+from quadriform.imaging.border import border_cut, side_vectors
+from quadriform.imaging.hollow import BACKGROUND, CAVITY, WALL, Tissue, base_of_hollow, faces_between, fill_hollow
+from quadriform.imaging.isosurface import height_of, isosurface
+from quadriform.imaging.segmentation import Component, Labels, Mask, Percentile, Segmentation, Select, segment
+from quadriform.imaging.thinning import thinned
+from quadriform.imaging.volume import Region, Volume, slices
+from quadriform.points import Array, check_number, check_points
+
+Plane = tuple[Array, Array]
+"""A point (3,) of the base plane and the direction (3,) to the missing side, in the world: `base` of a fit."""
+
+HALF = Percentile(0.5, 99.9)
+BETWEEN = 1e-5
+"""No vertex is nearer to a voxel's centre than this, in voxels."""
+ON_PLANE = 1e-9
+"""Points this share of the extent beyond a plane are on it."""
+
+
+@dataclass(frozen=True)
+class VentriclePoints:
+    """Points on the walls of a ventricle.
+
+    Attributes:
+        clouds: "endo", and "epi" where there is a wall, (n, 3) each, in the world of the image; what `fit` takes.
+        isosurfaces: the same before thinning.
+        base: where the ventricle is open; None when the image shows it closed.
+        warnings: of reading and segmentation, BORDER_CUT, OPEN_BASE, OPEN_WALL.
+        record: voxels of cavity and wall, points beyond the base by surface, and how far points are apart.
+    """
+
+    clouds: dict[str, Array]
+    isosurfaces: dict[str, Array]
+    base: Plane | None
+    warnings: Warnings
+    record: dict[str, Any]
+
+
+def ventricle_from_labels(
+    volume: Volume,
+    *,
+    cavity: Labels,
+    wall: Labels | None = None,
+    region: Region | None = None,
+    base: Plane | None = None,
+    apart: float | None = None,
+) -> VentriclePoints:
+    """Endocardium: the boundary of the cavity; epicardium: that of cavity and wall together, where it is wall.
+
+    Points lie halfway between voxels. Where the image or the region cuts the ventricle there are none, and the
+    face that cuts most of the cavity is the base.
+
+    Args:
+        volume: label image.
+        cavity: labels of the blood.
+        wall: labels of the muscle; without it there is no epicardium.
+        region: half-open ranges of voxels, such as the slices below the base; its edge cuts like the image's.
+        base: plane beyond which nothing is taken, in the world of the image.
+        apart: side of the cubes of which each keeps one point; None is a voxel's longest side, 0 keeps all points.
+            The steps of voxels are no independent measurements, and a fit takes every point for one.
+
+    Raises:
+        MaskError: labels are missing, or cavity and wall are swapped.
+        DegenerateError: the cavity is one voxel or one slice thick.
+        OptionError: the region leaves the image, `base` is no plane, or both labels are the same.
+    """
+    blood = segment(volume, select=cavity, region=region)
+    inner = volume.crop(blood.region)
+    tissue = _inside(blood).astype(np.int8) * CAVITY
+    warnings = dict(blood.warnings)
+    surfaces = {"endo": _surface(tissue == CAVITY, tissue, inner)[0]}
+    if wall is not None:
+        tissue[_wall(volume, cavity, wall, blood.region) & (tissue != CAVITY)] = WALL
+        _check_order(tissue, cavity, wall, inner.world_from_voxel)
+        points, ends = _surface(tissue != BACKGROUND, tissue, inner)
+        surfaces["epi"] = points[ends.max(axis=1) == WALL]
+        warnings |= _open_wall(tissue, inner.world_from_voxel)
+    if cut := border_cut(tissue != BACKGROUND, inner.world_from_voxel):
+        warnings[WarningKind.BORDER_CUT] = f"{cut}; left open there"
+    plane = _cut_face(tissue == CAVITY, inner) if base is None else _check_plane(base)
+    return _finish(surfaces, plane, warnings, tissue, inner, apart)
+
+
+def ventricle_from_perfusion(
+    volume: Volume,
+    *,
+    select: Select = HALF,
+    region: Region | None = None,
+    component: Component = "largest",
+    base: Plane | None = None,
+    apart: float | None = None,
+) -> VentriclePoints:
+    """Both surfaces of a bright wall that is open at the base: the horseshoe of a perfusion image.
+
+    The cavity is what the convex hull adds to the wall, as far as its largest balls reach. The isosurface of the wall
+    is endocardium where it faces the cavity and epicardium elsewhere; across the base there is no wall, so no points.
+
+    Args:
+        volume: grey image with a bright wall.
+        select: what is wall; half of the nearly largest value, as nuclear cardiology does.
+        region: half-open ranges of voxels about the ventricle.
+        component: "largest", or a voxel (i, j, k) of the wall.
+        base: plane beyond which nothing is taken; None finds it: half the thickest wall below the mouth.
+        apart: as in `ventricle_from_labels`.
+
+    Raises:
+        MaskError: nothing or everything is wall, or it encloses no cavity.
+        OptionError: an option is out of its range.
+    """
+    found = segment(volume, select=select, region=region, component=component)
+    inner = volume.crop(found.region)
+    tissue = fill_hollow(_inside(found), inner.world_from_voxel)
+    warnings = dict(found.warnings)
+    plane = base_of_hollow(tissue, inner.world_from_voxel) if base is None else _check_plane(base)
+    shown, level = found.object_volume(), 0.5
+    if found.threshold is not None:
+        level = found.threshold
+        shown = height_of(shown, inner, level)
+    points, ends = _vertices(shown, level, tissue)
+    facing = ends.max(axis=1) == CAVITY
+    surfaces = {"endo": points[facing], "epi": points[~facing]}
+    result = _finish(surfaces, plane, warnings, tissue, inner, apart)
+    if base is None:
+        lost = sum(result.record["beyond_base"].values())
+        of = sum(map(len, surfaces.values()))
+        warnings[WarningKind.OPEN_BASE] = f"the wall is open; {lost} of {of} points at its rim are left out"
+    return result
+
+
+def _inside(found: Segmentation) -> Mask:
+    return found.mask[slices(found.region)]
+
+
+def _wall(volume: Volume, cavity: Labels, wall: Labels, region: Region) -> Mask:
+    if set(cavity.values) & set(wall.values):
+        raise OptionError(f"cavity={cavity.values} and wall={wall.values} share labels; expected other labels for each")
+    return _inside(segment(volume, select=wall, region=region))
+
+
+def _surface(mask: Mask, tissue: Tissue, inner: Volume) -> tuple[Array, Tissue]:
+    return _vertices(Volume(mask, inner.world_from_voxel, inner.space, inner.unit), 0.5, tissue)
+
+
+def _vertices(shown: Volume, level: float, tissue: Tissue) -> tuple[Array, Tissue]:
+    """The isosurface's vertices (n, 3) and the tissues (n, 2) of the two voxels that each lies between."""
+    points = isosurface(shown, level).mesh.vertices
+    affine = shown.world_from_voxel
+    voxels = np.linalg.solve(affine[:3, :3], (points - affine[:3, 3]).T).T
+    ends = [np.rint(voxels + sign * (0.5 - BETWEEN)).astype(np.int64) for sign in (-1, 1)]
+    return points, np.stack([tissue[tuple(end.T)] for end in ends], axis=1)
+
+
+def _check_order(tissue: Tissue, cavity: Labels, wall: Labels, world_from_voxel: Array) -> None:
+    """A cavity meets the background less than its wall does, wherever it is cut."""
+    blood, muscle = (
+        np.linalg.norm(faces_between(tissue, kind, BACKGROUND, world_from_voxel)[1], axis=1).sum()
+        for kind in (CAVITY, WALL)
+    )
+    if blood > muscle:
+        raise MaskError(
+            f"cavity={cavity.values} meets the background over {blood:.4g}, wall={wall.values} over {muscle:.4g} "
+            "squared units: expected the wall around the cavity; are the labels swapped?"
+        )
+
+
+def _open_wall(tissue: Tissue, world_from_voxel: Array) -> Warnings:
+    """Where the cavity meets the background inside the image."""
+    areas = [
+        np.linalg.norm(faces_between(tissue, CAVITY, kind, world_from_voxel)[1], axis=1).sum()
+        for kind in (BACKGROUND, WALL)
+    ]
+    if areas[0] == 0:
+        return {}
+    share = areas[0] / sum(areas)
+    return {
+        WarningKind.OPEN_WALL: f"{share:.1%} of the cavity's surface has no wall: it has no epicardial points there"
+    }
+
+
+def _cut_face(cavity: Mask, inner: Volume) -> Plane | None:
+    """Through the outermost voxel centres of the face of the image that cuts most of the cavity."""
+    areas = side_vectors(inner.world_from_voxel)
+    faces = [(axis, end) for axis in range(3) for end in (0, -1)]
+    cuts = [float(cavity.take(end, axis).sum() * np.linalg.norm(areas[axis])) for axis, end in faces]
+    if max(cuts) == 0:
+        return None
+    axis, end = faces[int(np.argmax(cuts))]
+    at = 0 if end == 0 else cavity.shape[axis] - 1
+    voxels = np.insert(np.argwhere(cavity.take(at, axis)).astype(np.float64), axis, at, axis=1)
+    outward = areas[axis] * (-1 if end == 0 else 1)
+    return inner.points_world(voxels).mean(axis=0), outward / np.linalg.norm(outward)
+
+
+def _check_plane(base: Plane) -> Plane:
+    point, direction = check_points(np.array(base), "base")
+    if not direction.any():
+        raise OptionError("option base: expected (point, direction) with a direction that is not 0")
+    return point, direction / np.linalg.norm(direction)
+
+
+def _finish(
+    surfaces: dict[str, Array],
+    plane: Plane | None,
+    warnings: Warnings,
+    tissue: Tissue,
+    inner: Volume,
+    apart: float | None,
+) -> VentriclePoints:
+    """Cut what lies beyond the plane, and thin the rest."""
+    side = float(inner.spacing.max()) if apart is None else check_number(apart, "apart", 0.0)
+    kept = surfaces if plane is None else {name: points[~_beyond(points, plane)] for name, points in surfaces.items()}
+    for name, points in kept.items():
+        if not len(points):
+            raise MaskError(f"{name}: none of the {len(surfaces[name])} points lies below the base; turn its direction")
+    record = {
+        "cavity_voxels": int((tissue == CAVITY).sum()),
+        "wall_voxels": int((tissue == WALL).sum()),
+        "beyond_base": {name: len(surfaces[name]) - len(points) for name, points in kept.items()},
+        "apart": side,
+    }
+    clouds = {name: thinned(points, side) for name, points in kept.items()}
+    return VentriclePoints(clouds, kept, plane, warnings, record)
+
+
+def _beyond(points: Array, plane: Plane) -> Mask:
+    point, direction = plane
+    heights = (points - point) @ direction
+    return heights > ON_PLANE * np.abs(heights).max(initial=0)

@@ -1,0 +1,163 @@
+"""The wall between two surfaces of a model as hexahedra, made by mapping a regular grid through the control box."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from quadriform.errors import InputError, OptionError
+from quadriform.points import Array, check_points
+from quadriform.shapes.model import DeformableModel
+
+HALVINGS = 60
+"""Where a ray leaves the outer surface is halved so often: to the last bits."""
+CORNERS = np.array([[i, j, k] for k in (0, 1) for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))], dtype=np.float64)
+"""The corners of a cell in VTK's order."""
+
+
+@dataclass(frozen=True)
+class HexMesh:
+    """Hexahedra in space.
+
+    Attributes:
+        vertices: (n, 3), in the unit of the model.
+        cells: (m, 8), indices into `vertices`: a side towards the cavity, counter-clockwise seen from outside, then
+            the one opposite; VTK's order.
+        axes: (m, 3, 3), for each cell the unit vectors radial (outward), circumferential and longitudinal (towards
+            the base), at right angles to each other.
+        depth: (m,), of the cells' middles, from 0 at the inner to 1 at the outer surface.
+    """
+
+    vertices: Array
+    cells: NDArray[np.int64]
+    axes: Array
+    depth: Array
+
+    def jacobians(self) -> Array:
+        """Determinants (m, 8) of each cell's trilinear map from the unit cube at its corners; positive: unfolded."""
+        corners = self.vertices[self.cells]
+        slopes = _slopes(CORNERS)
+        return np.linalg.det(np.einsum("qcd,mcx->mqxd", slopes, corners))
+
+    def volumes(self) -> Array:
+        """Volumes of the cells (m,), in cubed units, by two Gauss points along each axis: exact."""
+        low = 0.5 - 0.5 / np.sqrt(3)
+        points = np.where(CORNERS > 0, 1 - low, low)
+        slopes = _slopes(points)
+        return np.linalg.det(np.einsum("qcd,mcx->mqxd", slopes, self.vertices[self.cells])).mean(axis=1)
+
+
+def wall_mesh(
+    model: DeformableModel,
+    inner: str = "endo",
+    outer: str = "epi",
+    *,
+    layers: int = 4,
+    resolution: int = 12,
+    long_axis: ArrayLike | None = None,
+) -> HexMesh:
+    """Fill the space between two superellipsoids of a model with hexahedra.
+
+    The grid is laid before deformation: rays from the centre of the inner surface, each cut into equal parts between
+    the two surfaces. The control box carries its vertices, so that the same cell is the same piece of wall in every
+    state of a moving model.
+
+    Args:
+        model: with both surfaces.
+        inner: name of the inner surface.
+        outer: name of the outer surface.
+        layers: cells across the wall.
+        resolution: cells along an edge of the surface's grid, as in `Superquadric.mesh`; 6 n^2 cells a layer.
+        long_axis: (3,) from apex to base, in the world; None is the inner surface's longest semi-axis after
+            deformation, away from the end that is farther from the middle of its mesh.
+
+    Raises:
+        OptionError: a name is unknown, a surface is no superellipsoid, the inner one is not inside the outer one, or
+            a number is out of range.
+        InputError: cells are folded.
+    """
+    for name, value in (("layers", layers), ("resolution", resolution)):
+        if not isinstance(value, int) or value < 1:
+            raise OptionError(f"option {name}={value!r}; expected a whole number >= 1")
+    start, quads = model.superquadric(inner).grid(resolution)
+    stop = _opposite(model, inner, outer, start)
+    shares = np.linspace(0, 1, layers + 1)[:, None, None]
+    vertices = model.deform((start + shares * (stop - start)).reshape(-1, 3))
+    floors = [np.concatenate([quads + k * len(start), quads + (k + 1) * len(start)], axis=1) for k in range(layers)]
+    cells = np.concatenate(floors)
+    axis = (
+        _long_axis(model, inner)
+        if long_axis is None
+        else _unit(check_points(np.reshape(long_axis, (1, -1)), "long_axis"))[0]
+    )
+    depth = np.repeat((np.arange(layers) + 0.5) / layers, len(quads))
+    mesh = HexMesh(vertices, cells, _axes(vertices[cells], axis), depth)
+    _check_unfolded(mesh, inner, outer)
+    return mesh
+
+
+def _opposite(model: DeformableModel, inner: str, outer: str, start: Array) -> Array:
+    """Where the rays from the inner centre through its surface points (n, 3) leave the outer surface."""
+    small, large = model.superquadric(inner), model.superquadric(outer)
+    for name, surface in ((inner, small), (outer, large)):
+        if surface.kind != "ellipsoid":
+            raise OptionError(f"surface {name!r}: expected a superellipsoid, found kind={surface.kind!r}")
+    outside = large.implicit(start) >= 1
+    if outside.any():
+        raise OptionError(
+            f"{inner!r} lies outside {outer!r} at {int(outside.sum())} of {len(start)} points; expected the inner "
+            "surface first; are the names swapped?"
+        )
+    rays = start - small.translation
+    reach = np.linalg.norm(large.translation - small.translation) + np.linalg.norm(large.semi_axes)
+    low, high = np.ones(len(rays)), 1 + reach / np.linalg.norm(rays, axis=1)
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        inside = large.implicit(small.translation + middle[:, None] * rays) < 1
+        low, high = np.where(inside, middle, low), np.where(inside, high, middle)
+    stop: Array = small.translation + ((low + high) / 2)[:, None] * rays
+    return stop
+
+
+def _long_axis(model: DeformableModel, inner: str) -> Array:
+    superquadric = model.superquadric(inner)
+    longest = superquadric.semi_axes.argmax()
+    step = superquadric.semi_axes[longest] * superquadric.rotation[:, longest]
+    ends = model.deform(superquadric.translation + np.stack([-step, step]))
+    middle = model.mesh(inner, 8).vertices.mean(axis=0)
+    apex, base = ends[np.argsort(-np.linalg.norm(ends - middle, axis=1), kind="stable")]
+    return _unit(base - apex)
+
+
+def _axes(corners: Array, axis: Array) -> Array:
+    """Radial: the normal of a cell's layer in its middle; circumferential: around the axis; longitudinal: the rest."""
+    along = np.einsum("cd,mcx->mdx", _slopes(np.full((1, 3), 0.5))[0], corners)
+    radial = _unit(np.cross(along[:, 0], along[:, 1]))
+    around = np.cross(axis, radial)
+    on_axis = np.linalg.norm(around, axis=1) < 1e-9
+    around[on_axis] = np.cross(np.eye(3)[np.abs(radial[on_axis]).argmin(axis=1)], radial[on_axis])
+    around = _unit(around)
+    return np.stack([radial, around, np.cross(radial, around)], axis=1)
+
+
+def _slopes(points: Array) -> Array:
+    """Derivatives (q, 8, 3) of the trilinear weights of a cell's corners at points (q, 3) of the unit cube."""
+    factors = np.where(CORNERS > 0, points[:, None], 1 - points[:, None])
+    signs = np.where(CORNERS > 0, 1.0, -1.0)
+    return signs * np.roll(factors, -1, axis=2) * np.roll(factors, -2, axis=2)
+
+
+def _check_unfolded(mesh: HexMesh, inner: str, outer: str) -> None:
+    lowest = mesh.jacobians().min(axis=1)
+    folded = lowest <= 0
+    if folded.any():
+        where = mesh.vertices[mesh.cells[lowest.argmin()]].mean(axis=0)
+        raise InputError(
+            f"{int(folded.sum())} of {len(folded)} cells between {inner!r} and {outer!r} are folded, the worst at "
+            f"{np.round(where, 3).tolist()}; try a higher resolution, or fit the model with a larger strength"
+        )
+
+
+def _unit(vectors: Array) -> Array:
+    unit: Array = vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)
+    return unit

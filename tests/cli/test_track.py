@@ -1,0 +1,70 @@
+"""`quadriform track`: frames from files become one moving model, a table of the frames, and a record."""
+
+import csv
+import json
+
+import numpy as np
+
+import quadriform as qf
+
+
+def frames_written(folder, ellipsoid, count=4):
+    paths = []
+    for frame in range(count):
+        shrink = 1 - 0.1 * np.sin(np.pi * frame / count)
+        paths.append(folder / f"frame{frame}.csv")
+        np.savetxt(paths[-1], ellipsoid * shrink, delimiter=",", header="x,y,z", comments="")
+    return paths
+
+
+def test_files_become_a_moving_model(terminal, ellipsoid, tmp_path):
+    files = frames_written(tmp_path, ellipsoid)
+    done = terminal("track", *files, "-o", "out", "--box", "3,3,3", "--json")
+    assert done.code == 0, done.err
+    record = json.loads(done.out)
+    model = qf.load(tmp_path / "out" / "model.json")
+    assert isinstance(model, qf.MovingModel) and model.basis.period == 4.0
+    rows = list(csv.DictReader((tmp_path / "out" / "frames.csv").read_text().splitlines()))
+    assert [row["frame"] for row in rows] == ["0", "1", "2", "3"]
+    assert float(rows[2]["volume_surface"]) < float(rows[0]["volume_surface"])
+    assert record["rms"] < 0.2 and record["min_jacobian"] > 0
+    assert record["frames"][1]["volume_surface"] == float(rows[1]["volume_surface"])
+
+
+def test_a_folder_is_its_files_in_order_and_times_are_taken(terminal, ellipsoid, tmp_path):
+    (tmp_path / "cine").mkdir()
+    frames_written(tmp_path / "cine", ellipsoid)
+    done = terminal("track", "cine", "-o", "out", "--box", "3,3,3", "--times", "0,10,20,35", "--period", "none")
+    assert done.code == 0, done.err
+    assert qf.load(tmp_path / "out" / "model.json").basis.period is None
+    assert "frames" in done.out and "strategy" in done.out
+
+
+def test_nothing_is_written_when_it_fails(terminal, ellipsoid, tmp_path):
+    files = frames_written(tmp_path, ellipsoid, 2)
+    for words, message in (
+        ((files[0],), "a single one is for fit"),
+        ((*files, "--times", "1,1"), "does not come after"),
+        ((*files, "--times", "a,b"), "numbers between commas"),
+        ((*files, "--period", "soon"), "--period"),
+        ((*files, "--shift-slices"), "slice numbers"),
+    ):
+        done = terminal("track", *words, "-o", "out")
+        assert done.code == 2 and message in done.err, done.err
+        assert not (tmp_path / "out").exists()
+
+
+def test_what_stands_there_is_kept(terminal, ellipsoid, tmp_path):
+    files = frames_written(tmp_path, ellipsoid, 2)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "model.json").write_text("mine")
+    done = terminal("track", *files, "-o", "out")
+    assert done.code == 5 and (tmp_path / "out" / "model.json").read_text() == "mine"
+
+
+def test_each_alone_gives_a_model_a_frame(terminal, ellipsoid, tmp_path):
+    files = frames_written(tmp_path, ellipsoid, 2)
+    done = terminal("track", *files, "-o", "out", "--strategy", "alone", "--box", "3,3,3")
+    assert done.code == 0, done.err
+    assert isinstance(qf.load(tmp_path / "out" / "frame_001.json"), qf.DeformableModel)
+    assert not (tmp_path / "out" / "model.json").exists()

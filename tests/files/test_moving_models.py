@@ -1,0 +1,63 @@
+"""A moving model goes to a file and back with every number; what is wrong in a file is named."""
+
+import json
+
+import numpy as np
+import pytest
+from shapes_made import made
+
+import quadriform as qf
+from quadriform.errors import FileFormatError
+from quadriform.files.moving_models import read_moving_model
+from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.moving_model import MovingModel
+from quadriform.shapes.splines import TimeBasis
+
+
+@pytest.fixture(params=[4.0, None], ids=["periodic", "once"])
+def moving(request, rng):
+    surfaces = {"endo": made(), "epi": made(semi_axes=(40, 30, 20))}
+    box = ControlBox.around(surfaces["epi"], (3, 4, 3))
+    control = box.control_points + rng.normal(size=(3, *box.control_points.shape))
+    return MovingModel(
+        surfaces, box.origin, box.edges, TimeBasis(np.arange(3.0), request.param), control, "LPS", "mm", "a" * 64
+    )
+
+
+def test_there_and_back(moving, tmp_path):
+    qf.save(moving, tmp_path / "model.json")
+    back = qf.load(tmp_path / "model.json")
+    assert isinstance(back, MovingModel)
+    assert back.control_points.tobytes() == moving.control_points.tobytes()
+    assert back.basis.period == moving.basis.period and (back.basis.knots == moving.basis.knots).all()
+    assert (back.space, back.unit, back.input_sha256) == ("LPS", "mm", "a" * 64)
+    assert list(back.surfaces) == ["endo", "epi"]
+
+
+def test_a_model_that_does_not_move_is_still_one(tmp_path):
+    still = qf.DeformableModel({"surface": made()}, ControlBox.around(made()))
+    qf.save(still, tmp_path / "still.json")
+    assert isinstance(qf.load(tmp_path / "still.json"), qf.DeformableModel)
+    with pytest.raises(FileFormatError, match="quadriform-moving-model"):
+        read_moving_model(tmp_path / "still.json")
+
+
+BREAKS = {
+    "knots that turn back": (lambda d: d["time"].update(knots=[0, 2, 1]), "increasing"),
+    "a knot too few": (lambda d: d["time"].update(knots=[0, 1]), "one box a knot"),
+    "a later version": (lambda d: d.update(version=2), "newer quadriform"),
+    "an unknown field": (lambda d: d.update(patient="x"), "unknown"),
+    "no period": (lambda d: d["time"].pop("period"), "time.period"),
+    "text for a time": (lambda d: d["time"].update(knots=["a"]), "finite number"),
+}
+
+
+@pytest.mark.parametrize("name", BREAKS)
+def test_what_is_wrong_is_named(moving, tmp_path, name):
+    change, message = BREAKS[name]
+    qf.save(moving, tmp_path / "model.json")
+    document = json.loads((tmp_path / "model.json").read_text())
+    change(document)
+    (tmp_path / "broken.json").write_text(json.dumps(document))
+    with pytest.raises(FileFormatError, match=message):
+        qf.load(tmp_path / "broken.json")

@@ -1,0 +1,63 @@
+"""What is written for VTK: hexahedra with axes, and a film."""
+
+import base64
+import io
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from quadriform.errors import OptionError
+from quadriform.files.vtkhdf import encode_vtkhdf
+from quadriform.files.vtu import encode_vtu
+from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.model import DeformableModel
+from quadriform.shapes.superquadric import Superquadric
+from quadriform.shapes.wall import wall_mesh
+
+
+def state(grown=1.0):
+    endo, epi = Superquadric(semi_axes=(2, 3, 4)), Superquadric(semi_axes=(4, 5, 6))
+    box = ControlBox.around(epi)
+    return DeformableModel({"epi": epi, "endo": endo}, box.with_control_points(grown * box.control_points), "LPS", "mm")
+
+
+def test_a_vtu_holds_the_very_same_wall():
+    wall = wall_mesh(state(), layers=2, resolution=4)
+    piece = ElementTree.fromstring(encode_vtu(wall, "LPS", "mm")).find("UnstructuredGrid/Piece")
+    types = {"Float64": "<f8", "Int64": "<i8", "UInt8": "u1"}
+    read = {
+        array.get("Name"): np.frombuffer(base64.b64decode(array.text)[8:], types[array.get("type")])
+        for array in piece.iter("DataArray")
+    }
+    assert np.array_equal(read["Points"].reshape(-1, 3), wall.vertices)
+    assert np.array_equal(read["connectivity"].reshape(-1, 8), wall.cells)
+    assert np.array_equal(read["offsets"], 8 * np.arange(1, len(wall.cells) + 1))
+    assert set(read["types"]) == {12}
+    for k, name in enumerate(("radial", "circumferential", "longitudinal")):
+        assert np.array_equal(read[name].reshape(-1, 3), wall.axes[:, k])
+    assert int(piece.get("NumberOfCells")) == len(read["depth"])
+
+
+def test_a_film_holds_every_state():
+    h5py = pytest.importorskip("h5py")
+    states, times = [state(1.0), state(1.5)], [0.0, 30.0]
+    content = encode_vtkhdf(states, times, resolution=4)
+    assert content == encode_vtkhdf(states, times, resolution=4)
+    with h5py.File(io.BytesIO(content)) as file:
+        root = file["VTKHDF"]
+        assert root.attrs["Type"] == b"PolyData" and root["Steps"].attrs["NSteps"] == 2
+        assert np.array_equal(root["Steps/Values"], times)
+        n = root["NumberOfPoints"][0]
+        points = np.split(root["Points"][:], root["Steps/PointOffsets"][1:])
+        assert len(points[0]) == len(points[1]) == n == len(root["PointData/surface"])
+        for made, found in zip(states, points):
+            assert np.array_equal(found, np.concatenate([made.mesh(name, 4).vertices for name in made.surfaces]))
+        assert root["Polygons/Connectivity"][:].max() == n - 1
+        assert root["Polygons/Offsets"][-1] == len(root["Polygons/Connectivity"])
+
+
+@pytest.mark.parametrize("times", [[0.0], [1.0, 1.0], [0.0, np.nan]])
+def test_times_that_are_none_are_refused(times):
+    with pytest.raises(OptionError, match="increasing"):
+        encode_vtkhdf([state(), state()], times)

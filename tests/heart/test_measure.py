@@ -1,0 +1,258 @@
+"""The synthetic beating ventricle: each measure of the known model against the truth; refusals and warnings."""
+
+import csv
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from heart_made import SHARE, TIMES
+
+from quadriform.errors import OptionError, OutputError
+from quadriform.fitting.fit import refine
+from quadriform.heart.measure import measure
+from quadriform.heart.synthetic import CENTRE, TURN
+from quadriform.heart.synthetic_truth import true_measures, true_volume
+from quadriform.heart.table import write_measures
+from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.model import DeformableModel
+
+OBSERVED = (
+    "end-diastolic volume",
+    "end-systolic volume",
+    "stroke volume",
+    "ejection fraction",
+    "myocardial mass",
+    "wall thickness, end diastole",
+    "wall thickness, end systole",
+    "wall thickening",
+    "radial strain",
+    "longitudinal strain",
+)
+"""What surface points show."""
+
+
+@pytest.fixture(scope="module")
+def truth(heart):
+    return true_measures(heart, 0.5, SHARE)
+
+
+# --- the synthetic ventricle itself ------------------------------------------------------------------------------
+
+
+def test_the_known_model_moves_exactly(heart, known, rng):
+    directions = rng.normal(size=(200, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    for model, time in zip(known, TIMES):
+        for name in ("endo", "epi"):
+            points = heart.surface(name).surface(directions)
+            assert model.deform(points) == pytest.approx(heart.positions(points, time), abs=1e-9)
+
+
+def test_the_ventricle_is_plausible(heart, known):
+    assert min(model.min_jacobian() for model in known) > 0
+    muscle = [true_volume(heart, "epi", t) - true_volume(heart, "endo", t) for t in (0.0, 0.5)]
+    assert muscle[1] == pytest.approx(muscle[0], rel=0.1)
+
+
+def test_noise_has_the_asked_size_and_repeats(heart):
+    exact = heart.surface_points("endo", 0.5, 500)
+    one, two = (heart.surface_points("endo", 0.5, 500, 0.7, seed=3) for _ in range(2))
+    assert np.array_equal(one, two)
+    assert (one - exact).std() == pytest.approx(0.7, rel=0.1)
+
+
+# --- the known model ---------------------------------------------------------------------------------------------
+
+
+def test_every_measure_of_the_known_model(measured, truth):
+    """Half a percent is asked for; nothing here needs more than a fifth."""
+    for name, value in truth.items():
+        assert measured[name] == pytest.approx(value, rel=2e-3), name
+    assert (measured.ed, measured.es) == (0, 2)
+
+
+def test_curves_agree_with_rows(measured, truth):
+    assert measured.curves["cavity volume"][2] == pytest.approx(measured["end-systolic volume"])
+    assert measured.curves["cavity volume"][1] == pytest.approx(measured.curves["cavity volume"][3])
+    for name in ("radial strain", "circumferential strain", "longitudinal strain", "twist angle"):
+        assert measured.curves[name][0] == pytest.approx(0, abs=1e-9)
+        assert measured.curves[name][2] == pytest.approx(measured[name])
+
+
+def test_other_bases(heart, known):
+    top = heart.endo[1] * (2 * SHARE - 1)
+    before = true_volume(heart, "endo", 0.0, top)
+    fixed = measure(known[::2], base=heart.base_plane(SHARE))
+    assert fixed["end-diastolic volume"] == pytest.approx(before, rel=1e-3)
+    assert fixed["end-systolic volume"] == pytest.approx(true_volume(heart, "endo", 0.5, top), rel=1e-3)
+    share = measure(known[::2], base=SHARE)
+    assert share["end-diastolic volume"] == pytest.approx(before, rel=1e-3)
+    ends = heart.height(np.array([-1, 1]) * heart.endo[1], 0.5)
+    expected = true_volume(heart, "endo", 0.5, ends[0] + SHARE * (ends[1] - ends[0]))
+    assert share["end-systolic volume"] == pytest.approx(expected, rel=1e-3)
+    closed = measure(known[::2])
+    assert closed["end-systolic volume"] == pytest.approx(true_volume(heart, "endo", 0.5), rel=1e-3)
+    assert closed["end-systolic volume"] == pytest.approx(share["end-systolic volume, closed"])
+    for found, words in ((fixed, "fixed plane"), (share, "80 %"), (closed, "closed surface")):
+        assert words in found.rows[0].how
+
+
+def test_units_are_kept(known, valve, measured):
+    """The same heart in metres."""
+    metres = [replace(model.placed(1e-3, np.zeros(3)), unit="m") for model in known]
+    found = measure(metres, base=[points / 1000 for points in valve])
+    for row, other in zip(found.rows, measured.rows):
+        assert row.value == pytest.approx(other.value, rel=1e-6), row.quantity
+        assert row.unit == other.unit
+
+
+def test_segments_average_to_the_whole(heart, known, valve):
+    inserts = [CENTRE + TURN @ [40 * np.cos(a), 40 * np.sin(a), 0] for a in (-0.9, 0.9)]
+    found = measure(known, base=valve, rv_inserts=inserts)
+    assert "UNANCHORED" not in found.warnings
+    basal = [
+        found[f"segment {n}, basal {w}: wall thickness, end diastole"] for n, w in ((1, "anterior"), (4, "inferior"))
+    ]
+    assert basal[0] == pytest.approx(basal[1], rel=0.02)
+    assert sum(": wall thickening" in name for name in found) == 17
+    parts = [found[name] for name in found if ": radial strain" in name]
+    assert min(parts) < found["radial strain"] < max(parts)
+
+
+# --- what is said ------------------------------------------------------------------------------------------------
+
+
+def test_what_surfaces_do_not_show_is_marked(known, measured, valve):
+    for row in measured.rows:
+        hidden = any(word in row.quantity for word in ("twist", "torsional", "circumferential", "Green"))
+        assert row.observed is not hidden, row.quantity
+        assert row.how.startswith("not observed") is hidden
+    tracked = measure(known[::2], base=valve[::2], observed=True)
+    assert all(row.observed and "not observed" not in row.how for row in tracked.rows)
+
+
+def test_segments_without_insertions_are_unanchored(measured):
+    assert "UNANCHORED" in measured.warnings
+    assert any(name.startswith("unanchored segment 17") for name in measured)
+    assert not any(name.startswith("segment") for name in measured)
+
+
+def test_one_frame_has_no_ejection_fraction(known):
+    found = measure(known[0])
+    assert "ONE_FRAME" in found.warnings
+    assert found.es is None
+    assert "wall thickness, end diastole" in found
+    with pytest.raises(OptionError, match="'ejection fraction' was not measured"):
+        found["ejection fraction"]
+
+
+def test_the_cavity_alone_has_volumes(known):
+    alone = [replace(model, surfaces={"endo": model.surfaces["endo"]}) for model in known[::2]]
+    found = measure(alone)
+    assert "MISSING_SURFACE" in found.warnings
+    assert found["ejection fraction"] == pytest.approx(measure(known[::2])["ejection fraction"])
+    assert "myocardial mass" not in found
+
+
+def test_separate_frames_have_volumes_but_no_strain(known):
+    other = known[2].surfaces["epi"]
+    away = replace(
+        known[2], box=ControlBox.around(other, (5, 5, 5)).with_control_points(known[2].box.control_points + 0)
+    )
+    moved = DeformableModel(
+        {name: replace(s, semi_axes=s.semi_axes * 0.9) for name, s in away.surfaces.items()}, away.box, "LPS", "mm"
+    )
+    found = measure([known[0], moved])
+    assert "SEPARATE_FRAMES" in found.warnings
+    assert "ejection fraction" in found
+    assert "twist angle" not in found
+
+
+def test_an_unknown_unit_is_said(known):
+    assert "UNKNOWN_UNIT" in measure(replace(known[0], unit="unknown")).warnings
+
+
+def test_ends_that_look_alike_are_said(heart):
+    even = replace(heart, egg=0.0).models([0.0])
+    assert "APEX_AMBIGUOUS" in measure(even).warnings
+    assert "APEX_AMBIGUOUS" not in measure(heart.models([0.0])).warnings
+
+
+def test_a_plane_beyond_the_cavity_is_said(known):
+    found = measure(known[::2], base=(CENTRE + 48 * TURN[:, 2], TURN[:, 2]))
+    assert "2 of 2 frames" in found.warnings["BASE_MISSES"]
+    assert found["end-diastolic volume"] == pytest.approx(found["end-diastolic volume, closed"])
+
+
+def test_crossing_surfaces_are_said(known):
+    small = replace(known[0].surfaces["epi"], semi_axes=np.array([22.0, 34, 53]))
+    found = measure(replace(known[0], surfaces={"epi": small, "endo": known[0].surfaces["endo"]}))
+    assert "'endo' crosses 'epi'" in found.warnings["FOLDING"]
+
+
+@pytest.mark.parametrize(
+    ("times", "words"),
+    [
+        ([0, 1, 1, 2], "frame 2 is at 1, not after frame 1"),
+        ([0, 1, 2], "expected 4 finite numbers"),
+        ([0, 1, np.nan, 3], "expected 4 finite numbers"),
+    ],
+)
+def test_times_that_do_not_increase_are_refused(known, times, words):
+    with pytest.raises(OptionError, match=words):
+        measure(known, times)
+
+
+def test_what_is_no_heart_is_refused(known):
+    model = known[0]
+    with pytest.raises(OptionError, match="there are none"):
+        measure([])
+    with pytest.raises(OptionError, match="expected a surface 'endo'"):
+        measure(replace(model, surfaces={"epi": model.surfaces["epi"]}))
+    with pytest.raises(OptionError, match="are the names swapped"):
+        measure(replace(model, surfaces={"epi": model.surfaces["endo"], "endo": model.surfaces["epi"]}))
+    with pytest.raises(OptionError, match="frame 1 has the surfaces"):
+        measure([model, replace(model, unit="m")])
+
+
+def test_options_out_of_range_are_refused(known):
+    with pytest.raises(OptionError, match="there is no such frame; expected 0 to 3"):
+        measure(known, ed=4)
+    with pytest.raises(OptionError, match="smallest volume"):
+        measure(known, ed=2)
+    with pytest.raises(OptionError, match="nothing of the cavity is left in frame 0"):
+        measure(known, base=(CENTRE - 80 * TURN[:, 2], TURN[:, 2]))
+
+
+# --- files -------------------------------------------------------------------------------------------------------
+
+
+def test_tables_hold_every_number(measured, tmp_path):
+    write_measures(measured, tmp_path / "m.csv")
+    write_measures(measured, tmp_path / "m.json")
+    with open(tmp_path / "m.csv", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    record = json.loads((tmp_path / "m.json").read_text())
+    assert [float(row["value"]) for row in rows] == [row.value for row in measured.rows]
+    assert [row["value"] for row in record["measures"]] == [row.value for row in measured.rows]
+    assert {row["observed"] for row in rows} == {"yes", "no"}
+    assert record["curves"]["cavity volume"] == measured.curves["cavity volume"].tolist()
+    with pytest.raises(OutputError, match="exists already"):
+        write_measures(measured, tmp_path / "m.csv")
+
+
+# --- a fit -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_measures_of_a_fit_to_noisy_surface_points(heart, truth):
+    """End diastole and end systole, 300 points a surface with noise of 0.5 mm, the superquadrics held."""
+    surfaces = {name: heart.surface(name) for name in ("epi", "endo")}
+    models = []
+    for time in (0.0, 0.5):
+        clouds = {n: heart.surface_points(n, time, 300, 0.5, seed=i + int(4 * time)) for i, n in enumerate(surfaces)}
+        models.append(replace(refine(surfaces, clouds, robust=False).model, unit="mm", space="LPS"))
+    found = measure(models, base=[heart.mitral_points(time, SHARE) for time in (0.0, 0.5)])
+    for name in OBSERVED:
+        assert found[name] == pytest.approx(truth[name], rel=0.03), name

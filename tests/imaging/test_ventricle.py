@@ -1,0 +1,160 @@
+"""From an image to the points of a ventricle: made ones with known walls, and real ones."""
+
+import numpy as np
+import pytest
+
+from quadriform.errors import MaskError, OptionError, WarningKind
+from quadriform.imaging.blood_pool import blood_pool
+from quadriform.imaging.reading import read_volume
+from quadriform.imaging.segmentation import Labels
+from quadriform.imaging.ventricle import ventricle_from_labels, ventricle_from_perfusion
+from quadriform.imaging.volume import Volume
+
+BLOOD, MUSCLE = Labels((1,)), Labels((2,))
+SPACING = np.array([1.5, 1.5, 2.0])
+
+
+def grid(shape=(40, 40, 40), spacing=SPACING):
+    affine = np.diag([*spacing, 1.0])
+    affine[:3, 3] = -spacing * (np.array(shape) - 1) / 2
+    at = np.moveaxis(np.indices(shape), 0, -1) * spacing + affine[:3, 3]
+    return at, affine
+
+
+def inside(at, semi_axes):
+    return ((at / semi_axes) ** 2).sum(axis=-1) < 1
+
+
+def labelled(open_at=np.inf, **how):
+    """Cavity 1 with semi-axes 14, 13, 22 in a wall 2 of 8 mm."""
+    at, affine = grid(**how)
+    values = np.where(inside(at, (14.2, 13.1, 22.3)), 1, np.where(inside(at, (22.2, 21.1, 30.3)), 2, 0))
+    return Volume(np.where(at[..., 2] < open_at, values, 0).astype(np.uint8), affine)
+
+
+def from_labels(volume, **options):
+    return ventricle_from_labels(volume, cavity=BLOOD, wall=MUSCLE, **options)
+
+
+def implicit(points, semi_axes):
+    return np.linalg.norm(points / semi_axes, axis=1) - 1
+
+
+def in_order(points):
+    return points[np.lexsort(np.round(points, 6).T)]
+
+
+def test_labels_give_both_walls():
+    found = from_labels(labelled())
+    assert found.base is None and not found.warnings
+    assert np.abs(implicit(found.isosurfaces["endo"], (14.2, 13.1, 22.3))).max() * 14 < 1.5
+    assert np.abs(implicit(found.isosurfaces["epi"], (22.2, 21.1, 30.3))).max() * 22 < 1.5
+    assert len(found.clouds["endo"]) < len(found.isosurfaces["endo"])
+
+
+def test_a_grid_turned_and_flipped_gives_the_same_points():
+    volume = labelled()
+    moved = volume.values.transpose(2, 0, 1)[::-1, :, ::-1]
+    into = np.zeros((4, 4))
+    into[2, 0], into[0, 1], into[1, 2], into[3, 3] = -1, 1, -1, 1
+    into[2, 3], into[1, 3] = volume.values.shape[2] - 1, volume.values.shape[1] - 1
+    turned = Volume(moved, volume.world_from_voxel @ into)
+    one, two = (from_labels(v).clouds for v in (volume, turned))
+    for name in one:
+        assert np.allclose(in_order(one[name]), in_order(two[name]), atol=1e-6)
+
+
+def test_another_spacing_gives_the_same_surface_to_half_a_voxel():
+    fine = labelled(shape=(60, 60, 80), spacing=np.array([1.0, 1.0, 1.0]))
+    coarse = labelled(shape=(60, 60, 20), spacing=np.array([1.0, 1.0, 4.0]))
+    from scipy.spatial import cKDTree
+
+    one, two = (from_labels(v).isosurfaces for v in (fine, coarse))
+    for name in one:
+        assert cKDTree(one[name]).query(two[name])[0].max() < 2.1
+
+
+def test_what_the_region_cuts_is_open_and_is_the_base():
+    volume = labelled()
+    found = from_labels(volume, region=((0, 40), (0, 40), (0, 24)))
+    point, direction = found.base
+    assert np.allclose(direction, (0, 0, 1))
+    assert found.isosurfaces["endo"][:, 2].max() == pytest.approx(point[2])
+    assert "last k" in found.warnings[WarningKind.BORDER_CUT]
+
+
+def test_what_lies_beyond_a_given_plane_is_left_out():
+    volume = labelled()
+    found = from_labels(volume, base=(np.array([0, 0, 5.0]), np.array([0, 0, 3.0])))
+    assert max(points[:, 2].max() for points in found.clouds.values()) <= 5
+    assert found.record["beyond_base"]["endo"] > 0
+    with pytest.raises(MaskError, match="direction"):
+        from_labels(volume, base=(np.array([0, 0, -50.0]), np.array([0, 0, 3.0])))
+    with pytest.raises(OptionError, match="not 0"):
+        from_labels(volume, base=(np.zeros(3), np.zeros(3)))
+
+
+def test_a_cavity_without_wall_is_named_and_has_no_epicardium():
+    found = from_labels(labelled(open_at=12.0))
+    assert WarningKind.OPEN_WALL in found.warnings
+    lid = found.isosurfaces["epi"]
+    assert not inside(lid[lid[:, 2] > 10.9][:, :3] * [1, 1, 0], (12.0, 11.0, 20.0)).any()
+
+
+def test_swapped_shared_and_missing_labels_are_refused():
+    volume = labelled()
+    with pytest.raises(MaskError, match="swapped"):
+        ventricle_from_labels(volume, cavity=MUSCLE, wall=BLOOD)
+    with pytest.raises(OptionError, match="share"):
+        ventricle_from_labels(volume, cavity=BLOOD, wall=Labels((1, 2)))
+    with pytest.raises(MaskError, match="no voxel has the label 7"):
+        ventricle_from_labels(volume, cavity=Labels((7,)), wall=MUSCLE)
+
+
+def horseshoe():
+    at, affine = grid(spacing=np.array([2.0, 2.0, 2.0]))
+    wall = inside(at, (22.2, 21.1, 34.3)) & ~inside(at, (14.2, 13.1, 26.3)) & (at[..., 2] < 8)
+    return Volume(100.0 * wall, affine)
+
+
+def test_a_horseshoe_gives_two_surfaces_and_its_base():
+    found = ventricle_from_perfusion(horseshoe())
+    assert WarningKind.OPEN_BASE in found.warnings
+    assert found.base[1] @ [0, 0, 1] > 0.999
+    assert -3 < found.base[0][2] < 8  # below the mouth by half a wall of 8 to 11
+    assert np.abs(implicit(found.isosurfaces["endo"], (14.2, 13.1, 26.3))).max() * 14 < 1.8
+    assert np.abs(implicit(found.isosurfaces["epi"], (22.2, 21.1, 34.3))).max() * 22 < 1.8
+
+
+def test_a_solid_body_has_no_cavity():
+    at, affine = grid()
+    with pytest.raises(MaskError, match="cavity"):
+        ventricle_from_perfusion(Volume(1.0 * inside(at, (14, 13, 22)), affine))
+
+
+def test_blood_is_found_where_the_coil_fades_and_papillaries_stand():
+    at, affine = grid(spacing=np.array([1.5, 1.5, 4.0]), shape=(40, 40, 16))
+    cavity = inside(at, (16, 15, 40))
+    papillary = np.hypot(at[..., 0] - 15, at[..., 1]) < 4
+    blood = np.where(cavity & ~papillary, 200.0, 30.0) * np.exp(-at[..., 2] / 20)
+    region = ((2, 38), (2, 38), (4, 12))
+    found = blood_pool(Volume(blood, affine), seed=(20, 20, 8), region=region).mask
+    cavity[:, :, :4] = cavity[:, :, 12:] = False
+    assert 2 * (found & cavity).sum() / (found.sum() + cavity.sum()) > 0.95
+    with pytest.raises(MaskError, match="background"):
+        blood_pool(Volume(blood, affine), seed=(3, 3, 8), region=region)
+
+
+def test_the_real_blood_pool_is_the_label(shared):
+    folder = shared / "data" / "pig_cine_mri"
+    grey = read_volume(folder / "sax_cine_crop_4d.nii.gz", 0)
+    label = read_volume(folder / "sax_lv_labels_crop_4d.nii.gz", 0).values[:, :, 1:14] == 1
+    found = blood_pool(grey, seed=(78, 72, 9), region=((35, 122), (35, 112), (1, 14))).mask[:, :, 1:14]
+    assert 2 * (found & label).sum() / (found.sum() + label.sum()) > 0.9
+
+
+def test_real_perfusion_images_give_both_walls(shared):
+    for path in sorted((shared / "data" / "spect_mpi" / "nifti").glob("*.nii.gz")):
+        found = ventricle_from_perfusion(read_volume(path), region=((17, 53), (12, 52), (10, 34)))
+        assert all(len(points) > 200 for points in found.isosurfaces.values())
+        assert 0.15 < found.record["cavity_voxels"] / found.record["wall_voxels"] < 0.6

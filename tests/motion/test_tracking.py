@@ -1,0 +1,151 @@
+"""Tracking: known motions are found, cycles borrow over time, slices go back to their places, bad input is named."""
+
+import numpy as np
+import pytest
+from shapes_made import even_directions, made
+
+import quadriform as qf
+from quadriform.errors import OptionError, PointsError
+from quadriform.motion.slice_shifts import SlicePlanes
+
+FRAMES, BOX = 6, (3, 3, 3)
+OUTER = made(exponents=(1, 1), semi_axes=(20, 18, 30))
+INNER = made(exponents=(1, 1), semi_axes=(14, 12.6, 21))
+
+
+def beat(points, time):
+    """All space shrinks across the third axis and along it by different shares, with the period of the frames."""
+    phase = 0.5 - 0.5 * np.cos(2 * np.pi * time / FRAMES)
+    local = (points - OUTER.translation) @ OUTER.rotation
+    return local * [1 - 0.2 * phase, 1 - 0.2 * phase, 1 - 0.1 * phase] @ OUTER.rotation.T + OUTER.translation
+
+
+def heart(count=150, noise=0.2, seed=0):
+    rng, frames = np.random.default_rng(seed), []
+    for time in range(FRAMES):
+        clouds = {"epi": beat(OUTER.surface(even_directions(count)), time)}
+        clouds["endo"] = beat(INNER.surface(even_directions(count)), time)
+        frames.append({name: cloud + rng.normal(0, noise, cloud.shape) for name, cloud in clouds.items()})
+    return frames
+
+
+def off(model, time, name="endo"):
+    truth = beat((OUTER if name == "epi" else INNER).surface(even_directions(400)), time)
+    return np.sqrt((model.distance(truth, name) ** 2).mean())
+
+
+@pytest.fixture(scope="module")
+def cycle():
+    return qf.track(heart(), box=BOX)
+
+
+@pytest.mark.parametrize("strategy", ["alone", "previous"])
+def test_each_frame_comes_near_the_truth(strategy):
+    found = qf.track(heart(), strategy=strategy, box=BOX)
+    assert max(off(model, time) for time, model in enumerate(found.models)) < 0.2
+    assert found.rms == pytest.approx(0.2, rel=0.25)
+    assert (found.moving is None) == (strategy == "alone")
+
+
+def test_the_cycle_comes_near_the_truth_and_does_not_fold(cycle):
+    for time, model in enumerate(cycle.models):
+        assert off(model, time) < 0.12 and off(model, time, "epi") < 0.12
+        assert model.min_jacobian() > 0 and not model.crossings()
+    assert cycle.noise == pytest.approx(0.2, rel=0.15)
+    assert cycle.status == "ok"
+
+
+def test_between_the_frames_it_is_near_the_truth_too(cycle):
+    assert off(cycle.moving.at(1.5), 1.5) < 0.25
+    assert off(cycle.moving.at(1.5 + FRAMES), 1.5) < 0.25
+
+
+def test_a_sparse_frame_borrows_from_its_neighbours():
+    """Of one frame only a sixth of the points is left, all on one side."""
+    frames = heart()
+    side = (frames[2]["endo"] - OUTER.translation) @ OUTER.rotation[:, 0] > 7
+    frames[2] = {"epi": frames[2]["epi"], "endo": frames[2]["endo"][side]}
+    alone, together = (qf.track(frames, strategy=strategy, box=BOX) for strategy in ("alone", "cycle"))
+    assert off(together.models[2], 2) < 0.6 * off(alone.models[2], 2)
+
+
+def test_volumes_of_the_cycle_are_those_of_the_motion(cycle):
+    for time, model in enumerate(cycle.models):
+        phase = 0.5 - 0.5 * np.cos(2 * np.pi * time / FRAMES)
+        truth = 4 / 3 * np.pi * 14 * 12.6 * 21 * (1 - 0.2 * phase) ** 2 * (1 - 0.1 * phase)
+        assert model.volume("endo") == pytest.approx(truth, rel=0.02)
+
+
+def sliced(seed=1):
+    """Rings of both surfaces across the third axis and along it, with the numbers of their slices."""
+    t, frames, numbers = np.linspace(0, 2 * np.pi, 40, endpoint=False), [], []
+    circle = np.column_stack([np.cos(t), np.sin(t), 0 * t])
+    rings = [circle * np.sqrt(1 - h**2) + [0, 0, h] for h in (-0.7, -0.35, 0, 0.35, 0.7)]
+    rings += [circle[:, [0, 2, 1]], circle[:, [2, 0, 1]]]
+    rng = np.random.default_rng(seed)
+    for time in range(FRAMES):
+        clouds, of = {}, {}
+        for name, surface in (("epi", OUTER), ("endo", INNER)):
+            unit = np.concatenate(rings) * surface.semi_axes
+            cloud = beat(unit @ surface.rotation.T + surface.translation, time)
+            clouds[name] = cloud + rng.normal(0, 0.1, cloud.shape)
+            of[name] = np.repeat(np.arange(len(rings)), len(t))
+        frames.append(clouds)
+        numbers.append(of)
+    return frames, numbers
+
+
+@pytest.mark.slow
+def test_a_slice_that_moved_is_put_back():
+    """Slice 3 lies 2 units aside; that all slices moved together could not be told, so their shifts sum to zero."""
+    frames, numbers = sliced()
+    aside = 2 * OUTER.rotation[:, 0]
+    for clouds, of in zip(frames, numbers):
+        for name in clouds:
+            clouds[name] = clouds[name] + (of[name] == 3)[:, None] * aside
+    plain, shifted = qf.track(frames, box=BOX), qf.track(frames, slices=numbers, box=BOX)
+    relative = shifted.shifts[3] - np.mean([shifted.shifts[n] for n in (0, 1, 2, 4)], axis=0)
+    np.testing.assert_allclose(relative, -aside, atol=0.4)
+    assert shifted.rms < 0.6 * plain.rms
+    mean = np.mean([off(model, time) for time, model in enumerate(shifted.models)])
+    assert mean < np.mean([off(model, time) for time, model in enumerate(plain.models)])
+
+
+def test_the_axes_of_a_slice_lie_in_its_plane():
+    frames, numbers = sliced()
+    planes = SlicePlanes.of(frames, numbers)
+    assert np.abs(planes.axes[2] @ OUTER.rotation[:, 2]).max() < 0.05
+    moved = planes.offsets(np.eye(7)[:, :2] * 3.0, np.array([1, 5, 99]))
+    np.testing.assert_allclose(np.linalg.norm(moved, axis=1), [3.0, 0, 0])
+
+
+@pytest.mark.parametrize(
+    "options, message",
+    [
+        ({"times": [0, 1, 1, 2, 3, 4]}, "frame 2 at 1 does not come after frame 1 at 1"),
+        ({"times": [0, 1]}, "expected 6 finite numbers"),
+        ({"period": 3.0}, "more than the 5"),
+        ({"strategy": "best"}, "strategy"),
+        ({"strategy": "alone", "slices": [{}] * 6}, "use strategy='cycle'"),
+        ({"slices": [{}] * 5}, "each of 6 frames"),
+        ({"slices": [{"epi": [1], "endo": [1]}] * 6}, "frame 0, epi: expected 150 numbers"),
+    ],
+)
+def test_wrong_options_are_named(options, message):
+    with pytest.raises(OptionError, match=message):
+        qf.track(heart(), box=BOX, **options)
+
+
+def test_one_frame_is_for_fit():
+    with pytest.raises(OptionError, match="a single one is for fit"):
+        qf.track(heart()[:1])
+
+
+def test_the_frame_that_is_wrong_is_named():
+    frames = heart()
+    frames[3] = {"epi": frames[3]["epi"]}
+    with pytest.raises(OptionError, match="frame 3 has the surfaces"):
+        qf.track(frames)
+    frames[3] = {"epi": frames[0]["epi"], "endo": np.full((100, 3), np.nan)}
+    with pytest.raises(PointsError, match="frame 3"):
+        qf.track(frames)
