@@ -12,6 +12,8 @@ from concurrent.futures import ProcessPoolExecutor
 import numpy as np
 from common import SHARED, rms, table
 
+from quadriform.files.guide_points import read_guide_point_frames
+from quadriform.heart.measure import measure
 from quadriform.motion.tracking import Track, track
 
 FOLDER = SHARED / "data" / "human_lv_guidepoints"
@@ -75,6 +77,22 @@ def left_out(way_and_slice: tuple[str, int]) -> np.ndarray:
     return np.array(result)
 
 
+def ejection(way: str) -> tuple:
+    """Ejection fractions with each frame's own mitral plane and with that of frame 9, and what a table tells."""
+    found = followed(way)
+    rings = [read.mitral for read in read_guide_point_frames(FOLDER / "frames")]
+    own, fixed = measure(found.models, base=rings), measure(found.models, base=rings[9])
+    volumes = own.curves["cavity volume"]
+    return (
+        way,
+        f"{own['ejection fraction']:.1f}",
+        f"{fixed['ejection fraction']:.1f}",
+        f"{volumes.max():.0f}, {volumes.min():.0f}",
+        f"{own.ed}, {own.es}",
+        ", ".join(own.warnings) or "ok",
+    )
+
+
 def predictions(pool: ProcessPoolExecutor, ways: Sequence[str]) -> Iterator[tuple]:
     jobs = [(way, number) for way in ways for number in SAX]
     sums = dict(zip(jobs, pool.map(left_out, jobs)))
@@ -98,6 +116,9 @@ def main() -> None:
             (*header, "least bound of det J", "frames crossed", "largest shift", "warnings"),
             pool.map(whole, *zip(*jobs)),
         )
+        print("\n## Ejection fraction, % (reference surfaces: 59.7 with own planes, 54.3 with that of frame 9)\n")
+        header = ("strategy", "own mitral planes", "plane of frame 9", "EDV, ESV ml", "ED, ES frame", "warnings")
+        table(header, pool.map(ejection, WAYS))
         print("\n## Left-out short-axis slices, RMS of their points, mm (wanted 2.2 over the cycle)\n")
         header = ("strategy", "over the cycle", "frame 0", "frame 9", f"slices {SAX[0]} to {SAX[-1]}")
         table(header, predictions(pool, [way for way in WAYS if way != "previous"]))

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from quadriform.fitting.fit import fit, refine
     from quadriform.fitting.outcome import Fit, SuperquadricFit
     from quadriform.fitting.superquadric_fit import fit_superquadric
+    from quadriform.heart.measure import measure
     from quadriform.imaging.reading import read_volume
     from quadriform.motion.tracking import Track, track
     from quadriform.shapes.control_box import ControlBox
@@ -34,6 +35,7 @@ _HOME = {
     "fit": "fitting.fit",
     "fit_superquadric": "fitting.superquadric_fit",
     "load": "files",
+    "measure": "heart.measure",
     "read_guide_points": "files.guide_points",
     "read_points": "files",
     "read_volume": "imaging.reading",
@@ -54,6 +56,7 @@ __all__ = [
     "fit",
     "fit_superquadric",
     "load",
+    "measure",
     "read_guide_points",
     "read_points",
     "read_volume",

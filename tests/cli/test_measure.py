@@ -9,6 +9,8 @@ import pytest
 from quadriform.files import save
 from quadriform.heart.measure import measure
 from quadriform.heart.synthetic import SyntheticVentricle
+from quadriform.shapes.moving_model import MovingModel
+from quadriform.shapes.splines import TimeBasis
 
 HEART = SyntheticVentricle()
 TIMES = (0.0, 0.5)
@@ -52,23 +54,40 @@ def test_a_share_or_one_file_holds_for_all_frames(terminal, beating, base):
     assert json.loads(result.out)["measures"][0]["value"] == expected.rows[0].value
 
 
+def test_a_moving_model_brings_its_frames_and_times(terminal, beating, tmp_path):
+    boxes = [model.box for model in beating]
+    points = np.stack([box.control_points for box in boxes])
+    moving = MovingModel(
+        beating[0].surfaces,
+        boxes[0].origin,
+        boxes[0].edges,
+        TimeBasis(np.array([3.0, 40.0]), 80.0),
+        points,
+        "LPS",
+        "mm",
+    )
+    save(moving, tmp_path / "moving.json")
+    record = json.loads(terminal("measure", "moving.json", "--json").out)
+    assert record["times"] == [3.0, 40.0]
+    found = {row["quantity"]: row["value"] for row in record["measures"]}
+    assert found["ejection fraction"] == pytest.approx(measure(beating)["ejection fraction"])
+
+
 def test_insertions_anchor_the_segments(terminal, beating):
-    points = [
-        f"--rv-insertion={x},{y},{z}" for x, y, z in HEART.positions(HEART.surface("epi").surface(np.eye(3)), 0)[:2]
-    ]
+    beside = HEART.positions(HEART.surface("epi").surface(np.eye(3)), 0.0)[:2]
+    points = [f"--rv-insertion={x},{y},{z}" for x, y, z in beside]
     result = terminal("measure", "0.json", "1.json", *points, "--json")
     assert result.code == 0
     assert "UNANCHORED" not in result.err
     assert any(row["quantity"].startswith("segment 17") for row in json.loads(result.out)["measures"])
 
 
-def test_one_model_is_enough_for_volumes_and_wall(terminal, beating):
+def test_one_model_is_enough_for_volumes_and_wall(terminal, beating, tmp_path):
     result = terminal("measure", "0.json")
     assert result.code == 0
     assert "warning: ONE_FRAME" in result.err
     assert terminal("measure", "0.json", "--strict", "-o", "m.csv").code == 3
-    with pytest.raises(FileNotFoundError):
-        open("m.csv")
+    assert not (tmp_path / "m.csv").exists()
 
 
 @pytest.mark.parametrize(

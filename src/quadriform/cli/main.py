@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from quadriform import __version__
-from quadriform.cli import deform, demo, export, fit, info, measure, segment, track
+from quadriform.cli import compare, deform, demo, export, fit, info, measure, segment, track
 from quadriform.cli.exit_codes import INTERRUPTED, USAGE, complain, one_line
 
 # typer carries its own copy of click in some versions: its errors are found through a name that it does export.
@@ -23,6 +23,7 @@ for verb in (
     fit.fit,
     track.track,
     measure.measure,
+    compare.compare,
     segment.segment,
     deform.deform,
     export.export,

@@ -185,6 +185,7 @@ def parse_json(data: bytes, where: str) -> Any:
     Raises:
         FileFormatError: it is no JSON, or has a field twice.
     """
+
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         if len(dict(pairs)) != len(pairs):
             names = [name for name, _ in pairs]

@@ -1,0 +1,149 @@
+"""`quadriform compare`: how two models or meshes differ."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from quadriform.cli.options import Json
+
+if TYPE_CHECKING:
+    from quadriform.shapes.comparison import ParameterDifference, Surface
+
+FILE_HELP = "A model, .json or .npz, or a mesh, .ply .stl .obj .vtp."
+
+
+@dataclass(frozen=True)
+class _Body:
+    """A model of one surface or a mesh, with the frame and unit of its file."""
+
+    file: Path
+    shape: "Surface"
+    space: str
+    unit: str
+
+
+def compare(
+    a: Annotated[Path, typer.Argument(help=FILE_HELP)],
+    b: Annotated[Path, typer.Argument(help="Another, in the same frame and unit.")],
+    surface: Annotated[str | None, typer.Option(help="Which surface, where a model has several.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Distances between two surfaces both ways, volumes, overlap, and how the numbers of two models differ."""
+    from quadriform.cli.inputs import naming
+    from quadriform.cli.screen import emit_json, emit_table, say
+    from quadriform.errors import OptionError
+
+    one, two = _read(a, surface), _read(b, surface)
+    if surface is not None and all(surface not in getattr(body.shape, "surfaces", ()) for body in (one, two)):
+        raise OptionError(f"option --surface={surface!r}: neither {str(a)!r} nor {str(b)!r} has a surface of that name")
+    record: dict[str, Any] = {
+        "a": str(a),
+        "b": str(b),
+        "space": _common(one, two, "space"),
+        "unit": _common(one, two, "unit"),
+    }
+    with naming(a, b):
+        record |= _record(one.shape, two.shape)
+    for which in ("a", "b"):
+        if record[f"volume_{which}"] is None:
+            say(f"note: {record[which]}: the surface is open: no volume, no overlap")
+    if as_json:
+        emit_json(record)
+        return
+    emit_table(_rows(record), title=f"{a} (A) and {b} (B)", header=("quantity", "value", "unit"))
+
+
+def _common(one: _Body, two: _Body, what: str) -> str:
+    """The space or the unit that both have; unknown goes with everything, and that is said."""
+    from quadriform.cli.screen import say
+    from quadriform.errors import InputError
+
+    found = {str(getattr(body, what)): body.file for body in (one, two)}
+    known = [value for value in found if value != "unknown"]
+    if len(known) == 2:
+        raise InputError(
+            f"{str(two.file)!r}: expected the {what} {known[0]!r} of {str(one.file)!r}, found {known[1]!r}; bring both "
+            "to the same first"
+        )
+    if len(found) == 2:
+        say(f"note: {found['unknown']}: its {what} is unknown, taken as {known[0]}")
+    return known[0] if known else "unknown"
+
+
+def _read(file: Path, surface: str | None) -> _Body:
+    from quadriform.errors import InputError, OptionError
+    from quadriform.files import load
+    from quadriform.files.meshes import read_marks
+    from quadriform.shapes.comparison import alone
+    from quadriform.shapes.mesh import Mesh
+    from quadriform.shapes.moving_model import MovingModel
+
+    shape = load(file)
+    if isinstance(shape, Mesh):
+        return _Body(file, shape, *read_marks(file))
+    if isinstance(shape, MovingModel):
+        raise InputError(
+            f"{str(file)!r}: expected a model or a mesh, found a moving model; take a state out of it first, "
+            "quadriform export --to ply --at TIME"
+        )
+    try:
+        return _Body(file, alone(shape, surface), shape.space, shape.unit)
+    except OptionError as error:
+        raise OptionError(f"{str(file)!r}: {error}; --surface NAME chooses one") from error
+
+
+def _record(a: "Surface", b: "Surface") -> dict[str, Any]:
+    from dataclasses import asdict
+
+    from quadriform.shapes.comparison import dice, enclosed_volume, parameter_difference, surface_distances
+    from quadriform.shapes.mesh import Mesh
+
+    there, back = surface_distances(a, b)
+    volumes = enclosed_volume(a), enclosed_volume(b)
+    numbers = None if isinstance(a, Mesh) or isinstance(b, Mesh) else parameter_difference(a, b)
+    return {
+        "a_to_b": asdict(there),
+        "b_to_a": asdict(back),
+        "hausdorff": max(there.largest, back.largest),
+        "volume_a": volumes[0],
+        "volume_b": volumes[1],
+        "dice": None if None in volumes else dice(a, b),
+        "parameters": None if numbers is None else _numbers(numbers),
+    }
+
+
+def _numbers(difference: "ParameterDifference") -> dict[str, Any]:
+    return {
+        "control_points_rms": difference.control_points,
+        "semi_axes": difference.semi_axes.tolist(),
+        "exponents": difference.exponents.tolist(),
+        "translation": difference.translation.tolist(),
+        "rotation_radians": difference.rotation,
+    }
+
+
+def _rows(record: dict[str, Any]) -> list[tuple[str, str, str]]:
+    """The table: quantity, value, unit."""
+    unit = "" if record["unit"] == "unknown" else record["unit"]
+    rows = [
+        (f"distance {way}, {name}", _words(record[key][field]), unit)
+        for way, key in (("A to B", "a_to_b"), ("B to A", "b_to_a"))
+        for name, field in (("mean", "mean"), ("RMS", "rms"), ("95 %", "percentile_95"), ("largest", "largest"))
+    ]
+    rows.append(("Hausdorff distance", _words(record["hausdorff"]), unit))
+    cubed = unit and f"{unit}^3"
+    rows += [(f"volume {which.upper()}", _words(record[f"volume_{which}"]), cubed) for which in "ab"]
+    rows.append(("Dice overlap", _words(record["dice"]), ""))
+    units = {"exponents": "", "rotation_radians": "rad"}
+    for name, value in (record["parameters"] or {}).items():
+        words = name.replace("_rms", ", RMS").replace("_radians", "").replace("_", " ")
+        rows.append((f"{words}, B - A" if isinstance(value, list) else words, _words(value), units.get(name, unit)))
+    return rows
+
+
+def _words(value: Any) -> str:
+    if value is None:
+        return "none"
+    return ", ".join(map(_words, value)) if isinstance(value, list) else f"{value:.4g}"
