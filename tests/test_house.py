@@ -108,5 +108,5 @@ def test_imports_point_downwards():
     checker = Path(sys.executable).with_name("lint-imports")
     if not checker.exists():
         pytest.skip("import-linter is not installed beside this Python")
-    done = subprocess.run([checker, "--no-cache"], cwd=ROOT, capture_output=True, text=True)
+    done = subprocess.run([checker, "--no-cache"], cwd=ROOT, capture_output=True, encoding="utf-8", errors="replace")
     assert done.returncode == 0, done.stdout
