@@ -37,6 +37,8 @@ def test_a_folder_is_its_files_in_order_and_times_are_taken(terminal, ellipsoid,
     done = terminal("track", "cine", "-o", "out", "--box", "3,3,3", "--times", "0,10,20,35", "--period", "none")
     assert done.code == 0, done.err
     assert qf.load(tmp_path / "out" / "model.json").basis.period is None
+    told = json.loads(terminal("info", "out/model.json", "--json").out)
+    assert told["kind"] == "moving model" and told["knots"] == 4 and told["period"] == "none"
     assert "frames" in done.out and "strategy" in done.out
 
 

@@ -9,6 +9,7 @@ from quadriform.cli.options import Frame, Json
 
 if TYPE_CHECKING:
     from quadriform.points import Array
+    from quadriform.shapes.moving_model import MovingModel
 
 
 def info(
@@ -99,7 +100,10 @@ def _image(file: Path, frame: int | None) -> dict[str, Any]:
 
 def _model(file: Path, frame: int | None) -> dict[str, Any]:
     from quadriform.files import read_model
+    from quadriform.files.moving_models import is_moving_model, read_moving_model
 
+    if file.suffix.lower() == ".json" and is_moving_model(file):
+        return _moving(read_moving_model(file))
     model = read_model(file)
     return {
         "kind": "model",
@@ -107,6 +111,22 @@ def _model(file: Path, frame: int | None) -> dict[str, Any]:
         "control_points": list(model.box.control_points.shape[:3]),
         "parameters": model.n_parameters,
         "extent": {name: _extent(model.mesh(name).vertices) for name in model.surfaces},
+        "space": model.space,
+        "unit": model.unit,
+        "input_sha256": model.input_sha256 or "unknown",
+    }
+
+
+def _moving(model: "MovingModel") -> dict[str, Any]:
+    first = model.at(float(model.basis.knots[0]))
+    return {
+        "kind": "moving model",
+        "surfaces": {name: surface.kind for name, surface in model.surfaces.items()},
+        "control_points": list(model.control_points.shape[1:4]),
+        "knots": len(model.basis.knots),
+        "period": "none" if model.basis.period is None else model.basis.period,
+        "parameters": model.n_parameters,
+        "extent at the first knot": {name: _extent(first.mesh(name).vertices) for name in model.surfaces},
         "space": model.space,
         "unit": model.unit,
         "input_sha256": model.input_sha256 or "unknown",
