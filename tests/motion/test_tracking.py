@@ -69,6 +69,13 @@ def test_a_sparse_frame_borrows_from_its_neighbours():
     assert off(together.models[2], 2) < 0.6 * off(alone.models[2], 2)
 
 
+@pytest.mark.parametrize("strategy", ["previous", "cycle"])
+def test_a_strength_that_is_asked_for_is_used(strategy):
+    assert qf.track(heart(), strategy=strategy, box=BOX, strength=1e-3).strengths[0] == pytest.approx(1e-3)
+    with pytest.raises(OptionError, match="strength"):
+        qf.track(heart(), strategy=strategy, strength=-1.0)
+
+
 def test_volumes_of_the_cycle_are_those_of_the_motion(cycle):
     for time, model in enumerate(cycle.models):
         phase = 0.5 - 0.5 * np.cos(2 * np.pi * time / FRAMES)

@@ -39,6 +39,9 @@ def track(
     period: Period = "auto",
     shift_slices: ShiftSlices = False,
     box: Annotated[str | None, typer.Option(help="Control points along each axis, as 5,5,5.")] = None,
+    strength: Annotated[
+        float | None, typer.Option(help="How strongly the box is held in space; contours like 1e-6. [default: auto]")
+    ] = None,
     strict: shared.Strict = False,
     force: shared.Force = False,
     as_json: shared.Json = False,
@@ -51,6 +54,8 @@ def track(
         options["times"] = _times(times)
     if box is not None:
         options["box"] = shared.numbers(box, 3, "--box")
+    if strength is not None:
+        options["strength"] = strength
     follow(frames, surface or [], output, shift_slices, options, strict, force, as_json)
 
 

@@ -82,6 +82,7 @@ def track(
     slices: SliceNumbers | None = None,
     box: tuple[int, int, int] = (5, 5, 5),
     regularity: str = "bending",
+    strength: float | str = "auto",
     robust: bool = True,
     progress: Progress | None = None,
 ) -> Track:
@@ -97,6 +98,9 @@ def track(
             planes, each by the same amount in all frames. Only for "cycle".
         box: control points along each axis.
         regularity: "bending", "springs" or a regulariser of one's own.
+        strength: how strongly the box is held in space, alpha per data point; "auto": that of the evidence of single
+            frames. Contours have points closer to each other than they are independent: there a stronger hold than
+            the evidence's, such as 1e-6, keeps the open base smoother at the price of some tenths of a millimetre.
         robust: whether strangers are told from inliers.
         progress: called with (steps done, about how many).
 
@@ -108,7 +112,14 @@ def track(
     at = _times(times, len(clouds))
     basis = _basis(at, period)
     numbers = _slice_numbers(slices, clouds, strategy)
-    task = _Task(clouds, at, basis, numbers, {"box": box, "regularity": regularity, "robust": robust}, progress)
+    task = _Task(
+        clouds,
+        at,
+        basis,
+        numbers,
+        {"box": box, "regularity": regularity, "strength": strength, "robust": robust},
+        progress,
+    )
     return STRATEGIES[strategy](task)
 
 
@@ -210,7 +221,9 @@ def _cycle(task: _Task) -> Track:
 
 
 def _space_strength(task: _Task, start: Fit) -> float:
-    """The median of the strengths that three frames, a third of the cycle apart, ask for."""
+    """What was asked for; else the median of what three frames, a third of the cycle apart, ask for."""
+    if task.options["strength"] != "auto":
+        return start.strength
     count = len(task.clouds)
     others = {(task.first + count // 3) % count, (task.first + 2 * count // 3) % count} - {task.first}
     options = {name: value for name, value in task.options.items() if name != "box"}
