@@ -13,7 +13,7 @@ from quadriform.fitting.normal_equations import NormalEquations
 from quadriform.fitting.outcome import Iteration, Progress
 from quadriform.fitting.regularity import Regulariser
 from quadriform.fitting.sheet import FacingCloud, Sheet
-from quadriform.fitting.tangent import Pull, evidence_of, moved, record
+from quadriform.fitting.tangent import Pull, evidence_of, independent_of, moved, record
 from quadriform.points import Array
 from quadriform.shapes.closest import closest_on, settle
 from quadriform.shapes.control_box import ControlBox
@@ -95,6 +95,7 @@ class Rounds:
         self.progress = progress or (lambda done, total: None)
         self.history: list[Iteration] = []
         self.near: float | None = None
+        self.share = 1.0
 
     @property
     def ladder(self) -> list[tuple[int, int, int]]:
@@ -132,7 +133,7 @@ class Rounds:
 
     def fine(self, sheets: Sequence[Sheet], coarse: Refined) -> Refined:
         """Rounds on more points, whose foot points only slide, and the last few on all."""
-        self.near = coarse.solution.strength
+        self.near, self.share = coarse.solution.strength, 1.0
         box, noise = coarse.box, None
         if max(len(sheet.points) for sheet in sheets) > MEDIUM_POINTS:
             some = [sheet.thinned(MEDIUM_POINTS, robust=False) for sheet in sheets]
@@ -140,7 +141,22 @@ class Rounds:
             box, solution = self._rest(box, sheets, coarse, LAST_ROUNDS, solution.noise)
         else:
             box, solution = self._rest(box, sheets, coarse, FINE_ROUNDS, noise)
+        if self.strength is None:
+            box, solution = self._of_independent(box, sheets, solution)
         return Refined(box, tuple(sheets), solution, tuple(self.history))
+
+    def _of_independent(
+        self, box: ControlBox, sheets: Sequence[Sheet], solution: Solution
+    ) -> tuple[ControlBox, Solution]:
+        """A few rounds more at the strength that the points ask for when copies of their neighbours do not count.
+
+        Only now: before the surface rests, what is left over is alike everywhere.
+        """
+        self.share = independent_of(sheets, box)
+        for _ in range(LAST_ROUNDS if self.share < 1 else 0):
+            self._slide(box, sheets)
+            box, solution = self._step(box, sheets, [None] * len(sheets))
+        return box, solution
 
     def _rest(
         self, box: ControlBox, sheets: Sequence[Sheet], coarse: Refined, rounds: int, noise: float | None
@@ -162,7 +178,7 @@ class Rounds:
         """One more round at a given strength, under a pressure that is not linear: as far as it lowers the sum."""
         box, sheets = refined.box, refined.sheets
         self._slide(box, sheets)
-        evidence = evidence_of(sheets, [None] * len(sheets), box, self.regularity)
+        evidence = evidence_of(sheets, [None] * len(sheets), box, self.regularity, self.share)
         solution = evidence.plus(press.equations(box)).solve(strength)
         whole = moved(box, solution)
 
@@ -204,7 +220,7 @@ class Rounds:
     def _step(
         self, box: ControlBox, sheets: Sequence[Sheet], pulls: Sequence[Pull | None]
     ) -> tuple[ControlBox, Solution]:
-        evidence = evidence_of(sheets, pulls, box, self.regularity)
+        evidence = evidence_of(sheets, pulls, box, self.regularity, self.share)
         solution = evidence.best(self.near) if self.strength is None else evidence.solve(self.strength)
         self.near = solution.strength
         after = moved(box, solution)

@@ -29,6 +29,7 @@ class Solution:
         noise: standard deviation of the data along the normal.
         criterion: minus twice the log evidence, up to a constant.
         factor: lower Cholesky factor of A + lambda K.
+        share: how many independent points each point was taken for.
     """
 
     displacement: Array
@@ -36,15 +37,21 @@ class Solution:
     noise: float
     criterion: float
     factor: Array
+    share: float = 1.0
+
+    @property
+    def independent_noise(self) -> float:
+        """The noise that independent points, as many as there are, would have to tell no more than these do."""
+        return float(self.noise / np.sqrt(self.share))
 
     def variance(self, rows: Array) -> Array:
         """Posterior variance of linear functions (n, 3 k) of the displacement."""
-        return self.noise**2 * (solve_triangular(self.factor, rows.T, lower=True) ** 2).sum(axis=0)
+        return self.independent_noise**2 * (solve_triangular(self.factor, rows.T, lower=True) ** 2).sum(axis=0)
 
     def covariance(self) -> Array:
         """Posterior covariance (3 k, 3 k) of the control points."""
         half = solve_triangular(self.factor, np.eye(len(self.factor)), lower=True)
-        return self.noise**2 * half.T @ half
+        return self.independent_noise**2 * half.T @ half
 
 
 class Evidence:
@@ -54,12 +61,13 @@ class Evidence:
         equations: of the data.
         penalty: (k, k), K of the regulariser for one coordinate.
         count: number of residual rows, the sum of the weights.
+        share: of them that are independent.
     """
 
-    def __init__(self, equations: NormalEquations, penalty: Array, count: float) -> None:
+    def __init__(self, equations: NormalEquations, penalty: Array, count: float, share: float = 1.0) -> None:
         self.equations = equations
         self.penalty = np.kron(penalty, np.eye(3))
-        self.count = count
+        self.count, self.share = count, share
         values = np.linalg.eigvalsh(penalty)
         self.rank = 3 * int((values > 1e-10 * values[-1]).sum())
         self.free = len(self.penalty) - self.rank
@@ -93,8 +101,10 @@ class Evidence:
         misfit = self.equations.constant - self.equations.right @ displacement  # RSS + lambda p' K p
         variance = max(float(misfit) / rows, NOISE_FLOOR**2)
         log_determinant = 2 * np.log(np.diag(factor)).sum()
-        criterion = rows * np.log(variance) + log_determinant - self.rank * np.log(max(held, 1e-300))
-        return Solution(displacement.reshape(-1, 3), strength, float(np.sqrt(variance)), float(criterion), factor)
+        independent = max(self.share * self.count - self.free, 1.0)
+        criterion = independent * np.log(variance) + log_determinant - self.rank * np.log(max(held, 1e-300))
+        noise = float(np.sqrt(variance))
+        return Solution(displacement.reshape(-1, 3), strength, noise, float(criterion), factor, self.share)
 
     def best(self, near: float | None = None) -> Solution:
         """The displacement at the strength with the largest evidence.

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadriform.fitting.evidence import Evidence, Solution
+from quadriform.fitting.independence import independent_share
 from quadriform.fitting.normal_equations import normal_equations
 from quadriform.fitting.outcome import Iteration
 from quadriform.fitting.regularity import Regulariser, penalty
@@ -78,9 +79,13 @@ def _squares(vectors: Array) -> Array:
 
 
 def evidence_of(
-    sheets: Sequence[Sheet], pulls: Sequence[Pull | None], box: ControlBox, regularity: str | Regulariser
+    sheets: Sequence[Sheet],
+    pulls: Sequence[Pull | None],
+    box: ControlBox,
+    regularity: str | Regulariser,
+    share: float = 1.0,
 ) -> Evidence:
-    """The linear problem of one round as a function of the strength."""
+    """The linear problem of one round as a function of the strength; `share` of the points are independent."""
     rows = [data_rows(sheet, box) for sheet in sheets]
     rows += [pull_rows(sheet.superquadric, box, pull) for sheet, pull in zip(sheets, pulls) if pull is not None]
     origins, targets = np.concatenate([r.origins for r in rows]), np.concatenate([r.targets for r in rows])
@@ -88,7 +93,19 @@ def evidence_of(
     equations = normal_equations(box.local(origins), metric, targets - origins, box.degrees)
     count = sum(float((sheet.weights * sheet.inliers).sum()) for sheet in sheets)
     l, m, n, _ = box.control_points.shape
-    return Evidence(equations, penalty(regularity, (l, m, n)), count)
+    return Evidence(equations, penalty(regularity, (l, m, n)), count, share)
+
+
+def independent_of(sheets: Sequence[Sheet], box: ControlBox) -> float:
+    """The share of all points that are independent, by what a fit leaves over."""
+    counts, kept = [], []
+    for sheet in sheets:
+        feet, weights = box.deform(sheet.origins), sheet.weights * sheet.inliers
+        normals = surface_normals(sheet.superquadric, box, sheet.origins)
+        deviations = np.einsum("ni,ni->n", sheet.points - feet, normals)
+        counts.append(float(weights.sum()))
+        kept.append(independent_share(feet, deviations, weights))
+    return float(np.average(kept, weights=counts))
 
 
 def moved(box: ControlBox, solution: Solution) -> ControlBox:

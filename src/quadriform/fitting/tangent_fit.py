@@ -206,10 +206,10 @@ def _finer(refined: Refined, regularity: str | Regulariser) -> FinerBox:
     """The same foot points in a finer box, held at its own strength of largest evidence."""
     l, m, n = refined.box.degrees
     finer = refined.box.elevate((l + MORE, m + MORE, n + MORE))
-    evidence = evidence_of(refined.sheets, [None] * len(refined.sheets), finer, regularity)
+    evidence = evidence_of(refined.sheets, [None] * len(refined.sheets), finer, regularity, refined.solution.share)
     solution = evidence.best(refined.solution.strength)
     shift = (finer.rest - finer.control_points).ravel() + solution.displacement.ravel()
-    return FinerBox(finer.degrees, shift, solution.factor, solution.noise)
+    return FinerBox(finer.degrees, shift, solution.factor, solution.independent_noise)
 
 
 def common_box(surfaces: Mapping[str, Superquadric], shape: tuple[int, int, int]) -> ControlBox:

@@ -112,20 +112,25 @@ def folding(refined: Refined, surfaces: dict[str, Superquadric]) -> Warnings:
 def _descended(
     rounds: Rounds, refined: Refined, floor: Floor, surfaces: dict[str, Superquadric], most: float
 ) -> Refined | None:
-    """From a strength under which nothing folds down to the wanted one, the floor always held; None without success."""
-    strength = refined.solution.strength
+    """From a strength under which nothing folds down to the wanted one, the floor always held.
+
+    Where that is not reached, the weakest strength on the way that was certified; None without any.
+    """
+    strength, smooth = refined.solution.strength, None
     for harder in np.geomspace(STRONGEST, 1, DESCENT):
         refined = rounds.pressed(refined, floor, harder * strength)
+        fair = refined.solution.noise <= most and floor.lowest(refined.box) > NEAR_FLOOR
+        smooth = refined if fair and _certified(refined, surfaces) else smooth
     for _ in range(MOST_PRESSES):
         if refined.solution.noise > most:
-            return None
+            return smooth
         if floor.lowest(refined.box) > NEAR_FLOOR:
             if _certified(refined, surfaces):
                 return refined
             floor = floor.with_places(low_places(refined.box, surfaces))
         refined = rounds.pressed(refined, floor, strength)
         floor = floor.harder()
-    return None
+    return smooth
 
 
 def _copies(refined: Refined) -> tuple[Sheet, ...]:
