@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from quadriform.cli.inputs import ImageOptions, files_of, kind_of, naming, read_source, refuse
+from quadriform.cli.inputs import ImageOptions, files_of, kind_of, naming, read_source, refuse, space_to_write
 from quadriform.cli.options import stem
 from quadriform.cli.screen import emit_json, emit_table, progress_bar, say, warn
 from quadriform.errors import InputError, OptionError, Warnings
@@ -44,6 +44,7 @@ def follow(
     surfaces: Sequence[str],
     output: Path | None,
     shift_slices: bool,
+    space: str | None,
     options: dict[str, Any],
     strict: bool,
     force: bool,
@@ -66,7 +67,7 @@ def follow(
         frames = _read(files, surfaces)
         for note in dict.fromkeys(frames.notes):
             say(f"note: {note}")
-        found = _track(frames, shift_slices, options, files)
+        found = _track(frames, shift_slices, space, options, files)
         if strict:
             refuse(found.warnings)
     record = _record(inputs, targets, found, time.perf_counter() - begin)
@@ -172,25 +173,29 @@ def _label(text: str) -> tuple[str, str]:
     return name, ",".join(map(str, labels.values))
 
 
-def _track(frames: _Frames, shift_slices: bool, options: dict[str, Any], files: Sequence[Path]) -> "Track":
+def _track(
+    frames: _Frames, shift_slices: bool, asked: str | None, options: dict[str, Any], files: Sequence[Path]
+) -> "Track":
     from quadriform.motion.tracking import track
 
     if shift_slices and len(frames.slices) != len(frames.clouds):
         raise OptionError("option --shift-slices needs contours with slice numbers in all frames")
+    space, unit = frames.marks.pop()
+    wanted = space_to_write(asked, space)
     given = dict(options)
     if frames.times is not None and len(frames.times) == len(frames.clouds):
         given.setdefault("times", frames.times)
     with progress_bar("cycle") as progress:
         found = track(frames.clouds, slices=frames.slices if shift_slices else None, progress=progress, **given)
-    space, unit = frames.marks.pop()
     sha256 = sha256_of(*dict.fromkeys(file for path in files for file in files_of(path)))
     moving = found.moving
-    return replace(
+    marked = replace(
         found,
         moving=None if moving is None else replace(moving, space=space, unit=unit, input_sha256=sha256),
         models=tuple(replace(model, space=space, unit=unit, input_sha256=sha256) for model in found.models),
         warnings=frames.warnings | found.warnings,
     )
+    return marked.in_space(wanted)
 
 
 def _record(inputs: Sequence[Path], targets: Sequence[Path], found: "Track", seconds: float) -> Record:

@@ -10,14 +10,19 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from quadriform.cli.options import numbers, ranges
-from quadriform.errors import FitError, OptionError, QuadriformError, Warnings
+from quadriform.cli.screen import say
+from quadriform.errors import FitError, InputError, OptionError, QuadriformError, Warnings
 from quadriform.files.meshes import MESH_SUFFIXES, read_marks
 from quadriform.files.points import POINT_SUFFIXES, read_points
 from quadriform.points import Array
+from quadriform.shapes.spaces import turn_between
 
 if TYPE_CHECKING:
     from quadriform.imaging.segmentation import Segmentation
     from quadriform.imaging.volume import Volume
+
+Marks = tuple[str, str]
+"""Frame of the world and unit, each maybe "unknown"."""
 
 NIFTI_SUFFIXES = (".nii", ".nii.gz")
 SLICE_SUFFIXES = (".dcm", ".ima")
@@ -137,11 +142,9 @@ def read_source(path: Path, options: ImageOptions) -> Source:
     Raises:
         InputError, FileFormatError, FileLimitError, DegenerateError: the file gives no points.
     """
-    kind = kind_of(path)
-    if kind == "image":
+    if kind_of(path) == "image":
         return _from_image(path, options)
-    points = read_points(path)  # refuses unknown suffixes
-    return Source(points, *read_marks(path)) if kind == "mesh" else Source(points)
+    return Source(read_points(path), *marks_of(path))  # refuses unknown suffixes
 
 
 def read_object(path: Path, options: ImageOptions) -> tuple["Volume", dict[str, Any], tuple[str, ...]]:
@@ -157,6 +160,38 @@ def kept_note(segmentation: "Segmentation") -> tuple[str, ...]:
     """What is said when components of the object were left out."""
     found, kept = len(segmentation.component_voxels), segmentation.components_kept
     return (f"kept {kept} of {found} connected components; --seed chooses another",) if found > kept else ()
+
+
+def marks_of(path: Path) -> Marks:
+    """Frame of the world and unit that a file of points or a mesh is marked with; tables are not."""
+    return read_marks(path) if kind_of(path) == "mesh" else ("unknown", "unknown")
+
+
+def space_to_write(asked: str | None, found: str) -> str:
+    """The frame of the world to write in: the one that was asked for, else that of the input.
+
+    Raises:
+        InputError: one was asked for, and that of the input is unknown.
+    """
+    if asked is None:
+        return found
+    turn_between(found, asked)  # refuses
+    return asked
+
+
+def brought(points: Array, file: Path, marks: Marks, wanted: Marks) -> Array:
+    """Points (n, 3) of a file in another frame of the world; that they were turned is said, and unknown fits all.
+
+    Raises:
+        InputError: they are in another unit.
+    """
+    (space, unit), (wanted_space, wanted_unit) = marks, wanted
+    if unit != wanted_unit and "unknown" not in (unit, wanted_unit):
+        raise InputError(f"{str(file)!r}: expected lengths in {wanted_unit}, the unit of the model, found {unit}")
+    if space == wanted_space or "unknown" in (space, wanted_space):
+        return points
+    say(f"note: {file}: brought from {space} to {wanted_space}")
+    return points @ turn_between(space, wanted_space).T
 
 
 @contextlib.contextmanager

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from quadriform.errors import AffineError, MaskError, OptionError, Warnings, choose
 from quadriform.points import Array, check_points
+from quadriform.shapes.spaces import SPACES
 
 Region = tuple[tuple[int, int], tuple[int, int], tuple[int, int]]
 """Half-open ranges of voxels, ((i0, i1), (j0, j1), (k0, k1))."""
@@ -43,7 +44,7 @@ class Volume:
         _check_values(values)
         if fault := affine_fault(affine):
             raise AffineError(f"world_from_voxel: {fault}; found {affine.tolist()}")
-        choose(self.space, ("LPS", "RAS", "unknown"), "space")
+        choose(self.space, (*SPACES, "unknown"), "space")
         choose(self.unit, ("mm", "m", "unknown"), "unit")
         object.__setattr__(self, "values", values)
         object.__setattr__(self, "world_from_voxel", affine)

@@ -19,6 +19,7 @@ from quadriform.motion.slice_shifts import SlicePlanes
 from quadriform.points import Array, Frame
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
+from quadriform.shapes.spaces import turn_between
 from quadriform.shapes.splines import TimeBasis
 
 MOST_KNOTS = 12
@@ -71,6 +72,21 @@ class Track:
     def frame_rms(self) -> Array:
         """The same for each frame, (F,)."""
         return np.array([np.sqrt((flat(found) ** 2).mean()) for found in self.residuals])
+
+    def in_space(self, space: str) -> "Track":
+        """Models and shifts in another frame of the world, "LPS" or "RAS".
+
+        Raises:
+            OptionError: another frame.
+            InputError: that of the models is unknown.
+        """
+        turn = turn_between(self.models[0].space, space)
+        return replace(
+            self,
+            models=tuple(model.in_space(space) for model in self.models),
+            moving=None if self.moving is None else self.moving.in_space(space),
+            shifts={number: turn @ shift for number, shift in self.shifts.items()},
+        )
 
 
 def track(
