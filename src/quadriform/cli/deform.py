@@ -17,7 +17,7 @@ def deform(
     as_json: Json = False,
 ) -> None:
     """Carry points or a mesh through a model's control box, or back with --inverse, in the model's frame and unit."""
-    from quadriform.cli.inputs import brought, marks_of, naming
+    from quadriform.cli.inputs import marks_of, naming, turn_to_model
     from quadriform.cli.screen import emit, emit_json
     from quadriform.files import read_mesh, read_model, read_points, write_mesh
     from quadriform.files.atomic import check_writable
@@ -32,8 +32,8 @@ def deform(
     carry = carrier.undeform if inverse else carrier.deform
     mesh = read_mesh(points) if as_mesh else None
     with naming(points):
-        before = read_points(points) if mesh is None else mesh.vertices
-        moved = carry(brought(before, points, marks_of(points), (carrier.space, carrier.unit)))
+        turn = turn_to_model(points, marks_of(points), (carrier.space, carrier.unit))
+        moved = carry((read_points(points) if mesh is None else mesh.vertices) @ turn.T)
     if mesh is not None:
         write_mesh(Mesh(moved, mesh.faces), output, carrier.space, carrier.unit, force)
     else:

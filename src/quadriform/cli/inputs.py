@@ -179,19 +179,19 @@ def space_to_write(asked: str | None, found: str) -> str:
     return asked
 
 
-def brought(points: Array, file: Path, marks: Marks, wanted: Marks) -> Array:
-    """Points (n, 3) of a file in another frame of the world; that they were turned is said, and unknown fits all.
+def turn_to_model(file: Path, marks: Marks, model: Marks) -> Array:
+    """The rotation (3, 3) from the frame of a file's points to that of a model; said where it is one. Unknown fits all.
 
     Raises:
-        InputError: they are in another unit.
+        InputError: the points are in another unit.
     """
-    (space, unit), (wanted_space, wanted_unit) = marks, wanted
+    (space, unit), (wanted_space, wanted_unit) = marks, model
     if unit != wanted_unit and "unknown" not in (unit, wanted_unit):
         raise InputError(f"{str(file)!r}: expected lengths in {wanted_unit}, the unit of the model, found {unit}")
     if space == wanted_space or "unknown" in (space, wanted_space):
-        return points
+        return np.eye(3)
     say(f"note: {file}: brought from {space} to {wanted_space}")
-    return points @ turn_between(space, wanted_space).T
+    return turn_between(space, wanted_space)
 
 
 @contextlib.contextmanager

@@ -215,8 +215,15 @@ def _cycle(task: _Task) -> Track:
         planes,
     )
     found = cycle.fit(_space_strength(task, start), start.noise / frame.scale, task.progress)
-    moving = MovingModel(model.surfaces, model.box.origin, model.box.edges, task.basis, found.control_points)
-    moving = replace(moving.placed(frame.scale, frame.centre), input_sha256=_hash(task.clouds))
+    moving = MovingModel(
+        model.surfaces,
+        model.box.origin,
+        model.box.edges,
+        task.basis,
+        found.control_points,
+        input_sha256=_hash(task.clouds),
+        frame_times=task.times,
+    ).placed(frame.scale, frame.centre)
     models = tuple(moving.at(time) for time in task.times)
     residuals = tuple(
         {name: model.distance(frame.to_world(sheet.points), name) for name, sheet in sheets.items()}

@@ -27,6 +27,7 @@ class MovingModel:
         space: frame of the world: "LPS", "RAS" or "unknown".
         unit: "mm", "m" or "unknown".
         input_sha256: hash of the input that the model was fitted to.
+        frame_times: (F,), increasing, of the frames that it was fitted to; those of the knots unless given.
     """
 
     surfaces: dict[str, Superquadric]
@@ -37,6 +38,7 @@ class MovingModel:
     space: str = "unknown"
     unit: str = "unknown"
     input_sha256: str = ""
+    frame_times: Array = ()  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         expected = len(self.basis.knots)
@@ -45,6 +47,12 @@ class MovingModel:
                 f"control_points: expected shape ({expected}, l+1, m+1, n+1, 3), one box a knot, found "
                 f"{self.control_points.shape}"
             )
+        given = np.asarray(self.frame_times, dtype=np.float64)
+        times = given if given.size else self.basis.knots
+        if times.ndim != 1 or not np.isfinite(times).all() or (np.diff(times) <= 0).any():
+            raise OptionError(f"frame_times: expected increasing times, found {times}")
+        self.basis.values(times)  # refuses those that a motion without period does not cover
+        object.__setattr__(self, "frame_times", times)
 
     @property
     def n_parameters(self) -> int:
