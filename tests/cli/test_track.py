@@ -3,6 +3,7 @@
 import csv
 import json
 
+import nibabel
 import numpy as np
 import pytest
 
@@ -107,6 +108,33 @@ def test_in_ras_models_and_shifts_have_x_and_y_negated(terminal, contours, known
         assert np.array_equal(model.surfaces["endo"].translation, np.multiply([10, 40, -20], signs))
         np.testing.assert_allclose(model.control_points[0, 1, 1, 1], np.multiply([10, 40, -20], signs), atol=1e-12)
         assert np.array_equal(known["clouds"][1]["epi"], ellipsoid)  # the fit is in LPS, whatever is written
+
+
+def test_slices_of_images_are_numbered_and_points_between_them_left_out(terminal, nifti, body, known, tmp_path):
+    path = nifti("cine.nii", np.stack([body == 1] * 2, axis=-1).astype(np.uint8))
+    words = ("--surface", "endo=label:1", "--surface", "epi=label:1")
+    assert terminal("track", path, "-o", "plain", *words).code == 0
+    every, plain = known["clouds"][1]["epi"], known["slices"]
+    done = terminal("track", path, "-o", "shifted", *words, "--shift-slices")
+    assert done.code == 0 and plain is None
+    kept, numbers = known["clouds"][1]["epi"], known["slices"][1]["epi"]
+    outlines = [k for k in range(body.shape[2]) if (body[:, :, k] == 1).any()]
+    assert sorted(set(numbers)) == outlines and len(kept) == len(numbers)
+    left = 4 * (len(every) - len(kept))  # two frames, two surfaces
+    assert f"slices are taken along k, 3 apart; {left} of {4 * len(every)} points" in done.err
+
+
+def test_frames_must_have_the_same_slices(terminal, nifti, body, known, contours, tmp_path):
+    mask = (body == 1).astype(np.uint8)
+    files = [nifti(f"{n}.nii", mask) for n in range(2)]
+    assert terminal("track", *files, "-o", "same", "--shift-slices").code == 0
+    moved = nibabel.load(files[1])
+    moved.affine[2, 3] += 3
+    nibabel.save(nibabel.Nifti1Image(mask, moved.affine, moved.header), tmp_path / "moved.nii")
+    for second in ("moved.nii", contours[0]):
+        refused = terminal("track", files[0], second, "-o", "other", "--shift-slices")
+        assert refused.code == 2 and "the slices of frame 1 are not those of frame 0" in refused.err
+    assert not (tmp_path / "other").exists()
 
 
 def test_each_alone_gives_a_model_a_frame(terminal, ellipsoid, tmp_path):

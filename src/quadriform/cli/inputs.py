@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from quadriform.cli.options import numbers, ranges
 from quadriform.cli.screen import say
@@ -110,6 +111,8 @@ class Source:
         unit: "mm", "m" or "unknown".
         warnings: of the reading.
         notes: what was assumed, one sentence each.
+        slices: (n,) the slice of each point of an image, as `slice_numbers` counts them.
+        world_from_voxel: (4, 4), of an image.
     """
 
     points: Array
@@ -117,6 +120,8 @@ class Source:
     unit: str = "unknown"
     warnings: Warnings = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    slices: NDArray[np.int64] | None = None
+    world_from_voxel: Array | None = None
 
 
 def kind_of(path: Path) -> Literal["image", "mesh", "points"] | None:
@@ -219,13 +224,15 @@ def refuse(warnings: Warnings) -> None:
 
 def _from_image(path: Path, options: ImageOptions) -> Source:
     from quadriform.imaging.image_points import points_from_image
+    from quadriform.imaging.slice_numbers import slice_numbers
 
     volume, arguments, notes = read_object(path, options)
     if options.border is not None:
         arguments["border"] = options.border
     found = points_from_image(volume, **arguments)
-    notes += kept_note(found.segmentation)
-    return Source(found.points, volume.space, volume.unit, found.warnings, tuple(f"{path}: {note}" for note in notes))
+    notes = tuple(f"{path}: {note}" for note in notes + kept_note(found.segmentation))
+    numbers = slice_numbers(volume, found.points)
+    return Source(found.points, volume.space, volume.unit, found.warnings, notes, numbers, volume.world_from_voxel)
 
 
 def _select(volume: "Volume", options: ImageOptions) -> tuple[Any, tuple[str, ...]]:

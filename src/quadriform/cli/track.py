@@ -26,7 +26,12 @@ Period = Annotated[
     str, typer.Option(help="After which the motion repeats: a time, auto (the frames are one cycle), or none.")
 ]
 ShiftSlices = Annotated[
-    bool, typer.Option("--shift-slices", help="Let each slice of contours move in its plane, once for the whole cycle.")
+    bool,
+    typer.Option(
+        "--shift-slices",
+        help="Let each slice of contours or of an image stack move in its plane, once for the whole cycle. Of images "
+        "the points between two slices are left out.",
+    ),
 ]
 
 

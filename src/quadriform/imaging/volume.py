@@ -62,6 +62,11 @@ class Volume:
         """
         return check_points(voxels, "voxels") @ self.world_from_voxel[:3, :3].T + self.world_from_voxel[:3, 3]
 
+    def voxels(self, points: Array) -> Array:
+        """Voxel coordinates (n, 3) of world points (n, 3): the inverse of `points_world`."""
+        affine = self.world_from_voxel
+        return np.asarray(np.linalg.solve(affine[:3, :3], (points - affine[:3, 3]).T).T, dtype=np.float64)
+
     def crop(self, region: Region) -> "Volume":
         """The part inside `region`; its voxels stay where they are in the world.
 
