@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from quadriform.imaging.isosurface import isosurface
-from quadriform.imaging.slice_numbers import BETWEEN, slice_axis, slice_numbers
+from quadriform.imaging.slice_numbers import BETWEEN, CAP, slice_axis, slice_numbers
 from quadriform.imaging.volume import Volume
 
 LONG = np.array([[1.2, -0.9, 0.4, -12.0], [0.9, 1.2, 0.3, 30.0], [-0.1, 0.2, 7.9, 5.0], [0, 0, 0, 1]])
@@ -23,23 +23,18 @@ def numbered(values, affine=LONG):
     return volume, points, slice_numbers(volume, points)
 
 
-def test_points_of_outlines_have_their_slice_and_those_between_two_have_none():
+def test_points_of_outlines_have_their_slice_and_the_others_none():
+    """Outlines lie in slices, other points half-way between two, those of caps beyond the first or the last outline."""
     volume, points, numbers = numbered(egg())
     along = volume.voxels(points)[:, 2]
     slices = np.flatnonzero(egg().any(axis=(0, 1)))
-    assert set(numbers) == {BETWEEN, *slices}
-    on_outlines = (numbers >= 0) & (along > slices[0] - 0.1) & (along < slices[-1] + 0.1)
-    np.testing.assert_allclose(along[on_outlines], numbers[on_outlines], atol=1e-9)
+    assert set(numbers) == {CAP, BETWEEN, *slices}
+    np.testing.assert_allclose(along[numbers >= 0], numbers[numbers >= 0], atol=1e-9)
     np.testing.assert_allclose(along[numbers < 0] % 1, 0.5, atol=1e-9)
-
-
-def test_the_caps_are_of_the_first_and_of_the_last_slice():
-    volume, points, numbers = numbered(egg())
-    along = volume.voxels(points)[:, 2]
-    low, high = np.flatnonzero(egg().any(axis=(0, 1)))[[0, -1]]
-    below, above = along < low - 0.1, along > high + 0.1
-    assert below.sum() == egg()[:, :, low].sum() and above.sum() == egg()[:, :, high].sum()
-    assert (numbers[below] == low).all() and (numbers[above] == high).all()
+    caps = along[numbers == CAP]
+    assert (caps < slices[0]).sum() == egg()[:, :, slices[0]].sum()
+    assert (caps > slices[-1]).sum() == egg()[:, :, slices[-1]].sum()
+    assert ((along[numbers == BETWEEN] - slices[0]) * (slices[-1] - along[numbers == BETWEEN]) > 0).all()
 
 
 @pytest.mark.parametrize("order", [(0, 1, 2), (2, 0, 1), (1, 2, 0)])
@@ -62,7 +57,7 @@ def test_a_shifted_slice_takes_its_outline_along():
     offsets = np.array([[0, 0], [0, 0], [1, -1], [2, 0], [0, 3], [-2, 1], [0, -1], [1, 1], [0, 0]])
     moved = np.stack([np.roll(egg()[:, :, k], offsets[k], axis=(0, 1)) for k in range(9)], axis=2)
     (_, before, own), (_, after, theirs) = numbered(egg()), numbered(moved)
-    for k in range(3, 7):  # the caps of 2 and 7 are of these slices too, and as many
+    for k in range(2, 8):
         shift = LONG[:3, :2] @ offsets[k]
         here, there = (
             np.unique(np.round(cloud, 6), axis=0) for cloud in (before[own == k] + shift, after[theirs == k])
@@ -79,7 +74,7 @@ def test_the_axis_is_that_of_the_largest_spacing_and_of_equal_ones_the_last():
 
 
 def test_an_object_without_outlines_has_points_of_no_slice():
-    """It fills its slices: only between two of them is there a surface."""
+    """It fills its slices, and ends between two of them."""
     values = np.zeros((4, 4, 6))
     values[:, :, 2:4] = 1
-    assert set(numbered(values)[2]) == {BETWEEN}
+    assert set(numbered(values)[2]) == {CAP}

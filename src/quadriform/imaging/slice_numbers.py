@@ -6,8 +6,8 @@ from numpy.typing import NDArray
 from quadriform.imaging.volume import Volume
 from quadriform.points import Array
 
-BETWEEN = -1
-"""The number of points that are of no slice."""
+CAP, BETWEEN = -1, -2
+"""Numbers of points that are of no slice: beyond the first or the last outline, and between two slices."""
 ON_SLICE = 1e-3
 """A point this near to a slice, in slice distances, lies in it."""
 ALIKE = 1e-3
@@ -21,11 +21,11 @@ def slice_axis(world_from_voxel: Array) -> int:
 
 
 def slice_numbers(volume: Volume, points: Array) -> NDArray[np.int64]:
-    """The slice of each point of an isosurface, (n,), counted from 0 along the slice axis.
+    """The slice of each point of an isosurface, (n,), counted from 0 along the slice axis; else CAP or BETWEEN.
 
     An isosurface's points lie in slices, on their outlines, or between two slices, where one is inside and the other
-    outside. The latter are BETWEEN: they are of both and would move with neither, for the steps of a wall from slice to
-    slice are no measurement of where it is. Those of the caps, beyond the first and the last outline, are of these.
+    outside. The latter are of neither: where slices moved against each other, the steps from one to the next are no
+    measurement of the wall. On caps the surface faces along the slice axis, and says nothing about shifts.
 
     Args:
         volume: the image.
@@ -33,8 +33,6 @@ def slice_numbers(volume: Volume, points: Array) -> NDArray[np.int64]:
     """
     along = volume.voxels(points)[:, slice_axis(volume.world_from_voxel)]
     outlines = np.abs(along - np.rint(along)) < ON_SLICE
-    if not outlines.any():
-        return np.full(len(points), BETWEEN)
-    along = along.clip(along[outlines].min(), along[outlines].max())
-    nearest = np.rint(along)
-    return np.where(np.abs(along - nearest) < ON_SLICE, nearest, BETWEEN).astype(np.int64)
+    ends = along[outlines].min(initial=np.inf), along[outlines].max(initial=-np.inf)
+    caps = (along < ends[0]) | (along > ends[1])
+    return np.where(outlines, np.rint(along), np.where(caps, CAP, BETWEEN)).astype(np.int64)

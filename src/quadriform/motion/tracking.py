@@ -110,8 +110,10 @@ def track(
         period: after which the motion repeats, in the unit of the times; "auto": the frames are one whole cycle, evenly
             sampled; None: it does not repeat.
         strategy: "cycle", "previous" or "alone".
-        slices: for each frame the slice number of each point, in the form of `frames`; slices are then shifted in their
-            planes, each by the same amount in all frames. Only for "cycle".
+        slices: for each frame the slice number of each point, in the form of `frames`, below 0 for points of none;
+            slices are then shifted in their planes, each by the same amount in all frames. Of parallel slices alone,
+            shifts that are smooth along the stack are not sought: they cannot be told from the form of the heart.
+            Only for "cycle".
         box: control points along each axis.
         regularity: "bending", "springs" or a regulariser of one's own.
         strength: how strongly the box is held in space, alpha per data point; "auto": that of the evidence of single
