@@ -157,6 +157,9 @@ def test_deform_brings_a_mesh_of_the_other_frame_to_the_models(terminal, model, 
     assert done.code == 0 and "ras.vtp: brought from RAS to LPS" in done.err
     assert read_marks("out.vtp") == ("LPS", "mm")
     assert np.array_equal(load("out.vtp").vertices, model.deform(flat.vertices))
+    assert terminal("deform", "model.json", "ras.vtp", "-o", "back.vtp", "--space", "RAS").code == 0
+    assert read_marks("back.vtp") == ("RAS", "mm")
+    assert np.array_equal(load("back.vtp").vertices, model.deform(flat.vertices) * [-1, -1, 1])
     refused = terminal("deform", "model.json", "metres.vtp", "-o", "other.vtp")
     assert refused.code == 4 and "metres.vtp" in refused.err and "found m" in refused.err
     assert not (tmp_path / "other.vtp").exists()
@@ -168,6 +171,7 @@ def test_deform_refuses(terminal, model, cloud, tmp_path):
         (("model.json", cloud, "-o", "model.json"), 4, "suffix"),
         (("model.json", cloud, "-o", "out.ply"), 4, "suffix"),
         (("model.json", "missing.xyz", "-o", "out.xyz"), 4, "no such file"),
+        (("model.json", cloud, "-o", "out.xyz", "--space", "world"), 2, "--space='world'"),
         ((cloud, cloud, "-o", "out.xyz"), 4, "a model cannot have the suffix"),
         (("model.json", cloud), 2, "output"),
     ]:
