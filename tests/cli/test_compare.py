@@ -34,7 +34,7 @@ def files(tmp_path, monkeypatch):
     save(model(INNER, unit="m"), tmp_path / "metres.json")
     mesh = model(OUTER).mesh(resolution=16)
     write_mesh(mesh, tmp_path / "b.vtp", "LPS", "mm")
-    write_mesh(mesh, tmp_path / "ras.ply", "RAS", "mm")
+    write_mesh(type(mesh)(mesh.vertices * [-1, -1, 1], mesh.faces), tmp_path / "ras.ply", "RAS", "mm")
     write_mesh(mesh, tmp_path / "bare.stl")
     write_mesh(type(mesh)(mesh.vertices, mesh.faces[9:]), tmp_path / "open.obj", "LPS", "mm")
 
@@ -91,13 +91,28 @@ def test_what_is_unknown_or_open_is_said(terminal, files):
     assert "none" in terminal("compare", "a.json", "open.obj").out
 
 
+@pytest.mark.parametrize("name", ["b.vtp", "b.npz"])
+def test_what_lies_in_the_other_frame_is_brought_to_the_first_and_said(terminal, files, tmp_path, name):
+    turned = "ras.ply" if name == "b.vtp" else "ras.json"
+    save(model(OUTER).in_space("RAS"), tmp_path / "ras.json")
+    save(model(INNER).in_space("RAS"), tmp_path / "inner-ras.json")
+    result = terminal("compare", "a.json", turned, "--json")
+    assert f"{turned}: brought from RAS to LPS" in result.err
+    record, plain = json.loads(result.out), compared(terminal, "a.json", name)
+    assert record["space"] == "LPS" and record["volume_b"] == pytest.approx(plain["volume_b"], rel=1e-5)
+    assert record["hausdorff"] == pytest.approx(plain["hausdorff"], rel=1e-4)
+    assert record["dice"] == pytest.approx(plain["dice"], abs=2e-3)
+    if plain["parameters"]:
+        np.testing.assert_allclose(record["parameters"]["translation"], 0, atol=1e-12)
+    assert compared(terminal, "inner-ras.json", turned)["space"] == "RAS"
+
+
 def test_refusals(terminal, files, cloud, tmp_path):
     box, basis = ControlBox.around(INNER), TimeBasis(np.arange(3.0), 3.0)
     moving = MovingModel({"surface": INNER}, box.origin, box.edges, basis, np.stack([box.control_points] * 3))
     save(moving, tmp_path / "moving.json")
     for words, code, message in [
         (("a.json", "metres.json"), 4, "'m'"),
-        (("a.json", "ras.ply"), 4, "'RAS'"),
         (("a.json", "moving.json"), 4, "moving model"),
         (("a.json", "missing.json"), 4, "no such file"),
         (("a.json", cloud), 4, "suffix"),

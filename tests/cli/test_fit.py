@@ -8,7 +8,8 @@ from shapes_made import lumpy
 
 import quadriform
 from quadriform.files import load, read_model, read_points, sha256_of
-from quadriform.files.meshes import read_marks
+from quadriform.files.meshes import read_marks, write_mesh
+from quadriform.shapes.mesh import Mesh
 
 QUICK = ("--method", "paper", "--iterations", "4")
 
@@ -229,6 +230,46 @@ def test_a_mask_becomes_a_model_in_the_world(terminal, nifti, body, affine):
     assert np.linalg.norm(model.mesh().vertices.mean(axis=0) - centre) < 1.0
     assert model.volume() == pytest.approx((body == 1).sum() * 12.0, rel=0.05)
     assert read_marks("out/surface.ply") == ("LPS", "mm")
+
+
+def test_in_ras_only_the_signs_of_x_and_y_differ(terminal, nifti, body):
+    path = nifti("mask.nii.gz", (body == 1).astype(np.uint8))
+    assert terminal("fit", path, "-o", "lps", *QUICK).code == 0
+    done = terminal("fit", path, "-o", "ras", "--space", "RAS", "--json", *QUICK)
+    assert done.code == 0 and json.loads(done.out)["space"] == "RAS"
+    there, here = read_model("ras/model.json"), read_model("lps/model.json")
+    assert there.space == "RAS" and there.input_sha256 == here.input_sha256
+    for name in ("origin", "edges", "control_points"):
+        assert np.array_equal(getattr(there.box, name), getattr(here.box, name) * [-1, -1, 1])
+    assert np.array_equal(there.superquadric().rotation, here.superquadric().rotation * [[-1], [-1], [1]])
+    assert read_marks("ras/surface.ply") == ("RAS", "mm")
+    np.testing.assert_allclose(
+        np.sort(load("ras/surface.ply").vertices, axis=0),
+        np.sort(load("lps/surface.ply").vertices * [-1, -1, 1], axis=0),
+        atol=1e-4,
+    )
+
+
+def test_a_mesh_keeps_its_frame_unless_another_is_asked_for(terminal, ellipsoid, tmp_path):
+    from scipy.spatial import ConvexHull
+
+    hull = ConvexHull(ellipsoid)
+    write_mesh(Mesh(ellipsoid, hull.simplices.astype(np.int64)), tmp_path / "ras.vtp", "RAS", "mm")
+    for out, words in (("same", ()), ("lps", ("--space", "LPS"))):
+        assert terminal("fit", "ras.vtp", "-o", out, *words, *QUICK).code == 0
+    same, lps = read_model("same/model.json"), read_model("lps/model.json")
+    assert (same.space, lps.space) == ("RAS", "LPS")
+    assert np.array_equal(lps.superquadric().translation, same.superquadric().translation * [-1, -1, 1])
+
+
+def test_a_frame_that_is_not_known_cannot_be_changed(terminal, cloud, tmp_path, monkeypatch):
+    from quadriform.cli import batch
+
+    monkeypatch.setattr(batch, "fit", lambda *_args, **_options: pytest.fail("worked before refusing"))
+    assert_refused(terminal("fit", cloud, "-o", "out", "--space", "RAS"), 4, "frame of the world is not known", "cloud")
+    refused = terminal("fit", cloud, "-o", "out", "--space", "LAS")
+    assert refused.code == 2 and "--space='LAS'" in refused.err
+    assert not (tmp_path / "out").exists()
 
 
 def test_labels_are_chosen_or_taken_together_and_said(terminal, nifti, body):

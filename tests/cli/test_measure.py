@@ -2,13 +2,15 @@
 
 import csv
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from quadriform.files import save
+from quadriform.files import save, write_mesh
 from quadriform.heart.measure import measure
 from quadriform.heart.synthetic import SyntheticVentricle
+from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.moving_model import MovingModel
 from quadriform.shapes.splines import TimeBasis
 
@@ -71,6 +73,100 @@ def test_a_moving_model_brings_its_frames_and_times(terminal, beating, tmp_path)
     assert record["times"] == [3.0, 40.0]
     found = {row["quantity"]: row["value"] for row in record["measures"]}
     assert found["ejection fraction"] == pytest.approx(measure(beating)["ejection fraction"])
+    save(replace(moving, frame_times=[3.0, 15.0, 40.0, 41.5]), tmp_path / "moving.json", force=True)
+    record = json.loads(terminal("measure", "moving.json", "--json").out)
+    assert record["times"] == [3.0, 15.0, 40.0, 41.5]
+    assert record["curves"]["cavity volume"][1] == pytest.approx(1e-3 * moving.at(15.0).volume("endo"), rel=1e-4)
+
+
+def contours_written(folder, inserts=True, valve=8):
+    """Guide points of both frames: the mitral ring, and where the right ventricle would meet the left."""
+    folder.mkdir()
+    for number, time in enumerate(TIMES):
+        ways = HEART.positions(HEART.surface("epi").surface(np.eye(3)[:2]), time)
+        groups = {"MITRAL_VALVE": HEART.mitral_points(time)[:valve], "RV_INSERT": ways if inserts else ways[:0]}
+        rows = [
+            f"{x!r}\t{y!r}\t{z!r}\t{kind}\t1\t1.0\t{number}"
+            for kind, points in groups.items()
+            for x, y, z in points.tolist()
+        ]
+        header = "x\ty\tz\tcontour type\tframeID\tweight\ttime frame"
+        (folder / f"GPFile_{number:03d}.txt").write_text("\n".join([header, *rows, "1\t2\t3\tAPEX_POINT\t1\t1.0\t0"]))
+    return [folder / f"GPFile_{number:03d}.txt" for number in range(len(TIMES))]
+
+
+@pytest.mark.parametrize("how", ["folder", "glob", "one by one"])
+def test_contours_bring_each_frames_base_and_the_insertions_of_ed(terminal, beating, tmp_path, how):
+    files = contours_written(tmp_path / "frames")
+    words = {"folder": ["frames"], "glob": files, "one by one": [files[0], "--contours", files[1]]}[how]
+    result = terminal("measure", "0.json", "1.json", "--json", "--contours", *words)
+    assert result.code == 0 and "UNANCHORED" not in result.err
+    inserts = HEART.positions(HEART.surface("epi").surface(np.eye(3)[:2]), 0.0)
+    expected = measure(beating, base=[HEART.mitral_points(time) for time in TIMES], rv_inserts=inserts)
+    assert [(row["quantity"], row["value"]) for row in json.loads(result.out)["measures"]] == [
+        (row.quantity, row.value) for row in expected.rows
+    ]
+
+
+def test_contours_without_insertions_leave_the_segments_unanchored(terminal, beating, tmp_path):
+    contours_written(tmp_path / "frames", inserts=False)
+    result = terminal("measure", "0.json", "1.json", "--contours", "frames")
+    assert result.code == 0 and "warning: UNANCHORED" in result.err
+    beside = HEART.positions(HEART.surface("epi").surface(np.eye(3)), 0.0)[:2]
+    points = [f"--rv-insertion={x},{y},{z}" for x, y, z in beside]
+    assert "UNANCHORED" not in terminal("measure", "0.json", "1.json", "--contours", "frames", *points).err
+
+
+def test_one_file_of_contours_is_the_plane_of_its_frame(terminal, beating, tmp_path):
+    file = contours_written(tmp_path / "frames")[1]
+    result = terminal("measure", "0.json", "1.json", "--base", file, "--json")
+    expected = measure(beating, base=HEART.mitral_points(TIMES[1]))
+    assert json.loads(result.out)["measures"][0]["value"] == expected.rows[0].value
+
+
+def test_models_in_ras_take_contours_in_lps(terminal, beating, tmp_path):
+    """Everything that is measured is the same, for a half-turn changes no measure."""
+    contours_written(tmp_path / "frames")
+    for number, model in enumerate(beating):
+        save(model.in_space("RAS"), tmp_path / f"ras{number}.json")
+    for words in (["--contours", "frames"], ["--base", "frames/GPFile_000.txt"]):
+        here = terminal("measure", "0.json", "1.json", *words, "--json")
+        there = terminal("measure", "ras0.json", "ras1.json", *words, "--json")
+        assert there.err.count("brought from LPS to RAS") == 1
+        for one, other in zip(json.loads(here.out)["measures"], json.loads(there.out)["measures"]):
+            assert one["quantity"] == other["quantity"]
+            assert other["value"] == pytest.approx(one["value"], rel=1e-6, abs=1e-9)
+
+
+def test_a_marked_loop_is_brought_to_the_models(terminal, beating, tmp_path):
+    ring = HEART.mitral_points(0.0)
+    fan = Mesh(ring * [-1, -1, 1], np.array([[0, k, k + 1] for k in range(1, len(ring) - 1)]))
+    write_mesh(fan, tmp_path / "ring.vtp", "RAS", "mm")
+    result = terminal("measure", "0.json", "1.json", "--base", "ring.vtp", "--json")
+    expected = measure(beating, base=ring)
+    assert json.loads(result.out)["measures"][0]["value"] == pytest.approx(expected.rows[0].value, rel=1e-12)
+
+
+def test_contours_that_do_not_fit_are_named(terminal, beating, tmp_path):
+    files = contours_written(tmp_path / "frames")
+    contours_written(tmp_path / "bare", valve=0)
+    contours_written(tmp_path / "two", valve=2)
+    save(replace(beating[0], unit="m"), tmp_path / "metres.json")
+    save(beating[0].in_space("RAS"), tmp_path / "ras.json")
+    for words, code, said in (
+        (["0.json", "1.json", "--contours", files[0]], 2, "each of 2 frames, found 1"),
+        (["0.json", "1.json", "--contours", "bare"], 4, "bare/GPFile_000.txt': expected 3 or more points MITRAL_VALVE"),
+        (["0.json", "1.json", "--contours", "two"], 4, "found 2"),
+        (["0.json", "1.json", "--contours", "frames", "--base", "0.8"], 2, "exclude each other"),
+        (["0.json", "1.json", "--contours", "."], 4, "no files GPFile_NNN.txt"),
+        (["0.json", "1.json", "--contours", "nowhere.txt", "--contours", "x"], 4, "nowhere.txt"),
+        (["metres.json", "metres.json", "--contours", "frames"], 4, "expected lengths in m"),
+        (["0.json", "ras.json"], 2, "frame 1 has the surfaces"),
+    ):
+        result = terminal("measure", *words, "-o", "m.csv")
+        assert (result.code, len(result.err.splitlines())) == (code, 1), result.err
+        assert said in result.err
+        assert not (tmp_path / "m.csv").exists()
 
 
 def test_insertions_anchor_the_segments(terminal, beating):

@@ -1,12 +1,14 @@
 """`segment`, `deform`, `export` and `info`."""
 
 import json
+from dataclasses import replace
 
 import nibabel
 import numpy as np
 import pytest
 
 from quadriform.files import load, read_points, save, sha256_of
+from quadriform.files.meshes import read_marks, write_mesh
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
@@ -147,12 +149,29 @@ def test_deform_carries_a_mesh(terminal, model, tmp_path):
     assert b'Name="SPACE"' in (tmp_path / "out.vtp").read_bytes()
 
 
+def test_deform_brings_a_mesh_of_the_other_frame_to_the_models(terminal, model, tmp_path):
+    flat = model.superquadric().mesh(5)
+    write_mesh(type(flat)(flat.vertices * [-1, -1, 1], flat.faces), tmp_path / "ras.vtp", "RAS", "mm")
+    write_mesh(flat, tmp_path / "metres.vtp", "LPS", "m")
+    done = terminal("deform", "model.json", "ras.vtp", "-o", "out.vtp")
+    assert done.code == 0 and "ras.vtp: brought from RAS to LPS" in done.err
+    assert read_marks("out.vtp") == ("LPS", "mm")
+    assert np.array_equal(load("out.vtp").vertices, model.deform(flat.vertices))
+    assert terminal("deform", "model.json", "ras.vtp", "-o", "back.vtp", "--space", "RAS").code == 0
+    assert read_marks("back.vtp") == ("RAS", "mm")
+    assert np.array_equal(load("back.vtp").vertices, model.deform(flat.vertices) * [-1, -1, 1])
+    refused = terminal("deform", "model.json", "metres.vtp", "-o", "other.vtp")
+    assert refused.code == 4 and "metres.vtp" in refused.err and "found m" in refused.err
+    assert not (tmp_path / "other.vtp").exists()
+
+
 def test_deform_refuses(terminal, model, cloud, tmp_path):
     for words, code, message in [
         (("model.json", cloud, "-o", cloud), 5, "the input itself"),
         (("model.json", cloud, "-o", "model.json"), 4, "suffix"),
         (("model.json", cloud, "-o", "out.ply"), 4, "suffix"),
         (("model.json", "missing.xyz", "-o", "out.xyz"), 4, "no such file"),
+        (("model.json", cloud, "-o", "out.xyz", "--space", "world"), 2, "--space='world'"),
         ((cloud, cloud, "-o", "out.xyz"), 4, "a model cannot have the suffix"),
         (("model.json", cloud), 2, "output"),
     ]:
@@ -185,6 +204,37 @@ def test_export_names_the_surfaces(terminal, model, tmp_path):
     save(two, tmp_path / "two.npz")
     result = terminal("export", "two.npz", "--to", "ply", "-o", ".")
     assert result.out.split() == ["surface-endo.ply", "surface-epi.ply"]
+
+
+def test_export_in_ras(terminal, model, tmp_path):
+    assert terminal("export", "model.json", "--to", "ply,stl,obj,vtp", "-o", "ras", "--space", "RAS").code == 0
+    wanted = model.mesh().vertices * [-1, -1, 1]
+    for kind in ("ply", "stl", "obj", "vtp"):
+        assert read_marks(f"ras/surface.{kind}") == ("RAS", "mm")
+        near = load(f"ras/surface.{kind}")
+        assert near.volume() == pytest.approx(model.mesh().volume(), rel=1e-5)
+        np.testing.assert_allclose(
+            [near.vertices.min(0), near.vertices.max(0)], [wanted.min(0), wanted.max(0)], atol=1e-4
+        )
+    save(replace(model, space="unknown"), tmp_path / "somewhere.json")
+    refused = terminal("export", "somewhere.json", "--to", "ply", "-o", "none", "--space", "RAS")
+    assert refused.code == 4 and "somewhere.json" in refused.err and "not known" in refused.err
+    assert terminal("export", "model.json", "--to", "ply", "-o", "none", "--space", "ras").code == 2
+    assert not (tmp_path / "none").exists()
+
+
+def test_labels_lie_in_the_same_voxels_whatever_the_frame(terminal, tmp_path, nifti, body):
+    """Of a model in RAS, and of one in LPS that is asked for in RAS."""
+    surface = Superquadric(semi_axes=(14, 10, 12), translation=(28, -24, -3))
+    lps = DeformableModel({"surface": surface}, ControlBox.around(surface), "LPS", "mm")
+    save(lps, tmp_path / "lps.json")
+    save(lps.in_space("RAS"), tmp_path / "ras.json")
+    words = ("--to", "nii", "--like", nifti("like.nii.gz", body), "-o")
+    for file, out, more in (("lps", "a", ()), ("ras", "b", ()), ("lps", "c", ("--space", "RAS"))):
+        assert terminal("export", f"{file}.json", *words, out, *more).code == 0
+    found = [np.asarray(nibabel.load(f"{out}/labels.nii.gz").dataobj) for out in "abc"]
+    assert found[0].sum() > 200
+    assert np.array_equal(found[0], found[1]) and np.array_equal(found[0], found[2])
 
 
 def test_export_refuses(terminal, model, tmp_path):
@@ -273,13 +323,17 @@ def test_info_refuses(terminal, tmp_path, name, content):
 
 
 def test_export_writes_wall_film_and_labels(terminal, tmp_path, nifti, body):
-    pytest.importorskip("h5py")
+    h5py = pytest.importorskip("h5py")
     inner, outer = Superquadric(semi_axes=(10, 8, 12)), Superquadric(semi_axes=(15, 13, 20))
     save(DeformableModel({"epi": outer, "endo": inner}, ControlBox.around(outer), "LPS", "mm"), tmp_path / "two.json")
     like = nifti("like.nii.gz", body)
     words = ("export", "two.json", "--to", "vtu,vtkhdf,nii", "--like", like, "-o", "out", "--resolution", 4)
     assert terminal(*words).code == 0
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"wall.vtu", "surfaces.vtkhdf", "labels.nii.gz"}
+    assert terminal(*words[:4], "--like", like, "-o", "ras", "--resolution", 4, "--space", "RAS").code == 0
+    assert read_marks("ras/wall.vtu") == ("RAS", "mm")
+    with h5py.File("ras/surfaces.vtkhdf") as file:
+        assert file["VTKHDF"].attrs["SPACE"] == b"RAS"
     assert nibabel.load("out/labels.nii.gz").shape == body.shape
     assert terminal(*words).code == 5
     refused = terminal("export", "two.json", "--to", "nii", "-o", "other")

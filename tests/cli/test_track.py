@@ -3,9 +3,13 @@
 import csv
 import json
 
+import nibabel
 import numpy as np
+import pytest
 
 import quadriform as qf
+from quadriform.imaging.slice_numbers import CAP
+from quadriform.shapes.splines import TimeBasis
 
 
 def frames_written(folder, ellipsoid, count=4):
@@ -50,6 +54,7 @@ def test_nothing_is_written_when_it_fails(terminal, ellipsoid, tmp_path):
         ((*files, "--times", "a,b"), "numbers between commas"),
         ((*files, "--period", "soon"), "--period"),
         ((*files, "--shift-slices"), "slice numbers"),
+        ((*files, "--space", "LSA"), "--space"),
     ):
         done = terminal("track", *words, "-o", "out")
         assert done.code == 2 and message in done.err, done.err
@@ -62,6 +67,75 @@ def test_what_stands_there_is_kept(terminal, ellipsoid, tmp_path):
     (tmp_path / "out" / "model.json").write_text("mine")
     done = terminal("track", *files, "-o", "out")
     assert done.code == 5 and (tmp_path / "out" / "model.json").read_text() == "mine"
+
+
+@pytest.fixture
+def contours(tmp_path, ellipsoid):
+    """Guide points of two frames."""
+    paths = [tmp_path / f"GPFile_{frame:03d}.txt" for frame in range(2)]
+    for path in paths:
+        rows = ["x\ty\tz\tcontour type\tframeID\tweight\ttime frame"]
+        for kind in ("SAX_LV_ENDOCARDIAL", "SAX_LV_EPICARDIAL"):
+            rows += [f"{x}\t{y}\t{z}\t{kind}\t{n % 5}\t1.0\t0" for n, (x, y, z) in enumerate(ellipsoid.tolist())]
+        path.write_text("\n".join(rows))
+    return paths
+
+
+@pytest.fixture
+def known(monkeypatch):
+    """In place of the work a result that is known; what it was asked for is kept."""
+    asked = {}
+
+    def track(clouds, **options):
+        asked.update(options, clouds=clouds)
+        surface = qf.Superquadric(semi_axes=(14, 12, 21), translation=(10, 40, -20))
+        box, times = qf.ControlBox.around(surface, (3, 3, 3)), np.arange(len(clouds)) * 1.0
+        boxes = np.stack([box.control_points * (1 - 0.1 * time) for time in times])
+        basis = TimeBasis(times, float(len(times)))
+        moving = qf.MovingModel({"endo": surface, "epi": surface}, box.origin, box.edges, basis, boxes)
+        models, residuals = tuple(moving.at(time) for time in times), ({"endo": np.ones(3)},) * len(clouds)
+        return qf.Track("cycle", times, models, moving, residuals, 1.0, (1e-5, 1e-5), {2: np.array([1.0, 2, 3])})
+
+    monkeypatch.setattr("quadriform.motion.tracking.track", track)
+    return asked
+
+
+def test_in_ras_models_and_shifts_have_x_and_y_negated(terminal, contours, known, ellipsoid, tmp_path):
+    for out, words, signs in (("lps", (), [1, 1, 1]), ("ras", ("--space", "RAS"), [-1, -1, 1])):
+        done = terminal("track", *contours, "-o", out, "--shift-slices", "--json", *words)
+        record, model = json.loads(done.out), qf.load(tmp_path / out / "model.json")
+        assert record["space"] == model.space == out.upper()
+        assert record["shifts"]["2"] == [signs[0] * 1.0, signs[1] * 2.0, 3.0]
+        assert np.array_equal(model.surfaces["endo"].translation, np.multiply([10, 40, -20], signs))
+        np.testing.assert_allclose(model.control_points[0, 1, 1, 1], np.multiply([10, 40, -20], signs), atol=1e-12)
+        assert np.array_equal(known["clouds"][1]["epi"], ellipsoid)  # the fit is in LPS, whatever is written
+
+
+def test_slices_of_images_are_numbered_and_points_between_them_left_out(terminal, nifti, body, known, tmp_path):
+    path = nifti("cine.nii", np.stack([body == 1] * 2, axis=-1).astype(np.uint8))
+    words = ("--surface", "endo=label:1", "--surface", "epi=label:1")
+    assert terminal("track", path, "-o", "plain", *words).code == 0
+    every, plain = known["clouds"][1]["epi"], known["slices"]
+    done = terminal("track", path, "-o", "shifted", *words, "--shift-slices")
+    assert done.code == 0 and plain is None
+    kept, numbers = known["clouds"][1]["epi"], known["slices"][1]["epi"]
+    outlines = [k for k in range(body.shape[2]) if (body[:, :, k] == 1).any()]
+    assert sorted(set(numbers)) == [CAP, *outlines] and len(kept) == len(numbers)
+    left = 4 * (len(every) - len(kept))  # two frames, two surfaces
+    assert f"slices are taken along k, 3 apart; {left} of {4 * len(every)} points" in done.err
+
+
+def test_frames_must_have_the_same_slices(terminal, nifti, body, known, contours, tmp_path):
+    mask = (body == 1).astype(np.uint8)
+    files = [nifti(f"{n}.nii", mask) for n in range(2)]
+    assert terminal("track", *files, "-o", "same", "--shift-slices").code == 0
+    moved = nibabel.load(files[1])
+    moved.affine[2, 3] += 3
+    nibabel.save(nibabel.Nifti1Image(mask, moved.affine, moved.header), tmp_path / "moved.nii")
+    for second in ("moved.nii", contours[0]):
+        refused = terminal("track", files[0], second, "-o", "other", "--shift-slices")
+        assert refused.code == 2 and "the slices of frame 1 are not those of frame 0" in refused.err
+    assert not (tmp_path / "other").exists()
 
 
 def test_each_alone_gives_a_model_a_frame(terminal, ellipsoid, tmp_path):

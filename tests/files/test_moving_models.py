@@ -20,7 +20,15 @@ def moving(request, rng):
     box = ControlBox.around(surfaces["epi"], (3, 4, 3))
     control = box.control_points + rng.normal(size=(3, *box.control_points.shape))
     return MovingModel(
-        surfaces, box.origin, box.edges, TimeBasis(np.arange(3.0), request.param), control, "LPS", "mm", "a" * 64
+        surfaces,
+        box.origin,
+        box.edges,
+        TimeBasis(np.arange(3.0), request.param),
+        control,
+        "LPS",
+        "mm",
+        "a" * 64,
+        np.linspace(0, 2, 7) ** 1.5 / 2**0.5,
     )
 
 
@@ -32,6 +40,18 @@ def test_there_and_back(moving, tmp_path):
     assert back.basis.period == moving.basis.period and (back.basis.knots == moving.basis.knots).all()
     assert (back.space, back.unit, back.input_sha256) == ("LPS", "mm", "a" * 64)
     assert list(back.surfaces) == ["endo", "epi"]
+    assert back.frame_times.tobytes() == moving.frame_times.tobytes() and len(back.frame_times) == 7
+
+
+def test_a_file_of_version_1_has_its_frames_at_the_knots(moving, tmp_path):
+    qf.save(moving, tmp_path / "model.json")
+    document = json.loads((tmp_path / "model.json").read_text())
+    del document["time"]["frames"]
+    document["version"] = 1
+    (tmp_path / "old.json").write_text(json.dumps(document))
+    old = qf.load(tmp_path / "old.json")
+    assert np.array_equal(old.frame_times, moving.basis.knots)
+    assert old.control_points.tobytes() == moving.control_points.tobytes()
 
 
 def test_a_model_that_does_not_move_is_still_one(tmp_path):
@@ -45,7 +65,11 @@ def test_a_model_that_does_not_move_is_still_one(tmp_path):
 BREAKS = {
     "knots that turn back": (lambda d: d["time"].update(knots=[0, 2, 1]), "increasing"),
     "a knot too few": (lambda d: d["time"].update(knots=[0, 1]), "one box a knot"),
-    "a later version": (lambda d: d.update(version=2), "newer quadriform"),
+    "a later version": (lambda d: d.update(version=3), "newer quadriform"),
+    "version 1 with times of frames": (lambda d: d.update(version=1), "time.frames"),
+    "version 2 without": (lambda d: d["time"].pop("frames"), "time.frames"),
+    "no frames": (lambda d: d["time"].update(frames=[]), "one or more times"),
+    "frames out of order": (lambda d: d["time"].update(frames=[0, 2, 1]), "frame_times: expected increasing"),
     "an unknown field": (lambda d: d.update(patient="x"), "unknown"),
     "no period": (lambda d: d["time"].pop("period"), "time.period"),
     "text for a time": (lambda d: d["time"].update(knots=["a"]), "finite number"),

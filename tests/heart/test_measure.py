@@ -118,6 +118,19 @@ def test_segments_average_to_the_whole(heart, known, valve):
     assert min(parts) < found["radial strain"] < max(parts)
 
 
+def test_of_insertions_of_every_frame_those_at_end_diastole_count(known, valve):
+    """Frame 0 is end diastole; the others' lie all on one side, which alone would be refused."""
+    there = np.array([CENTRE + TURN @ [40 * np.cos(a), 40 * np.sin(a), 0] for a in (-0.9, 0.9)])
+    astray, pair = there[[0, 0]], {"models": known[:2], "base": valve[:2]}
+    given = measure(**pair, rv_inserts=there)
+    assert measure(**pair, rv_inserts=[there, astray]).rows == given.rows
+    assert "UNANCHORED" in measure(**pair, rv_inserts=[there[:0], there]).warnings
+    with pytest.raises(OptionError, match="each of 2 frames, found 3 sets"):
+        measure(**pair, rv_inserts=[there] * 3)
+    with pytest.raises(OptionError, match="all on one side"):
+        measure(**pair, rv_inserts=[astray, there])
+
+
 # --- what is said ------------------------------------------------------------------------------------------------
 
 

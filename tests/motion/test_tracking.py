@@ -55,6 +55,14 @@ def test_the_cycle_comes_near_the_truth_and_does_not_fold(cycle):
     assert cycle.status == "ok"
 
 
+def test_the_moving_model_knows_the_times_of_its_frames():
+    """Knots are even over the period, frames are not."""
+    one = {"surface": heart()[0]["endo"]}
+    found = qf.track([one, one], times=[1, 4], period=8, box=BOX, strength=1e-4)
+    assert np.array_equal(found.moving.basis.knots, [1, 5])
+    assert np.array_equal(found.moving.frame_times, [1, 4])
+
+
 def test_between_the_frames_it_is_near_the_truth_too(cycle):
     assert off(cycle.moving.at(1.5), 1.5) < 0.25
     assert off(cycle.moving.at(1.5 + FRAMES), 1.5) < 0.25

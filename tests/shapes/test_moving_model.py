@@ -1,5 +1,7 @@
 """A moving model at any time, and the paths of its material points."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from shapes_made import made
@@ -36,6 +38,24 @@ def test_it_moves_with_its_frame(moving):
     placed = moving.placed(2.0, np.array([1.0, -2, 3]))
     points = moving.at(0.7).mesh(resolution=4).vertices
     np.testing.assert_allclose(placed.at(0.7).mesh(resolution=4).vertices, 2 * points + [1, -2, 3], atol=1e-12)
+
+
+def test_the_times_of_its_frames_are_those_of_the_knots_unless_given(moving):
+    assert np.array_equal(moving.frame_times, [0, 1, 2, 3])
+    given = replace(moving, frame_times=[0.5, 3.75])
+    for same in (given.placed(2.0, np.zeros(3)), replace(given, space="LPS").in_space("RAS")):
+        assert np.array_equal(same.frame_times, [0.5, 3.75])
+
+
+@pytest.mark.parametrize("times", [[1.0, 1.0], [0.0, np.nan], [[0.0, 1.0]], [2.0, 1.0]])
+def test_times_of_frames_increase(moving, times):
+    with pytest.raises(OptionError, match="frame_times"):
+        replace(moving, frame_times=times)
+
+
+def test_a_motion_without_period_covers_its_frames(moving):
+    with pytest.raises(OptionError, match="no period"):
+        replace(moving, basis=TimeBasis(np.arange(4.0)), frame_times=[0.0, 3.5])
 
 
 def test_its_numbers_are_those_of_the_superquadric_and_of_all_knots(moving):

@@ -9,7 +9,16 @@ from typing import Any
 import numpy as np
 
 from quadriform.cli.exit_codes import complain
-from quadriform.cli.inputs import ImageOptions, Source, files_of, kind_of, naming, read_source, refuse
+from quadriform.cli.inputs import (
+    ImageOptions,
+    Source,
+    files_of,
+    kind_of,
+    naming,
+    read_source,
+    refuse,
+    space_to_write,
+)
 from quadriform.cli.options import stem, surface_file
 from quadriform.cli.screen import emit_json, emit_table, progress_bar, say, warn
 from quadriform.errors import InputError, OptionError, Warnings
@@ -23,10 +32,17 @@ Record = dict[str, Any]
 
 @dataclass(frozen=True)
 class Job:
-    """One model to be made: surface name -> file and how to read it, and the folder for the results."""
+    """One model to be made.
+
+    Attributes:
+        sources: surface name -> file and how to read it.
+        folder: for the results.
+        space: frame of the world to write in; None is that of the input.
+    """
 
     sources: Mapping[str, tuple[Path, ImageOptions]]
     folder: Path
+    space: str | None = None
 
     @property
     def files(self) -> list[Path]:
@@ -48,7 +64,11 @@ class Job:
 
 
 def plan(
-    inputs: Sequence[Path], surfaces: Sequence[str], output: Path | None, image: ImageOptions
+    inputs: Sequence[Path],
+    surfaces: Sequence[str],
+    output: Path | None,
+    image: ImageOptions,
+    space: str | None,
 ) -> tuple[list[Job], bool]:
     """The jobs, and whether they are several (a folder always counts as several).
 
@@ -57,7 +77,7 @@ def plan(
         InputError: a folder without any file that could be read.
     """
     if surfaces:
-        return [_surfaces_job(inputs, surfaces, output, image)], False
+        return [replace(_surfaces_job(inputs, surfaces, output, image), space=space)], False
     if not inputs:
         raise OptionError("expected at least one INPUT, or --surface NAME=FILE")
     files = [file for path in inputs for file in (_files_in(path) if path.is_dir() and not kind_of(path) else [path])]
@@ -65,7 +85,7 @@ def plan(
     jobs = []
     for path in files:
         own = Path(f"{stem(path)}-model") if output is None else output / stem(path) if several else output
-        jobs.append(Job({ALONE: (path, image)}, own))
+        jobs.append(Job({ALONE: (path, image)}, own, space))
     folders = [job.folder for job in jobs]
     for folder in folders:
         if folders.count(folder) > 1:
@@ -164,6 +184,7 @@ def _run(job: Job, options: Mapping[str, Any], strict: bool, force: bool) -> Rec
 def _fit(job: Job, sources: Mapping[str, Source], options: Mapping[str, Any]) -> Fit:
     """The fit with the marks of its input on the model, and with the warnings of the reading before its own."""
     space, unit = _common_marks(sources)
+    wanted = space_to_write(job.space, space)
     clouds = {name: source.points for name, source in sources.items()}
     with progress_bar(job.name) as progress:
         found = fit(clouds[ALONE] if clouds.keys() == {ALONE} else clouds, progress=progress, **options)
@@ -173,7 +194,7 @@ def _fit(job: Job, sources: Mapping[str, Source], options: Mapping[str, Any]) ->
         unit=unit,
         input_sha256=sha256_of(*(file for path in job.files for file in files_of(path))),
     )
-    return replace(found, model=model, warnings=_all_warnings(sources, found))
+    return replace(found, model=model.in_space(wanted), warnings=_all_warnings(sources, found))
 
 
 def _check_outputs(job: Job, force: bool) -> None:

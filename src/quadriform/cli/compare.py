@@ -1,6 +1,6 @@
 """`quadriform compare`: how two models or meshes differ."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -26,7 +26,7 @@ class _Body:
 
 def compare(
     a: Annotated[Path, typer.Argument(help=FILE_HELP)],
-    b: Annotated[Path, typer.Argument(help="Another, in the same frame and unit.")],
+    b: Annotated[Path, typer.Argument(help="Another, in the same unit; of LPS and RAS it is brought to that of A.")],
     surface: Annotated[str | None, typer.Option(help="Which surface, where a model has several.")] = None,
     as_json: Json = False,
 ) -> None:
@@ -35,7 +35,8 @@ def compare(
     from quadriform.cli.screen import emit_json, emit_table, say
     from quadriform.errors import OptionError
 
-    one, two = _read(a, surface), _read(b, surface)
+    one = _read(a, surface)
+    two = _in_space(_read(b, surface), one.space)
     if surface is not None and all(surface not in getattr(body.shape, "surfaces", ()) for body in (one, two)):
         raise OptionError(f"option --surface={surface!r}: neither {str(a)!r} nor {str(b)!r} has a surface of that name")
     record: dict[str, Any] = {
@@ -53,6 +54,21 @@ def compare(
         emit_json(record)
         return
     emit_table(_rows(record), title=f"{a} (A) and {b} (B)", header=("quantity", "value", "unit"))
+
+
+def _in_space(body: _Body, space: str) -> _Body:
+    """The same in a frame of the world, where both are known; that it was turned is said."""
+    from quadriform.cli.screen import say
+    from quadriform.shapes.mesh import Mesh
+    from quadriform.shapes.spaces import turn_between
+
+    if space == body.space or "unknown" in (space, body.space):
+        return body
+    say(f"note: {body.file}: brought from {body.space} to {space}")
+    shape = body.shape
+    if isinstance(shape, Mesh):
+        return replace(body, shape=Mesh(shape.vertices @ turn_between(body.space, space).T, shape.faces), space=space)
+    return replace(body, shape=shape.in_space(space), space=space)
 
 
 def _common(one: _Body, two: _Body, what: str) -> str:

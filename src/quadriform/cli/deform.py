@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from quadriform.cli.options import Force, Json
+from quadriform.cli.options import Force, Json, Space, check_space
 
 
 def deform(
@@ -13,11 +13,15 @@ def deform(
     points: Annotated[Path, typer.Argument(help="Points or a mesh to carry along.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Points, or a mesh when POINTS is one.")],
     inverse: Annotated[bool, typer.Option("--inverse", help="From the deformed space back.")] = False,
+    space: Space = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Carry points or a mesh through a model's control box, or back with --inverse."""
-    from quadriform.cli.inputs import naming
+    """Carry points or a mesh through a model's control box, or back with --inverse.
+
+    Points without a mark are taken to be in the model's frame of the world and unit, and what comes out is in these.
+    """
+    from quadriform.cli.inputs import marks_of, naming, space_to_write, turn_to_model
     from quadriform.cli.screen import emit, emit_json
     from quadriform.files import read_mesh, read_model, read_points, write_mesh
     from quadriform.files.atomic import check_writable
@@ -25,16 +29,21 @@ def deform(
     from quadriform.files.points import POINT_SUFFIXES, write_points
     from quadriform.files.reading import suffix_of
     from quadriform.shapes.mesh import Mesh
+    from quadriform.shapes.spaces import turn_between
 
     as_mesh = suffix_of(output, (*POINT_SUFFIXES, *MESH_SUFFIXES), "points or a mesh") in MESH_SUFFIXES
     check_writable(output, force, inputs=[model, points])
-    carrier = read_model(model)
+    carrier, asked = read_model(model), check_space(space)
+    with naming(model):
+        wanted = space_to_write(asked, carrier.space)
     carry = carrier.undeform if inverse else carrier.deform
     mesh = read_mesh(points) if as_mesh else None
     with naming(points):
-        moved = carry(read_points(points) if mesh is None else mesh.vertices)
+        turn = turn_to_model(points, marks_of(points), (carrier.space, carrier.unit))
+        moved = carry((read_points(points) if mesh is None else mesh.vertices) @ turn.T)
+    moved = moved @ turn_between(carrier.space, wanted).T
     if mesh is not None:
-        write_mesh(Mesh(moved, mesh.faces), output, carrier.space, carrier.unit, force)
+        write_mesh(Mesh(moved, mesh.faces), output, wanted, carrier.unit, force)
     else:
         write_points(moved, output, force)
     if as_json:

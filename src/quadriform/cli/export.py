@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from quadriform.cli.options import Force, Json, surface_file
+from quadriform.cli.options import Force, Json, Space, check_space, surface_file
 
 if TYPE_CHECKING:
     from quadriform.shapes.model import DeformableModel
@@ -24,6 +24,7 @@ def export(
     like: Annotated[Path | None, typer.Option(help="nii: the NIfTI image whose grid is taken.")] = None,
     frames: Annotated[int, typer.Option(min=2, max=1000, help="vtkhdf: states of a moving model's cycle.")] = 25,
     at: Annotated[float | None, typer.Option(help="A moving model's time for all formats but vtkhdf.")] = None,
+    space: Space = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -36,7 +37,7 @@ def export(
     if ("nii" in formats) != (like is not None):
         raise OptionError("options --to nii and --like IMAGE go together: labels need a grid")
     check_folder(output)
-    state, film = _read(model, at, frames)
+    state, film = _read(model, at, frames, check_space(space))
     files: dict[Path, bytes] = {}
     for kind in dict.fromkeys(formats):
         for name, content in _encode(kind, state, film, resolution, layers, like).items():
@@ -54,10 +55,11 @@ def export(
         emit("\n".join(outputs))
 
 
-def _read(path: Path, at: float | None, frames: int) -> "tuple[DeformableModel, Film]":
-    """The model, at the asked time, and its states over the cycle with their times."""
+def _read(path: Path, at: float | None, frames: int, space: str | None) -> "tuple[DeformableModel, Film]":
+    """The model, at the asked time and in the asked frame, and its states over the cycle with their times."""
     import numpy as np
 
+    from quadriform.cli.inputs import naming
     from quadriform.errors import OptionError
     from quadriform.files import load
     from quadriform.shapes.mesh import Mesh
@@ -66,6 +68,9 @@ def _read(path: Path, at: float | None, frames: int) -> "tuple[DeformableModel, 
     loaded = load(path)
     if isinstance(loaded, Mesh):
         raise OptionError(f"{str(path)!r}: expected a model, found a mesh")
+    if space is not None:
+        with naming(path):
+            loaded = loaded.in_space(space)
     if isinstance(loaded, DeformableModel):
         if at is not None:
             raise OptionError(f"option --at={at:g}: {str(path)!r} does not move")

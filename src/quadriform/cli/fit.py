@@ -38,6 +38,7 @@ def fit(
     fill_holes: shared.FillHoles = False,
     border: shared.Border = None,
     frame: shared.Frame = None,
+    space: shared.Space = None,
     strict: shared.Strict = False,
     force: shared.Force = False,
     as_json: shared.Json = False,
@@ -62,7 +63,7 @@ def fit(
         matching=matching,
         iterations=iterations,
     )
-    jobs, several = plan(inputs or [], surface or [], output, image)
+    jobs, several = plan(inputs or [], surface or [], output, image, shared.check_space(space))
     if several:
         raise typer.Exit(run_all(jobs, given, strict, force, as_json))
     run_one(jobs[0], given, strict, force, as_json)

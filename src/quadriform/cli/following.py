@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from quadriform.cli.inputs import ImageOptions, files_of, kind_of, naming, read_source, refuse
+from quadriform.cli.inputs import ImageOptions, files_of, kind_of, naming, read_source, refuse, space_to_write
 from quadriform.cli.options import stem
 from quadriform.cli.screen import emit_json, emit_table, progress_bar, say, warn
 from quadriform.errors import InputError, OptionError, Warnings
@@ -26,13 +26,27 @@ if TYPE_CHECKING:
 
 Record = dict[str, Any]
 
+SAME_GRID = 1e-3
+"""Transforms of images whose entries differ by less, in the unit of the image, are the same."""
+
 
 @dataclass
 class _Frames:
-    """What the files hold: clouds and slice numbers by surface for each frame, and where their numbers are at home."""
+    """What the files hold.
+
+    Attributes:
+        clouds: for each frame its points by surface.
+        slices: the slice number of each point, in the same form; for frames of contours and images alone.
+        grids: for these frames world from voxel of the image, (4, 4); None for contours.
+        marks: frames of the world and units that were found.
+        times: of the frames, where a file tells.
+        warnings: of the reading.
+        notes: what was assumed, one sentence each.
+    """
 
     clouds: list[dict[str, Array]] = field(default_factory=list)
     slices: list[dict[str, NDArray[np.int64]]] = field(default_factory=list)
+    grids: list[Array | None] = field(default_factory=list)
     marks: set[tuple[str, str]] = field(default_factory=set)
     times: Array | None = None
     warnings: Warnings = field(default_factory=dict)
@@ -44,6 +58,7 @@ def follow(
     surfaces: Sequence[str],
     output: Path | None,
     shift_slices: bool,
+    space: str | None,
     options: dict[str, Any],
     strict: bool,
     force: bool,
@@ -64,9 +79,11 @@ def follow(
     begin = time.perf_counter()
     with naming(*inputs):
         frames = _read(files, surfaces)
+        if shift_slices:
+            _keep_slices(frames)
         for note in dict.fromkeys(frames.notes):
             say(f"note: {note}")
-        found = _track(frames, shift_slices, options, files)
+        found = _track(frames, shift_slices, space, options, files)
         if strict:
             refuse(found.warnings)
     record = _record(inputs, targets, found, time.perf_counter() - begin)
@@ -142,6 +159,7 @@ def _add_contours(frames: _Frames, file: Path, labels: Mapping[str, str]) -> Non
     read = read_guide_points(file)
     found = {name: read.surface(name) for name in ("endo", "epi")}
     frames.slices.append({name: slices for name, (_, slices) in found.items()})
+    frames.grids.append(None)
     _add(frames, {name: points for name, (points, _) in found.items()}, ("LPS", "mm"), {}, ())
 
 
@@ -161,6 +179,8 @@ def _add_image(frames: _Frames, file: Path, labels: Mapping[str, str]) -> None:
         for source in sources.values():
             warnings |= source.warnings
         clouds = {name: source.points for name, source in sources.items()}
+        frames.slices.append({name: source.slices for name, source in sources.items() if source.slices is not None})
+        frames.grids.append(first.world_from_voxel)
         _add(frames, clouds, (first.space, first.unit), warnings, notes)
 
 
@@ -172,25 +192,63 @@ def _label(text: str) -> tuple[str, str]:
     return name, ",".join(map(str, labels.values))
 
 
-def _track(frames: _Frames, shift_slices: bool, options: dict[str, Any], files: Sequence[Path]) -> "Track":
+def _keep_slices(frames: _Frames) -> None:
+    """Leave out the points of images that are of no slice; how many is said.
+
+    Raises:
+        OptionError: frames without slice numbers, or whose numbers do not mean the same slices.
+    """
+    from quadriform.imaging.slice_numbers import BETWEEN, slice_axis
+
+    if len(frames.slices) != len(frames.clouds):
+        raise OptionError("option --shift-slices needs slice numbers in all frames: contours, or images")
+    first = frames.grids[0]
+    for number, grid in enumerate(frames.grids):
+        if not _same_slices(first, grid):
+            raise OptionError(f"option --shift-slices: the slices of frame {number} are not those of frame 0")
+    if first is None:
+        return
+    left = total = 0
+    for clouds, slices in zip(frames.clouds, frames.slices):
+        for name, numbers in slices.items():
+            kept = numbers != BETWEEN
+            left, total = left + int((~kept).sum()), total + len(kept)
+            clouds[name], slices[name] = clouds[name][kept], numbers[kept]
+    axis = slice_axis(first)
+    frames.notes.append(
+        f"slices are taken along {'ijk'[axis]}, {np.linalg.norm(first[:3, axis]):.3g} apart; {left} of {total} points "
+        "lie between two slices and are left out"
+    )
+
+
+def _same_slices(one: Array | None, other: Array | None) -> bool:
+    """Whether two frames have slices of contours, or images on one grid."""
+    if one is None or other is None:
+        return one is other
+    return np.allclose(one, other, rtol=0, atol=SAME_GRID)
+
+
+def _track(
+    frames: _Frames, shift_slices: bool, asked: str | None, options: dict[str, Any], files: Sequence[Path]
+) -> "Track":
     from quadriform.motion.tracking import track
 
-    if shift_slices and len(frames.slices) != len(frames.clouds):
-        raise OptionError("option --shift-slices needs contours with slice numbers in all frames")
+    space, unit = frames.marks.pop()
+    wanted = space_to_write(asked, space)
     given = dict(options)
     if frames.times is not None and len(frames.times) == len(frames.clouds):
         given.setdefault("times", frames.times)
     with progress_bar("cycle") as progress:
         found = track(frames.clouds, slices=frames.slices if shift_slices else None, progress=progress, **given)
-    space, unit = frames.marks.pop()
     sha256 = sha256_of(*dict.fromkeys(file for path in files for file in files_of(path)))
     moving = found.moving
-    return replace(
+    marked = replace(
         found,
         moving=None if moving is None else replace(moving, space=space, unit=unit, input_sha256=sha256),
         models=tuple(replace(model, space=space, unit=unit, input_sha256=sha256) for model in found.models),
         warnings=frames.warnings | found.warnings,
     )
+    return marked.in_space(wanted)
 
 
 def _record(inputs: Sequence[Path], targets: Sequence[Path], found: "Track", seconds: float) -> Record:

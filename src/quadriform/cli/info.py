@@ -123,6 +123,7 @@ def _moving(model: "MovingModel") -> dict[str, Any]:
         "kind": "moving model",
         "surfaces": {name: surface.kind for name, surface in model.surfaces.items()},
         "control_points": list(model.control_points.shape[1:4]),
+        "frames": len(model.frame_times),
         "knots": len(model.basis.knots),
         "period": "none" if model.basis.period is None else model.basis.period,
         "parameters": model.n_parameters,

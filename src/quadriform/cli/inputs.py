@@ -8,16 +8,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from quadriform.cli.options import numbers, ranges
-from quadriform.errors import FitError, OptionError, QuadriformError, Warnings
+from quadriform.cli.screen import say
+from quadriform.errors import FitError, InputError, OptionError, QuadriformError, Warnings
 from quadriform.files.meshes import MESH_SUFFIXES, read_marks
 from quadriform.files.points import POINT_SUFFIXES, read_points
 from quadriform.points import Array
+from quadriform.shapes.spaces import turn_between
 
 if TYPE_CHECKING:
     from quadriform.imaging.segmentation import Segmentation
     from quadriform.imaging.volume import Volume
+
+Marks = tuple[str, str]
+"""Frame of the world and unit, each maybe "unknown"."""
 
 NIFTI_SUFFIXES = (".nii", ".nii.gz")
 SLICE_SUFFIXES = (".dcm", ".ima")
@@ -105,6 +111,8 @@ class Source:
         unit: "mm", "m" or "unknown".
         warnings: of the reading.
         notes: what was assumed, one sentence each.
+        slices: (n,) the slice of each point of an image, as `slice_numbers` counts them.
+        world_from_voxel: (4, 4), of an image.
     """
 
     points: Array
@@ -112,6 +120,8 @@ class Source:
     unit: str = "unknown"
     warnings: Warnings = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    slices: NDArray[np.int64] | None = None
+    world_from_voxel: Array | None = None
 
 
 def kind_of(path: Path) -> Literal["image", "mesh", "points"] | None:
@@ -137,11 +147,9 @@ def read_source(path: Path, options: ImageOptions) -> Source:
     Raises:
         InputError, FileFormatError, FileLimitError, DegenerateError: the file gives no points.
     """
-    kind = kind_of(path)
-    if kind == "image":
+    if kind_of(path) == "image":
         return _from_image(path, options)
-    points = read_points(path)  # refuses unknown suffixes
-    return Source(points, *read_marks(path)) if kind == "mesh" else Source(points)
+    return Source(read_points(path), *marks_of(path))  # refuses unknown suffixes
 
 
 def read_object(path: Path, options: ImageOptions) -> tuple["Volume", dict[str, Any], tuple[str, ...]]:
@@ -157,6 +165,38 @@ def kept_note(segmentation: "Segmentation") -> tuple[str, ...]:
     """What is said when components of the object were left out."""
     found, kept = len(segmentation.component_voxels), segmentation.components_kept
     return (f"kept {kept} of {found} connected components; --seed chooses another",) if found > kept else ()
+
+
+def marks_of(path: Path) -> Marks:
+    """Frame of the world and unit that a file of points or a mesh is marked with; tables are not."""
+    return read_marks(path) if kind_of(path) == "mesh" else ("unknown", "unknown")
+
+
+def space_to_write(asked: str | None, found: str) -> str:
+    """The frame of the world to write in: the one that was asked for, else that of the input.
+
+    Raises:
+        InputError: one was asked for, and that of the input is unknown.
+    """
+    if asked is None:
+        return found
+    turn_between(found, asked)  # refuses
+    return asked
+
+
+def turn_to_model(file: Path, marks: Marks, model: Marks) -> Array:
+    """The rotation (3, 3) from the frame of a file's points to that of a model; said where it is one. Unknown fits all.
+
+    Raises:
+        InputError: the points are in another unit.
+    """
+    (space, unit), (wanted_space, wanted_unit) = marks, model
+    if unit != wanted_unit and "unknown" not in (unit, wanted_unit):
+        raise InputError(f"{str(file)!r}: expected lengths in {wanted_unit}, the unit of the model, found {unit}")
+    if space == wanted_space or "unknown" in (space, wanted_space):
+        return np.eye(3)
+    say(f"note: {file}: brought from {space} to {wanted_space}")
+    return turn_between(space, wanted_space)
 
 
 @contextlib.contextmanager
@@ -184,13 +224,15 @@ def refuse(warnings: Warnings) -> None:
 
 def _from_image(path: Path, options: ImageOptions) -> Source:
     from quadriform.imaging.image_points import points_from_image
+    from quadriform.imaging.slice_numbers import slice_numbers
 
     volume, arguments, notes = read_object(path, options)
     if options.border is not None:
         arguments["border"] = options.border
     found = points_from_image(volume, **arguments)
-    notes += kept_note(found.segmentation)
-    return Source(found.points, volume.space, volume.unit, found.warnings, tuple(f"{path}: {note}" for note in notes))
+    notes = tuple(f"{path}: {note}" for note in notes + kept_note(found.segmentation))
+    numbers = slice_numbers(volume, found.points)
+    return Source(found.points, volume.space, volume.unit, found.warnings, notes, numbers, volume.world_from_voxel)
 
 
 def _select(volume: "Volume", options: ImageOptions) -> tuple[Any, tuple[str, ...]]:

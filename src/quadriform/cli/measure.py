@@ -13,9 +13,13 @@ if TYPE_CHECKING:
     from quadriform.shapes.model import DeformableModel
 
 BASE_HELP = (
-    "Where the cavity ends: a share of the long axis from the apex (0.8); a fixed plane x,y,z,dx,dy,dz, its direction "
-    "leading to the side cut off; a file of mitral points for all frames, or one --base a frame. Without it the whole "
-    "closed surface counts."
+    "Where the cavity ends: a share of the long axis from the apex (0.8); a fixed plane x,y,z,dx,dy,dz in the models' "
+    "frame, its direction leading to the side cut off; a file of mitral points, or contours GPFile_NNN.txt that have "
+    "them, for all frames, or one --base a frame. Without it the whole closed surface counts."
+)
+CONTOURS_HELP = (
+    "Contours of the same frames, a folder of GPFile_NNN.txt or the files in order: each frame ends at the plane of "
+    "its own mitral points, and the RV insertions are those at ED unless given."
 )
 
 
@@ -24,6 +28,7 @@ def measure(
         list[Path], typer.Argument(help="Models with surfaces endo and epi, frames in order, or one moving model.")
     ],
     base: Annotated[list[str] | None, typer.Option(help=BASE_HELP)] = None,
+    contours: Annotated[list[Path] | None, typer.Option(help=CONTOURS_HELP)] = None,
     rv_insertion: Annotated[
         list[str] | None, typer.Option(help="x,y,z where the right ventricle meets the left, at ED; two or more.")
     ] = None,
@@ -41,17 +46,21 @@ def measure(
     """Volumes, ejection fraction, mass, wall thickness, strain, twist and the 17 segments of a beating heart."""
     from quadriform.cli.inputs import refuse
     from quadriform.cli.screen import emit_json, emit_table, warn
+    from quadriform.errors import OptionError
     from quadriform.files.atomic import check_writable
     from quadriform.files.reading import suffix_of
     from quadriform.heart.measure import measure as measure_heart
     from quadriform.heart.table import TABLE_SUFFIXES, write_measures
 
+    if base and contours:
+        raise OptionError("options --base and --contours exclude each other: contours bring a base of their own")
     if output is not None:
         suffix_of(output, TABLE_SUFFIXES, "a table of measures")
         check_writable(output, force, inputs=models)
+    models, contours = _told_apart(models, contours or [])
     frames, times = load_frames(models)
-    inserts = None if rv_insertion is None else [_coordinates(text, 3, "--rv-insertion") for text in rv_insertion]
-    found = measure_heart(frames, times, base=_base(base), rv_inserts=inserts, ed=ed, observed=tracked)
+    planes, inserts = _landmarks(base, contours, rv_insertion, frames)
+    found = measure_heart(frames, times, base=planes, rv_inserts=inserts, ed=ed, observed=tracked)
     if strict:
         refuse(found.warnings)
     warn(found.warnings)
@@ -65,41 +74,33 @@ def measure(
 
 
 def load_frames(files: list[Path]) -> tuple[list["DeformableModel"], "Array | None"]:
-    """One model a file, in the order given; or all frames of one moving model, at its knots, with their times."""
+    """One model a file, in the order given; or all frames of one moving model, with their times."""
     from quadriform.files import read_model
     from quadriform.files.moving_models import is_moving_model, read_moving_model
 
     if len(files) == 1 and files[0].suffix.lower() == ".json" and is_moving_model(files[0]):
         moving = read_moving_model(files[0])
-        return [moving.at(float(time)) for time in moving.basis.knots], moving.basis.knots
+        return [moving.at(float(time)) for time in moving.frame_times], moving.frame_times
     return [read_model(file) for file in files], None
 
 
-def _base(words: list[str] | None) -> "Base":
-    """What --base says, as `measure` takes it."""
-    from quadriform.files import read_points
+def _told_apart(models: list[Path], contours: list[Path]) -> tuple[list[Path], list[Path]]:
+    """Models and contours: of the files that a shell puts after --contours all but the first arrive as models."""
+    from quadriform.files.guide_points import FRAME_FILE
 
-    if not words:
-        return None
-    if len(words) > 1:
-        return [read_points(word) for word in words]
-    try:
-        return float(words[0])
-    except ValueError:
-        pass
-    if words[0].count(",") == 5 and not Path(words[0]).exists():
-        plane = _coordinates(words[0], 6, "--base")
-        return plane[:3], plane[3:]
-    return read_points(words[0])
+    astray = [path for path in models if contours and FRAME_FILE.fullmatch(path.name)]
+    return [path for path in models if path not in astray], contours + astray
 
 
-def _coordinates(text: str, count: int, option: str) -> list[float]:
-    from quadriform.errors import OptionError
+def _landmarks(
+    base: list[str] | None, contours: list[Path], rv_insertion: list[str] | None, frames: list["DeformableModel"]
+) -> "tuple[Base, list[Array] | list[list[float]] | None]":
+    """Base and insertions as `measure` takes them, in the frame of the models."""
+    from quadriform.cli.landmarks import coordinates, read_base, read_contours
 
-    try:
-        values = [float(part) for part in text.split(",")]
-    except ValueError:
-        values = []
-    if len(values) != count:
-        raise OptionError(f"option {option}={text!r}: expected {count} numbers between commas")
-    return values
+    marks = (frames[0].space, frames[0].unit)
+    given = [coordinates(text, 3, "--rv-insertion") for text in rv_insertion or ()]
+    if not contours:
+        return read_base(base or (), marks), given or None
+    planes, inserts = read_contours(contours, len(frames), marks)
+    return planes, given or inserts

@@ -45,7 +45,7 @@ Base = Annotated[
     str | None,
     typer.Option(
         help="Where the data ends on purpose: a point and the direction to the missing side, as x,y,z/nx,ny,nz, or a "
-        "file with a loop of points along the edge.",
+        "file with a loop of points along the edge, in the frame of the input.",
         rich_help_panel=TANGENT,
     ),
 ]

@@ -5,11 +5,18 @@ from typing import Annotated
 
 import typer
 
-from quadriform.errors import OptionError
+from quadriform.errors import OptionError, choose
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON on stdout instead of a table.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
 Strict = Annotated[bool, typer.Option("--strict", help="Refuse a result with warnings (exit code 3).")]
+Space = Annotated[
+    str | None,
+    typer.Option(
+        help="Frame of the world of what is written, LPS or RAS; only the signs of x and y differ. "
+        "[default: that of the input, LPS for images]"
+    ),
+]
 
 IMAGE = "Images"
 Label = Annotated[
@@ -66,6 +73,17 @@ def ranges(text: str, option: str) -> tuple[tuple[int, int], ...]:
     if len(found) != 3 or any(not 0 <= low < high for low, high in found):
         raise OptionError(f"option {option}={text!r}: expected i0:i1,j0:j1,k0:k1 with 0 <= i0 < i1 and so on")
     return found
+
+
+def check_space(text: str | None) -> str | None:
+    """The frame of the world that --space names, or None.
+
+    Raises:
+        OptionError: another word.
+    """
+    from quadriform.shapes.spaces import SPACES
+
+    return None if text is None else choose(text, SPACES, "--space")
 
 
 def stem(path: Path) -> str:

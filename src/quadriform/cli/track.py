@@ -26,7 +26,12 @@ Period = Annotated[
     str, typer.Option(help="After which the motion repeats: a time, auto (the frames are one cycle), or none.")
 ]
 ShiftSlices = Annotated[
-    bool, typer.Option("--shift-slices", help="Let each slice of contours move in its plane, once for the whole cycle.")
+    bool,
+    typer.Option(
+        "--shift-slices",
+        help="Let each slice of contours or of an image stack move in its plane, once for the whole cycle. Of images "
+        "the points between two slices are left out.",
+    ),
 ]
 
 
@@ -42,6 +47,7 @@ def track(
     strength: Annotated[
         float | None, typer.Option(help="How strongly the box is held in space; contours like 1e-6. [default: auto]")
     ] = None,
+    space: shared.Space = None,
     strict: shared.Strict = False,
     force: shared.Force = False,
     as_json: shared.Json = False,
@@ -56,7 +62,8 @@ def track(
         options["box"] = shared.numbers(box, 3, "--box")
     if strength is not None:
         options["strength"] = strength
-    follow(frames, surface or [], output, shift_slices, options, strict, force, as_json)
+    wanted = shared.check_space(space)
+    follow(frames, surface or [], output, shift_slices, wanted, options, strict, force, as_json)
 
 
 def _times(text: str) -> list[float]:

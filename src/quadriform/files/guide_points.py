@@ -141,8 +141,17 @@ def read_guide_point_frames(folder: PathLike) -> list[GuidePoints]:
     """Read the files GPFile_NNN.txt of a folder, in the order of their frames.
 
     Raises:
-        InputError: no folder, no such file, a frame between the first and the last is missing, or there twice.
+        InputError: as `guide_point_files`.
         FileFormatError, FileLimitError: as `read_guide_points`.
+    """
+    return [read_guide_points(file) for file in guide_point_files(folder)]
+
+
+def guide_point_files(folder: PathLike) -> list[Path]:
+    """The files GPFile_NNN.txt of a folder, in the order of their frames.
+
+    Raises:
+        InputError: no folder, no such file, a frame between the first and the last is missing, or there twice.
     """
     if not Path(folder).is_dir():
         raise InputError(f"{quoted(folder)}: expected a folder of files GPFile_NNN.txt")
@@ -156,7 +165,7 @@ def read_guide_point_frames(folder: PathLike) -> list[GuidePoints]:
     if missing:
         listed = ", ".join(f"GPFile_{frame:03d}.txt" for frame in missing)
         raise InputError(f"{quoted(folder)}: frames are missing between {frames[0]} and {frames[-1]}: {listed}")
-    return [read_guide_points(file) for _, file in files]
+    return [file for _, file in files]
 
 
 def read_slice_planes(path: PathLike) -> dict[int, SlicePlane]:

@@ -12,10 +12,10 @@ from quadriform.files.reading import quoted, read_bytes
 from quadriform.points import Array
 from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.model import DeformableModel
+from quadriform.shapes.spaces import turn_between
 from quadriform.shapes.voxels import voxels_inside
 
 METRES = {"mm": 1e-3, "meter": 1.0, "micron": 1e-6, "unknown": 1e-3}
-LPS_FROM_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 
 def encode_label_map(model: DeformableModel, like: str | os.PathLike[str], compressed: bool = True) -> bytes:
@@ -70,6 +70,7 @@ def _world_from_voxel(model: DeformableModel, affine: Array, units: str) -> Arra
             f"a label map needs the frame and unit of the model, found space={model.space!r}, unit={model.unit!r}; "
             "set them in the model, e.g. to 'LPS' and 'mm'"
         )
-    to_space = LPS_FROM_RAS if model.space == "LPS" else np.eye(4)
     scale = METRES[units] / METRES["mm" if model.unit == "mm" else "meter"]
-    return np.diag([scale, scale, scale, 1.0]) @ to_space @ affine
+    to_space = np.eye(4)
+    to_space[:3, :3] = scale * turn_between("RAS", model.space)
+    return to_space @ affine

@@ -3,8 +3,9 @@
 import re
 
 from quadriform.errors import choose
+from quadriform.shapes import spaces
 
-SPACES = ("LPS", "RAS", "unknown")
+SPACES = (*spaces.SPACES, "unknown")
 UNITS = ("mm", "m", "unknown")
 
 SPACE = re.compile(rb"\bSPACE=(LPS|RAS)\b")

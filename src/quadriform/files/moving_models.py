@@ -3,17 +3,21 @@
 import os
 from typing import Any
 
+import numpy as np
+
 from quadriform.errors import FileFormatError, OptionError
 from quadriform.files.atomic import write_bytes
 from quadriform.files.marks import SPACES, UNITS, check_marks
 from quadriform.files.models import encode_json, parse_json, read_sha256, read_surfaces, surface_document
 from quadriform.files.reading import quoted, read_bytes, suffix_of
 from quadriform.files.strict import Field
+from quadriform.points import Array
 from quadriform.shapes.moving_model import MovingModel
 from quadriform.shapes.splines import TimeBasis
 
 FORMAT = "quadriform-moving-model"
-VERSION = 1
+VERSION = 2
+"""Since 2 the file has the times of its frames; before, they are those of the knots."""
 
 
 def write_moving_model(model: MovingModel, path: str | os.PathLike[str], force: bool = False) -> None:
@@ -33,7 +37,11 @@ def write_moving_model(model: MovingModel, path: str | os.PathLike[str], force: 
         "unit": model.unit,
         "input_sha256": model.input_sha256,
         "surfaces": [surface_document(name, surface) for name, surface in model.surfaces.items()],
-        "time": {"knots": model.basis.knots.tolist(), "period": model.basis.period},
+        "time": {
+            "knots": model.basis.knots.tolist(),
+            "period": model.basis.period,
+            "frames": model.frame_times.tolist(),
+        },
         "box": {name: getattr(model, name).tolist() for name in ("origin", "edges", "control_points")},
     }
     write_bytes(path, encode_json(document), force)
@@ -61,14 +69,16 @@ def read_moving_model(path: str | os.PathLike[str]) -> MovingModel:
     box.only(tuple(shapes))
     surfaces, sha256 = read_surfaces(root.member("surfaces")), read_sha256(root)
     try:
+        basis, frame_times = _times(root.member("time"), version.whole())
         return MovingModel(
             surfaces,
             values["origin"],
             values["edges"],
-            _basis(root.member("time")),
+            basis,
             values["control_points"],
             *marks,
             sha256,
+            frame_times,
         )
     except OptionError as error:
         raise FileFormatError(f"{where}: {error}") from error
@@ -84,7 +94,14 @@ def is_moving_model(path: str | os.PathLike[str]) -> bool:
     return isinstance(document, dict) and document.get("format") == FORMAT
 
 
-def _basis(field: Field) -> TimeBasis:
-    field.only(("knots", "period"))
+def _times(field: Field, version: int) -> tuple[TimeBasis, Array]:
+    """The splines and the times of the frames; a file of version 1 has none of these."""
+    field.only(("knots", "period") if version == 1 else ("knots", "period", "frames"))
     knots, period = field.member("knots").numbers((None,)), field.member("period")
-    return TimeBasis(knots, None if period.value is None else period.number())
+    basis = TimeBasis(knots, None if period.value is None else period.number())
+    if version == 1:
+        return basis, np.empty(0)
+    frames = field.member("frames")
+    if not frames.items():
+        frames.refuse("one or more times")
+    return basis, frames.numbers((None,))

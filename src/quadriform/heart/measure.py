@@ -22,7 +22,7 @@ def measure(
     times: ArrayLike | None = None,
     *,
     base: Base = None,
-    rv_inserts: ArrayLike | None = None,
+    rv_inserts: ArrayLike | Sequence[ArrayLike] | None = None,
     ed: int | None = None,
     observed: bool = False,
 ) -> Measures:
@@ -35,7 +35,8 @@ def measure(
         base: where the cavity ends. None: nowhere, the closed surface. A number: this share of the long axis from the
             apex. (point, direction to the side cut off): a fixed plane. Mitral points (n, 3): their plane, in all
             frames. A list of mitral points, one set a frame: each frame's own plane.
-        rv_inserts: (n, 3) points at end diastole where the right ventricle meets the left, anterior and inferior.
+        rv_inserts: (n, 3) points at end diastole where the right ventricle meets the left, anterior and inferior. A
+            list of such points, one set a frame: those of end diastole are taken, if there are any.
         ed: frame of end diastole; the one of the largest volume unless given. End systole has the smallest volume.
         observed: whether the models were fitted to tracked material points. Contours and surfaces carry none: twist
             and circumferential strain are then the prior's word, and marked "not observed".
@@ -60,7 +61,8 @@ def measure(
         rows.append(_longitudinal(curves["longitudinal strain"][end], rule))
     if frames.wall is not None:
         axis = long_axis(frames, start, rule, planes[start], warnings)
-        more, moving = wall_rows(frames, planes[start], axis, (start, end), rv_inserts, observed, warnings)
+        inserts = _inserts_at(rv_inserts, start, len(frames.models))
+        more, moving = wall_rows(frames, planes[start], axis, (start, end), inserts, observed, warnings)
         rows, curves = rows + more, curves | moving
     return Measures(tuple(rows), warnings, frames.times, curves, start, end)
 
@@ -77,6 +79,16 @@ def _ends(volumes: Array, ed: int | None) -> tuple[int, int | None]:
     if end == start:
         raise OptionError(f"option ed={ed}: this frame has the smallest volume; expected one before the contraction")
     return start, end
+
+
+def _inserts_at(rv_inserts: ArrayLike | Sequence[ArrayLike] | None, frame: int, n_frames: int) -> ArrayLike | None:
+    """The insertions at a frame: those that were given, or of one set a frame its own."""
+    sets: list[ArrayLike] = list(rv_inserts) if isinstance(rv_inserts, Sequence) else []
+    if not sets or any(np.ndim(one) != 2 for one in sets):
+        return rv_inserts  # type: ignore[return-value]
+    if len(sets) != n_frames:
+        raise OptionError(f"rv_inserts: expected points for each of {n_frames} frames, found {len(sets)} sets")
+    return sets[frame] if np.size(sets[frame]) else None
 
 
 def _contours(frames: Frames, rule: BaseRule, planes: Planes, warnings: Warnings) -> Array:

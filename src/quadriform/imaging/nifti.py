@@ -25,6 +25,7 @@ from quadriform.errors import (
 from quadriform.imaging.frames import Size, choose_frame
 from quadriform.imaging.volume import Volume, affine_fault
 from quadriform.points import Array
+from quadriform.shapes.spaces import HALF_TURN
 
 if TYPE_CHECKING:
     from nibabel.nifti1 import Nifti1Header
@@ -38,7 +39,6 @@ MILLIMETRES = {1: 1000.0, 2: 1.0, 3: 0.001}
 """From the units code of the header."""
 MILLISECONDS = {8: 1000.0, 16: 1.0, 24: 0.001}
 """From the code of the unit of time."""
-LPS_FROM_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
 SAME_FORM = 0.01
 """Two forms agree when no corner of the image moves by more than this share of the smallest spacing."""
 
@@ -200,7 +200,8 @@ def _world(header: "Nifti1Header", shape: Size, path: Path) -> tuple[Array, str,
             "repair the header, or build a Volume from the voxels and a transform of your own"
         )
     scale = MILLIMETRES.get(int(header["xyzt_units"]) & 7)
-    to_lps = LPS_FROM_RAS * np.array([[scale or 1.0]] * 3 + [[1.0]])
+    to_lps = np.eye(4)
+    to_lps[:3, :3] = (scale or 1.0) * HALF_TURN
     warnings: Warnings = {}
     if used == "sform" and codes["qform"] > 0 and (difference := _difference(stored, shape)):
         warnings[WarningKind.AFFINE_REPAIRED] = difference

@@ -151,8 +151,7 @@ def _surface(mask: Mask, tissue: Tissue, inner: Volume) -> tuple[Array, Tissue]:
 def _vertices(shown: Volume, level: float, tissue: Tissue) -> tuple[Array, Tissue]:
     """The isosurface's vertices (n, 3) and the tissues (n, 2) of the two voxels that each lies between."""
     points = isosurface(shown, level).mesh.vertices
-    affine = shown.world_from_voxel
-    voxels = np.linalg.solve(affine[:3, :3], (points - affine[:3, 3]).T).T
+    voxels = shown.voxels(points)
     ends = [np.rint(voxels + sign * (0.5 - BETWEEN)).astype(np.int64) for sign in (-1, 1)]
     return points, np.stack([tissue[tuple(end.T)] for end in ends], axis=1)
 

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from quadriform.errors import AffineError, MaskError, OptionError, Warnings, choose
 from quadriform.points import Array, check_points
+from quadriform.shapes.spaces import SPACES
 
 Region = tuple[tuple[int, int], tuple[int, int], tuple[int, int]]
 """Half-open ranges of voxels, ((i0, i1), (j0, j1), (k0, k1))."""
@@ -43,7 +44,7 @@ class Volume:
         _check_values(values)
         if fault := affine_fault(affine):
             raise AffineError(f"world_from_voxel: {fault}; found {affine.tolist()}")
-        choose(self.space, ("LPS", "RAS", "unknown"), "space")
+        choose(self.space, (*SPACES, "unknown"), "space")
         choose(self.unit, ("mm", "m", "unknown"), "unit")
         object.__setattr__(self, "values", values)
         object.__setattr__(self, "world_from_voxel", affine)
@@ -60,6 +61,11 @@ class Volume:
             PointsError: `voxels` are not finite numbers of shape (n, 3).
         """
         return check_points(voxels, "voxels") @ self.world_from_voxel[:3, :3].T + self.world_from_voxel[:3, 3]
+
+    def voxels(self, points: Array) -> Array:
+        """Voxel coordinates (n, 3) of world points (n, 3): the inverse of `points_world`."""
+        affine = self.world_from_voxel
+        return np.asarray(np.linalg.solve(affine[:3, :3], (points - affine[:3, 3]).T).T, dtype=np.float64)
 
     def crop(self, region: Region) -> "Volume":
         """The part inside `region`; its voxels stay where they are in the world.

@@ -21,6 +21,12 @@ FEWEST = 6
 TOGETHER = 1e6
 """All slices together do not move: no data would notice, for the model moves with them. So much stronger is this held.
 """
+PARALLEL = 0.9
+"""Slices whose normals have at least this cosine with each other are a stack, with nothing that crosses it."""
+FOLLOWED = 3
+"""The degree along a stack up to which shifts are held likewise. A lean costs the model nothing either, and a bend or
+an S so little beside what it gains at the many points of an image that the heart's own form would be taken for shifts.
+"""
 
 Numbers = NDArray[np.int64]
 SliceNumbers = Sequence[Mapping[str, Numbers]]
@@ -34,26 +40,47 @@ class SlicePlanes:
     Attributes:
         numbers: (S,), sorted.
         axes: (S, 2, 3), two unit vectors in the plane of each.
+        centres: (S, 3), mean of the points of each.
         counts: (S,), points of each in all frames.
     """
 
     numbers: Numbers
     axes: Array
+    centres: Array
     counts: Array
 
     @classmethod
     def of(cls, frames: Sequence[Mapping[str, Array]], slices: SliceNumbers) -> "SlicePlanes":
-        """From the points of all frames; slices of fewer than six points are not moved."""
+        """From the points of all frames; slices of fewer than six points, or numbered below 0, are not moved."""
         points = np.concatenate([cloud for frame in frames for cloud in frame.values()])
         numbers = np.concatenate([frame[name] for frame, clouds in zip(slices, frames) for name in clouds])
-        kept, axes, counts = [], [], []
+        points, numbers = points[numbers >= 0], numbers[numbers >= 0]
+        kept, axes, centres, counts = [], [], [], []
         for number in np.unique(numbers):
             inside = points[numbers == number]
             if len(inside) >= FEWEST:
                 kept.append(number)
                 counts.append(float(len(inside)))
-                axes.append(np.linalg.svd(inside - inside.mean(axis=0), full_matrices=False)[2][:2])
-        return cls(np.array(kept, dtype=np.int64), np.array(axes).reshape(-1, 2, 3), np.array(counts))
+                centres.append(inside.mean(axis=0))
+                axes.append(np.linalg.svd(inside - centres[-1], full_matrices=False)[2][:2])
+        return cls(
+            np.array(kept, dtype=np.int64),
+            np.array(axes).reshape(-1, 2, 3),
+            np.array(centres).reshape(-1, 3),
+            np.array(counts),
+        )
+
+    def unseen(self) -> Array:
+        """Weighted sums of the shifts that are held to zero, columns (2 S, m): the mean, and smooth ones of a stack."""
+        if not len(self.numbers):
+            return np.empty((0, 0))
+        shares = self.counts / self.counts.sum()
+        normals = np.cross(self.axes[:, 0], self.axes[:, 1])
+        heights = (self.centres - shares @ self.centres) @ normals[0]
+        degree = FOLLOWED if (np.abs(normals @ normals.T) > PARALLEL).all() else 0
+        root = np.sqrt(shares)[:, None]
+        along = np.linalg.qr(root * np.vander(heights, degree + 1, increasing=True))[0]
+        return np.einsum("sp,ska->skpa", root * along, self.axes).reshape(2 * len(shares), -1)
 
     def named(self, shifts: Array) -> dict[int, Array]:
         """Slice number -> shift (3,) in space."""
@@ -83,8 +110,8 @@ class SlicePlanes:
         """
         count = 2 * len(self.numbers)
         coupling = np.zeros((count, len(frames), boxes[0].control_points.size))
-        together = (self.counts[:, None, None] / self.counts.sum() * self.axes).reshape(count, 3)
-        own = (noise / SPREAD) ** 2 * (np.eye(count) + TOGETHER * together @ together.T)
+        unseen = self.unseen()
+        own = (noise / SPREAD) ** 2 * (np.eye(count) + TOGETHER * unseen @ unseen.T)
         right = np.zeros(count)
         for frame, (surfaces, box) in enumerate(zip(frames, boxes)):
             for rows, numbers, targets in surfaces:

@@ -19,6 +19,7 @@ from quadriform.motion.slice_shifts import SlicePlanes
 from quadriform.points import Array, Frame
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
+from quadriform.shapes.spaces import turn_between
 from quadriform.shapes.splines import TimeBasis
 
 MOST_KNOTS = 12
@@ -72,6 +73,21 @@ class Track:
         """The same for each frame, (F,)."""
         return np.array([np.sqrt((flat(found) ** 2).mean()) for found in self.residuals])
 
+    def in_space(self, space: str) -> "Track":
+        """Models and shifts in another frame of the world, "LPS" or "RAS".
+
+        Raises:
+            OptionError: another frame.
+            InputError: that of the models is unknown.
+        """
+        turn = turn_between(self.models[0].space, space)
+        return replace(
+            self,
+            models=tuple(model.in_space(space) for model in self.models),
+            moving=None if self.moving is None else self.moving.in_space(space),
+            shifts={number: turn @ shift for number, shift in self.shifts.items()},
+        )
+
 
 def track(
     frames: Sequence[Clouds],
@@ -94,8 +110,10 @@ def track(
         period: after which the motion repeats, in the unit of the times; "auto": the frames are one whole cycle, evenly
             sampled; None: it does not repeat.
         strategy: "cycle", "previous" or "alone".
-        slices: for each frame the slice number of each point, in the form of `frames`; slices are then shifted in their
-            planes, each by the same amount in all frames. Only for "cycle".
+        slices: for each frame the slice number of each point, in the form of `frames`, below 0 for points of none;
+            slices are then shifted in their planes, each by the same amount in all frames. Of parallel slices alone,
+            shifts that are smooth along the stack are not sought: they cannot be told from the form of the heart.
+            Only for "cycle".
         box: control points along each axis.
         regularity: "bending", "springs" or a regulariser of one's own.
         strength: how strongly the box is held in space, alpha per data point; "auto": that of the evidence of single
@@ -199,8 +217,15 @@ def _cycle(task: _Task) -> Track:
         planes,
     )
     found = cycle.fit(_space_strength(task, start), start.noise / frame.scale, task.progress)
-    moving = MovingModel(model.surfaces, model.box.origin, model.box.edges, task.basis, found.control_points)
-    moving = replace(moving.placed(frame.scale, frame.centre), input_sha256=_hash(task.clouds))
+    moving = MovingModel(
+        model.surfaces,
+        model.box.origin,
+        model.box.edges,
+        task.basis,
+        found.control_points,
+        input_sha256=_hash(task.clouds),
+        frame_times=task.times,
+    ).placed(frame.scale, frame.centre)
     models = tuple(moving.at(time) for time in task.times)
     residuals = tuple(
         {name: model.distance(frame.to_world(sheet.points), name) for name, sheet in sheets.items()}

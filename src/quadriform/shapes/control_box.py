@@ -71,6 +71,10 @@ class ControlBox:
         """The same deformation after `scale` x + `offset`: from a centred, scaled frame back to the world."""
         return ControlBox(scale * self.origin + offset, scale * self.edges, scale * self.control_points + offset)
 
+    def turned(self, rotation: Array) -> "ControlBox":
+        """The same deformation after a rotation (3, 3) about the world's origin."""
+        return ControlBox(rotation @ self.origin, self.edges @ rotation.T, self.control_points @ rotation.T)
+
     @property
     def degrees(self) -> tuple[int, int, int]:
         """(l, m, n): one less than the control points along each axis."""

@@ -14,6 +14,7 @@ from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.crossings import crossings
 from quadriform.shapes.directions import split_quads
 from quadriform.shapes.mesh import Mesh
+from quadriform.shapes.spaces import turn_between
 from quadriform.shapes.superquadric import Superquadric
 
 
@@ -49,6 +50,17 @@ class DeformableModel:
         """The same model after `scale` x + `offset`: from a centred, scaled frame back to the world."""
         surfaces = {name: s.placed(scale, offset) for name, s in self.surfaces.items()}
         return replace(self, surfaces=surfaces, box=self.box.placed(scale, offset))
+
+    def in_space(self, space: str) -> "DeformableModel":
+        """The same model in another frame of the world, "LPS" or "RAS": a half-turn about z lies between them.
+
+        Raises:
+            OptionError: another frame.
+            InputError: the model's own is unknown.
+        """
+        turn = turn_between(self.space, space)
+        surfaces = {name: s.turned(turn) for name, s in self.surfaces.items()}
+        return replace(self, surfaces=surfaces, box=self.box.turned(turn), space=space)
 
     def superquadric(self, surface: str | None = None) -> Superquadric:
         """The superquadric of a name; without a name the first.

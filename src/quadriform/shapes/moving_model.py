@@ -1,6 +1,6 @@
 """A moving model: a deformable model at any time, and the paths of its material points."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,6 +9,7 @@ from quadriform.errors import OptionError
 from quadriform.points import Array, check_points
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.model import DeformableModel
+from quadriform.shapes.spaces import turn_between
 from quadriform.shapes.splines import TimeBasis
 from quadriform.shapes.superquadric import Superquadric
 
@@ -26,6 +27,7 @@ class MovingModel:
         space: frame of the world: "LPS", "RAS" or "unknown".
         unit: "mm", "m" or "unknown".
         input_sha256: hash of the input that the model was fitted to.
+        frame_times: (F,), increasing, of the frames that it was fitted to; those of the knots unless given.
     """
 
     surfaces: dict[str, Superquadric]
@@ -36,6 +38,7 @@ class MovingModel:
     space: str = "unknown"
     unit: str = "unknown"
     input_sha256: str = ""
+    frame_times: Array = ()  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         expected = len(self.basis.knots)
@@ -44,6 +47,12 @@ class MovingModel:
                 f"control_points: expected shape ({expected}, l+1, m+1, n+1, 3), one box a knot, found "
                 f"{self.control_points.shape}"
             )
+        given = np.asarray(self.frame_times, dtype=np.float64)
+        times = given if given.size else self.basis.knots
+        if times.ndim != 1 or not np.isfinite(times).all() or (np.diff(times) <= 0).any():
+            raise OptionError(f"frame_times: expected increasing times, found {times}")
+        self.basis.values(times)  # refuses those that a motion without period does not cover
+        object.__setattr__(self, "frame_times", times)
 
     @property
     def n_parameters(self) -> int:
@@ -84,13 +93,27 @@ class MovingModel:
     def placed(self, scale: float, offset: Array) -> "MovingModel":
         """The same model after `scale` x + `offset`; time stays."""
         surfaces = {name: s.placed(scale, offset) for name, s in self.surfaces.items()}
-        return MovingModel(
-            surfaces,
-            scale * self.origin + offset,
-            scale * self.edges,
-            self.basis,
-            scale * self.control_points + offset,
-            self.space,
-            self.unit,
-            self.input_sha256,
+        return replace(
+            self,
+            surfaces=surfaces,
+            origin=scale * self.origin + offset,
+            edges=scale * self.edges,
+            control_points=scale * self.control_points + offset,
+        )
+
+    def in_space(self, space: str) -> "MovingModel":
+        """The same model in another frame of the world, "LPS" or "RAS": a half-turn about z lies between them.
+
+        Raises:
+            OptionError: another frame.
+            InputError: the model's own is unknown.
+        """
+        turn = turn_between(self.space, space)
+        return replace(
+            self,
+            surfaces={name: s.turned(turn) for name, s in self.surfaces.items()},
+            origin=turn @ self.origin,
+            edges=self.edges @ turn.T,
+            control_points=self.control_points @ turn.T,
+            space=space,
         )

@@ -111,6 +111,10 @@ class Superquadric:
             height=None if self.height is None else scale * self.height,
         )
 
+    def turned(self, rotation: Array) -> "Superquadric":
+        """The same surface after a rotation (3, 3) about the world's origin."""
+        return replace(self, rotation=rotation @ self.rotation, translation=rotation @ self.translation)
+
     # --- inside and outside --------------------------------------------------------------------------------------
 
     def _scaled(self, points: ArrayLike) -> Array:
