@@ -7,6 +7,7 @@ import numpy as np
 
 from quadriform.fitting.neighbourhood import crowded
 from quadriform.fitting.robust_superquadric import fit_robust
+from quadriform.fitting.start import ellipsoid_by_moments
 from quadriform.fitting.superquadric_fit import least_criterion
 from quadriform.points import Array
 from quadriform.shapes.superquadric import Superquadric
@@ -39,6 +40,15 @@ def candidates(
     if all(surface.semi_axes.max() <= LONGEST * np.ptp(dense[name], axis=0).max() for name, surface in plain.items()):
         found.append(plain)
     return [nested(surfaces, clouds) for surfaces in found]
+
+
+def ellipsoids(clouds: Mapping[str, Array]) -> dict[str, Superquadric]:
+    """Ellipsoids by moments (paper A.3) as the start of all surfaces: they never reach far beyond open data.
+
+    Args:
+        clouds: name -> (n, 3) points, centred and scaled.
+    """
+    return nested({name: ellipsoid_by_moments(cloud[crowded(cloud)]) for name, cloud in clouds.items()}, clouds)
 
 
 def nested(surfaces: dict[str, Superquadric], clouds: Mapping[str, Array]) -> dict[str, Superquadric]:

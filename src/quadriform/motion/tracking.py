@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quadriform.errors import OptionError, PointsError, WarningKind, Warnings, choose
+from quadriform.fitting.candidates import ellipsoids
 from quadriform.fitting.fit import ALONE, Clouds, fit, named, refine
 from quadriform.fitting.outcome import Fit, Progress, flat
 from quadriform.motion.cycle import Cycle
@@ -21,6 +22,7 @@ from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
 from quadriform.shapes.spaces import turn_between
 from quadriform.shapes.splines import TimeBasis
+from quadriform.shapes.superquadric import Superquadric
 
 MOST_KNOTS = 12
 """A heart's cycle needs no more; fewer frames have a knot each."""
@@ -201,8 +203,8 @@ def _of_fits(strategy: str, task: _Task, fits: Sequence[Fit], moving: MovingMode
 
 
 def _cycle(task: _Task) -> Track:
-    start = fit(task.clouds[task.first], **task.options)
     frame = Frame.of(np.concatenate([cloud for clouds in task.clouds for cloud in clouds.values()]))
+    start = refine(_mean_ellipsoids(task, frame), task.clouds[task.first], **task.options)
     local = [{name: frame.to_local(cloud) for name, cloud in clouds.items()} for clouds in task.clouds]
     model = start.model.placed(1 / frame.scale, -frame.centre / frame.scale)
     planes = None if task.slices is None else (SlicePlanes.of(local, task.slices), task.slices)
@@ -243,6 +245,16 @@ def _cycle(task: _Task) -> Track:
         shifts=shifts,
         warnings=_by_frame(_cycle_warnings(residuals, found.inliers, found.certified, frame.scale)),
     )
+
+
+def _mean_ellipsoids(task: _Task, frame: Frame) -> dict[str, Superquadric]:
+    """What the box deforms at all times: ellipsoids of the points of all frames.
+
+    A superquadric of one frame would pass on what it seems to say there, such as the pinched end of an open surface.
+    """
+    names = task.clouds[0]
+    pooled = {name: frame.to_local(np.concatenate([clouds[name] for clouds in task.clouds])) for name in names}
+    return {name: s.placed(frame.scale, frame.centre) for name, s in ellipsoids(pooled).items()}
 
 
 def _space_strength(task: _Task, start: Fit) -> float:
