@@ -15,6 +15,9 @@ from quadriform.shapes.superquadric import Superquadric
 PAPER_POINTS = 1000
 INSIDE = 0.9
 """A surface lies inside another when this share of its points does."""
+LEAST_WALL = 1 / 3
+"""Between superquadrics one inside the other, at its thinnest: a share of the wall that the points have in the mean."""
+GRID = 24
 LONGEST = 2.0
 """A semi-axis above this many extents of the data is a runaway, and no start."""
 
@@ -52,7 +55,7 @@ def ellipsoids(clouds: Mapping[str, Array]) -> dict[str, Superquadric]:
 
 
 def nested(surfaces: dict[str, Superquadric], clouds: Mapping[str, Array]) -> dict[str, Superquadric]:
-    """Each surface that lies inside the largest one as a smaller copy of it, so that the two cannot cross.
+    """Each surface inside the largest one as it is where a wall is left between the two, else as a smaller copy of it.
 
     Own fits to open data run together where nobody measured, and no smooth map could part them again. F is of degree
     one: its mean over the inner points is the size of the copy.
@@ -62,12 +65,11 @@ def nested(surfaces: dict[str, Superquadric], clouds: Mapping[str, Array]) -> di
     for name, surface in surfaces.items():
         levels = surfaces[outer].implicit(clouds[name])
         inside = name != outer and np.quantile(levels, INSIDE) < 1
-        result[name] = _smaller(surfaces[outer], float(levels.mean())) if inside else surface
+        size = float(levels.mean())
+        nearest = surfaces[outer].implicit(surface.grid(GRID)[0]).max()
+        runs_into = inside and 1 - nearest < LEAST_WALL * (1 - size)
+        result[name] = replace(surfaces[outer], semi_axes=size * surfaces[outer].semi_axes) if runs_into else surface
     return result
-
-
-def _smaller(surface: Superquadric, share: float) -> Superquadric:
-    return replace(surface, semi_axes=share * surface.semi_axes)
 
 
 def _ellipsoid(points: Array) -> Superquadric:

@@ -10,8 +10,8 @@ from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.directions import Faces, sphere_grid
 from quadriform.shapes.superquadric import Superquadric
+from quadriform.shapes.wall import exits
 
-HALVINGS = 50
 NODES = (np.polynomial.legendre.leggauss(4)[0] + 1) / 2
 WEIGHTS = np.polynomial.legendre.leggauss(4)[1] / 2
 """Four Gauss points across the wall, from 0 at the endocardium to 1 at the epicardium."""
@@ -61,7 +61,7 @@ class Wall:
                 f"surfaces: 'endo' lies outside 'epi' in {100 * crossing.mean():.0f} % of its directions; expected the "
                 "endocardium inside; are the names swapped?"
             )
-        stop = _leaves(epi, endo.translation, rays)
+        stop = exits(epi, endo.translation, rays)
         cells = np.prod(endo.semi_axes) * _solid_angles(directions, quads)
         outer = endo.translation + stop[:, None] * rays
         normals = np.stack([_unit(endo.gradient(inner)), _unit(epi.gradient(outer))])
@@ -91,17 +91,6 @@ class Wall:
             stretch = np.linalg.det(box.jacobian(self.at(depth)))
             columns.append(self.cells * reach**2 * span * weight * stretch)
         return np.where(self.crossing[:, None], 0.0, np.stack(columns, axis=1))
-
-
-def _leaves(epi: Superquadric, centre: Array, rays: Array) -> Array:
-    """How far (n,) along rays from a centre inside it a convex surface is met, by halving."""
-    farthest = np.linalg.norm(epi.translation - centre) + np.linalg.norm(epi.semi_axes)
-    low, high = np.zeros(len(rays)), farthest / np.linalg.norm(rays, axis=1)
-    for _ in range(HALVINGS):
-        middle = (low + high) / 2
-        inside = epi.implicit(centre + middle[:, None] * rays) < 1
-        low, high = np.where(inside, middle, low), np.where(inside, high, middle)
-    return (low + high) / 2
 
 
 def _solid_angles(directions: Array, quads: Faces) -> Array:

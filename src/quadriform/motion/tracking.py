@@ -154,8 +154,13 @@ class _Task:
 
     @property
     def first(self) -> int:
-        """The frame with the most points: the superquadrics are fitted to it."""
-        return int(np.argmax([sum(map(len, frame.values())) for frame in self.clouds]))
+        """The frame that lends its shape before deformation: of many points and large, for a heart end diastole.
+
+        Straight lines across its wall are the lines along which all frames are measured.
+        """
+        every = [np.concatenate(list(frame.values())) for frame in self.clouds]
+        sizes = [np.median(np.linalg.norm(points - points.mean(axis=0), axis=1)) for points in every]
+        return int(np.argmax([len(points) * size for points, size in zip(every, sizes)]))
 
     def told(self, done: int) -> None:
         if self.progress is not None:
@@ -204,7 +209,7 @@ def _of_fits(strategy: str, task: _Task, fits: Sequence[Fit], moving: MovingMode
 
 def _cycle(task: _Task) -> Track:
     frame = Frame.of(np.concatenate([cloud for clouds in task.clouds for cloud in clouds.values()]))
-    start = refine(_mean_ellipsoids(task, frame), task.clouds[task.first], **task.options)
+    start = refine(_at_rest(task, frame), task.clouds[task.first], **task.options)
     local = [{name: frame.to_local(cloud) for name, cloud in clouds.items()} for clouds in task.clouds]
     model = start.model.placed(1 / frame.scale, -frame.centre / frame.scale)
     planes = None if task.slices is None else (SlicePlanes.of(local, task.slices), task.slices)
@@ -247,25 +252,27 @@ def _cycle(task: _Task) -> Track:
     )
 
 
-def _mean_ellipsoids(task: _Task, frame: Frame) -> dict[str, Superquadric]:
-    """What the box deforms at all times: ellipsoids of the points of all frames.
+def _at_rest(task: _Task, frame: Frame) -> dict[str, Superquadric]:
+    """What the box deforms at all times: ellipsoids, for one frame does not know the exponents of all.
 
-    A superquadric of one frame would pass on what it seems to say there, such as the pinched end of an open surface.
+    Those of an open surface would pass on its pinched end.
     """
-    names = task.clouds[0]
-    pooled = {name: frame.to_local(np.concatenate([clouds[name] for clouds in task.clouds])) for name in names}
-    return {name: s.placed(frame.scale, frame.centre) for name, s in ellipsoids(pooled).items()}
+    clouds = {name: frame.to_local(cloud) for name, cloud in task.clouds[task.first].items()}
+    return {name: s.placed(frame.scale, frame.centre) for name, s in ellipsoids(clouds).items()}
 
 
 def _space_strength(task: _Task, start: Fit) -> float:
-    """What was asked for; else the median of what three frames, a third of the cycle apart, ask for."""
+    """What was asked for; else what the frame farthest from the first asks for, if that is less than the first does.
+
+    What is held to the first frame's shape as tightly as that frame asks for lags behind a heart that contracts.
+    """
     if task.options["strength"] != "auto":
         return start.strength
-    count = len(task.clouds)
-    others = {(task.first + count // 3) % count, (task.first + 2 * count // 3) % count} - {task.first}
+    away = [sum(float((start.model.distance(cloud, n) ** 2).sum()) for n, cloud in f.items()) for f in task.clouds]
     options = {name: value for name, value in task.options.items() if name != "box"}
-    fits = [refine(start.model.surfaces, task.clouds[n], start=start.model.box, **options) for n in sorted(others)]
-    return float(np.median([start.strength, *(found.strength for found in fits)]))
+    farthest = task.clouds[int(np.argmax(away))]
+    other = refine(start.model.surfaces, farthest, start=start.model.box, **options)
+    return min(start.strength, other.strength)
 
 
 STRATEGIES: dict[str, Callable[[_Task], Track]] = {"cycle": _cycle, "previous": _previous, "alone": _alone}

@@ -60,8 +60,17 @@ class TimeBasis:
         return self._mean_product(0)
 
     def bending(self) -> Array:
-        """The same of their second derivatives, time measured in spans."""
-        return self.span**4 * self._mean_product(2)
+        """Mean of the products of second derivatives, (K, K), time measured in spans.
+
+        With a period, of what is left beside a swing once a period, which is free as a straight line is without.
+        """
+        second = self.span**4 * self._mean_product(2)
+        if self.period is None:
+            return second
+        phase = 2 * np.pi * (self.knots - self.knots[0]) / self.period
+        swing = np.stack([np.ones_like(phase), np.cos(phase), np.sin(phase)], axis=1)
+        rest = np.eye(len(phase)) - swing @ np.linalg.pinv(swing)
+        return rest.T @ second @ rest
 
     def _mean_product(self, order: int) -> Array:
         """Exact: four Gauss points integrate the square of a cubic between two knots."""

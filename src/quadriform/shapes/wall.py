@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from quadriform.errors import InputError, OptionError
 from quadriform.points import Array, check_points
 from quadriform.shapes.model import DeformableModel
+from quadriform.shapes.superquadric import Superquadric
 
 HALVINGS = 60
 """Where a ray leaves the outer surface is halved so often: to the last bits."""
@@ -109,14 +110,21 @@ def _opposite(model: DeformableModel, inner: str, outer: str, start: Array) -> A
             "surface first; are the names swapped?"
         )
     rays = start - small.translation
-    reach = np.linalg.norm(large.translation - small.translation) + np.linalg.norm(large.semi_axes)
-    low, high = np.ones(len(rays)), 1 + reach / np.linalg.norm(rays, axis=1)
+    return small.translation + exits(large, small.translation, rays)[:, None] * rays
+
+
+def exits(surface: Superquadric, centre: Array, rays: Array) -> Array:
+    """How far (n,) along rays (n, 3), in lengths of each, a superellipsoid is left from a centre (3,) inside it.
+
+    It is convex, so a ray is inside up to there; found by halving.
+    """
+    farthest = np.linalg.norm(surface.translation - centre) + np.linalg.norm(surface.semi_axes)
+    low, high = np.zeros(len(rays)), farthest / np.linalg.norm(rays, axis=1)
     for _ in range(HALVINGS):
         middle = (low + high) / 2
-        inside = large.implicit(small.translation + middle[:, None] * rays) < 1
+        inside = surface.implicit(centre + middle[:, None] * rays) < 1
         low, high = np.where(inside, middle, low), np.where(inside, high, middle)
-    stop: Array = small.translation + ((low + high) / 2)[:, None] * rays
-    return stop
+    return (low + high) / 2
 
 
 def _long_axis(model: DeformableModel, inner: str) -> Array:
