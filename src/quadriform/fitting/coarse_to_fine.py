@@ -210,7 +210,7 @@ class Rounds:
             sheet.origins = settle(sheet.superquadric, box, sheet.points, sheet.origins, SLIDES).origins
 
     def _weigh(self, box: ControlBox, sheets: Sequence[Sheet], noise: float | None) -> float:
-        distances = [np.linalg.norm(sheet.points - box.deform(sheet.origins), axis=1) for sheet in sheets]
+        distances = [sheet.distances(box) for sheet in sheets]
         if noise is None:
             noise = FIRST_NOISE * float(np.median(np.concatenate(distances)))
         for sheet, distance in zip(sheets, distances):

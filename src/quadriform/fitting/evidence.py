@@ -113,11 +113,10 @@ class Evidence:
             near: the strength of an earlier, similar problem; without it the whole range is searched.
         """
         if near is None:
-            grid = np.geomspace(*WIDEST, 17)
-            near = float(min(grid, key=self._criterion))
+            near = float(min(np.geomspace(*WIDEST, 17), key=self._criterion))
         low, high = np.log(np.clip([near / NEARBY, near * NEARBY], WIDEST[0], NEARBY * WIDEST[1]))
         found = minimize_scalar(
-            lambda x: self._criterion(np.exp(x)), bounds=(low, high), method="bounded", options={"xatol": 0.05}
+            lambda x: self._criterion(float(np.exp(x))), bounds=(low, high), method="bounded", options={"xatol": 0.05}
         )
         return self.solve(float(np.exp(found.x)))
 

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from quadriform.fitting.inliers import Mixture
 from quadriform.fitting.neighbourhood import Neighbourhood, crowded, has_edge, is_surface, oriented
 from quadriform.points import Array
+from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superquadric import Superquadric
 
 MISFIT = 5e-3
@@ -73,6 +74,10 @@ class Sheet:
             return np.zeros(len(points), dtype=np.bool_)
         at, direction = self.beyond
         return (points - at) @ direction > 0
+
+    def distances(self, box: ControlBox) -> Array:
+        """From the points to their foot points, (n,)."""
+        return np.linalg.norm(self.points - box.deform(self.origins), axis=1)
 
     def weigh(self, distances: Array, noise: float) -> None:
         """Find which points are inliers by their distances to the surface, and their share on the way."""

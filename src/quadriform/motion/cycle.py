@@ -10,7 +10,7 @@ from quadriform.fitting.normal_equations import normal_equations
 from quadriform.fitting.outcome import Progress
 from quadriform.fitting.regularity import Regulariser, penalty
 from quadriform.fitting.sheet import Sheet
-from quadriform.fitting.tangent import data_rows
+from quadriform.fitting.tangent import data_rows, evidence_of
 from quadriform.fitting.unfolding import FIRST_PRESS, FLOOR, NEAR_FLOOR, Floor, low_places
 from quadriform.motion.cycle_equations import CycleEvidence
 from quadriform.motion.slice_shifts import SliceNumbers, SlicePlanes
@@ -61,7 +61,7 @@ class Cycle:
 
     Args:
         surfaces: name -> superquadric.
-        box: a deformed box to start all frames from.
+        box: undeformed, around the outermost surface.
         frames: name -> points, for each frame.
         values: (F, K), the splines at the frames' times.
         basis: the splines.
@@ -83,13 +83,14 @@ class Cycle:
     ) -> None:
         self.surfaces, self.values, self.basis, self.robust, self.planes = surfaces, values, basis, robust, planes
         self.boxes = [box] * len(frames)
-        start = (box.control_points - box.rest).reshape(-1, 3)
-        self.displacement = np.broadcast_to(start, (values.shape[1], *start.shape))
+        self.displacement = np.zeros((values.shape[1], box.rest.size // 3, 3))
         self.frames = frames
         self.sheets = [self._sheets(frame, box) for frame in frames]
         self.shape: tuple[int, int, int] = box.control_points.shape[:3]
-        self.penalty = penalty(regularity, self.shape)
+        self.regularity, self.penalty = regularity, penalty(regularity, self.shape)
         self.noise = FIRST_NOISE * float(np.median(np.abs(np.concatenate(self._distances()))))
+        away = [np.concatenate([sheet.distances(box) for sheet in sheets]) for sheets in self.sheets]
+        self.farthest = int(np.argmax([distances @ distances for distances in away]))
         self.shifts = np.zeros((0 if planes is None else len(planes[0].numbers), 2))
         weight = FIRST_PRESS * sum(len(cloud) for cloud in frames[0].values()) * (self.noise / FLOOR) ** 2
         self.floors = [Floor.under(box, surfaces, weight)] * len(frames)
@@ -103,30 +104,28 @@ class Cycle:
         return result
 
     def _distances(self) -> list[Array]:
-        return [
-            np.linalg.norm(sheet.points - box.deform(sheet.origins), axis=1)
-            for box, sheets in zip(self.boxes, self.sheets)
-            for sheet in sheets
-        ]
+        return [sheet.distances(box) for box, sheets in zip(self.boxes, self.sheets) for sheet in sheets]
 
-    def fit(self, alpha: float, noise: float, progress: Progress | None = None) -> CycleFit:
+    def fit(self, alpha: float | None, progress: Progress | None = None) -> CycleFit:
         """From strengths under which nothing folds down to those of the largest evidence, then until it rests.
 
+        The strength in time is sought about the one that lets the whole cloud swing once a period at the price of the
+        noise.
+
         Args:
-            alpha: the strength in space.
-            noise: of a single frame; the strength in time is sought about the one that lets the whole cloud swing once
-                a period at this price.
+            alpha: the strength in space; None for the evidence's.
             progress: called after each round.
         """
-        strengths, told = (alpha, noise**2 / (2 * np.pi) ** 4), progress or (lambda done, total: None)
-        total = DESCENT + ROUNDS
+        told, total = progress or (lambda done, total: None), DESCENT + ROUNDS
+        strengths = alpha or self._alone(None), self.noise**2 / (2 * np.pi) ** 4
         for done, harder in enumerate(np.geomspace(STRONGEST, 1, DESCENT)):
             self._round((harder * strengths[0], harder * strengths[1]))
             told(done + 1, total)
         certified: tuple[bool, ...] = ()
         for done in range(MOST_ROUNDS):
             if done < SEARCHES:
-                strengths = alpha, self._evidence().best_in_time(*strengths)
+                in_space = alpha or self._alone(strengths[0])
+                strengths = in_space, self._evidence().best_in_time(in_space, strengths[1])
             before = self.noise
             self._round(strengths)
             told(min(DESCENT + done + 1, total), total)
@@ -137,6 +136,15 @@ class Cycle:
         control = self.displacement.reshape(-1, *self.shape, 3) + self.boxes[0].rest
         sheets = tuple(dict(zip(frame, sheets)) for frame, sheets in zip(self.frames, self.sheets))
         return CycleFit(control, sheets, self.noise, strengths, self.shifts, certified)
+
+    def _alone(self, near: float | None) -> float:
+        """The strength in space with the largest evidence of the frame farthest from rest, standing alone.
+
+        Held as tightly as those near rest ask for it would lag behind. Over a whole cycle smoothness in time could take
+        its place on the surface, but nothing would then hold the space inside.
+        """
+        sheets, box = self.sheets[self.farthest], self.boxes[self.farthest]
+        return evidence_of(sheets, [None] * len(sheets), box, self.regularity).best(near).strength
 
     def _round(self, strengths: tuple[float, float]) -> None:
         """Everything moves as far towards the solution of the linear problem as lowers the sum."""

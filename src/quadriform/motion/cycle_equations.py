@@ -156,7 +156,7 @@ class CycleEvidence:
 
         middle = np.log(gamma)
         found = minimize_scalar(
-            criterion, bounds=(middle - NEARBY, middle + NEARBY), method="bounded", options={"xatol": 0.2}
+            criterion, bounds=(middle - NEARBY, middle + NEARBY), method="bounded", options={"xatol": 0.5}
         )
         return float(np.exp(found.x))
 

@@ -14,7 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from quadriform.errors import OptionError, PointsError, WarningKind, Warnings, choose
 from quadriform.fitting.candidates import ellipsoids
 from quadriform.fitting.fit import ALONE, Clouds, fit, named, refine
+from quadriform.fitting.options import check_box, check_strength
 from quadriform.fitting.outcome import Fit, Progress, flat
+from quadriform.fitting.tangent_fit import common_box
 from quadriform.motion.cycle import Cycle
 from quadriform.motion.slice_shifts import SlicePlanes
 from quadriform.points import Array, Frame
@@ -22,7 +24,6 @@ from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
 from quadriform.shapes.spaces import turn_between
 from quadriform.shapes.splines import TimeBasis
-from quadriform.shapes.superquadric import Superquadric
 
 MOST_KNOTS = 12
 """A heart's cycle needs no more; fewer frames have a knot each."""
@@ -209,13 +210,13 @@ def _of_fits(strategy: str, task: _Task, fits: Sequence[Fit], moving: MovingMode
 
 def _cycle(task: _Task) -> Track:
     frame = Frame.of(np.concatenate([cloud for clouds in task.clouds for cloud in clouds.values()]))
-    start = refine(_at_rest(task, frame), task.clouds[task.first], **task.options)
     local = [{name: frame.to_local(cloud) for name, cloud in clouds.items()} for clouds in task.clouds]
-    model = start.model.placed(1 / frame.scale, -frame.centre / frame.scale)
+    surfaces = ellipsoids(local[task.first])  # of an open surface no frame knows the exponents, and least those of all
+    box = common_box(surfaces, check_box(task.options["box"]))
     planes = None if task.slices is None else (SlicePlanes.of(local, task.slices), task.slices)
     cycle = Cycle(
-        model.surfaces,
-        model.box,
+        surfaces,
+        box,
         local,
         task.basis.values(task.times),
         task.basis,
@@ -223,11 +224,11 @@ def _cycle(task: _Task) -> Track:
         task.options["robust"],
         planes,
     )
-    found = cycle.fit(_space_strength(task, start), start.noise / frame.scale, task.progress)
+    found = cycle.fit(check_strength(task.options["strength"]), task.progress)
     moving = MovingModel(
-        model.surfaces,
-        model.box.origin,
-        model.box.edges,
+        surfaces,
+        box.origin,
+        box.edges,
         task.basis,
         found.control_points,
         input_sha256=_hash(task.clouds),
@@ -250,29 +251,6 @@ def _cycle(task: _Task) -> Track:
         shifts=shifts,
         warnings=_by_frame(_cycle_warnings(residuals, found.inliers, found.certified, frame.scale)),
     )
-
-
-def _at_rest(task: _Task, frame: Frame) -> dict[str, Superquadric]:
-    """What the box deforms at all times: ellipsoids, for one frame does not know the exponents of all.
-
-    Those of an open surface would pass on its pinched end.
-    """
-    clouds = {name: frame.to_local(cloud) for name, cloud in task.clouds[task.first].items()}
-    return {name: s.placed(frame.scale, frame.centre) for name, s in ellipsoids(clouds).items()}
-
-
-def _space_strength(task: _Task, start: Fit) -> float:
-    """What was asked for; else what the frame farthest from the first asks for, if that is less than the first does.
-
-    What is held to the first frame's shape as tightly as that frame asks for lags behind a heart that contracts.
-    """
-    if task.options["strength"] != "auto":
-        return start.strength
-    away = [sum(float((start.model.distance(cloud, n) ** 2).sum()) for n, cloud in f.items()) for f in task.clouds]
-    options = {name: value for name, value in task.options.items() if name != "box"}
-    farthest = task.clouds[int(np.argmax(away))]
-    other = refine(start.model.surfaces, farthest, start=start.model.box, **options)
-    return min(start.strength, other.strength)
 
 
 STRATEGIES: dict[str, Callable[[_Task], Track]] = {"cycle": _cycle, "previous": _previous, "alone": _alone}
