@@ -13,8 +13,6 @@ from quadriform.points import Array
 from quadriform.shapes.superquadric import Superquadric
 
 PAPER_POINTS = 1000
-INSIDE = 0.9
-"""A surface lies inside another when this share of its points does."""
 LEAST_WALL = 1 / 3
 """Between superquadrics one inside the other, at its thinnest: a share of the wall that the points have in the mean."""
 GRID = 24
@@ -58,16 +56,15 @@ def nested(surfaces: dict[str, Superquadric], clouds: Mapping[str, Array]) -> di
     """Each surface inside the largest one as it is where a wall is left between the two, else as a smaller copy of it.
 
     Own fits to open data run together where nobody measured, and no smooth map could part them again. F is of degree
-    one: its mean over the inner points is the size of the copy.
+    one: its mean over the inner points, in units of that of the outer ones, is the size of the copy.
     """
     outer = max(surfaces, key=lambda name: surfaces[name].volume())
     result = {}
     for name, surface in surfaces.items():
-        levels = surfaces[outer].implicit(clouds[name])
-        inside = name != outer and np.quantile(levels, INSIDE) < 1
+        levels = surfaces[outer].implicit(clouds[name]) / np.median(surfaces[outer].implicit(clouds[outer]))
         size = float(levels.mean())
         nearest = surfaces[outer].implicit(surface.grid(GRID)[0]).max()
-        runs_into = inside and 1 - nearest < LEAST_WALL * (1 - size)
+        runs_into = name != outer and size < 1 and 1 - nearest < LEAST_WALL * (1 - size)
         result[name] = replace(surfaces[outer], semi_axes=size * surfaces[outer].semi_axes) if runs_into else surface
     return result
 
