@@ -7,6 +7,7 @@ import numpy as np
 
 from quadriform.fitting.neighbourhood import crowded
 from quadriform.fitting.robust_superquadric import fit_robust
+from quadriform.fitting.sampling import outwards
 from quadriform.fitting.start import ellipsoid_by_moments
 from quadriform.fitting.superquadric_fit import least_criterion
 from quadriform.points import Array
@@ -75,5 +76,5 @@ def _ellipsoid(points: Array) -> Superquadric:
 
 def _some(points: Array) -> Array:
     """About a thousand points, spread over their distances to the centre."""
-    order = np.argsort(np.linalg.norm(points - points.mean(axis=0), axis=1), kind="stable")
+    order = outwards(points - points.mean(axis=0))
     return points[order[np.linspace(0, len(order) - 1, min(PAPER_POINTS, len(order))).astype(int)]]

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from quadriform.fitting.correspondence import MODEL_RESOLUTION, match_facing, match_unclaimed
 from quadriform.fitting.evidence import Solution
@@ -235,10 +234,7 @@ class Rounds:
 
 def _placed(sheet: Sheet, part: Sheet, box: ControlBox) -> Array:
     """First foot points (n, 3) of all data, facing like the nearest of the few points."""
-    cloud = part.facing()
-    near = cKDTree(cloud.points).query(sheet.points)[1]
-    facing = FacingCloud(sheet.points, cloud.normals[near], cloud.flatness[near])
-    return match_facing(sheet.superquadric, box, facing)
+    return match_facing(sheet.superquadric, box, part.facing().at(sheet.points))
 
 
 def coarse_unfolded(rounds: Rounds, sheets: Sequence[Sheet]) -> Refined:

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from quadriform.fitting.neighbourhood import TIE
 from quadriform.fitting.residuals import Candidates
+from quadriform.fitting.sampling import outwards
 from quadriform.fitting.start import hyperboloid_by_quadric, tori_by_moments
 from quadriform.points import Array
 from quadriform.shapes import pose
@@ -35,7 +37,7 @@ CUTS = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
 
 def thinned(points: Array, most: int) -> NDArray[np.int64]:
     """Indices of at most `most` points, even over their order by distance from the centre."""
-    order = np.argsort((points**2).sum(axis=1), kind="stable")
+    order = outwards(points)
     if len(points) <= most:
         return order
     return order[np.linspace(0, len(points) - 1, most).round().astype(np.int64)]
@@ -49,7 +51,8 @@ def reach(points: Array, cloud: Array) -> Array:
 def dense_parts(points: Array) -> Array:
     """Weights (2, n), 0 or 1, of two parts of a cloud: without lone points, and the densest points only."""
     far = reach(points, points)
-    return np.array([far <= SPARSE * np.median(far), far <= np.quantile(far, DENSE_SHARE)], dtype=np.float64)
+    most = (1 + TIE) * np.array([SPARSE * np.median(far), np.quantile(far, DENSE_SHARE)])
+    return (far <= most[:, None]).astype(np.float64)
 
 
 def sides(points: Array, core: NDArray[np.bool_]) -> Array:

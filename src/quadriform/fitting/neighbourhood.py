@@ -17,6 +17,8 @@ EVEN = 0.25
 """Flatness that 12 neighbours on an evenly sampled surface have at least; a curve has less."""
 CROWD, LONELY = 10, 3.0
 """A point is alone when its tenth neighbour is farther than three times the usual."""
+TIE, TIED = 1e-6, 12
+"""Distances that differ by this share are equal, but for rounding; so many neighbours more are looked at for them."""
 AROUND, EDGE_GAP, EDGES = 20, np.radians(150), 0.01
 """At an edge 20 neighbours leave a gap of 150 degrees; of a closed surface less than one point in a hundred does."""
 
@@ -38,8 +40,9 @@ class Neighbourhood:
     @classmethod
     def of(cls, points: Array) -> "Neighbourhood":
         """From the points (n, 3) alone."""
-        near = _nearest(points, NEIGHBOURS)
-        spread = points[near] - points[near].mean(axis=1, keepdims=True)
+        near, counts = nearest(points, points, NEIGHBOURS)
+        middle = np.einsum("nk,nki->ni", counts, points[near]) / counts.sum(axis=1, keepdims=True)
+        spread = counts[:, :, None] * (points[near] - middle[:, None])
         values, axes = np.linalg.eigh(np.einsum("nki,nkj->nij", spread, spread))
         flatness = (values[:, 1] - values[:, 0]) / np.maximum(values[:, 2], 1e-300)
         return cls(axes[:, :, 2], axes[:, :, 0], np.clip(flatness, 0, 1))
@@ -73,8 +76,9 @@ def oriented(points: Array, normals: Array) -> Array:
 
 
 def _flattest_paths(points: Array, normals: Array) -> coo_matrix:
-    near = _nearest(points, NEIGHBOURS)
-    rows, columns = np.repeat(np.arange(len(points)), near.shape[1] - 1), near[:, 1:].ravel()
+    near, counts = nearest(points, points, NEIGHBOURS)
+    rows, place = counts[:, 1:].nonzero()
+    columns = near[rows, place + 1]
     edge = points[columns] - points[rows]
     edge /= np.maximum(np.linalg.norm(edge, axis=1, keepdims=True), 1e-300)
     through = [np.einsum("ij,ij->i", edge, normals[end]) ** 2 for end in (rows, columns)]
@@ -98,15 +102,22 @@ def is_surface(neighbourhood: Neighbourhood) -> bool:
 
 def has_edge(points: Array, neighbourhood: Neighbourhood) -> bool:
     """Whether a sampled surface ends somewhere: its last points see a wide gap in their tangent plane."""
-    near = _nearest(points, AROUND + 1)[:, 1:]
-    offset = points[near] - points[:, None, :]
+    near, counts = nearest(points, points, AROUND + 1)
+    offset = points[near[:, 1:]] - points[:, None, :]
     first = neighbourhood.along
     second = np.cross(neighbourhood.normals, first)
     angle = np.arctan2(np.einsum("nki,ni->nk", offset, second), np.einsum("nki,ni->nk", offset, first))
-    angle.sort(axis=1)
+    angle = np.sort(np.where(counts[:, 1:], angle, angle[:, :1]), axis=1)
     around = np.concatenate([angle, angle[:, :1] + 2 * np.pi], axis=1)
     return bool((np.diff(around, axis=1).max(axis=1) > EDGE_GAP).mean() >= EDGES)
 
 
-def _nearest(points: Array, count: int) -> NDArray[np.int64]:
-    return cKDTree(points).query(points, k=np.arange(1, min(count, len(points)) + 1))[1]
+def nearest(among: Array, of: Array, count: int) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Neighbours (n, k) of points, the nearest first, and which of them count.
+
+    These are the nearest `count` and all that are as near as the last of them: on the lattices of images there are
+    many, and rounding must not choose among them.
+    """
+    distance, near = cKDTree(among).query(of, k=np.arange(1, min(count + TIED, len(among)) + 1))
+    last = distance[:, [min(count, len(among)) - 1]]
+    return near, distance <= (1 + TIE) * last

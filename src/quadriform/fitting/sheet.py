@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.fitting.inliers import Mixture
-from quadriform.fitting.neighbourhood import Neighbourhood, crowded, has_edge, is_surface, oriented
+from quadriform.fitting.neighbourhood import Neighbourhood, crowded, has_edge, is_surface, nearest, oriented
+from quadriform.fitting.sampling import outwards
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superquadric import Superquadric
@@ -47,8 +48,7 @@ class Sheet:
 
         With `robust` those without near neighbours are left out: sums over few points have no other defence.
         """
-        reach = np.linalg.norm(self.points - self.points.mean(axis=0), axis=1)
-        order = np.argsort(reach, kind="stable")
+        order = outwards(self.points - self.points.mean(axis=0))
         if robust:
             order = order[crowded(self.points)[order]]
         chosen = order[np.linspace(0, len(order) - 1, min(count, len(order))).astype(int)]
@@ -94,10 +94,18 @@ class FacingCloud:
 
     Attributes:
         points: (n, 3), centred and scaled.
-        normals: (n, 3) unit, outward.
+        normals: (n, 3), outward; unit, or shorter where several disagree.
         flatness: (n,) in [0, 1], how much the normal is to be trusted.
     """
 
     points: Array
     normals: Array
     flatness: Array
+
+    def at(self, points: Array) -> "FacingCloud":
+        """Other points (m, 3), facing like the nearest of these; like the mean of several that are equally near."""
+        near, counts = nearest(self.points, points, 1)
+        trust = counts * self.flatness[near]
+        total = trust.sum(axis=1)
+        normals = np.einsum("mk,mki->mi", trust, self.normals[near]) / np.maximum(total, 1e-300)[:, None]
+        return FacingCloud(points, normals, total / counts.sum(axis=1))

@@ -26,7 +26,7 @@ FLOOR, NEAR_FLOOR = 0.1, 0.03
 FIRST_PRESS, HARDER, MOST_PRESSES = 1e-3, 2.0, 30
 """The pressure on a place begins with this share of all the data's, and grows by this factor from round to round."""
 LATTICE, GRID, FINE_LATTICE, FINE_GRID = 21, 12, 45, 32
-STRONGEST, DESCENT = 1e3, 8
+STRONGEST, DESCENT, PRESSES = 1e3, 8, 4
 PRICE, CHEAP = 1.5, 0.025
 """A cure is worse than the fold when it makes the noise this many times larger, and larger than this share of the
 cloud's RMS radius."""
@@ -114,23 +114,29 @@ def _descended(
 ) -> Refined | None:
     """From a strength under which nothing folds down to the wanted one, the floor always held.
 
-    Where that is not reached, the weakest strength on the way that was certified; None without any.
+    Where the wanted one is too weak, pressure tears the surface off the data: then the weakest on the way that is
+    certified will do. None without success.
     """
-    strength, smooth = refined.solution.strength, None
+    strength, found = refined.solution.strength, None
     for harder in np.geomspace(STRONGEST, 1, DESCENT):
-        refined = rounds.pressed(refined, floor, harder * strength)
-        fair = refined.solution.noise <= most and floor.lowest(refined.box) > NEAR_FLOOR
-        smooth = refined if fair and _certified(refined, surfaces) else smooth
+        for _ in range(PRESSES):
+            refined = rounds.pressed(refined, floor, harder * strength)
+            if unfolded := floor.lowest(refined.box) > NEAR_FLOOR:
+                break
+        if unfolded and refined.solution.noise <= most and _certified(refined, surfaces):
+            found = replace(refined, sheets=_copies(refined))
+        if harder == STRONGEST:
+            most = min(most, refined.solution.noise)
     for _ in range(MOST_PRESSES):
         if refined.solution.noise > most:
-            return smooth
+            break
         if floor.lowest(refined.box) > NEAR_FLOOR:
             if _certified(refined, surfaces):
                 return refined
             floor = floor.with_places(low_places(refined.box, surfaces))
         refined = rounds.pressed(refined, floor, strength)
         floor = floor.harder()
-    return smooth
+    return found
 
 
 def _copies(refined: Refined) -> tuple[Sheet, ...]:

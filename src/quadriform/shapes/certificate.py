@@ -23,7 +23,7 @@ BUDGET = 8_000
 BATCH = 32
 """So many of the worst leaves are split at once, or a quarter of all if that is more."""
 SLACK = 1e-9
-"""Share of its size by which a surface counts as larger, so that rounding drops no leaf that touches it."""
+"""Share of its size by which a surface counts as larger, so that rounding drops no leaf or point that touches it."""
 LATTICE = 25
 """Points along each axis among which `folds` looks."""
 
@@ -224,7 +224,7 @@ def _sample(
 def _inside_any(surfaces: tuple[Superquadric, ...], points: Array) -> NDArray[np.bool_]:
     if not surfaces:
         return np.ones(len(points), dtype=bool)
-    return np.any([surface.implicit(points) <= 1 for surface in surfaces], axis=0)
+    return np.any([surface.implicit(points) <= 1 + SLACK for surface in surfaces], axis=0)
 
 
 def _outside_all(box: ControlBox, surfaces: tuple[Superquadric, ...], leaves: _Leaves) -> NDArray[np.bool_]:
