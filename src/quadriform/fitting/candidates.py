@@ -45,12 +45,17 @@ def candidates(
 
 
 def ellipsoids(clouds: Mapping[str, Array]) -> dict[str, Superquadric]:
-    """Ellipsoids by moments (paper A.3) as the start of all surfaces: they never reach far beyond open data.
+    """Plain ellipsoids as the start of all surfaces; by moments (paper A.3) where open data lets one run away.
 
     Args:
         clouds: name -> (n, 3) points, centred and scaled.
     """
-    return nested({name: ellipsoid_by_moments(cloud[crowded(cloud)]) for name, cloud in clouds.items()}, clouds)
+    dense = {name: cloud[crowded(cloud)] for name, cloud in clouds.items()}
+    found = {name: _ellipsoid(cloud) for name, cloud in dense.items()}
+    for name, cloud in dense.items():
+        if found[name].semi_axes.max() > np.ptp(cloud, axis=0).max():
+            found[name] = ellipsoid_by_moments(cloud)
+    return nested(found, clouds)
 
 
 def nested(surfaces: dict[str, Superquadric], clouds: Mapping[str, Array]) -> dict[str, Superquadric]:
