@@ -46,12 +46,12 @@ class Solution:
 
     def variance(self, rows: Array) -> Array:
         """Posterior variance of linear functions (n, 3 k) of the displacement."""
-        return self.independent_noise**2 * (solve_triangular(self.factor, rows.T, lower=True) ** 2).sum(axis=0)
+        return self.noise**2 * (solve_triangular(self.factor, rows.T, lower=True) ** 2).sum(axis=0)
 
     def covariance(self) -> Array:
         """Posterior covariance (3 k, 3 k) of the control points."""
         half = solve_triangular(self.factor, np.eye(len(self.factor)), lower=True)
-        return self.independent_noise**2 * half.T @ half
+        return self.noise**2 * half.T @ half
 
 
 class Evidence:
