@@ -64,7 +64,7 @@ def nested(surfaces: dict[str, Superquadric], clouds: Mapping[str, Array]) -> di
     Own fits to open data run together where nobody measured, and no smooth map could part them again. F is of degree
     one: its mean over the inner points, in units of that of the outer ones, is the size of the copy.
     """
-    outer = max(surfaces, key=lambda name: surfaces[name].volume())
+    outer = max(clouds, key=lambda name: float(np.var(clouds[name], axis=0).sum()))  # an inner fit may have run away
     result = {}
     for name, surface in surfaces.items():
         levels = surfaces[outer].implicit(clouds[name]) / np.median(surfaces[outer].implicit(clouds[outer]))
