@@ -59,7 +59,7 @@ def ellipsoids(clouds: Mapping[str, Array]) -> dict[str, Superquadric]:
 
 
 def nested(surfaces: dict[str, Superquadric], clouds: Mapping[str, Array]) -> dict[str, Superquadric]:
-    """Each surface inside the largest one as it is where a wall is left between the two, else as a smaller copy of it.
+    """Each surface inside the outermost as it is where a wall is left between the two, else as a smaller copy of it.
 
     Own fits to open data run together where nobody measured, and no smooth map could part them again. F is of degree
     one: its mean over the inner points, in units of that of the outer ones, is the size of the copy.
