@@ -90,7 +90,8 @@ class Cycle:
         self.regularity, self.penalty = regularity, penalty(regularity, self.shape)
         self.noise = FIRST_NOISE * float(np.median(np.abs(np.concatenate(self._distances()))))
         away = [np.concatenate([sheet.distances(box) for sheet in sheets]) for sheets in self.sheets]
-        self.farthest = int(np.argmax([distances @ distances for distances in away]))
+        order = np.argsort([distances @ distances for distances in away], kind="stable")
+        self.ends = int(order[0]), int(order[-1])
         self.shifts = np.zeros((0 if planes is None else len(planes[0].numbers), 2))
         weight = FIRST_PRESS * sum(len(cloud) for cloud in frames[0].values()) * (self.noise / FLOOR) ** 2
         self.floors = [Floor.under(box, surfaces, weight)] * len(frames)
@@ -138,13 +139,14 @@ class Cycle:
         return CycleFit(control, sheets, self.noise, strengths, self.shifts, certified)
 
     def _alone(self, near: float | None) -> float:
-        """The strength in space with the largest evidence of the frame farthest from rest, standing alone.
+        """The strength in space that the frames nearest to rest and farthest from it, standing alone, both can bear.
 
-        Held as tightly as those near rest ask for it would lag behind. Over a whole cycle smoothness in time could take
-        its place on the surface, but nothing would then hold the space inside.
+        Held more tightly than one of them asks for it would lag behind. Over a whole cycle smoothness in time could
+        take the place of this strength on the surface, but nothing would then hold the space inside.
         """
-        sheets, box = self.sheets[self.farthest], self.boxes[self.farthest]
-        return evidence_of(sheets, [None] * len(sheets), box, self.regularity).best(near).strength
+        nothing = [None] * len(self.surfaces)
+        ends = [evidence_of(self.sheets[n], nothing, self.boxes[n], self.regularity) for n in self.ends]
+        return min(each.best(near).strength for each in ends)
 
     def _round(self, strengths: tuple[float, float]) -> None:
         """Everything moves as far towards the solution of the linear problem as lowers the sum."""
