@@ -1,0 +1,46 @@
+"""Superquadrics one inside the other: each its own while a wall is left between them, else the inner one a copy."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from shapes_made import even_directions, made
+
+from quadriform.fitting.candidates import nested
+
+OUTER = made(exponents=(1, 1), semi_axes=(34, 34, 53))
+INNER = replace(OUTER, semi_axes=np.array([24.0, 24, 44]))
+
+
+def fitted(inner, outer=OUTER, seen=INNER):
+    """What is made of an inner fit, by points of the walls that were seen."""
+    directions = even_directions(300)
+    clouds = {"endo": seen.surface(directions), "epi": outer.surface(directions)}
+    return nested({"endo": inner, "epi": outer}, clouds)
+
+
+def test_a_surface_inside_keeps_its_own_proportions():
+    found = fitted(INNER)
+    assert found["endo"] is INNER and found["epi"] is OUTER
+
+
+@pytest.mark.parametrize("axes", [(24, 24, 52.0), (24, 24, 60)], ids=["nearly touches", "crosses"])
+def test_one_that_runs_into_the_outer_becomes_a_copy_of_it_through_the_points(axes):
+    found = fitted(replace(INNER, semi_axes=np.array(axes)))["endo"]
+    shares = found.semi_axes / OUTER.semi_axes
+    assert np.ptp(shares) < 1e-12 and np.array_equal(found.translation, OUTER.translation)
+    assert 24 / 34 < shares[0] < 44 / 53
+
+
+def test_how_thin_a_wall_may_be_is_told_by_the_points():
+    """A gap of 2 % is much for a wall of 3 %, and next to nothing for one of 30 %."""
+    inner = replace(OUTER, semi_axes=0.98 * OUTER.semi_axes)
+    thin, thick = (replace(OUTER, semi_axes=share * OUTER.semi_axes) for share in (0.97, 0.7))
+    assert fitted(inner, seen=thin)["endo"] is inner
+    assert fitted(inner, seen=thick)["endo"] is not inner
+
+
+def test_surfaces_apart_are_left_alone():
+    """Neither lies inside the other, however near they are."""
+    aside = replace(INNER, translation=OUTER.translation + 57 * OUTER.rotation[:, 0])
+    assert fitted(aside, seen=aside)["endo"] is aside
