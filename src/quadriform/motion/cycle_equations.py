@@ -144,7 +144,7 @@ class CycleEvidence:
     def best_in_time(self, alpha: float, gamma: float) -> float:
         """The strength in time with the largest evidence, near a given one.
 
-        The strength in space stays that of a single frame: over a whole cycle smoothness in time could take its place
+        The strength in space stays that of single frames: over a whole cycle smoothness in time could take its place
         on the surface, but nothing would then hold the space inside.
         """
 
