@@ -4,7 +4,7 @@ With d(x, t) the displacement field, u time in spans and N data points, minimise
 
     sum_i w_i (squared distances) + alpha N  mean over t of E(d)  +  gamma N  mean over t, x of |d2 d / d u2|^2.
 
-E is the bending energy of the fit of a single frame. Both strengths have the largest evidence (REML).
+E is the bending energy of a single fit. gamma has the largest evidence (REML), alpha that of single frames.
 """
 
 from collections.abc import Sequence
