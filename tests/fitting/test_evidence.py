@@ -66,6 +66,15 @@ def test_the_largest_evidence_is_found(seed):
         assert evidence.best(near).criterion == pytest.approx(best.criterion, abs=1e-2)
 
 
+@pytest.mark.parametrize("seed", [0, 1, 2, 3, 4])
+def test_the_strength_is_found_to_a_thousandth(seed):
+    """A search that stopped sooner jumped by as much as it was allowed, on data that differed by rounding."""
+    evidence = drawn(BENDING, 1e-4, 0.05, seed=seed)[0]
+    best = evidence.best()
+    for factor in (0.999, 1.001):
+        assert evidence.solve(factor * best.strength).criterion > best.criterion
+
+
 def test_the_criterion_is_the_density_of_the_data():
     """Against the marginal density of the rows themselves, flat in what costs nothing (REML), at several strengths.
 

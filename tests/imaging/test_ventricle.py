@@ -158,3 +158,11 @@ def test_real_perfusion_images_give_both_walls(shared):
         found = ventricle_from_perfusion(read_volume(path), region=((17, 53), (12, 52), (10, 34)))
         assert all(len(points) > 200 for points in found.isosurfaces.values())
         assert 0.15 < found.record["cavity_voxels"] / found.record["wall_voxels"] < 0.6
+
+
+def test_a_small_cavity_in_thick_slices_keeps_as_many_points_as_a_box_has_control_points():
+    volume = labelled(shape=(60, 60, 10), spacing=np.array([1.0, 1.0, 8.0]))
+    found = ventricle_from_labels(volume, cavity=BLOOD)
+    by_voxel = ventricle_from_labels(volume, cavity=BLOOD, apart=8.0)
+    assert len(by_voxel.clouds["endo"]) < 125 <= len(found.clouds["endo"])
+    assert found.record["apart"] == 4.0

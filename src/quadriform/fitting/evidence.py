@@ -15,6 +15,8 @@ WIDEST = (1e-13, 1e3)
 """Strengths per data point that a first search looks through, in steps of a decade."""
 NEARBY = 30.0
 """A later search stays within this factor of the strength before it."""
+SEARCH = 1e-5
+"""Of the logarithm of the strength. A coarser search makes the answer jump when data differ by rounding alone."""
 NOISE_FLOOR = 1e-9
 """Of the cloud's RMS radius: no data is more exact than that."""
 
@@ -116,7 +118,7 @@ class Evidence:
             near = float(min(np.geomspace(*WIDEST, 17), key=self._criterion))
         low, high = np.log(np.clip([near / NEARBY, near * NEARBY], WIDEST[0], NEARBY * WIDEST[1]))
         found = minimize_scalar(
-            lambda x: self._criterion(float(np.exp(x))), bounds=(low, high), method="bounded", options={"xatol": 0.05}
+            lambda x: self._criterion(float(np.exp(x))), bounds=(low, high), method="bounded", options={"xatol": SEARCH}
         )
         return self.solve(float(np.exp(found.x)))
 

@@ -20,6 +20,8 @@ Plane = tuple[Array, Array]
 HALF = Percentile(0.5, 99.9)
 BETWEEN = 1e-5
 """No vertex is nearer to a voxel's centre than this, in voxels."""
+FEW = 125
+"""Points: as many as the default box has control points. With fewer, the evidence has little to go by."""
 ON_PLANE = 1e-9
 """Points this share of the extent beyond a plane are on it."""
 
@@ -63,8 +65,9 @@ def ventricle_from_labels(
         wall: labels of the muscle; without it there is no epicardium.
         region: half-open ranges of voxels, such as the slices below the base; its edge cuts like the image's.
         base: plane beyond which nothing is taken, in the world of the image.
-        apart: side of the cubes of which each keeps one point; None is a voxel's longest side, 0 keeps all points.
-            The steps of voxels are no independent measurements, and a fit takes every point for one.
+        apart: side of the cubes of which each keeps one point; 0 keeps all points. None is a voxel's longest side,
+            halved while it leaves fewer than FEW points of a surface. The steps of voxels are no independent
+            measurements, and a fit takes every point for one.
 
     Raises:
         MaskError: labels are missing, or cavity and wall are swapped.
@@ -213,11 +216,11 @@ def _finish(
     apart: float | None,
 ) -> VentriclePoints:
     """Cut what lies beyond the plane, and thin the rest."""
-    side = float(inner.spacing.max()) if apart is None else check_number(apart, "apart", 0.0)
     kept = surfaces if plane is None else {name: points[~_beyond(points, plane)] for name, points in surfaces.items()}
     for name, points in kept.items():
         if not len(points):
             raise MaskError(f"{name}: none of the {len(surfaces[name])} points lies below the base; turn its direction")
+    side = _side(kept, inner) if apart is None else check_number(apart, "apart", 0.0)
     record = {
         "cavity_voxels": int((tissue == CAVITY).sum()),
         "wall_voxels": int((tissue == WALL).sum()),
@@ -226,6 +229,13 @@ def _finish(
     }
     clouds = {name: thinned(points, side) for name, points in kept.items()}
     return VentriclePoints(clouds, kept, plane, warnings, record)
+
+
+def _side(surfaces: dict[str, Array], image: Volume) -> float:
+    side = float(image.spacing.max())
+    while side > image.spacing.min() and min(len(thinned(points, side)) for points in surfaces.values()) < FEW:
+        side /= 2
+    return side
 
 
 def _beyond(points: Array, plane: Plane) -> Mask:
