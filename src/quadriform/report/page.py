@@ -1,0 +1,54 @@
+"""One page of HTML that needs nothing beside it: no network, no other file, no script of others."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of a page.
+
+    Attributes:
+        title: its heading.
+        body: HTML; texts in it are escaped by who made it.
+    """
+
+    title: str
+    body: Markup
+
+
+@cache
+def _templates() -> Environment:
+    return Environment(
+        loader=PackageLoader("quadriform.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    )
+
+
+def rendered(template: str, **values: object) -> Markup:
+    """A template of this package with its values, every text in them escaped."""
+    return Markup(_templates().get_template(template).render(values))
+
+
+def source(name: str) -> Markup:
+    """A style or a script of this package as it stands."""
+    environment = _templates()
+    assert environment.loader is not None
+    return Markup(environment.loader.get_source(environment, name)[0])
+
+
+def page(title: str, lead: str, sections: Sequence[Section]) -> bytes:
+    """A whole page.
+
+    Args:
+        title: of the page, plain text.
+        lead: a sentence under it, plain text.
+        sections: its parts; the page begins with links to them.
+
+    Returns:
+        UTF-8. A policy in the page forbids every request that would leave it.
+    """
+    return rendered("page.html.j2", title=title, lead=lead, sections=sections, style=source("page.css")).encode()

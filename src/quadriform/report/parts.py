@@ -1,0 +1,54 @@
+"""The pieces that pages are made of: tables, figures with their sources, pictures inside the page."""
+
+import base64
+import io
+import re
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from markupsafe import Markup
+
+from quadriform.report.page import rendered
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> Markup:
+    """Rows under a header; cells that look like numbers stand to the right. Without a header the first column names."""
+    cells = [[str(cell) for cell in row] for row in rows]
+    numeric = [all(_is_number(row[k]) for row in cells) for k in range(len(cells[0]))] if cells else []
+    return rendered("table.html.j2", header=header, rows=cells, numeric=numeric)
+
+
+def _is_number(text: str) -> bool:
+    return bool(re.fullmatch(r"[-+−]?[\d.,]+(e[-+]?\d+)?( ?[%a-z]+[23³²]?)?", text)) or not text
+
+
+def figure(picture: Markup, caption: str) -> Markup:
+    """A picture with the sentence under it, which names its source."""
+    return Markup('<figure class="wide">{}<figcaption>{}</figcaption></figure>').format(picture, caption)
+
+
+def svg(drawing: "Figure", words: str) -> Markup:
+    """A drawing as vectors, with the words that stand for it where it cannot be seen; the same bytes every time."""
+    import matplotlib
+
+    stream = io.StringIO()
+    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "quadriform"}):
+        drawing.savefig(stream, format="svg", bbox_inches="tight", metadata={"Date": None, "Creator": None})
+    text = stream.getvalue()
+    text = text[text.index("<svg") :].replace("<svg", Markup('<svg role="img" aria-label="{}"').format(words), 1)
+    return Markup(text)
+
+
+def png(drawing: "Figure", words: str, dots_per_inch: int = 110) -> Markup:
+    """A drawing as pixels: for images and for many points."""
+    stream = io.BytesIO()
+    drawing.savefig(stream, format="png", dpi=dots_per_inch, bbox_inches="tight", metadata={"Software": None})
+    return image(stream.getvalue(), words)
+
+
+def image(data: bytes, words: str) -> Markup:
+    """The bytes of a PNG inside the page."""
+    return Markup('<img alt="{}" src="data:image/png;base64,{}">').format(words, base64.b64encode(data).decode())
