@@ -22,7 +22,7 @@ def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> Markup:
 
 
 def _is_number(text: str) -> bool:
-    return bool(re.fullmatch(r"[-+−]?[\d.,]+(e[-+]?\d+)?( ?[%a-z]+[23³²]?)?", text)) or not text
+    return bool(re.fullmatch(r"[-+]?[\d.,]+(e[-+]?\d+)?( ?[%a-z]+(\^[23])?)?", text)) or not text
 
 
 def figure(picture: Markup, caption: str) -> Markup:
