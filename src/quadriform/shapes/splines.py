@@ -55,6 +55,14 @@ class TimeBasis:
             raise OptionError(f"time {times}: expected between {first:g} and {last:g}; the motion has no period")
         return self._spline(times)
 
+    def pieces(self) -> tuple[Array, Array]:
+        """The splines as polynomials: breaks (I + 1,) and coefficients (4, I, K), the cube's first.
+
+        Each is in the time since its piece's break.
+        """
+        spline = self._spline
+        return spline.x, spline.c
+
     def mass(self) -> Array:
         """Mean of the products of two splines over time, (K, K)."""
         return self._mean_product(0)
