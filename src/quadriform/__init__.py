@@ -3,6 +3,7 @@
 The public names; each is imported when it is first used, so that `import quadriform` stays fast.
 """
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from quadriform.heart.measure import measure
     from quadriform.imaging.reading import read_volume
     from quadriform.motion.tracking import Track, track
+    from quadriform.report.notebook import show
     from quadriform.shapes.control_box import ControlBox
     from quadriform.shapes.mesh import Mesh
     from quadriform.shapes.model import DeformableModel
@@ -41,6 +43,7 @@ _HOME = {
     "read_volume": "imaging.reading",
     "refine": "fitting.fit",
     "save": "files",
+    "show": "report.notebook",
     "track": "motion.tracking",
 }
 
@@ -62,6 +65,7 @@ __all__ = [
     "read_volume",
     "refine",
     "save",
+    "show",
     "track",
 ]
 
@@ -74,3 +78,22 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted(__all__)
+
+
+_SHOWN = ("DeformableModel", "Fit", "MovingModel", "Track")
+
+
+def _show_in_notebooks() -> None:
+    """Tell a notebook how models and fits show themselves; their own layers know no pictures."""
+    ipython = sys.modules.get("IPython")
+    shell = ipython.get_ipython() if ipython is not None else None
+    if shell is None:
+        return
+    formatter = shell.display_formatter.formatters["text/html"]
+    for name in _SHOWN:
+        formatter.for_type_by_name(
+            f"quadriform.{_HOME[name]}", name, lambda thing: import_module("quadriform.report.notebook").as_html(thing)
+        )
+
+
+_show_in_notebooks()

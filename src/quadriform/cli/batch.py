@@ -20,10 +20,11 @@ from quadriform.cli.inputs import (
     space_to_write,
 )
 from quadriform.cli.options import stem, surface_file
+from quadriform.cli.reporting import REPORT, page_of_fit
 from quadriform.cli.screen import emit_json, emit_table, progress_bar, say, warn
 from quadriform.errors import InputError, OptionError, Warnings
 from quadriform.files import save, sha256_of, write_mesh
-from quadriform.files.atomic import check_folder, check_writable, make_folder
+from quadriform.files.atomic import check_folder, check_writable, make_folder, write_bytes
 from quadriform.fitting.fit import ALONE, fit
 from quadriform.fitting.outcome import Fit, flat
 
@@ -53,6 +54,11 @@ class Job:
     def name(self) -> str:
         """The inputs as messages show them."""
         return ", ".join(map(str, self.files))
+
+    @property
+    def report(self) -> Path:
+        """The page."""
+        return self.folder / REPORT
 
     @property
     def targets(self) -> dict[str, Path]:
@@ -178,7 +184,13 @@ def _run(job: Job, options: Mapping[str, Any], strict: bool, force: bool) -> Rec
     save(found.model, job.folder / "model.json", force)
     for name, path in job.targets.items():
         write_mesh(found.model.mesh(name), path, found.model.space, found.model.unit, force)
-    return _record(job, found, notes, time.perf_counter() - begin)
+    record = _record(job, found, notes, time.perf_counter() - begin) | {"options": dict(options)}
+    clouds = {name: source.points for name, source in sources.items()}
+    image = next(iter(sources.values())).image if len(job.files) == 1 else None
+    space = next(iter(sources.values())).space
+    page = page_of_fit(found, clouds, image, space, ", ".join(path.name for path in job.files), record)
+    write_bytes(job.report, page, force)
+    return record
 
 
 def _fit(job: Job, sources: Mapping[str, Source], options: Mapping[str, Any]) -> Fit:
@@ -200,7 +212,7 @@ def _fit(job: Job, sources: Mapping[str, Source], options: Mapping[str, Any]) ->
 def _check_outputs(job: Job, force: bool) -> None:
     check_folder(job.folder)
     if job.folder.exists():
-        for path in (job.folder / "model.json", *job.targets.values()):
+        for path in (job.folder / "model.json", *job.targets.values(), job.report):
             check_writable(path, force, inputs=job.files)
 
 
@@ -230,7 +242,7 @@ def _record(job: Job, found: Fit, notes: Sequence[str], seconds: float) -> Recor
     return {
         "input": job.name,
         "status": found.status,
-        "outputs": [str(path) for path in (job.folder / "model.json", *job.targets.values())],
+        "outputs": [str(path) for path in (job.folder / "model.json", *job.targets.values(), job.report)],
         "points": found.n_points,
         "parameters": found.model.n_parameters,
         "compression_ratio": found.compression_ratio,

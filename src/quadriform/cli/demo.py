@@ -24,13 +24,14 @@ def demo(
     from quadriform.cli.screen import emit_table, progress_bar, say, warn
     from quadriform.files import save, sha256_of
     from quadriform.files.atomic import check_folder, check_writable, make_folder, write_bytes
-    from quadriform.fitting.fit import fit
+    from quadriform.fitting.fit import ALONE, fit
     from quadriform.fitting.outcome import rms
     from quadriform.imaging.image_points import points_from_image
     from quadriform.imaging.reading import example_path, example_volume
+    from quadriform.report.reports import fit_report
     from quadriform.report.slices import slices_png
 
-    names = ("model.json", "surface.ply", "slices.png")
+    names = ("model.json", "surface.ply", "slices.png", "report.html")
     check_folder(output)
     folder = make_folder(output)
     for name in names:
@@ -52,6 +53,10 @@ def demo(
     shown = {"superquadric alone (11 numbers)": before, f"model ({model.n_parameters} numbers)": mesh}
     picture = slices_png(volume.values, volume.world_from_voxel, shown, SOURCE)
     write_bytes(folder / "slices.png", picture, force)
+    marked = replace(result, model=model)
+    record = found.record | {"seconds": round(seconds, 3)}
+    report = fit_report(marked, {ALONE: found.points}, title=SOURCE, record=record, image=volume)
+    write_bytes(folder / "report.html", report, force)
 
     data = ~found.on_border
     residuals, alone = result.residuals, result.superquadric_residuals

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from quadriform.cli.inputs import ImageOptions, files_of, kind_of, naming, read_source, refuse, space_to_write
 from quadriform.cli.options import stem
+from quadriform.cli.reporting import REPORT, page_of_track
 from quadriform.cli.screen import emit_json, emit_table, progress_bar, say, warn
 from quadriform.errors import InputError, OptionError, Warnings
 from quadriform.files import save, sha256_of
@@ -71,7 +72,7 @@ def follow(
     """
     files = _files(inputs)
     folder = output or Path(f"{stem(inputs[0])}-track")
-    targets = [folder / "model.json", folder / "frames.csv"]
+    targets = [folder / "model.json", folder / "frames.csv", folder / REPORT]
     check_folder(folder)
     if folder.exists():
         for path in targets:
@@ -96,6 +97,10 @@ def follow(
     else:
         save(found.moving, targets[0], force)
     write_bytes(targets[1], _csv(record["frames"]), force)
+    title = ", ".join(path.name for path in inputs[:3]) + (" ..." if len(inputs) > 3 else "")
+    space = next(iter(frames.marks))[0]
+    page = page_of_track(found, frames.clouds, frames.slices, space, title, record)
+    write_bytes(targets[2], page, force)
     warn(record["warnings"])
     if as_json:
         emit_json(record)
@@ -180,7 +185,7 @@ def _add_image(frames: _Frames, file: Path, labels: Mapping[str, str]) -> None:
             warnings |= source.warnings
         clouds = {name: source.points for name, source in sources.items()}
         frames.slices.append({name: source.slices for name, source in sources.items() if source.slices is not None})
-        frames.grids.append(first.world_from_voxel)
+        frames.grids.append(None if first.image is None else first.image.world_from_voxel)
         _add(frames, clouds, (first.space, first.unit), warnings, notes)
 
 
@@ -233,7 +238,7 @@ def _track(
 ) -> "Track":
     from quadriform.motion.tracking import track
 
-    space, unit = frames.marks.pop()
+    space, unit = next(iter(frames.marks))
     wanted = space_to_write(asked, space)
     given = dict(options)
     if frames.times is not None and len(frames.times) == len(frames.clouds):

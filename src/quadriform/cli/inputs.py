@@ -112,7 +112,7 @@ class Source:
         warnings: of the reading.
         notes: what was assumed, one sentence each.
         slices: (n,) the slice of each point of an image, as `slice_numbers` counts them.
-        world_from_voxel: (4, 4), of an image.
+        image: from which the points came.
     """
 
     points: Array
@@ -121,7 +121,7 @@ class Source:
     warnings: Warnings = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     slices: NDArray[np.int64] | None = None
-    world_from_voxel: Array | None = None
+    image: "Volume | None" = None
 
 
 def kind_of(path: Path) -> Literal["image", "mesh", "points"] | None:
@@ -232,7 +232,7 @@ def _from_image(path: Path, options: ImageOptions) -> Source:
     found = points_from_image(volume, **arguments)
     notes = tuple(f"{path}: {note}" for note in notes + kept_note(found.segmentation))
     numbers = slice_numbers(volume, found.points)
-    return Source(found.points, volume.space, volume.unit, found.warnings, notes, numbers, volume.world_from_voxel)
+    return Source(found.points, volume.space, volume.unit, found.warnings, notes, numbers, volume)
 
 
 def _select(volume: "Volume", options: ImageOptions) -> tuple[Any, tuple[str, ...]]:

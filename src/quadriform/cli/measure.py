@@ -59,7 +59,7 @@ def measure(
         check_writable(output, force, inputs=models)
     models, contours = _told_apart(models, contours or [])
     frames, times = load_frames(models)
-    planes, inserts = _landmarks(base, contours, rv_insertion, frames)
+    planes, inserts = landmarks(base, contours, rv_insertion, frames)
     found = measure_heart(frames, times, base=planes, rv_inserts=inserts, ed=ed, observed=tracked)
     if strict:
         refuse(found.warnings)
@@ -92,7 +92,7 @@ def _told_apart(models: list[Path], contours: list[Path]) -> tuple[list[Path], l
     return [path for path in models if path not in astray], contours + astray
 
 
-def _landmarks(
+def landmarks(
     base: list[str] | None, contours: list[Path], rv_insertion: list[str] | None, frames: list["DeformableModel"]
 ) -> "tuple[Base, list[Array] | list[list[float]] | None]":
     """Base and insertions as `measure` takes them, in the frame of the models."""

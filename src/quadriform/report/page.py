@@ -40,15 +40,17 @@ def source(name: str) -> Markup:
     return Markup(environment.loader.get_source(environment, name)[0])
 
 
-def page(title: str, lead: str, sections: Sequence[Section]) -> bytes:
+def page(title: str, lead: str, sections: Sequence[Section], more_style: str = "") -> bytes:
     """A whole page.
 
     Args:
         title: of the page, plain text.
         lead: a sentence under it, plain text.
         sections: its parts; the page begins with links to them.
+        more_style: CSS of its parts.
 
     Returns:
         UTF-8. A policy in the page forbids every request that would leave it.
     """
-    return rendered("page.html.j2", title=title, lead=lead, sections=sections, style=source("page.css")).encode()
+    style = source("page.css") + Markup(more_style)
+    return rendered("page.html.j2", title=title, lead=lead, sections=sections, style=style).encode()

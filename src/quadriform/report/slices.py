@@ -5,8 +5,12 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
+from quadriform.imaging.volume import Volume
 from quadriform.points import Array
+from quadriform.report.page import Section
+from quadriform.report.parts import figure, image
 from quadriform.shapes.mesh import Mesh
 
 COLOURS = ("#e69f00", "#56b4e9", "#009e73", "#cc79a7")
@@ -16,7 +20,12 @@ GAMMA = 0.6
 
 
 def slices_png(
-    values: Array, world_from_voxel: Array, meshes: Mapping[str, Mesh], title: str, count: int = 12
+    values: Array,
+    world_from_voxel: Array,
+    meshes: Mapping[str, Mesh],
+    title: str,
+    count: int = 12,
+    columns: int = 4,
 ) -> bytes:
     """Draw even slices along the third axis of an image, each with the outlines where meshes cut it.
 
@@ -26,6 +35,7 @@ def slices_png(
         meshes: name -> surface in the world.
         title: stands above; name the source of the image in it.
         count: how many slices, spread over what the meshes reach.
+        columns: slices side by side.
 
     Returns:
         The bytes of a PNG.
@@ -34,7 +44,6 @@ def slices_png(
 
     outlines = {name: Mesh(_to_voxels(mesh.vertices, world_from_voxel), mesh.faces) for name, mesh in meshes.items()}
     steps = np.linalg.norm(world_from_voxel[:3, :3], axis=0)
-    columns = 4
     rows = -(-count // columns)
     figure = Figure(figsize=(11, 0.6 + 2.9 * rows * values.shape[1] * steps[1] / (values.shape[0] * steps[0])))
     figure.suptitle(title, fontsize=10)
@@ -52,6 +61,18 @@ def slices_png(
     stream = io.BytesIO()
     figure.savefig(stream, format="png", dpi=110)
     return stream.getvalue()
+
+
+def planes_section(volume: Volume, meshes: Mapping[str, Mesh], title: str) -> Section:
+    """Three slices along each axis of an image, with the outlines of the meshes; `title` names the image."""
+    pictures = Markup("")
+    for axis, letter in enumerate("ijk"):
+        order = [other for other in range(3) if other != axis] + [axis]
+        affine = volume.world_from_voxel[:, [*order, 3]]
+        data = slices_png(volume.values.transpose(order), affine, meshes, f"{title}, across {letter}", 3, 3)
+        pictures += image(data, f"Three slices of the image across axis {letter} with the outlines of the model")
+    words = f"{title}: slices across the three axes of the image, with the contours of the model."
+    return Section("Slices", figure(pictures, words))
 
 
 def _to_voxels(points_world: Array, world_from_voxel: Array) -> Array:

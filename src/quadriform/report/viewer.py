@@ -87,7 +87,7 @@ def payload(model: DeformableModel | MovingModel, scene: Scene) -> dict[str, Any
     moving = isinstance(model, MovingModel)
     control = model.control_points if isinstance(model, MovingModel) else model.box.control_points[None]
     box = model.rest if isinstance(model, MovingModel) else model.box
-    centre = control.reshape(-1, 3).mean(axis=0)
+    centre, reach = _extent(model)
     scale, volume_unit = LITRES.get(model.unit, (1.0, "units^3"))
     quantum = _reach(control, centre, scene) / 32767
     residual_quantum = _largest(scene.residuals) / 32767
@@ -98,7 +98,7 @@ def payload(model: DeformableModel | MovingModel, scene: Scene) -> dict[str, Any
         "volume_scale": scale,
         "axes": {"LPS": ["L", "P", "S"], "RAS": ["R", "A", "S"]}.get(model.space, ["x", "y", "z"]),
         "centre": centre.tolist(),
-        "reach": 1.1 * float(np.linalg.norm(control.reshape(-1, 3) - centre, axis=1).max()),
+        "reach": reach,
         "surfaces": _surfaces(model),
         "box": {"origin": box.origin.tolist(), "edges": box.edges.tolist(), "shape": list(control.shape[1:4])},
         "control": _packed((control - centre).astype("<f4")),
@@ -146,9 +146,18 @@ def _time(model: MovingModel) -> dict[str, Any]:
     }
 
 
+def _extent(model: DeformableModel | MovingModel) -> tuple[Array, float]:
+    """Centre (3,) of the surfaces at all knots, and how far to look from there."""
+    boxes = [model.box(t) for t in model.basis.knots] if isinstance(model, MovingModel) else [model.box]
+    rest = np.concatenate([surface.grid(8)[0] for surface in model.surfaces.values()])
+    places = np.concatenate([box.deform(rest) for box in boxes])
+    centre = (places.min(axis=0) + places.max(axis=0)) / 2
+    return centre, 1.15 * float(np.linalg.norm(places - centre, axis=1).max())
+
+
 def _reach(control: Array, centre: Array, scene: Scene) -> float:
     clouds = [cloud for frames in scene.points.values() for cloud in frames]
-    return float(max((np.abs(cloud - centre).max() for cloud in [*clouds, control.reshape(-1, 3)] if len(cloud))))
+    return float(max(np.abs(cloud - centre).max() for cloud in [*clouds, control.reshape(-1, 3)] if len(cloud)))
 
 
 def _largest(residuals: Mapping[str, Sequence[Array]]) -> float:
@@ -179,9 +188,7 @@ def _field(one: Field) -> dict[str, Any]:
         low, high = -max(-low, high), max(-low, high)
     if not high > low:
         high = low + 1
-    coded = {
-        name: [_packed(_steps(values, low, high)) for values in frames] for name, frames in one.values.items()
-    }
+    coded = {name: [_packed(_steps(values, low, high)) for values in frames] for name, frames in one.values.items()}
     return {
         "name": one.name,
         "unit": one.unit,

@@ -75,7 +75,8 @@ function curve() {
   volumes = frames.map((t) => volumeOf(cavity, t));
   const low = Math.min(...volumes), high = Math.max(...volumes);
   state.ejection = 100 * (1 - volumes[volumes.indexOf(low)] / high);
-  $("line").setAttribute("points", volumes.map((v, i) => placed(frames[i], v)).join(" "));
+  const ends = data.time.period ? [[last, volumes[0]]] : [];
+  $("line").setAttribute("points", [...volumes.map((v, i) => [frames[i], v]), ...ends].map(([t, v]) => placed(t, v)).join(" "));
   $("highest").textContent = `${digits(high)} ${data.volume_unit}`; $("lowest").textContent = digits(low);
   marker();
 }

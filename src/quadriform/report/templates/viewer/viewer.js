@@ -118,7 +118,7 @@ function pointShape(surface) {
   const residual = data.fields.find((f) => f.name === "residual");
   const toned = state.colour === "residual" && residual;
   const tones = toned ? colours(Array.from(frame.residual), [residual.low, residual.high, "diverging"]) : plainColours(frame.residual.length, [40, 40, 40]);
-  return [{ x: frame.x, colours: tones, alpha: 1, size: 3 }];
+  return [{ x: frame.x, colours: tones, alpha: 1, size: frame.residual.length > 4000 ? 1.5 : 3 }];
 }
 
 function boxShapes(control) {

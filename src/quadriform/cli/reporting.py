@@ -1,0 +1,86 @@
+"""Reports for the verbs that fit: points and image in the frame of the model, measures of a ventricle."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadriform.cli.screen import say
+from quadriform.errors import QuadriformError
+from quadriform.fitting.outcome import Fit
+from quadriform.heart.measure import measure
+from quadriform.heart.table import Measures
+from quadriform.imaging.volume import Volume
+from quadriform.motion.tracking import Track
+from quadriform.points import Array
+from quadriform.report.reports import fit_report, track_report
+from quadriform.shapes.model import DeformableModel
+from quadriform.shapes.spaces import turn_between
+
+Record = Mapping[str, Any]
+REPORT = "report.html"
+
+
+def page_of_fit(
+    fit: Fit, clouds: Mapping[str, Array], image: Volume | None, space: str, title: str, record: Record
+) -> bytes:
+    """The page of a fit.
+
+    Args:
+        fit: in the frame that was asked for.
+        clouds: surface -> points, in `space`.
+        image: from which they came, likewise, or None.
+        space: frame of the input.
+        title: of the page.
+        record: what the terminal shows.
+    """
+    turn = turn_between(space, fit.model.space)
+    turned = {name: cloud @ turn.T for name, cloud in clouds.items()}
+    if image is not None:
+        affine = np.block([[turn, np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]]) @ image.world_from_voxel
+        image = replace(image, world_from_voxel=affine, space=fit.model.space)
+    found = measures_of([fit.model], None)
+    return fit_report(fit, turned, title=title, record=record, image=image, measures=found)
+
+
+def page_of_track(
+    found: Track,
+    clouds: Sequence[Mapping[str, Array]],
+    slices: Sequence[Mapping[str, NDArray[np.int64]]],
+    space: str,
+    title: str,
+    record: Record,
+) -> bytes:
+    """The page of a moving model; points stand where the shifts of their slices put them.
+
+    Args:
+        found: in the frame that was asked for.
+        clouds: for each frame surface -> points, in `space`.
+        slices: their slice numbers, in the same form; empty where no slice was shifted.
+        space: frame of the input.
+        title: of the page.
+        record: what the terminal shows.
+    """
+    turn = turn_between(space, found.models[0].space)
+    still = np.zeros(3)
+    shown = []
+    for number, frame in enumerate(clouds):
+        turned = {name: cloud @ turn.T for name, cloud in frame.items()}
+        for name, which in (slices[number] if found.shifts else {}).items():
+            turned[name] = turned[name] + np.array([found.shifts.get(int(n), still) for n in which]).reshape(-1, 3)
+        shown.append(turned)
+    times = found.times if found.moving is not None else None
+    return track_report(found, shown, title=title, record=record, measures=measures_of(found.models, times))
+
+
+def measures_of(models: Sequence[DeformableModel], times: Array | None) -> Measures | None:
+    """What can be measured of models with a surface "endo"; a report does without where that fails, and it is said."""
+    if "endo" not in models[0].surfaces:
+        return None
+    try:
+        return measure(models, times)
+    except QuadriformError as error:
+        say(f"note: the report has no measures of the ventricle: {error}")
+        return None

@@ -1,0 +1,96 @@
+"""Drawings of a report: histogram, curves, and the bullseye of the seventeen segments."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from markupsafe import Markup
+
+from quadriform.fitting.outcome import Iteration
+from quadriform.points import Array
+from quadriform.report.parts import svg
+from quadriform.report.slices import COLOURS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+RINGS = ((0, 6, 60.0), (6, 6, 60.0), (12, 4, 45.0), (16, 1, 0.0))
+"""First segment, how many, and where the first begins (degrees), from base to apex (Cerqueira et al. 2002)."""
+
+
+def _axes(width: float, height: float, **labels: str) -> "Axes":
+    from matplotlib.figure import Figure
+
+    axes = Figure(figsize=(width, height)).subplots()
+    axes.set(**labels)
+    axes.spines[["top", "right"]].set_visible(False)
+    return axes
+
+
+def _drawn(axes: "Axes", words: str) -> Markup:
+    return svg(axes.get_figure(), words)  # type: ignore[arg-type]
+
+
+def histogram(residuals: Mapping[str, Array], unit: str, voxel: float | None) -> Markup:
+    """Signed distances of the data points, surface by surface, with half a voxel to either side where there is one."""
+    axes = _axes(6, 2.6, xlabel=f"signed distance to the model, {unit} (negative: inside)", ylabel="points")
+    most = float(np.percentile(np.abs(np.concatenate(list(residuals.values()))), 99.5)) or 1.0
+    bins = np.linspace(-most, most, 41)
+    for colour, (name, values) in zip(COLOURS, residuals.items()):
+        axes.hist(
+            np.clip(values, -most, most), bins.tolist(), histtype="stepfilled", alpha=0.55, color=colour, label=name
+        )
+    if voxel is not None:
+        for side in (-voxel / 2, voxel / 2):
+            axes.axvline(side, color="#57606a", ls="--", lw=1, label="half a voxel" if side > 0 else None)
+    axes.legend(frameon=False, fontsize=8)
+    return _drawn(axes, f"Histogram of the signed distances of the data points in {unit}")
+
+
+def convergence(history: Sequence[Iteration], unit: str) -> Markup:
+    """Error, motion of the surface and displacement of the box over the iterations."""
+    axes = _axes(6, 2.6, xlabel="iteration", ylabel=unit, yscale="log")
+    turns = np.arange(1, len(history) + 1)
+    for colour, key in zip(COLOURS, ("error", "surface_motion", "box_displacement")):
+        values = np.array([getattr(one, key) for one in history])
+        axes.plot(turns, np.maximum(values, 1e-12), color=colour, label=key.replace("_", " "))
+    axes.legend(frameon=False, fontsize=8)
+    return _drawn(axes, "Error, surface motion and box displacement over the iterations")
+
+
+def curve(times: Array, values: Array, quantity: str, unit: str, marks: Mapping[str, int]) -> Markup:
+    """A quantity over the cycle, with frames marked by name."""
+    axes = _axes(5, 2.3, xlabel="time", ylabel=unit, title=quantity)
+    axes.title.set_fontsize(10)
+    axes.plot(times, values, color="#0550ae", marker=".")
+    for name, frame in marks.items():
+        place = (float(times[frame]), float(values[frame]))
+        axes.annotate(name, place, xytext=(0, 6), textcoords="offset points", ha="center", fontsize=8)
+    axes.margins(y=0.2)
+    return _drawn(axes, f"{quantity} over the cycle, from {values.min():.4g} to {values.max():.4g} {unit}")
+
+
+def bullseye(values: Mapping[int, float], quantity: str, unit: str) -> Markup:
+    """The seventeen segments, 1 to 17, as rings from base (outside) to apex; segments without a value stay white."""
+    from matplotlib import colormaps
+    from matplotlib.figure import Figure
+
+    axes: Any = Figure(figsize=(3.4, 3.6)).add_subplot(projection="polar")
+    low, high = min(values.values()), max(values.values())
+    scale = colormaps["cividis"]
+    for ring, (first, count, start) in enumerate(RINGS):
+        inner, width = 3 - ring, 2 * np.pi / count
+        for k in range(count):
+            left, value = np.radians(start) + k * width, values.get(first + k + 1, np.nan)
+            share = (value - low) / ((high - low) or 1.0)
+            tone = scale(share) if np.isfinite(share) else "#fff"
+            edge = "white" if count > 1 else "none"
+            axes.bar(left, 1, width, inner, align="edge", edgecolor=edge, color=tone)
+            if np.isfinite(share):
+                at = (left + width / 2, inner + 0.5) if count > 1 else (0.0, 0.0)
+                ink = "#fff" if share < 0.55 else "#000"
+                axes.text(*at, f"{value:.3g}", ha="center", va="center", fontsize=8, color=ink)
+    axes.set_axis_off()
+    axes.set_title(f"{quantity}, {unit}", fontsize=10)
+    words = ", ".join(f"segment {number} {value:.3g}" for number, value in sorted(values.items()))
+    return svg(axes.get_figure(), f"Bullseye of {quantity} in {unit}: {words}")

@@ -1,0 +1,84 @@
+"""What a report says of a ventricle: function beside what readers differ by, the wall in a bullseye, curves."""
+
+import re
+from collections.abc import Mapping
+
+from markupsafe import Markup
+
+from quadriform.heart.table import Measures
+from quadriform.report import charts
+from quadriform.report.page import Section
+from quadriform.report.parts import figure, table
+
+READERS = {
+    "end-diastolic volume": "15.2 to 28.4 ml",
+    "end-systolic volume": "14.0 to 21.5 ml",
+    "ejection fraction": "4.6 to 7.5 %",
+    "myocardial mass": "20.2 to 34.5 g",
+}
+YARDSTICK = (
+    "Readers: by how much seven expert readers differed from each other on fifteen cine studies, the smallest and the "
+    "largest of them (Suinesiaputra et al., J Cardiovasc Magn Reson 2015; 17: 63)."
+)
+SEGMENT = re.compile(r"(?:unanchored )?segment (\d+), [^:]*: (.*)")
+ANATOMY = "Rings from base to apex, segment 1 anterior at the top"
+UNITS = {"cavity volume": "ml", "wall thickness": "mm", "twist angle": "degrees"}
+
+
+def heart_sections(measures: Measures) -> list[Section]:
+    """Function, wall and curves, as far as they were measured."""
+    sections = [Section("Function", _function(measures))]
+    if eyes := _bullseyes(measures):
+        sections.append(Section("Segments", eyes))
+    if len(measures.times) > 1:
+        sections.append(Section("Curves over the cycle", _curves(measures)))
+    rows = [
+        [row.quantity, f"{row.value:.4g}", row.unit, row.how]
+        for row in measures.rows
+        if not SEGMENT.fullmatch(row.quantity)
+    ]
+    sections.append(Section("All measures of the whole ventricle", table(("quantity", "value", "unit", "how"), rows)))
+    return sections
+
+
+def _function(measures: Measures) -> Markup:
+    rows = [
+        [row.quantity, f"{row.value:.4g} {row.unit}", READERS.get(row.quantity, ""), row.how]
+        for row in measures.rows
+        if row.quantity in (*READERS, "stroke volume")
+    ]
+    return table(("quantity", "value", "readers", "how"), rows) + Markup('<p class="note">{}</p>').format(YARDSTICK)
+
+
+def _bullseyes(measures: Measures) -> Markup:
+    found: dict[str, dict[int, float]] = {}
+    anchored = True
+    units = {}
+    for row in measures.rows:
+        if match := SEGMENT.fullmatch(row.quantity):
+            found.setdefault(match[2], {})[int(match[1])] = row.value
+            units[match[2]] = row.unit + ("" if row.observed else " (not observed)")
+            anchored &= not row.quantity.startswith("unanchored")
+    drawn = [charts.bullseye(values, name, units[name]) for name, values in found.items() if _shown(name)]
+    if not drawn:
+        return Markup("")
+    words = f"{ANATOMY}." if anchored else "Rings from base to apex; where a ring starts is arbitrary (unanchored)."
+    return figure(Markup('<div class="beside">{}</div>').format(Markup("").join(drawn)), words)
+
+
+def _shown(name: str) -> bool:
+    return not name.startswith("Green")
+
+
+def _curves(measures: Measures) -> Markup:
+    marks = {"ED": measures.ed} | ({} if measures.es is None else {"ES": measures.es})
+    drawn = [
+        charts.curve(measures.times, values, _said(measures, name), UNITS.get(name, "%"), marks)
+        for name, values in measures.curves.items()
+    ]
+    return Markup('<div class="beside">{}</div>').format(Markup("").join(drawn))
+
+
+def _said(measures: Measures, name: str) -> str:
+    observed: Mapping[str, bool] = {row.quantity: row.observed for row in measures.rows}
+    return name if observed.get(name, True) else f"{name} (not observed)"

@@ -1,0 +1,188 @@
+"""Whole reports: of a fit, of a moving model, of a model alone."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from quadriform.fitting.outcome import Fit
+from quadriform.heart.table import Measures
+from quadriform.imaging.volume import Volume
+from quadriform.motion.tracking import Track
+from quadriform.points import Array
+from quadriform.report import sections
+from quadriform.report.fields import residual_field, thickness_field, uncertainty_field
+from quadriform.report.heart_sections import heart_sections
+from quadriform.report.page import Section, page, source
+from quadriform.report.slices import planes_section
+from quadriform.report.viewer import Field, Plane, Scene, viewer
+from quadriform.shapes.model import DeformableModel
+from quadriform.shapes.moving_model import MovingModel
+
+LEAD = "A superquadric carried by a box of control points; everything on this page is in this one file."
+WALLS = {"endo", "epi"}
+Clouds = Mapping[str, Array]
+
+
+def fit_report(
+    fit: Fit,
+    clouds: Clouds,
+    *,
+    title: str,
+    record: Mapping[str, Any],
+    image: Volume | None = None,
+    measures: Measures | None = None,
+) -> bytes:
+    """The page of one fit.
+
+    Args:
+        fit: with its model in the frame of `clouds`.
+        clouds: surface -> data points (n, 3).
+        title: what was fitted, plain text.
+        record: options and results, for the end of the page.
+        image: from which the points came, in the same frame; its slices are shown with the model's contours.
+        measures: of a ventricle.
+
+    Returns:
+        HTML, UTF-8.
+    """
+    model, unit = fit.model, fit.model.unit.replace("unknown", "units")
+    residuals, before = _by_name(fit.residuals, clouds), _by_name(fit.superquadric_residuals, clouds)
+    each = {name: [cloud] for name, cloud in clouds.items()}
+    off = {name: [values] for name, values in residuals.items()}
+    fields = [residual_field([model], each, off)]
+    if fit.finer is not None:
+        fields.append(uncertainty_field(fit))
+    fields += _thickness([model])
+    scene = Scene(title, each, off, [fit.rms], fields, _cavity(model))
+    voxel = None if image is None else float(image.spacing.max())
+    sentence = (
+        f"the model lies {fit.rms:.4g} {unit} (RMS) from {fit.n_points} points; the superquadric alone "
+        f"{fit.superquadric_rms:.4g} {unit}. Noise along the normal {fit.noise:.3g} {unit}."
+    )
+    parts = [
+        sections.verdict(sentence, fit.warnings),
+        Section("Model", viewer(model, scene)),
+        sections.errors(residuals, before, unit, voxel),
+    ]
+    if image is not None:
+        parts.append(planes_section(image, {name: model.mesh(name) for name in model.surfaces}, title))
+    parts += [] if measures is None else heart_sections(measures)
+    parts += [sections.convergence(fit.history, unit), sections.parameters(model, fit.n_points)]
+    return _page(title, [*parts, *sections.methods(_fit_words(fit), record)])
+
+
+def track_report(
+    found: Track,
+    clouds: Sequence[Clouds],
+    *,
+    title: str,
+    record: Mapping[str, Any],
+    measures: Measures | None = None,
+) -> bytes:
+    """The page of a moving model; of frames that were fitted alone, that of their models without the viewer's slider.
+
+    Args:
+        found: with its models in the frame of `clouds`.
+        clouds: for each frame surface -> data points (n, 3).
+        title: what was followed, plain text.
+        record: options and results, for the end of the page.
+        measures: of a ventricle.
+    """
+    model: MovingModel | DeformableModel = found.models[0] if found.moving is None else found.moving
+    unit = model.unit.replace("unknown", "units")
+    shown = range(len(found.models) if found.moving is not None else 1)
+    each = {name: [clouds[k][name] for k in shown] for name in model.surfaces}
+    off = {name: [found.residuals[k][name] for k in shown] for name in model.surfaces}
+    models = [found.models[k] for k in shown]
+    fields = [residual_field(models, each, off), *_thickness(models)]
+    scene = Scene(title, each, off, found.frame_rms[list(shown)].tolist(), fields, _cavity(model))
+    worst = int(found.frame_rms.argmax())
+    sentence = (
+        f"over {len(found.models)} frames the model lies {found.rms:.4g} {unit} (RMS) from the points; worst is frame "
+        f"{worst} with {found.frame_rms[worst]:.4g} {unit}."
+    )
+    together = {name: np.concatenate([frame[name] for frame in found.residuals]) for name in model.surfaces}
+    parts = [
+        sections.verdict(sentence, found.warnings),
+        Section("Model", viewer(model, scene)),
+        *([] if measures is None else heart_sections(measures)),
+        sections.errors(together, None, unit, None),
+        sections.parameters(model, sum(map(len, together.values()))),
+    ]
+    return _page(title, [*parts, *sections.methods(_track_words(found), record)])
+
+
+def model_report(
+    model: DeformableModel | MovingModel,
+    *,
+    title: str,
+    record: Mapping[str, Any],
+    measures: Measures | None = None,
+    planes: Sequence[Plane] | None = None,
+) -> bytes:
+    """The page of a model that stands alone, without the data it was fitted to.
+
+    Args:
+        model: at rest or moving.
+        title: plain text.
+        record: where it comes from.
+        measures: of a ventricle.
+        planes: the base in each frame, where the cavity of the viewer's volumes ends.
+    """
+    moving = isinstance(model, MovingModel)
+    models = [model.at(t) for t in model.frame_times] if isinstance(model, MovingModel) else [model]
+    scene = Scene(title, errors=[None] * len(models), fields=_thickness(models), cavity=_cavity(model), planes=planes)
+    sentence = f"a {'moving ' if moving else ''}model of {model.n_parameters} numbers; its data is not with it."
+    parts = [
+        sections.verdict(sentence, {} if measures is None else measures.warnings),
+        Section("Model", viewer(model, scene)),
+        *([] if measures is None else heart_sections(measures)),
+        sections.parameters(model, None),
+        sections.methods("", record)[1],
+    ]
+    return _page(title, parts)
+
+
+def _page(title: str, parts: Sequence[Section]) -> bytes:
+    return page(title, LEAD, parts, source("viewer/viewer.css"))
+
+
+def _by_name(residuals: Array | dict[str, Array], clouds: Clouds) -> dict[str, Array]:
+    return residuals if isinstance(residuals, dict) else {next(iter(clouds)): residuals}
+
+
+def _thickness(models: Sequence[DeformableModel]) -> list[Field]:
+    return [thickness_field(models)] if models[0].surfaces.keys() >= WALLS else []
+
+
+def _cavity(model: DeformableModel | MovingModel) -> str:
+    return "endo" if "endo" in model.surfaces else next(iter(model.surfaces))
+
+
+def _fit_words(fit: Fit) -> str:
+    model = fit.model
+    box = " x ".join(str(count) for count in model.box.control_points.shape[:3])
+    how = "the two-step iteration of the original" if fit.finer is None else "tangent distance with sliding foot points"
+    return (
+        f"{fit.n_points} points were modelled by {_surfaces(model)} and a free-form deformation with {box} control "
+        f"points ({model.n_parameters} numbers), fitted by {how} with strength {fit.strength:.3g} in {fit.iterations} "
+        f"iterations. RMS distance {fit.rms:.4g} {model.unit.replace('unknown', 'units')}."
+    )
+
+
+def _track_words(found: Track) -> str:
+    model = found.models[0]
+    box = " x ".join(str(count) for count in model.box.control_points.shape[:3])
+    shifts = f" {len(found.shifts)} slices were shifted in their planes." if found.shifts else ""
+    strengths = ", ".join(f"{strength:.3g}" for strength in found.strengths)
+    return (
+        f"{len(found.models)} frames were modelled by {_surfaces(model)} and a free-form deformation with {box} "
+        f"control points, strategy {found.strategy!r}, strength {strengths}.{shifts} RMS distance over all frames "
+        f"{found.rms:.4g} {model.unit.replace('unknown', 'units')}."
+    )
+
+
+def _surfaces(model: DeformableModel) -> str:
+    kinds = ", ".join(f"{name} ({surface.kind})" for name, surface in model.surfaces.items())
+    return f"superquadrics for {kinds}" if len(model.surfaces) > 1 else f"a superquadric ({kinds.split('(')[1]}"

@@ -1,0 +1,107 @@
+"""What a report on any model says: verdict, errors, convergence, parameters, methods, configuration."""
+
+import json
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup, escape
+
+from quadriform import __version__
+from quadriform.errors import Warnings
+from quadriform.fitting.outcome import Iteration
+from quadriform.points import Array
+from quadriform.report import charts
+from quadriform.report.page import Section, rendered
+from quadriform.report.parts import figure, table
+from quadriform.shapes.model import DeformableModel
+from quadriform.shapes.moving_model import MovingModel
+
+PAPER = (
+    "E. Bardinet, L. D. Cohen, N. Ayache, A Parametric Deformable Model to Fit Unstructured 3D Data, Computer Vision "
+    "and Image Understanding 71(1):39-54, 1998"
+)
+LIBRARIES = ("numpy", "scipy")
+Clouds = Mapping[str, Array]
+
+
+def verdict(sentence: str, warnings: Warnings) -> Section:
+    """The answer in words, and everything to be wary of, before any picture."""
+    return Section("Verdict", rendered("verdict.html.j2", sentence=sentence, warnings=warnings))
+
+
+def errors(residuals: Clouds, before: Clouds | None, unit: str, voxel: float | None) -> Section:
+    """Distances of the data points in numbers and as a histogram.
+
+    Args:
+        residuals: surface -> signed distances (n,) to the model.
+        before: the same to the superquadric alone, or None.
+        unit: of the distances.
+        voxel: longest side of the image's voxels, or None.
+    """
+    rows = [_error_row(name, values, unit, voxel) for name, values in residuals.items()]
+    if len(residuals) > 1:
+        rows.append(_error_row("all", np.concatenate(list(residuals.values())), unit, voxel))
+    if before is not None:
+        rows.append(_error_row("superquadric alone, all", np.concatenate(list(before.values())), unit, voxel))
+    header = ["surface", "points", f"RMS {unit}", f"median {unit}", f"95 % {unit}", f"largest {unit}"]
+    header += ["RMS in voxels"] if voxel is not None else []
+    words = "Signed distances of the data points to the fitted surface; the outermost bins hold what lies beyond."
+    body = table(header, rows) + figure(charts.histogram(residuals, unit, voxel), words)
+    return Section("Errors", body)
+
+
+def _error_row(name: str, residuals: Array, unit: str, voxel: float | None) -> list[str]:
+    away = np.abs(residuals)
+    rms = float(np.sqrt((away**2).mean()))
+    numbers = [rms, float(np.median(away)), float(np.percentile(away, 95)), float(away.max())]
+    return [
+        name,
+        str(len(away)),
+        *(f"{n:.4g}" for n in numbers),
+        *([f"{rms / voxel:.3g}"] if voxel is not None else []),
+    ]
+
+
+def convergence(history: Sequence[Iteration], unit: str) -> Section:
+    """How the fit went."""
+    words = "After each iteration, of whatever points it looked at: few first, all at the end. RMS values."
+    return Section("Convergence", figure(charts.convergence(history, unit), words))
+
+
+def parameters(model: DeformableModel | MovingModel, n_points: int | None) -> Section:
+    """What the model is made of, and how many numbers stand for how many points."""
+    unit = model.unit.replace("unknown", "units")
+    shape = model.control_points.shape if isinstance(model, MovingModel) else model.box.control_points.shape
+    rows = [["numbers in the model", str(model.n_parameters)], ["control points", " x ".join(map(str, shape[:-1]))]]
+    if n_points is not None:
+        rows.append(["data points", str(n_points)])
+        rows.append(["compression ratio, 3 n / numbers", f"{3 * n_points / model.n_parameters:.1f}"])
+    rows.append(["frame, unit", f"{model.space}, {model.unit}"])
+    surfaces = [
+        [
+            name,
+            s.kind,
+            " ".join(f"{a:.4g}" for a in s.semi_axes),
+            " ".join(f"{e:.3g}" for e in s.exponents),
+            " ".join(f"{t:.4g}" for t in s.translation),
+        ]
+        for name, s in model.surfaces.items()
+    ]
+    header = ["superquadric", "kind", f"semi-axes {unit}", "exponents", f"centre {unit}"]
+    return Section("Parameters", table((), rows) + table(header, surfaces))
+
+
+def methods(text: str, record: Mapping[str, Any]) -> list[Section]:
+    """A paragraph to paste, and everything that was in effect: the options, the hash of the input, the versions.
+
+    Args:
+        text: what was done, without versions and citation.
+        record: options and results, as JSON can hold them.
+    """
+    used = ", ".join(f"{name} {version(name)}" for name in LIBRARIES)
+    whole = f"{text} Computed with quadriform {__version__} ({used}), after {PAPER}."
+    paste = Markup('<p class="paste">{}</p>').format(whole)
+    settings = Markup("<pre>{}</pre>").format(escape(json.dumps(record, indent=1, default=str)))
+    return [Section("Methods, ready to paste", paste), Section("Configuration and record", settings)]
