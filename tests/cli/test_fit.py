@@ -28,7 +28,7 @@ def files_in(folder):
 def test_points_become_a_model_a_surface_and_a_table(terminal, cloud, tmp_path):
     result = terminal("fit", cloud, "-o", "out", *QUICK)
     assert result.code == 0
-    assert files_in(tmp_path / "out") == ["model.json", "surface.ply"]
+    assert files_in(tmp_path / "out") == ["model.json", "report.html", "surface.ply"]
     model = read_model("out/model.json")
     assert (model.space, model.unit, model.input_sha256) == ("unknown", "unknown", sha256_of(cloud))
     assert load("out/surface.ply").volume() == pytest.approx(model.mesh().volume(), rel=1e-5)
@@ -59,12 +59,17 @@ def test_json_reports_what_the_model_really_does(terminal, cloud, ellipsoid):
     assert record["compression_ratio"] == pytest.approx(3 * 400 / 386, rel=1e-12)
     assert record["parameters"] == 386
     assert record["points"] == 400
-    assert record["outputs"] == ["out/model.json", "out/surface.ply"]
+    assert record["outputs"] == ["out/model.json", "out/surface.ply", "out/report.html"]
 
 
 def test_the_default_folder_is_named_after_the_input(terminal, cloud, tmp_path):
     assert terminal("fit", cloud, *QUICK).code == 0
-    assert files_in(tmp_path) == ["cloud-model/model.json", "cloud-model/surface.ply", "cloud.xyz"]
+    assert files_in(tmp_path) == [
+        "cloud-model/model.json",
+        "cloud-model/report.html",
+        "cloud-model/surface.ply",
+        "cloud.xyz",
+    ]
 
 
 def test_options_reach_the_fit(terminal, cloud):
@@ -115,7 +120,7 @@ def test_a_base_is_a_plane_or_a_file_with_a_loop(terminal, lump):
 def test_twice_the_same_bytes(terminal, cloud, tmp_path):
     for out in ("a", "b"):
         terminal("fit", cloud, "-o", out, *QUICK)
-    for name in ("model.json", "surface.ply"):
+    for name in ("model.json", "surface.ply", "report.html"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 
 
@@ -135,7 +140,7 @@ def test_one_broken_input_does_not_stop_the_others(terminal, cloud, tmp_path):
     (tmp_path / "flat.xyz").write_text("".join(f"{i} {i * i} 0\n" for i in range(30)))
     result = terminal("fit", "broken.xyz", cloud, "flat.xyz", "-o", "out", "--json", *QUICK)
     assert result.code == 4
-    assert files_in(tmp_path / "out") == ["cloud/model.json", "cloud/surface.ply"]
+    assert files_in(tmp_path / "out") == ["cloud/model.json", "cloud/report.html", "cloud/surface.ply"]
     records = json.loads(result.out)
     assert [record["status"] == "failed" for record in records] == [True, False, True]
     assert "line 1" in records[0]["message"]
@@ -162,7 +167,7 @@ def test_a_folder_gives_a_model_for_each_file_it_knows(terminal, cloud, tmp_path
     (tmp_path / "in/readme.md").write_text("not points")
     result = terminal("fit", "in", "-o", "out", *QUICK)
     assert result.code == 0
-    assert files_in(tmp_path / "out") == ["a/model.json", "a/surface.ply"]
+    assert files_in(tmp_path / "out") == ["a/model.json", "a/report.html", "a/surface.ply"]
     assert "1 inputs" in result.out
 
 
@@ -180,7 +185,7 @@ def test_two_surfaces_share_one_box(terminal, cloud, ellipsoid, tmp_path):
     model = read_model("out/model.json")
     assert list(model.surfaces) == ["epi", "endo"]
     assert model.input_sha256 == sha256_of(cloud, "inner.npy")
-    assert files_in(tmp_path / "out") == ["model.json", "surface-endo.ply", "surface-epi.ply"]
+    assert files_in(tmp_path / "out") == ["model.json", "report.html", "surface-endo.ply", "surface-epi.ply"]
     record = json.loads(result.out)
     assert record["parameters"] == 397
     assert record["points"] == 800

@@ -92,8 +92,9 @@ def known(monkeypatch):
         box, times = qf.ControlBox.around(surface, (3, 3, 3)), np.arange(len(clouds)) * 1.0
         boxes = np.stack([box.control_points * (1 - 0.1 * time) for time in times])
         basis = TimeBasis(times, float(len(times)))
-        moving = qf.MovingModel({"endo": surface, "epi": surface}, box.origin, box.edges, basis, boxes)
-        models, residuals = tuple(moving.at(time) for time in times), ({"endo": np.ones(3)},) * len(clouds)
+        moving = qf.MovingModel(dict.fromkeys(clouds[0], surface), box.origin, box.edges, basis, boxes)
+        models = tuple(moving.at(time) for time in times)
+        residuals = tuple({name: np.ones(len(cloud)) for name, cloud in frame.items()} for frame in clouds)
         return qf.Track("cycle", times, models, moving, residuals, 1.0, (1e-5, 1e-5), {2: np.array([1.0, 2, 3])})
 
     monkeypatch.setattr("quadriform.motion.tracking.track", track)

@@ -54,8 +54,7 @@ def demo(
     picture = slices_png(volume.values, volume.world_from_voxel, shown, SOURCE)
     write_bytes(folder / "slices.png", picture, force)
     marked = replace(result, model=model)
-    record = found.record | {"seconds": round(seconds, 3)}
-    report = fit_report(marked, {ALONE: found.points}, title=SOURCE, record=record, image=volume)
+    report = fit_report(marked, {ALONE: found.points}, title=SOURCE, record=found.record, image=volume)
     write_bytes(folder / "report.html", report, force)
 
     data = ~found.on_border

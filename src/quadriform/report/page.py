@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from importlib.resources import files
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
@@ -35,9 +36,7 @@ def rendered(template: str, **values: object) -> Markup:
 
 def source(name: str) -> Markup:
     """A style or a script of this package as it stands."""
-    environment = _templates()
-    assert environment.loader is not None
-    return Markup(environment.loader.get_source(environment, name)[0])
+    return Markup(files("quadriform.report").joinpath("templates", name).read_text("utf-8"))
 
 
 def page(title: str, lead: str, sections: Sequence[Section], more_style: str = "") -> bytes:

@@ -22,6 +22,7 @@ PAPER = (
     "E. Bardinet, L. D. Cohen, N. Ayache, A Parametric Deformable Model to Fit Unstructured 3D Data, Computer Vision "
     "and Image Understanding 71(1):39-54, 1998"
 )
+HERE = ("input", "outputs", "seconds")
 LIBRARIES = ("numpy", "scipy")
 Clouds = Mapping[str, Array]
 
@@ -98,10 +99,12 @@ def methods(text: str, record: Mapping[str, Any]) -> list[Section]:
 
     Args:
         text: what was done, without versions and citation.
-        record: options and results, as JSON can hold them.
+        record: options and results, as JSON can hold them. Folders of this machine and how long it took are left out:
+            they are nobody's business, and the same input gives the same page.
     """
     used = ", ".join(f"{name} {version(name)}" for name in LIBRARIES)
     whole = f"{text} Computed with quadriform {__version__} ({used}), after {PAPER}."
+    kept = {name: value for name, value in record.items() if name not in HERE}
     paste = Markup('<p class="paste">{}</p>').format(whole)
-    settings = Markup("<pre>{}</pre>").format(escape(json.dumps(record, indent=1, default=str)))
+    settings = Markup("<pre>{}</pre>").format(escape(json.dumps(kept, indent=1, default=str)))
     return [Section("Methods, ready to paste", paste), Section("Configuration and record", settings)]

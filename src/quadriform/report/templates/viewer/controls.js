@@ -119,5 +119,10 @@ if (data.time) Object.assign($("time"), { min: frames[0], max: last, step: tick,
 draw();
 curve();
 numbers();
-window.quadriform = { renderer, setTime, moveControlPoint, volume: (name, t = state.time) => volumeOf(data.surfaces.find((s) => s.name === name), t), camera, draw };
+const named = (name) => data.surfaces.find((s) => s.name === name);
+window.quadriform = {
+  renderer, camera, draw, setTime, moveControlPoint,
+  volume: (name, t = state.time) => volumeOf(named(name), t),
+  vertices: (name, cells, t = state.time) => [...carried(gridOf(named(name), cells).prepared, controlAt(t))],
+};
 document.title = `ready: ${document.title}`;

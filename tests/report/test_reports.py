@@ -1,0 +1,190 @@
+"""Whole reports: what stands in them, that it is what Python says, and how they look in a browser."""
+
+import json
+import re
+from html import unescape
+
+import nibabel
+import numpy as np
+import pytest
+from heart_made import beating
+
+import quadriform as qf
+from quadriform.cli.main import main
+from quadriform.errors import OptionError
+from quadriform.heart.synthetic import SyntheticVentricle
+from quadriform.motion.tracking import Track
+from quadriform.report import notebook
+from quadriform.report.reports import fit_report, model_report, track_report
+
+MOST_BYTES = 5_000_000
+
+
+@pytest.fixture(scope="session")
+def egg():
+    """A fit of 300 noisy points of an ellipsoid, and the points."""
+    rng = np.random.default_rng(4)
+    directions = rng.normal(size=(300, 3))
+    points = directions / np.linalg.norm(directions, axis=1, keepdims=True) * (30, 20, 12) + rng.normal(
+        scale=0.3, size=(300, 3)
+    )
+    return qf.fit(points, box=(3, 3, 3)), points
+
+
+@pytest.fixture(scope="session")
+def demo(tmp_path_factory):
+    """The folder of `quadriform demo`."""
+    folder = tmp_path_factory.mktemp("demo")
+    assert main(["demo", "-o", str(folder / "out")]) == 0
+    return folder / "out"
+
+
+@pytest.mark.slow
+def test_the_page_of_the_demo_says_what_the_model_says(browser, demo):
+    model = qf.load(demo / "model.json")
+    path = demo / "report.html"
+    browser.open(path)
+    assert path.stat().st_size < MOST_BYTES
+    assert browser.number("volume-surface") == float(f"{model.volume() / 1000:.4g}")
+    error = re.search(r"lies ([\d.]+) mm \(RMS\) from 18047", path.read_text())
+    assert browser.number("error") == float(error[1])
+    assert browser.colours() > 20
+    assert browser.run("return document.querySelectorAll('img').length") == 3
+
+
+def test_a_report_begins_with_the_verdict_and_holds_the_fit(egg):
+    fit, points = egg
+    text = fit_report(fit, {"surface": points}, title="an egg", record={"options": {"box": [3, 3, 3]}}).decode()
+    titles = re.findall(r"<h2[^>]*>(.*?)</h2>", text)
+    assert titles[:3] == ["Verdict", "Model", "Errors"]
+    assert titles[-2:] == ["Methods, ready to paste", "Configuration and record"]
+    assert f"<strong>{fit.status}</strong>" in text
+    for number in (fit.rms, fit.superquadric_rms, float(np.abs(fit.residuals).max())):
+        assert f"{number:.4g}" in text
+    assert f"{fit.compression_ratio:.1f}" in text and str(fit.model.n_parameters) in text
+    assert "Bardinet" in text and f"quadriform {qf.__version__}" in text
+
+
+def test_warnings_are_said_first(egg):
+    fit, points = egg
+    far = np.concatenate([points, [[90.0, 0, 0], [0, 95, 0]]])
+    warned = qf.fit(far, box=(3, 3, 3))
+    text = fit_report(warned, {"surface": far}, title="an egg", record={}).decode()
+    assert warned.warnings and fit.status == "ok"
+    for kind, sentence in warned.warnings.items():
+        assert str(kind) in text and sentence in unescape(text)
+        assert text.index(str(kind)) < text.index("<canvas")
+
+
+def test_titles_and_records_are_escaped(egg):
+    fit, points = egg
+    bad = "<img src=x onerror=alert(1)>"
+    text = fit_report(fit, {"surface": points}, title=bad, record={"input": bad}).decode()
+    assert bad not in text and text.count("&lt;img src=x") >= 3
+
+
+def test_the_same_fit_gives_the_same_page(egg):
+    fit, points = egg
+    one, two = (fit_report(fit, {"surface": points}, title="egg", record={"seconds": s}) for s in (1.0, 2.0))
+    assert one == two
+
+
+def test_a_page_without_points_and_with_many(browser, egg, tmp_path):
+    fit, points = egg
+    many = np.tile(points, (450, 1))
+    repeated = qf.Fit(**(vars(fit) | {"residuals": np.tile(fit.residuals, 450)}))
+    page = fit_report(repeated, {"surface": many}, title="many", record={})
+    assert len(page) < MOST_BYTES
+    (tmp_path / "many.html").write_bytes(page)
+    browser.open(tmp_path / "many.html")
+    (tmp_path / "model.html").write_bytes(model_report(fit.model, title="alone", record={}))
+    browser.open(tmp_path / "model.html")
+    assert browser.run("return document.getElementById('show-points').disabled")
+
+
+@pytest.fixture(scope="session")
+def cycle():
+    """The synthetic ventricle as if it had been tracked, its points, and its measures."""
+    moving, ventricle = beating(), SyntheticVentricle()
+    times = moving.frame_times
+    clouds = [
+        {name: ventricle.surface_points(name, t, 400, 0.4, seed=k) for name in ("epi", "endo")}
+        for k, t in enumerate(times)
+    ]
+    models = tuple(moving.at(t) for t in times)
+    residuals = tuple({n: m.distance(c, n) for n, c in frame.items()} for m, frame in zip(models, clouds))
+    found = Track("cycle", times, models, moving, residuals, 0.4, (1e-6, 1e-3))
+    return found, clouds, qf.measure(models, times)
+
+
+def test_the_page_of_a_ventricle_says_what_python_says(browser, cycle, tmp_path):
+    found, clouds, measures = cycle
+    page = track_report(found, clouds, title="a heart", record={}, measures=measures)
+    assert len(page) < MOST_BYTES
+    (tmp_path / "heart.html").write_bytes(page)
+    browser.open(tmp_path / "heart.html")
+    assert browser.number("ejection") == float(f"{measures['ejection fraction']:.4g}")
+    assert browser.number("volume-endo") == float(f"{measures['end-diastolic volume']:.4g}")
+    assert browser.number("error") == float(f"{found.frame_rms[0]:.4g}")
+    assert browser.colours() > 20
+    text = page.decode()
+    for row in measures.rows:
+        if "segment" not in row.quantity:
+            assert f"{row.value:.4g}" in text
+    assert "Suinesiaputra" in text and "twist angle (not observed)" in text
+    assert text.count("Bullseye of wall thickness") == 2
+
+
+def test_frames_that_were_tracked_alone_show_the_first(cycle):
+    found, clouds, _ = cycle
+    alone = Track("alone", found.times, found.models, None, found.residuals, 0.4, (1e-6,))
+    assert b'"time":null' in track_report(alone, clouds, title="a heart", record={})
+    with pytest.raises(OptionError, match="no moving model"):
+        notebook.as_html(alone)
+
+
+def test_models_show_themselves_in_a_frame_of_their_own(egg, cycle):
+    fit, _ = egg
+    for thing in (fit, fit.model, cycle[0], cycle[0].moving):
+        html = notebook.as_html(thing)
+        assert html.startswith("<iframe sandbox") and html.count("<iframe") == 1
+        inside = unescape(re.search(r'srcdoc="([^"]*)"', html)[1])
+        assert inside.startswith("<!doctype html>") and inside.endswith("</html>")
+    with pytest.raises(OptionError, match="found int"):
+        notebook.show(3)
+
+
+def test_show_opens_a_file(egg, monkeypatch):
+    opened = []
+    monkeypatch.setattr(notebook.webbrowser, "open", opened.append)
+    path = qf.show(egg[0])
+    assert opened == [path.as_uri()] and path.read_bytes().startswith(b"<!doctype html>")
+    path.unlink()
+
+
+def test_the_terminal_writes_the_page_of_a_model(browser, cycle, tmp_path, capsys):
+    qf.save(cycle[0].moving, tmp_path / "model.json")
+    words = ["report", str(tmp_path / "model.json"), "-o", str(tmp_path / "page.html"), "--base", "0.9"]
+    assert main(words) == 0
+    assert main(words) == 5  # exists already
+    assert main([*words, "--force"]) == 0
+    assert main(["report", str(tmp_path / "none.json"), "-o", str(tmp_path / "other.html")]) == 4
+    assert main(["report", str(tmp_path / "model.json"), "-o", str(tmp_path / "page.pdf")]) == 4
+    assert not (tmp_path / "other.html").exists() and not (tmp_path / "page.pdf").exists()
+    browser.open(tmp_path / "page.html")
+    measured = qf.measure(cycle[0].models, cycle[0].times, base=0.9)
+    assert browser.number("ejection") == float(f"{measured['ejection fraction']:.4g}")
+
+
+def test_the_image_is_shown_in_the_frame_that_was_asked_for(tmp_path, capsys):
+    at = np.moveaxis(np.indices((24, 24, 24)), 0, -1) - 11.5
+    values = ((at / (9, 7, 6)) ** 2).sum(axis=-1) < 1
+    nibabel.save(nibabel.Nifti1Image(values.astype(np.uint8), np.diag([2.0, 2.0, 2.0, 1.0])), tmp_path / "egg.nii")
+    for space in ("LPS", "RAS"):
+        words = ["fit", str(tmp_path / "egg.nii"), "-o", str(tmp_path / space), "--space", space, "--box", "3,3,3"]
+        assert main(words) == 0
+    pages = [(tmp_path / space / "report.html").read_text() for space in ("LPS", "RAS")]
+    pictures = [re.findall(r"data:image/png;base64,([^\"]+)", page) for page in pages]
+    assert len(pictures[0]) == 3 and pictures[0] == pictures[1]  # the same slices with the same contours
+    shown = [json.loads(re.search(r'id="model">(.*?)</script>', page)[1])["axes"] for page in pages]
+    assert shown == [["L", "P", "S"], ["R", "A", "S"]]

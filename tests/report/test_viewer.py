@@ -1,0 +1,189 @@
+"""The viewer's numbers against Python's, in a browser with and without WebGL."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from heart_made import beating
+from shapes_made import made
+
+import quadriform as qf
+from quadriform.heart.synthetic import SyntheticVentricle
+from quadriform.report.page import Section, page, source
+from quadriform.report.viewer import FIELD_CELLS, Field, Scene, payload, viewer
+from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.model import DeformableModel
+
+SHAPES = {kind: made(kind) for kind in ("ellipsoid", "toroid", "hyperboloid1", "hyperboloid2")}
+
+
+def bent(surfaces, seed=0, shape=(4, 5, 3), **marks):
+    """A model whose control points are moved by a twentieth of the box."""
+    first = next(iter(surfaces.values()))
+    box = ControlBox.around(first, shape)
+    moved = np.random.default_rng(seed).normal(size=box.control_points.shape) * np.linalg.norm(box.edges, axis=1) / 20
+    return DeformableModel(surfaces, box.with_control_points(box.control_points + moved), **marks)
+
+
+def written(folder, model, scene=None, title="model"):
+    path = folder / "page.html"
+    path.write_bytes(page(title, "", [Section("Model", viewer(model, scene))], source("viewer/viewer.css")))
+    return path
+
+
+@pytest.mark.parametrize("kind", SHAPES)
+def test_every_vertex_is_where_python_has_it(browser, tmp_path, kind):
+    model = bent({"surface": SHAPES[kind]}, unit="mm")
+    browser.open(written(tmp_path, model))
+    size = np.ptp(model.mesh().vertices, axis=0).max()
+    for cells in (5, 8):
+        seen = np.reshape(browser.run("return quadriform.vertices('surface', arguments[0])", cells), (-1, 3))
+        assert np.abs(seen - model.mesh(resolution=cells).vertices).max() < 1e-6 * size  # control points in 32 bits
+    assert browser.colours() > 5
+
+
+@pytest.mark.parametrize("kind", ["ellipsoid", "toroid"])
+def test_volumes_are_those_of_python(browser, tmp_path, kind):
+    model = bent({"surface": SHAPES[kind]}, unit="mm")
+    browser.open(written(tmp_path, model))
+    assert browser.text("volume-surface") == f"{float(f'{model.volume() / 1000:.4g}')} ml"
+
+
+def test_a_moved_control_point_changes_the_volume_as_python_says(browser, tmp_path):
+    model = bent({"surface": SHAPES["ellipsoid"]}, unit="mm")
+    browser.open(written(tmp_path, model))
+    before = browser.picture()
+    for name, value in {"i": 3, "j": 2, "k": 1, "dx": 2, "dy": -0.5, "dz": 1}.items():
+        browser.run("document.getElementById('move-' + arguments[0]).value = arguments[1]", name, value)
+    browser.run("document.getElementById('move').requestSubmit()")
+    moved = model.box.control_points.copy()
+    moved[3, 2, 1] += (2, -0.5, 1)
+    after = DeformableModel(model.surfaces, model.box.with_control_points(moved)).volume() / 1000
+    assert abs(after / (model.volume() / 1000) - 1) > 0.01
+    assert browser.run("return quadriform.volume('surface')") == pytest.approx(after, rel=1e-6)
+    assert browser.picture() != before
+    browser.run("document.getElementById('undo').click()")
+    assert browser.run("return quadriform.volume('surface')") == pytest.approx(model.volume() / 1000, rel=1e-6)
+    browser.check()
+
+
+def test_a_control_point_is_dragged_by_the_mouse(browser, tmp_path):
+    from selenium.webdriver.common.action_chains import ActionChains
+
+    browser.open(written(tmp_path, bent({"surface": SHAPES["ellipsoid"]}, unit="mm")))
+    volume = browser.run("document.getElementById('show-box').click(); return quadriform.volume('surface')")
+    canvas = browser.driver.find_element("id", "scene")
+    x, y = browser.run(
+        """const c = quadriform.camera, [l, m, n] = JSON.parse(document.getElementById('model').textContent).box.shape;
+        const data = JSON.parse(document.getElementById('model').textContent);
+        const raw = new Float32Array(Uint8Array.from(atob(data.control), (b) => b.charCodeAt(0)).buffer);
+        const last = raw.length - 3, p = c.seen([0, 1, 2].map((k) => raw[last + k] + data.centre[k]), 0);
+        const scale = document.getElementById('scene').clientHeight / 2 / c.reach;
+        return [scale * p[0], -scale * p[1]]"""
+    )
+    ActionChains(browser.driver).move_to_element_with_offset(
+        canvas, round(x), round(y)
+    ).click_and_hold().move_by_offset(-40, 25).release().perform()
+    assert abs(browser.run("return quadriform.volume('surface')") / volume - 1) > 1e-3
+    browser.check()
+
+
+def test_time_moves_surface_and_volume(browser, tmp_path):
+    model = beating()
+    browser.open(written(tmp_path, model, Scene(errors=[0.5] * 10, cavity="endo")))
+    volumes = [model.at(t).volume("endo") / 1000 for t in model.frame_times]
+    fraction = 100 * (1 - min(volumes) / max(volumes))
+    assert browser.number("ejection") == float(f"{fraction:.4g}")
+    assert browser.number("error") == 0.5
+    pictures = set()
+    for time in (0.0, 0.3, 0.47, 0.9):  # at frames and between them
+        browser.run(
+            """const slider = document.getElementById('time'); slider.step = 'any'; slider.value = arguments[0];
+            slider.dispatchEvent(new Event('input'))""",
+            time,
+        )
+        for name in ("endo", "epi"):
+            assert browser.number(f"volume-{name}") == float(f"{model.at(time).volume(name) / 1000:.4g}")
+        pictures.add(browser.picture())
+    assert len(pictures) == 4
+    browser.check()
+
+
+def test_play_runs_and_stops(browser, tmp_path):
+    browser.open(written(tmp_path, beating(), Scene(errors=[None] * 10)))
+    browser.run("document.getElementById('play').click()")
+    browser.driver.execute_async_script("setTimeout(arguments[0], 600)")
+    browser.run("document.getElementById('play').click()")
+    stopped = browser.number("time-now")
+    browser.driver.execute_async_script("setTimeout(arguments[0], 200)")
+    assert 0 < stopped == browser.number("time-now")
+
+
+def test_the_base_cuts_the_cavity_as_in_python(browser, tmp_path):
+    model, ventricle = beating(), SyntheticVentricle()
+    point, direction = ventricle.base_plane(0.8)
+    planes = [(np.asarray(point), np.asarray(direction))] * 10
+    browser.open(written(tmp_path, model, Scene(errors=[None] * 10, cavity="endo", planes=planes)))
+    measured = qf.measure([model.at(t) for t in model.frame_times], base=(point, direction))
+    assert browser.number("volume-endo") == float(f"{measured['end-diastolic volume']:.4g}")
+    assert browser.number("ejection") == float(f"{measured['ejection fraction']:.4g}")
+
+
+def test_every_colour_and_switch_draws_something_else(browser, tmp_path):
+    model = bent({"inner part": SHAPES["ellipsoid"], "outer": made(semi_axes=(4.0, 3.0, 5.0))}, unit="mm")
+    places = {name: model.box.deform(s.grid(FIELD_CELLS)[0]) for name, s in model.surfaces.items()}
+    values = {name: [np.where(x[:, 0] > x[:, 0].mean(), np.nan, x[:, 1])] for name, x in places.items()}
+    points = {name: [x[::3]] for name, x in places.items()}
+    off = {name: [np.sin(x[::3, 2])] for name, x in places.items()}
+    browser.open(written(tmp_path, model, Scene("both", points, off, [1.0], [Field("residual", "mm", values)])))
+    pictures = [browser.picture()]
+    for colour in ("residual", "displacement", "jacobian"):
+        browser.run(
+            """const choice = document.getElementById('colour'); choice.value = arguments[0];
+            choice.dispatchEvent(new Event('input'))""",
+            colour,
+        )
+        assert browser.text("legend-name") == colour and browser.text("high")
+        pictures.append(browser.picture())
+    for switch in ("show-points", "show-box", "show-arrows", "show-outer"):
+        browser.run("document.getElementById(arguments[0]).click()", switch)
+        pictures.append(browser.picture())
+    assert len(set(pictures)) == len(pictures)
+    browser.check()
+
+
+def test_keys_turn_zoom_and_reset(browser, tmp_path):
+    from selenium.webdriver.common.keys import Keys
+
+    browser.open(written(tmp_path, bent({"surface": SHAPES["ellipsoid"]})))
+    browser.driver.execute_async_script("setTimeout(arguments[0], 50)")
+    first, canvas = browser.picture(), browser.driver.find_element("id", "scene")
+    seen = []
+    for key in (Keys.ARROW_LEFT, Keys.ARROW_UP, "+", "0"):
+        canvas.send_keys(key)
+        browser.driver.execute_async_script("setTimeout(arguments[0], 300)")
+        seen.append(browser.picture())
+    assert len({first, *seen[:3]}) == 4
+    assert seen[3] == first
+
+
+def test_a_name_that_looks_like_markup_stays_a_name(browser, tmp_path):
+    name = "a</script><img src=x onerror=document.title='broken'>\"'"
+    model = bent({name: SHAPES["ellipsoid"]}, unit="mm")
+    browser.open(written(tmp_path, model, Scene(title=name), title=name))
+    assert browser.driver.title == f"ready: {name}"
+    assert browser.run("return quadriform.volume(arguments[0])", name) == pytest.approx(model.volume() / 1000, rel=1e-6)
+
+
+def test_the_page_holds_parameters_and_not_meshes(tmp_path):
+    model = beating(25)
+    data = json.dumps(payload(model, Scene(errors=[None] * 25)))
+    assert model.n_parameters == 4522 and len(data) < 40_000
+    assert re.search(r"https?://(?!www\.w3\.org)", written(tmp_path, model).read_text()) is None
+
+
+def test_the_same_page_twice(tmp_path):
+    scene = Scene(points={"surface": [np.zeros((0, 3))]}, residuals={"surface": [np.zeros(0)]})
+    model = bent({"surface": SHAPES["ellipsoid"]})
+    assert viewer(model, scene) == viewer(model, scene)
