@@ -1,0 +1,93 @@
+"""Points, surfaces, boxes and arrows in space; small pixels in the page."""
+
+import io
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from quadriform.points import Array
+from quadriform.report.parts import image
+from quadriform.report.slices import COLOURS
+from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.mesh import Mesh
+
+ORANGE, BLUE, GREEN, PINK = COLOURS
+GREY = "#57606a"
+BY_PAPER, BY_DEFAULT = BLUE, GREEN
+"""One colour for each method, everywhere on the page."""
+PALETTE = 96
+"""Colours of a picture: grey, and a few that differ; a quarter of the bytes."""
+SHOWN = 3000
+"""So many points of a cloud are drawn at most."""
+RESOLUTION = 16
+"""Of the meshes that are drawn, cells along an edge of the cube."""
+
+
+def scene(columns: int, rows: int = 1, width: float = 3.0) -> tuple[Figure, list[Any]]:
+    """A figure with a row-by-row list of empty places in space."""
+    figure = Figure(figsize=(width * columns, 0.95 * width * rows))
+    places = [figure.add_subplot(rows, columns, k + 1, projection="3d") for k in range(rows * columns)]
+    for axes in places:
+        axes.set_axis_off()
+        axes.view_init(elev=18, azim=-58)
+    figure.subplots_adjust(0, 0, 1, 0.93, 0, 0.1)
+    return figure, places
+
+
+def look_at(places: Sequence[Any], points: Array) -> None:
+    """The same window on all places: around these points (n, 3), equal along all axes."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    for axes in places:
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+        axes.set_box_aspect(high - low, zoom=1.35)
+
+
+def draw_cloud(axes: Any, points: Array, colour: str = ORANGE, size: float = 2.0) -> None:
+    """Points, those far away pale."""
+    some = points[:: -(-len(points) // SHOWN)]
+    axes.scatter(*some.T, s=size, color=colour, linewidths=0, depthshade=True)
+
+
+def draw_mesh(axes: Any, mesh: Mesh, colour: str, alpha: float = 1.0) -> None:
+    """A shaded surface."""
+    axes.plot_trisurf(
+        *mesh.vertices.T, triangles=mesh.faces, color=colour, alpha=alpha, linewidth=0, antialiased=alpha < 1
+    )
+
+
+def draw_box(axes: Any, box: ControlBox, colour: str = GREY) -> None:
+    """The lines between neighbouring control points."""
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection
+
+    lines = [line for axis in range(3) for line in np.moveaxis(box.control_points, axis, 2).reshape(-1, *_row(box, axis))]
+    axes.add_collection3d(Line3DCollection(lines, colors=colour, linewidths=0.4))
+
+
+def _row(box: ControlBox, axis: int) -> tuple[int, int]:
+    return box.control_points.shape[axis], 3
+
+
+def draw_arrows(axes: Any, starts: Array, steps: Array, colour: str = PINK, count: int = 400) -> None:
+    """Displacements (n, 3) at points (n, 3), some of them."""
+    some = slice(None, None, -(-len(starts) // count))
+    axes.quiver(*starts[some].T, *steps[some].T, color=colour, linewidths=0.6, arrow_length_ratio=0.25)
+
+
+def picture(drawing: Figure, words: str, dots_per_inch: int = 100) -> Markup:
+    """A drawing as pixels of few colours inside the page."""
+    stream = io.BytesIO()
+    drawing.savefig(stream, format="png", dpi=dots_per_inch, facecolor="white")
+    return small(stream.getvalue(), words)
+
+
+def small(data: bytes, words: str) -> Markup:
+    """A PNG with fewer colours inside the page."""
+    from PIL import Image
+
+    stream = io.BytesIO()
+    few = Image.open(io.BytesIO(data)).convert("RGB").quantize(PALETTE, dither=Image.Dither.NONE)
+    few.save(stream, format="png", optimize=True)
+    return image(stream.getvalue(), words)

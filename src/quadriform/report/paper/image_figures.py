@@ -1,0 +1,146 @@
+"""Figs. 13 to 18: slices of images, with the segmentation and the models over them."""
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from quadriform.imaging.volume import Volume
+from quadriform.report.paper import drawing
+from quadriform.report.paper.remake import NONE, Remake, beside, mm, shown
+from quadriform.report.paper.results import Results
+from quadriform.report.paper.subjects import Scan
+from quadriform.report.slices import slices_png
+
+STAND_IN = " Without real data this page has a stand-in: {}."
+COLUMNS = 6
+
+
+def first_images(results: Results) -> Remake:
+    """Fig. 13."""
+    scans = _distinct(results.brain, results.first, results.second)
+    return Remake(
+        "Fig. 13",
+        "slices of SPECT images",
+        "p. 48",
+        "slices of two SPECT images, of 64 x 64 x 64 and of 64 x 64 x 21 voxels (p. 47).",
+        [_slices(scan) for scan in scans],
+        [],
+        _which(results, "the brain, fine and coarse"),
+    )
+
+
+def third_image(results: Results) -> Remake:
+    """Fig. 14."""
+    return Remake(
+        "Fig. 14",
+        "slices of a scanner's image",
+        "p. 48",
+        "slices of an image of 98 x 100 x 110 voxels of 0.926 mm by the Dynamic Spatial Reconstructor.",
+        [_slices(results.third)],
+        [],
+        _which(results, "a synthetic ventricle in an image of the same size, with blur and noise"),
+    )
+
+
+def _distinct(*scans: Scan) -> list[Scan]:
+    return list({id(scan): scan for scan in scans}.values())
+
+
+def _which(results: Results, stand_in: str) -> str:
+    """The paper's own images were never published."""
+    text = "the paper's images are not public."
+    return text + (" These are other hearts." if results.real else STAND_IN.format(stand_in))
+
+
+def _slices(scan: Scan) -> Markup:
+    volume, name = scan.volume, scan.subject.name
+    sizes = " x ".join(map(str, volume.values.shape))
+    words = f"{name}: {sizes} voxels of {' x '.join(f'{step:.3g}' for step in volume.spacing)} mm."
+    return shown(drawing.picture(_montage(volume), words, 80), words, scan.subject.source)
+
+
+def _montage(volume: Volume) -> Figure:
+    """Twelve even slices along the third axis."""
+    shape, steps = volume.values.shape, volume.spacing
+    levels = np.unique(np.linspace(0, shape[2] - 1, 14).round().astype(int)[1:-1])
+    rows = -(-len(levels) // COLUMNS)
+    figure = Figure(figsize=(11, 11 / COLUMNS * rows * shape[1] * steps[1] / (shape[0] * steps[0])))
+    low, high = np.percentile(volume.values, [1, 99.5])
+    for place, k in enumerate(levels):
+        axes = figure.add_subplot(rows, COLUMNS, place + 1)
+        grey = volume.values[:, :, k].T
+        axes.imshow(grey, cmap="gray", origin="lower", vmin=low, vmax=high, aspect=steps[1] / steps[0])
+        axes.set_axis_off()
+    figure.subplots_adjust(0, 0, 1, 1, 0.02, 0.02)
+    return figure
+
+
+def first_overlay(results: Results) -> Remake:
+    """Fig. 15."""
+    pictures = [_overlay(scan) for scan in _distinct(results.brain, results.first)]
+    what = "the epicardium of the first SPECT image: segmented surface above, model below"
+    return _overlaid("Fig. 15", "p. 49", what, results.first, pictures)
+
+
+def second_overlay(results: Results) -> Remake:
+    """Fig. 16."""
+    what = "the same for the coarser SPECT image"
+    return _overlaid("Fig. 16", "p. 49", what, results.second, [_overlay(results.second)])
+
+
+def segmentation(results: Results) -> Remake:
+    """Fig. 17."""
+    scan = results.third
+    words = f"{scan.subject.name}: the segmented surfaces over slices."
+    picture = drawing.small(slices_png(scan.volume.values, scan.volume.world_from_voxel, scan.outlines, "", 8), words)
+    return Remake(
+        "Fig. 17",
+        "segmentation of the cavity",
+        "p. 49",
+        "the segmented endocardium over slices of the scanner's image.",
+        [shown(picture, words, scan.subject.source)],
+        [],
+        f"made by: {scan.steps}.",
+    )
+
+
+def third_overlay(results: Results) -> Remake:
+    """Fig. 18."""
+    what = "the model of the endocardium over slices of the scanner's image"
+    return _overlaid("Fig. 18", "p. 50", what, results.third, [_overlay(results.third)])
+
+
+def _overlay(scan: Scan) -> Markup:
+    subject, name = scan.subject, scan.subject.surface
+    outlines = scan.outlines if name not in scan.outlines else {f"isosurface, {name}": scan.outlines[name]}
+    models = {'model, method="paper"': subject.paper, "model, default": subject.default}
+    meshes = outlines | {key: fit.model.mesh(name, 40) for key, fit in models.items()}
+    words = f"{subject.name}: segmented surface and both models over slices."
+    data = slices_png(scan.volume.values, scan.volume.world_from_voxel, meshes, "", 8)
+    return shown(drawing.small(data, words), words, subject.source)
+
+
+def _overlaid(name: str, page: str, what: str, scan: Scan, pictures: list[Markup]) -> Remake:
+    subject = scan.subject
+    paper, default = (fit.rms for fit in subject.fits)
+    rows = [
+        (f"error RMS, {subject.name}", NONE, mm(paper), mm(default)),
+        ("iterations", "30", *(str(fit.iterations) for fit in subject.fits)),
+    ]
+    if scan.caps is not None:
+        measured = [mm(_rms_of(fit.residuals, ~scan.caps)) for fit in subject.fits]
+        rows.append(("the same without the points that close the cut object", NONE, *measured))
+    return Remake(
+        name,
+        "model over slices",
+        page,
+        f"{what}; 5 x 5 x 5 control points, 11 parameters, 30 iterations (p. 48). Agreement is shown, not measured.",
+        pictures,
+        rows,
+        f"measured here: by default the error is {beside(default, paper)} than with the paper's method. {scan.steps[0].upper()}"
+        f"{scan.steps[1:]}.".replace("same within 2 % than with", "same within 2 % as with"),
+    )
+
+
+def _rms_of(residuals: object, which: object) -> float:
+    return float(np.sqrt(np.mean(np.square(residuals[which]))))  # type: ignore[index]
