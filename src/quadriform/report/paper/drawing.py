@@ -18,8 +18,9 @@ ORANGE, BLUE, GREEN, PINK = COLOURS
 GREY = "#57606a"
 BY_PAPER, BY_DEFAULT = BLUE, GREEN
 """One colour for each method, everywhere on the page."""
-PALETTE = 96
+PALETTE = 128
 """Colours of a picture: grey, and a few that differ; a quarter of the bytes."""
+ARROW = "#a0306f"
 SHOWN = 3000
 """So many points of a cloud are drawn at most."""
 RESOLUTION = 16
@@ -37,12 +38,12 @@ def scene(columns: int, rows: int = 1, width: float = 3.0) -> tuple[Figure, list
     return figure, places
 
 
-def look_at(places: Sequence[Any], points: Array) -> None:
+def look_at(places: Sequence[Any], points: Array, zoom: float = 1.2) -> None:
     """The same window on all places: around these points (n, 3), equal along all axes."""
     low, high = points.min(axis=0), points.max(axis=0)
     for axes in places:
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-        axes.set_box_aspect(high - low, zoom=1.35)
+        axes.set_box_aspect(high - low, zoom=zoom)
 
 
 def draw_cloud(axes: Any, points: Array, colour: str = ORANGE, size: float = 2.0) -> None:
@@ -70,10 +71,10 @@ def _row(box: ControlBox, axis: int) -> tuple[int, int]:
     return box.control_points.shape[axis], 3
 
 
-def draw_arrows(axes: Any, starts: Array, steps: Array, colour: str = PINK, count: int = 400) -> None:
+def draw_arrows(axes: Any, starts: Array, steps: Array, count: int = 400) -> None:
     """Displacements (n, 3) at points (n, 3), some of them."""
     some = slice(None, None, -(-len(starts) // count))
-    axes.quiver(*starts[some].T, *steps[some].T, color=colour, linewidths=0.6, arrow_length_ratio=0.25)
+    axes.quiver(*starts[some].T, *steps[some].T, color=ARROW, linewidths=1.0, arrow_length_ratio=0.25)
 
 
 def picture(drawing: Figure, words: str, dots_per_inch: int = 100) -> Markup:
@@ -88,6 +89,17 @@ def small(data: bytes, words: str) -> Markup:
     from PIL import Image
 
     stream = io.BytesIO()
-    few = Image.open(io.BytesIO(data)).convert("RGB").quantize(PALETTE, dither=Image.Dither.NONE)
+    few = Image.open(io.BytesIO(data)).convert("RGB").quantize(PALETTE, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
     few.save(stream, format="png", optimize=True)
     return image(stream.getvalue(), words)
+
+
+def plain(axes: Any) -> None:
+    """Tick labels of logarithmic axes as plain numbers, at 1, 2 and 5 times the powers of ten."""
+    from matplotlib.ticker import FuncFormatter
+
+    for axis in (axes.xaxis, axes.yaxis):
+        if axis.get_scale() == "log":
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter(FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else ""))
+            axis.set_tick_params(which="minor", labelsize=7)

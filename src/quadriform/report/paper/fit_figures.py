@@ -48,12 +48,12 @@ def _row(name: str, errors: list[float]) -> Row:
 
 def synthetic_example(results: Results) -> Remake:
     """Fig. 6."""
-    return _from_start_to_end(results.crossing, "Fig. 6", "synthetic", "the same for synthetic data.")
+    return _from_start_to_end(results.crossing, "Fig. 6", "synthetic", "; synthetic data.")
 
 
 def medical_example(results: Results) -> Remake:
     """Fig. 7."""
-    claim = "the same for a medical image. It also says that clouds have 5,000 to 20,000 points (p. 45)."
+    claim = "; a medical image. Clouds are said to have 5,000 to 20,000 points."
     return _from_start_to_end(results.first.subject, "Fig. 7", "medical", claim)
 
 
@@ -65,16 +65,16 @@ def _from_start_to_end(subject: Subject, name: str, kind: str, claim: str) -> Re
         name,
         f"from the superellipsoid to the model, {kind}",
         "p. 45",
-        f"points, the superellipsoid in its box, the displacements between them, and the final model; {claim}",
+        f"points, the superellipsoid in its box, the displacements between them, and the final model{claim}",
         [shown(drawing.picture(_four_steps(subject), words), words, subject.source)],
         [
             _row("error RMS of the superellipsoid", errors[0]),
             _row("error RMS of the model", errors[1]),
             ("what the refinement leaves of it", NONE, *shares),
-            ("numbers in the model", "386", *(f"{fit.model.n_parameters}" for fit in subject.fits)),
+            ("numbers in the model", "11 + 375", *(f"{fit.model.n_parameters}" for fit in subject.fits)),
             ("status", NONE, *(_status(fit) for fit in subject.fits)),
         ],
-        f"with the same numbers the default's error is {beside(errors[1][1], errors[1][0])}.",
+        f"both models have equally many numbers; the default's error is {beside(errors[1][1], errors[1][0])}.",
     )
 
 
@@ -90,6 +90,7 @@ def _four_steps(subject: Subject) -> Figure:
         drawing.draw_cloud(row[0], subject.cloud)
         drawing.draw_mesh(row[1], start.mesh(drawing.RESOLUTION), colour, 0.5)
         drawing.draw_box(row[1], model.box.with_control_points(model.box.rest))
+        drawing.look_at(row[1:2], model.box.rest.reshape(-1, 3), 1.0)
         _draw_displacements(row[2], subject, fit, before=True)
         drawing.draw_mesh(row[3], model.mesh(subject.surface, drawing.RESOLUTION), colour)
         for axes, title in zip(row, ("points", "superellipsoid", "displacements", "model")):

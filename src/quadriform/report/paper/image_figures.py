@@ -13,6 +13,8 @@ from quadriform.report.slices import slices_png
 
 STAND_IN = " Without real data this page has a stand-in: {}."
 COLUMNS = 6
+MARGIN = 3
+"""Voxels around what is shown."""
 
 
 def first_images(results: Results) -> Remake:
@@ -55,7 +57,7 @@ def _which(results: Results, stand_in: str) -> str:
 def _slices(scan: Scan) -> Markup:
     volume, name = scan.volume, scan.subject.name
     sizes = " x ".join(map(str, volume.values.shape))
-    words = f"{name}: {sizes} voxels of {' x '.join(f'{step:.3g}' for step in volume.spacing)} mm."
+    words = f"The {name}: {sizes} voxels of {' x '.join(f'{step:.3g}' for step in volume.spacing)} mm."
     return shown(drawing.picture(_montage(volume), words, 80), words, scan.subject.source)
 
 
@@ -79,20 +81,20 @@ def first_overlay(results: Results) -> Remake:
     """Fig. 15."""
     pictures = [_overlay(scan) for scan in _distinct(results.brain, results.first)]
     what = "the epicardium of the first SPECT image: segmented surface above, model below"
-    return _overlaid("Fig. 15", "p. 49", what, results.first, pictures)
+    return _overlaid("Fig. 15", "first image", "p. 49", what, results.first, pictures)
 
 
 def second_overlay(results: Results) -> Remake:
     """Fig. 16."""
     what = "the same for the coarser SPECT image"
-    return _overlaid("Fig. 16", "p. 49", what, results.second, [_overlay(results.second)])
+    return _overlaid("Fig. 16", "second image", "p. 49", what, results.second, [_overlay(results.second)])
 
 
 def segmentation(results: Results) -> Remake:
     """Fig. 17."""
     scan = results.third
-    words = f"{scan.subject.name}: the segmented surfaces over slices."
-    picture = drawing.small(slices_png(scan.volume.values, scan.volume.world_from_voxel, scan.outlines, "", 8), words)
+    near, words = _around(scan), f"The {scan.subject.name}: the segmented surfaces over slices."
+    picture = drawing.small(slices_png(near.values, near.world_from_voxel, scan.outlines, "", 8), words)
     return Remake(
         "Fig. 17",
         "segmentation of the cavity",
@@ -107,7 +109,7 @@ def segmentation(results: Results) -> Remake:
 def third_overlay(results: Results) -> Remake:
     """Fig. 18."""
     what = "the model of the endocardium over slices of the scanner's image"
-    return _overlaid("Fig. 18", "p. 50", what, results.third, [_overlay(results.third)])
+    return _overlaid("Fig. 18", "third image", "p. 50", what, results.third, [_overlay(results.third)])
 
 
 def _overlay(scan: Scan) -> Markup:
@@ -115,12 +117,22 @@ def _overlay(scan: Scan) -> Markup:
     outlines = scan.outlines if name not in scan.outlines else {f"isosurface, {name}": scan.outlines[name]}
     models = {'model, method="paper"': subject.paper, "model, default": subject.default}
     meshes = outlines | {key: fit.model.mesh(name, 40) for key, fit in models.items()}
-    words = f"{subject.name}: segmented surface and both models over slices."
-    data = slices_png(scan.volume.values, scan.volume.world_from_voxel, meshes, "", 8)
+    words = f"The {subject.name}: segmented surface and both models over slices."
+    near = _around(scan)
+    data = slices_png(near.values, near.world_from_voxel, meshes, "", 8)
     return shown(drawing.small(data, words), words, subject.source)
 
 
-def _overlaid(name: str, page: str, what: str, scan: Scan, pictures: list[Markup]) -> Remake:
+def _around(scan: Scan) -> Volume:
+    """The image near the segmented surfaces; all slices, for their numbers."""
+    voxels = np.concatenate([scan.volume.voxels(mesh.vertices) for mesh in scan.outlines.values()])
+    low, high = np.floor(voxels.min(axis=0)) - MARGIN, np.ceil(voxels.max(axis=0)) + MARGIN + 1
+    size = scan.volume.values.shape
+    (i0, j0, _), (i1, j1, _) = np.clip([low, high], 0, size).astype(int).tolist()
+    return scan.volume.crop(((i0, i1), (j0, j1), (0, size[2])))
+
+
+def _overlaid(name: str, which: str, page: str, what: str, scan: Scan, pictures: list[Markup]) -> Remake:
     subject = scan.subject
     paper, default = (fit.rms for fit in subject.fits)
     rows = [
@@ -132,13 +144,13 @@ def _overlaid(name: str, page: str, what: str, scan: Scan, pictures: list[Markup
         rows.append(("the same without the points that close the cut object", NONE, *measured))
     return Remake(
         name,
-        "model over slices",
+        f"model over slices, {which}",
         page,
         f"{what}; 5 x 5 x 5 control points, 11 parameters, 30 iterations (p. 48). Agreement is shown, not measured.",
         pictures,
         rows,
-        f"measured here: by default the error is {beside(default, paper)} than with the paper's method. {scan.steps[0].upper()}"
-        f"{scan.steps[1:]}.".replace("same within 2 % than with", "same within 2 % as with"),
+        f"measured here: beside the error of the paper's method that of the default is {beside(default, paper)}. The points: "
+        f"{scan.steps}.",
     )
 
 

@@ -9,8 +9,8 @@ from quadriform.report.page import Section, rendered
 from quadriform.report.parts import figure, table
 
 HEADER = ("figure of merit", "the paper", 'method="paper"', "default")
-NONE = "no number"
-"""What stands where the paper gives none."""
+NONE = "not given"
+"""What stands where the paper gives no number."""
 NOT = "not asked"
 """What stands where a method has no say."""
 

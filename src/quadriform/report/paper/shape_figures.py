@@ -164,7 +164,7 @@ def free_form(_: Results) -> Remake:
     before = ControlBox.around(body, (4, 4, 4))
     model = DeformableModel({"surface": body}, before.with_control_points(_bent(before.control_points)))
     figure, places = drawing.scene(4, width=2.6)
-    drawing.look_at(places, np.concatenate([model.box.control_points, before.control_points]).reshape(-1, 3))
+    drawing.look_at(places, np.concatenate([model.box.control_points, before.control_points]).reshape(-1, 3), 1.0)
     titles = ("object", "box", "deformed box", "deformed object")
     for axes, title, mesh, box in zip(
         places, titles, (body.mesh(16), None, None, model.mesh(resolution=16)), (before, before, model.box, model.box)

@@ -84,7 +84,7 @@ class Scan:
         subject: its points and fits.
         volume: the image.
         outlines: the segmented surfaces by name, in the world.
-        vertices: how many points the isosurface has that `subject` shows, before any thinning.
+        vertices: how many points the isosurface of each surface has, before any thinning.
         steps: how the points came out of the image, in a sentence.
         caps: (n,) bool, points that close the object where its image cuts it, which nobody measured.
     """
@@ -92,7 +92,7 @@ class Scan:
     subject: Subject
     volume: Volume
     outlines: Mapping[str, Mesh]
-    vertices: int
+    vertices: Mapping[str, int]
     steps: str
     caps: Mask | None = None
 
@@ -130,7 +130,7 @@ def reduced_ventricle() -> Reduced:
 
 def brain() -> Scan:
     """The brain that comes with nibabel: a slab that its image cuts above and below, closed there on purpose."""
-    return _whole(example_volume(), "human brain", "Otsu's threshold, largest component, closing by 2, isosurface", 2)
+    return _whole(example_volume(), "brain", "Otsu's threshold, largest component, closing by 2, isosurface", 2)
 
 
 def coarse_brain() -> Scan:
@@ -149,7 +149,7 @@ def coarse_brain() -> Scan:
 def _whole(image: Volume, name: str, steps: str, closing: int) -> Scan:
     found = points_from_image(image, select="otsu", closing=closing, border="close")
     subject = fitted(name, BRAIN, found.points)
-    return Scan(subject, image, {"isosurface": found.mesh}, len(found.points), steps, found.on_border)
+    return Scan(subject, image, {"isosurface": found.mesh}, {ALONE: len(found.points)}, steps, found.on_border)
 
 
 def scanner() -> Scan:
@@ -161,7 +161,7 @@ def scanner() -> Scan:
     points = {name: thinned(mesh.vertices, 1.5) for name, mesh in meshes.items()}
     subject = fitted("synthetic scanner image", SYNTHETIC, points, "endo")
     steps = "thresholds halfway, largest component, closing by 1, isosurface; one point kept in each cube of 1.5 mm"
-    return Scan(subject, image, meshes, len(meshes["endo"].vertices), steps)
+    return Scan(subject, image, meshes, {name: len(mesh.vertices) for name, mesh in meshes.items()}, steps)
 
 
 def spect(folder: Path, study: int) -> Scan:
@@ -172,7 +172,7 @@ def spect(folder: Path, study: int) -> Scan:
     subject = fitted(f"SPECT, study {study}", SPECT.format(study), points, base=found.base)
     wall = points_from_image(image, select=HALF, region=SPECT_REGION, surface="grey").mesh
     steps = "half of the 99.9th percentile in a region, largest component, isosurface; the outer wall below the base"
-    return Scan(subject, image, {"isosurface of the wall": wall}, len(points), steps)
+    return Scan(subject, image, {"isosurface of the wall": wall}, {ALONE: len(points)}, steps)
 
 
 def pig(folder: Path) -> Scan:
@@ -187,7 +187,7 @@ def pig(folder: Path) -> Scan:
     }
     subject = fitted("pig, cine MRI", PIG, {name: found.clouds[name] for name in outlines}, "endo", base=found.base)
     steps = f"labels, isosurface; one point kept in each cube of {found.record['apart']:.3g} mm"
-    return Scan(subject, image, outlines, len(found.isosurfaces["endo"]), steps)
+    return Scan(subject, image, outlines, {name: len(found.isosurfaces[name]) for name in outlines}, steps)
 
 
 def human(folder: Path) -> Subject:
