@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from quadriform import __version__
-from quadriform.cli import compare, deform, demo, export, fit, info, measure, segment, track
+from quadriform.cli import compare, deform, demo, export, fit, info, measure, paper, segment, track
 from quadriform.cli.exit_codes import INTERRUPTED, USAGE, complain, one_line
 
 # typer carries its own copy of click in some versions: its errors are found through a name that it does export.
@@ -29,6 +29,7 @@ for verb in (
     export.export,
     info.info,
     demo.demo,
+    paper.paper,
 ):
     app.command()(verb)
 

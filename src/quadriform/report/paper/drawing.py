@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
+from PIL import Image
 
 from quadriform.points import Array
 from quadriform.report.parts import image
@@ -63,12 +64,9 @@ def draw_box(axes: Any, box: ControlBox, colour: str = GREY) -> None:
     """The lines between neighbouring control points."""
     from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-    lines = [line for axis in range(3) for line in np.moveaxis(box.control_points, axis, 2).reshape(-1, *_row(box, axis))]
+    rows = [np.moveaxis(box.control_points, axis, 2) for axis in range(3)]
+    lines = [line for row in rows for line in row.reshape(-1, row.shape[2], 3)]
     axes.add_collection3d(Line3DCollection(lines, colors=colour, linewidths=0.4))
-
-
-def _row(box: ControlBox, axis: int) -> tuple[int, int]:
-    return box.control_points.shape[axis], 3
 
 
 def draw_arrows(axes: Any, starts: Array, steps: Array, count: int = 400) -> None:
@@ -79,18 +77,24 @@ def draw_arrows(axes: Any, starts: Array, steps: Array, count: int = 400) -> Non
 
 def picture(drawing: Figure, words: str, dots_per_inch: int = 100) -> Markup:
     """A drawing as pixels of few colours inside the page."""
+    pixels = _pixels(drawing, dots_per_inch)
+    return _packed(pixels.quantize(PALETTE, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE), words)
+
+
+def grey_picture(drawing: Figure, words: str, dots_per_inch: int = 80) -> Markup:
+    """A drawing of images without colours as pixels inside the page."""
+    return _packed(_pixels(drawing, dots_per_inch).convert("L"), words)
+
+
+def _pixels(drawing: Figure, dots_per_inch: int) -> Image.Image:
     stream = io.BytesIO()
     drawing.savefig(stream, format="png", dpi=dots_per_inch, facecolor="white")
-    return small(stream.getvalue(), words)
+    return Image.open(stream).convert("RGB")
 
 
-def small(data: bytes, words: str) -> Markup:
-    """A PNG with fewer colours inside the page."""
-    from PIL import Image
-
+def _packed(pixels: Image.Image, words: str) -> Markup:
     stream = io.BytesIO()
-    few = Image.open(io.BytesIO(data)).convert("RGB").quantize(PALETTE, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
-    few.save(stream, format="png", optimize=True)
+    pixels.save(stream, format="png", optimize=True)
     return image(stream.getvalue(), words)
 
 

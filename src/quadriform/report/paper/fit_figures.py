@@ -153,7 +153,7 @@ def sparse_data(results: Results) -> Remake:
         rows.append(_row(f"RMS of {len(results.human.cloud)} points of a real heart", _errors(results.human)))
         extra = " Of the real contours nobody has the complete surface, so their own error alone is given."
     planes, part = ([_apart(reduced, p, k) for k in (0, 1)] for p in (reduced.planes, reduced.part))
-    words = f"Sparse points of the {reduced.whole.name}, 100 mm long with noise of 0.5 mm, and what each method makes of them."
+    words = f"Sparse points of the {reduced.whole.name}, 100 mm long with noise of 0.5 mm, and both models."
     pictures = [shown(drawing.picture(_sparse(reduced), words), words, reduced.whole.source)]
     if results.human is not None:
         words = "Real sparse data: contours in a few planes, and both models."

@@ -1,15 +1,20 @@
 """Figs. 13 to 18: slices of images, with the segmentation and the models over them."""
 
+from collections.abc import Mapping
+
 import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
+from quadriform.fitting.outcome import flat, rms
 from quadriform.imaging.volume import Volume
 from quadriform.report.paper import drawing
-from quadriform.report.paper.remake import NONE, Remake, beside, mm, shown
+from quadriform.report.paper.remake import NONE, Remake, Row, beside, mm, shown
 from quadriform.report.paper.results import Results
 from quadriform.report.paper.subjects import Scan
+from quadriform.report.parts import image
 from quadriform.report.slices import slices_png
+from quadriform.shapes.mesh import Mesh
 
 STAND_IN = " Without real data this page has a stand-in: {}."
 COLUMNS = 6
@@ -58,7 +63,7 @@ def _slices(scan: Scan) -> Markup:
     volume, name = scan.volume, scan.subject.name
     sizes = " x ".join(map(str, volume.values.shape))
     words = f"The {name}: {sizes} voxels of {' x '.join(f'{step:.3g}' for step in volume.spacing)} mm."
-    return shown(drawing.picture(_montage(volume), words, 80), words, scan.subject.source)
+    return shown(drawing.grey_picture(_montage(volume), words), words, scan.subject.source)
 
 
 def _montage(volume: Volume) -> Figure:
@@ -79,22 +84,21 @@ def _montage(volume: Volume) -> Figure:
 
 def first_overlay(results: Results) -> Remake:
     """Fig. 15."""
-    pictures = [_overlay(scan) for scan in _distinct(results.brain, results.first)]
     what = "the epicardium of the first SPECT image: segmented surface above, model below"
-    return _overlaid("Fig. 15", "first image", "p. 49", what, results.first, pictures)
+    return _overlaid("Fig. 15", "first image", "p. 49", what, _distinct(results.brain, results.first))
 
 
 def second_overlay(results: Results) -> Remake:
     """Fig. 16."""
     what = "the same for the coarser SPECT image"
-    return _overlaid("Fig. 16", "second image", "p. 49", what, results.second, [_overlay(results.second)])
+    return _overlaid("Fig. 16", "second image", "p. 49", what, [results.second])
 
 
 def segmentation(results: Results) -> Remake:
     """Fig. 17."""
     scan = results.third
-    near, words = _around(scan), f"The {scan.subject.name}: the segmented surfaces over slices."
-    picture = drawing.small(slices_png(near.values, near.world_from_voxel, scan.outlines, "", 8), words)
+    near, words = _around(scan.volume, scan.outlines), f"The {scan.subject.name}: the segmented surfaces over slices."
+    picture = image(slices_png(near.values, near.world_from_voxel, scan.outlines, "", 8), words)
     return Remake(
         "Fig. 17",
         "segmentation of the cavity",
@@ -109,7 +113,7 @@ def segmentation(results: Results) -> Remake:
 def third_overlay(results: Results) -> Remake:
     """Fig. 18."""
     what = "the model of the endocardium over slices of the scanner's image"
-    return _overlaid("Fig. 18", "third image", "p. 50", what, results.third, [_overlay(results.third)])
+    return _overlaid("Fig. 18", "third image", "p. 50", what, [results.third])
 
 
 def _overlay(scan: Scan) -> Markup:
@@ -118,41 +122,40 @@ def _overlay(scan: Scan) -> Markup:
     models = {'model, method="paper"': subject.paper, "model, default": subject.default}
     meshes = outlines | {key: fit.model.mesh(name, 40) for key, fit in models.items()}
     words = f"The {subject.name}: segmented surface and both models over slices."
-    near = _around(scan)
+    near = _around(scan.volume, meshes)
     data = slices_png(near.values, near.world_from_voxel, meshes, "", 8)
-    return shown(drawing.small(data, words), words, subject.source)
+    return shown(image(data, words), words, subject.source)
 
 
-def _around(scan: Scan) -> Volume:
-    """The image near the segmented surfaces; all slices, for their numbers."""
-    voxels = np.concatenate([scan.volume.voxels(mesh.vertices) for mesh in scan.outlines.values()])
+def _around(volume: Volume, meshes: Mapping[str, Mesh]) -> Volume:
+    """The image near some surfaces; all slices, for their numbers."""
+    voxels = np.concatenate([volume.voxels(mesh.vertices) for mesh in meshes.values()])
     low, high = np.floor(voxels.min(axis=0)) - MARGIN, np.ceil(voxels.max(axis=0)) + MARGIN + 1
-    size = scan.volume.values.shape
+    size = volume.values.shape
     (i0, j0, _), (i1, j1, _) = np.clip([low, high], 0, size).astype(int).tolist()
-    return scan.volume.crop(((i0, i1), (j0, j1), (0, size[2])))
+    return volume.crop(((i0, i1), (j0, j1), (0, size[2])))
 
 
-def _overlaid(name: str, which: str, page: str, what: str, scan: Scan, pictures: list[Markup]) -> Remake:
-    subject = scan.subject
-    paper, default = (fit.rms for fit in subject.fits)
-    rows = [
-        (f"error RMS, {subject.name}", NONE, mm(paper), mm(default)),
-        ("iterations", "30", *(str(fit.iterations) for fit in subject.fits)),
-    ]
-    if scan.caps is not None:
-        measured = [mm(_rms_of(fit.residuals, ~scan.caps)) for fit in subject.fits]
-        rows.append(("the same without the points that close the cut object", NONE, *measured))
+def _overlaid(name: str, which: str, page: str, what: str, scans: list[Scan]) -> Remake:
+    """The last of the scans stands in the place of the paper's."""
+    scan = scans[-1]
+    paper, default = (fit.rms for fit in scan.subject.fits)
     return Remake(
         name,
         f"model over slices, {which}",
         page,
         f"{what}; 5 x 5 x 5 control points, 11 parameters, 30 iterations (p. 48). Agreement is shown, not measured.",
-        pictures,
-        rows,
-        f"measured here: beside the error of the paper's method that of the default is {beside(default, paper)}. The points: "
-        f"{scan.steps}.",
+        [_overlay(each) for each in scans],
+        [row for each in scans for row in _rows(each)],
+        f"measured here: beside the error of the paper's method that of the default is {beside(default, paper)}. "
+        f"The points: {scan.steps}.",
     )
 
 
-def _rms_of(residuals: object, which: object) -> float:
-    return float(np.sqrt(np.mean(np.square(residuals[which]))))  # type: ignore[index]
+def _rows(scan: Scan) -> list[Row]:
+    name, fits = scan.subject.name, scan.subject.fits
+    rows: list[Row] = [(f"error RMS, {name}", NONE, *(mm(fit.rms) for fit in fits))]
+    if scan.caps is not None:
+        measured = (mm(rms(flat(fit.residuals)[~scan.caps])) for fit in fits)
+        rows.append((f"the same without the lids where the image cuts the {name}", NONE, *measured))
+    return [*rows, (f"iterations, {name}", "30", *(str(fit.iterations) for fit in fits))]

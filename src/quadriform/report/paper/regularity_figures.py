@@ -21,19 +21,19 @@ def four_boxes(results: Results) -> Remake:
         drawing.draw_mesh(axes, fit.model.mesh(resolution=drawing.RESOLUTION), _colour(count), 0.7)
         drawing.look_at([axes], fit.model.box.control_points.reshape(-1, 3), 1.0)
         axes.set_title("default" if count is None else f"{count:.0f} singular values", fontsize=8)
-    words = "The box of the synthetic ventricle with fewer and fewer singular values, and the default's; each to its own scale."
+    words = "The box of a synthetic ventricle with fewer and fewer singular values, and the default's; scales differ."
     _, moved = errors_and_motions((*trade.svd, trade.auto))
     rows = [(f"box moved RMS, {count:.0f} singular values", NONE, mm(m), NOT) for count, m in zip(trade.counts, moved)]
     return Remake(
         "Fig. 10",
         "boxes with fewer singular values",
         "p. 46",
-        "the box of control points, very irregular with all singular values of a 5 x 5 x 5 box, is more regular the fewer "
-        "are kept; the figure has four such boxes.",
+        "a box of 5 x 5 x 5 control points, very irregular at first, is more regular the fewer singular values are "
+        "kept; four boxes.",
         [shown(drawing.picture(figure, words), words, SYNTHETIC)],
         [*rows, (f"box moved RMS, strength found {trade.auto.strength:.1e}", NONE, NOT, mm(moved[-1]))],
-        f"the same: the box moves from {mm(moved[0])} to {mm(moved[-2])}. By default a bending energy holds it, and the "
-        f"evidence of the data says how strongly: {mm(moved[-1])}.",
+        f"the box moves {mm(moved[0])} with most of them, {mm(moved[-2])} with fewest. By default a bending energy "
+        f"holds it, and the evidence of the data says how strongly: {mm(moved[-1])}.",
     )
 
 
@@ -76,8 +76,9 @@ def _monotone(error: Array, moved: Array) -> str:
     holds = bool((np.diff(error) > 0).all() and (np.diff(moved) < 0).all())
     seen = "both trends are ours too" if holds else "the trends are not strictly ours"
     return (
-        f"{seen}. From the weakest to the strongest truncation the error grows {error[-1] / error[0]:.2f} times, and the "
-        f"box moves {moved[0] / moved[-1]:.0f} times less. The default is not truncated; its curve is for fixed strengths."
+        f"{seen}. From the weakest to the strongest truncation the error grows {error[-1] / error[0]:.2f} times, and "
+        f"the box moves {moved[0] / moved[-1]:.0f} times less. The default is not truncated; its curve is for fixed "
+        "strengths."
     )
 
 
@@ -122,9 +123,9 @@ def both_regularities(results: Results) -> Remake:
             ("motion with springs over motion with truncation, at equal error", "about 1", far, NOT),
             ("error RMS at the strength found", NONE, NOT, mm(float(error[0]))),
         ],
-        f"at the same error the box with springs moves {far} times as far as the truncated one (geometric mean over the "
-        "common errors; 1 is equivalent). Bending leaves affine motion free, so the default's curve ends level; its "
-        "strength needs no choice.",
+        f"at the same error the box with springs moves {far} times as far as the truncated one (geometric mean over "
+        "the common errors; 1 is equivalent). Bending leaves affine motion free, so the default's curve ends level; "
+        "its strength needs no choice.",
     )
 
 
@@ -152,8 +153,10 @@ def outliers(results: Results) -> Remake:
     axes.legend(fontsize=8)
     axes.grid(alpha=0.3, which="both")
     drawing.plain(axes)
-    words = f"Error of the true surface of a synthetic ventricle, 100 mm long, from {len(found.points)} points with noise of "
-    words += "0.5 mm, of which a share was put anywhere in a box half as large again."
+    words = (
+        f"Error of the true surface of a synthetic ventricle, 100 mm long, from {len(found.points)} points with noise "
+    )
+    words += "of 0.5 mm, of which a share was put anywhere in a box half as large again."
     rows = [
         (f"error with {share:.0%} strangers", "claimed, not measured", mm(paper), mm(default))
         for share, paper, default in zip(found.shares, found.paper, found.default)
@@ -165,9 +168,9 @@ def outliers(results: Results) -> Remake:
         "robustness, in the presence of outliers too, is named as a main advantage; no experiment measures it.",
         [shown(svg(figure, words), words, SYNTHETIC)],
         rows,
-        f"with {found.shares[-1]:.0%} strangers the error of the paper's method is {_times(found.paper)} times that without "
-        f"any, that of the default, which tells strangers from inliers, {_times(found.default)} times; it is "
-        f"{beside(found.default[-1], found.paper[-1])} than the paper's.",
+        f"with {found.shares[-1]:.0%} strangers the error of the paper's method is {_times(found.paper)} times that "
+        f"without any, that of the default, which tells strangers from inliers, {_times(found.default)} times. Beside "
+        f"the paper's it is {beside(found.default[-1], found.paper[-1])} then.",
     )
 
 

@@ -106,8 +106,8 @@ def distances(_: Results) -> Remake:
     left, right = figure.subplots(1, 2)
     _draw_distances(left, radial[0], nearest[0])
     _draw_matching(right)
-    words = "Left: the point M, where its ray meets the superellipsoid (M0), and the closest point (P). Right: M on the "
-    words += "superellipsoid, the data point nearest to it (P'), and the one to which it is nearest itself (P)."
+    words = "Left: the point M, where its ray meets the superellipsoid (M0), and the closest point (P). Right: M on "
+    words += "the superellipsoid, the data point nearest to it (P'), and the one to which it is nearest itself (P)."
     rows = [(f"{name} distance of M", NONE, mm(value), NOT) for name, value in list(lengths.items())[:2]]
     return Remake(
         "Fig. 4",
@@ -174,7 +174,9 @@ def free_form(_: Results) -> Remake:
         if mesh is not None:
             drawing.draw_mesh(axes, mesh, drawing.ORANGE, 0.6)
     volumes = body.volume(), model.volume()
-    words = f"A superellipsoid of {volumes[0] / 1000:.0f} ml, its box of 4 x 4 x 4 control points, and both bent and widened."
+    words = (
+        f"A superellipsoid of {volumes[0] / 1000:.0f} ml, its box of 4 x 4 x 4 control points, both bent and widened."
+    )
     return Remake(
         "Fig. 5",
         "free-form deformation",
@@ -185,7 +187,7 @@ def free_form(_: Results) -> Remake:
             ("volume after deformation", NONE, NOT, f"{volumes[1] / 1000:.0f} ml"),
             ("proven lower bound of det J inside", NONE, NOT, f"{model.min_jacobian():.2f}"),
         ],
-        "the same deformation. Beyond the paper, a bound of the Jacobian says that the map does not fold in the object.",
+        "the same deformation. Beyond the paper, a proven bound of the Jacobian says that the map has no fold inside.",
     )
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from quadriform.errors import InputError
 from quadriform.files.guide_points import read_guide_points
 from quadriform.fitting.fit import ALONE, fit
 from quadriform.fitting.outcome import Fit
@@ -29,12 +30,31 @@ SPECT = (
 PIG = "cine MRI of a pig with the authors' labels, WrightGroupSRI/ep-dataset (CC0 1.0), frame 0"
 HUMAN = "contours of a human ventricle in cine MRI, UOA-Heart-Mechanics-Research/biv-me (Apache-2.0), frame 0"
 
+SPECT_FILE = "spect_mpi/nifti/mpi_rest_{}.nii.gz"
+PIG_LABELS, PIG_IMAGE = "pig_cine_mri/sax_lv_labels_crop_4d.nii.gz", "pig_cine_mri/sax_cine_crop_4d.nii.gz"
+HUMAN_FILE = "human_lv_guidepoints/frames/GPFile_000.txt"
+NEEDED = (SPECT_FILE.format(1), SPECT_FILE.format(2), PIG_LABELS, PIG_IMAGE, HUMAN_FILE)
+"""What a folder of real hearts has in it."""
+
 SPECT_REGION: Region = ((17, 53), (12, 52), (10, 34))
 PIG_SLICES: Region = ((0, 154), (0, 149), (1, 14))
 """Those that are ventricle."""
 BLOOD, MUSCLE = Labels((1,)), Labels((2,))
 COARSER = 4
 """So many voxels along each axis become one in the coarse brain, which then has as many points as the paper's SPECT."""
+
+
+def check_hearts(folder: Path) -> None:
+    """Refuse a folder without the real data that the page needs; call it before the work.
+
+    Raises:
+        InputError: no such folder, or files are missing.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{str(folder)!r}: there is no such folder of real data")
+    missing = [name for name in NEEDED if not (folder / name).is_file()]
+    if missing:
+        raise InputError(f"{str(folder)!r}: {len(missing)} of {len(NEEDED)} files are missing: {', '.join(missing)}")
 
 
 @dataclass(frozen=True)
@@ -123,8 +143,8 @@ def reduced_ventricle() -> Reduced:
     whole = fitted("synthetic ventricle", SYNTHETIC, points)
     return Reduced(
         whole,
-        fitted("three planes of it", SYNTHETIC, clouds.three_planes(points)),
-        fitted("an even subsample of it", SYNTHETIC, clouds.subsample(points)),
+        fitted("three planes", SYNTHETIC, clouds.three_planes(points)),
+        fitted("even subsample", SYNTHETIC, clouds.subsample(points)),
     )
 
 
@@ -143,7 +163,7 @@ def coarse_brain() -> Scan:
     affine[:3, 3] += affine[:3, :3] @ np.full(3, (COARSER - 1) / 2)
     affine[:3, :3] *= COARSER
     coarse = replace(image, values=values.reshape(shape).mean(axis=(1, 3, 5)), world_from_voxel=affine)
-    return _whole(coarse, "brain, voxels of 8 mm", "Otsu's threshold, largest component, isosurface", 0)
+    return _whole(coarse, "coarse brain", "Otsu's threshold, largest component, isosurface", 0)
 
 
 def _whole(image: Volume, name: str, steps: str, closing: int) -> Scan:
@@ -166,10 +186,10 @@ def scanner() -> Scan:
 
 def spect(folder: Path, study: int) -> Scan:
     """Epicardium of a perfusion image."""
-    image = read_volume(folder / "spect_mpi" / "nifti" / f"mpi_rest_{study}.nii.gz")
+    image = read_volume(folder / SPECT_FILE.format(study))
     found = ventricle_from_perfusion(image, region=SPECT_REGION)
     points = found.isosurfaces["epi"]
-    subject = fitted(f"SPECT, study {study}", SPECT.format(study), points, base=found.base)
+    subject = fitted(f"SPECT image {study}", SPECT.format(study), points, base=found.base)
     wall = points_from_image(image, select=HALF, region=SPECT_REGION, surface="grey").mesh
     steps = "half of the 99.9th percentile in a region, largest component, isosurface; the outer wall below the base"
     return Scan(subject, image, {"isosurface of the wall": wall}, {ALONE: len(points)}, steps)
@@ -177,20 +197,20 @@ def spect(folder: Path, study: int) -> Scan:
 
 def pig(folder: Path) -> Scan:
     """Both walls of a pig's ventricle in one box."""
-    labels = read_volume(folder / "pig_cine_mri" / "sax_lv_labels_crop_4d.nii.gz", 0)
-    image = read_volume(folder / "pig_cine_mri" / "sax_cine_crop_4d.nii.gz", 0)
+    labels = read_volume(folder / PIG_LABELS, 0)
+    image = read_volume(folder / PIG_IMAGE, 0)
     found = ventricle_from_labels(labels, cavity=BLOOD, wall=MUSCLE, region=PIG_SLICES)
     inner = labels.crop(PIG_SLICES)
     outlines = {
         name: isosurface(replace(inner, values=np.isin(inner.values, values))).mesh
         for name, values in (("epi", (1, 2)), ("endo", (1,)))
     }
-    subject = fitted("pig, cine MRI", PIG, {name: found.clouds[name] for name in outlines}, "endo", base=found.base)
+    subject = fitted("pig's ventricle", PIG, {name: found.clouds[name] for name in outlines}, "endo", base=found.base)
     steps = f"labels, isosurface; one point kept in each cube of {found.record['apart']:.3g} mm"
     return Scan(subject, image, outlines, {name: len(found.isosurfaces[name]) for name in outlines}, steps)
 
 
 def human(folder: Path) -> Subject:
     """Endocardium from real sparse data: contours in a few planes."""
-    points = read_guide_points(folder / "human_lv_guidepoints" / "frames" / "GPFile_000.txt").surface("endo")[0]
-    return fitted("human ventricle, contours", HUMAN, points)
+    points = read_guide_points(folder / HUMAN_FILE).surface("endo")[0]
+    return fitted("human ventricle", HUMAN, points)

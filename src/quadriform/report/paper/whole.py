@@ -8,6 +8,7 @@ from quadriform.report.page import Section, page
 from quadriform.report.paper import fit_figures, image_figures, regularity_figures, shape_figures, surface_figures
 from quadriform.report.paper.remake import HEADER, NONE, Remake
 from quadriform.report.paper.results import Results, collect, count
+from quadriform.report.paper.subjects import check_hearts
 from quadriform.report.parts import table
 
 FIGURES: tuple[Callable[[Results], Remake], ...] = (
@@ -38,9 +39,9 @@ FIGURES: tuple[Callable[[Results], Remake], ...] = (
 """Fig. 1 to Fig. 22, and what has no figure."""
 TITLE = "A Parametric Deformable Model to Fit Unstructured 3D Data, made again"
 LEAD = (
-    "E. Bardinet, L. D. Cohen, N. Ayache, Computer Vision and Image Understanding 71(1):39-54, 1998: each figure, by the "
-    'method of the paper to the letter (method="paper") and by the default of quadriform. Pages are those of the paper; '
-    "blue is the paper's method, green the default. {}"
+    "E. Bardinet, L. D. Cohen, N. Ayache, Computer Vision and Image Understanding 71(1):39-54, 1998: each figure, by "
+    'the method of the paper to the letter (method="paper") and by the default of quadriform. Pages are those of the '
+    "paper; blue is the paper's method, green the default. {}"
 )
 HEARTS = "Hearts are real, but not the paper's, whose images are not public."
 NO_HEARTS = (
@@ -52,7 +53,7 @@ def paper_page(folder: Path | None = None, progress: Progress | None = None) -> 
     """Read, fit and draw everything.
 
     Args:
-        folder: of real hearts, with `spect_mpi`, `pig_cine_mri` and `human_lv_guidepoints` in it; None does without.
+        folder: of real hearts, with the files `subjects.NEEDED` in it; None does without.
         progress: called with (pieces done, pieces in all): each set of data, then each figure.
 
     Returns:
@@ -61,6 +62,8 @@ def paper_page(folder: Path | None = None, progress: Progress | None = None) -> 
     Raises:
         InputError, FileFormatError: a file of the folder is missing or damaged.
     """
+    if folder is not None:
+        check_hearts(folder)
     done, total = 0, count(folder) + len(FIGURES)
 
     def step() -> None:
