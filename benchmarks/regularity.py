@@ -8,7 +8,6 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
-
 import quadriform as qf
 from quadriform.report.paper.clouds import ventricle
 

@@ -74,7 +74,8 @@ def _from_start_to_end(subject: Subject, name: str, kind: str, claim: str) -> Re
             ("numbers in the model", "11 + 375", *(f"{fit.model.n_parameters}" for fit in subject.fits)),
             ("status", NONE, *(_status(fit) for fit in subject.fits)),
         ],
-        f"both models have equally many numbers; the default's error is {beside(errors[1][1], errors[1][0])}.",
+        f"both models have equally many numbers; the default's error is {beside(errors[1][1], errors[1][0])}. "
+        + subject.note,
     )
 
 

@@ -148,7 +148,7 @@ def _overlaid(name: str, which: str, page: str, what: str, scans: list[Scan]) ->
         [_overlay(each) for each in scans],
         [row for each in scans for row in _rows(each)],
         f"measured here: beside the error of the paper's method that of the default is {beside(default, paper)}. "
-        f"The points: {scan.steps}.",
+        f"The points: {scan.steps}. {scan.subject.note}",
     )
 
 

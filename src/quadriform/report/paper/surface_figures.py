@@ -51,7 +51,8 @@ def _surface(name: str, page: str, claim: str, said: tuple[str, str], scans: lis
         [_beside(scan, views) for scan in scans],
         [row for scan in scans for row in _rows(scan, said if scan is scans[-1] else nothing)],
         "the ratio is arithmetic and the same for both methods: three numbers a point over the numbers of the model. "
-        "The paper counts 130 points for its model; its numbers are 386, or 128.7 points. What differs is the error.",
+        "The paper counts 130 points for its model; its numbers are 386, or 128.7 points. What differs is the error. "
+        + scans[-1].subject.note,
     )
 
 
