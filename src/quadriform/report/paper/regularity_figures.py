@@ -61,8 +61,8 @@ def error_and_motion(results: Results) -> Remake:
         "Fig. 11",
         "error and motion of the box",
         "p. 47",
-        "with fewer singular values the error grows and the deformation of the box shrinks; four settings, in mm, the "
-        "curves without a table.",
+        "error and deformation of the box, in mm, against a falling number of singular values; four settings, curves "
+        "without a table.",
         [shown(svg(figure, words), words, SYNTHETIC)],
         [
             ("error RMS, weakest to strongest", NONE, _listed(error), _listed(by_default)),
@@ -74,7 +74,7 @@ def error_and_motion(results: Results) -> Remake:
 
 def _monotone(error: Array, moved: Array) -> str:
     holds = bool((np.diff(error) > 0).all() and (np.diff(moved) < 0).all())
-    seen = "both trends are ours too" if holds else "the trends are not strictly ours"
+    seen = f"{'each' if holds else 'not each'} truncation costs error and calms the box"
     return (
         f"{seen}. From the weakest to the strongest truncation the error grows {error[-1] / error[0]:.2f} times, and "
         f"the box moves {moved[0] / moved[-1]:.0f} times less. The default is not truncated; its curve is for fixed "
@@ -117,7 +117,7 @@ def both_regularities(results: Results) -> Remake:
         "Fig. 12",
         "both regularities against each other",
         "p. 47",
-        "truncation and springs are equivalent: their curves of motion against error fall together.",
+        "truncation and springs are called equivalent: motion of the box against the error, a curve for each.",
         [shown(svg(figure, words), words, SYNTHETIC)],
         [
             ("motion with springs over motion with truncation, at equal error", "about 1", far, NOT),

@@ -41,8 +41,8 @@ def gallery(_: Results) -> Remake:
         "Fig. 1",
         "superellipsoids",
         "p. 40",
-        "superellipsoids of many shapes, from boxes over the ellipsoid to pinched bodies; small exponents are square, "
-        "1 is round, 2 has flat bevels, more is pinched (p. 51).",
+        "superellipsoids of many shapes; small exponents are square, 1 is round, 2 has flat bevels, more are pinched "
+        "(p. 51).",
         [shown(drawing.picture(figure, words, 75), words, SYNTHETIC)],
         [("mesh of 48 cells against the closed form of the volume, largest difference", NONE, NOT, f"{worst:.2%}")],
         "the same family. Exponents end at 2 here: beyond it bodies are pinched, and neither a fit nor a mesh of one "

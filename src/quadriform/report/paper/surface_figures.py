@@ -111,7 +111,8 @@ def iterations(results: Results) -> Remake:
         "Fig. 22",
         "error and motion against the iteration",
         "p. 51",
-        "for four models the error and the motion of the box fall quickly and level off; 30 iterations (p. 48).",
+        "the error and the motion of the box against the iteration, a curve for each of four sets of data, no table; "
+        "30 iterations (p. 48).",
         [shown(svg(figure, words), words, sources)],
         rows,
         f"after the last iteration of the paper's method the box still moves by {left} mm a turn. The error of the "
