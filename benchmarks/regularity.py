@@ -7,9 +7,9 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
-from ventricle import ventricle
 
 import quadriform as qf
+from quadriform.report.paper.clouds import ventricle
 
 COUNTS = (90, 64, 40, 20)
 STRENGTHS = (1e-8, 1e-6, 1e-4, 1e-2)

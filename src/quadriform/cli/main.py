@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from quadriform import __version__
-from quadriform.cli import compare, deform, demo, export, fit, info, measure, report, segment, track
+from quadriform.cli import compare, deform, demo, export, fit, info, measure, paper, report, segment, track
 from quadriform.cli.exit_codes import INTERRUPTED, USAGE, complain, one_line
 
 # typer carries its own copy of click in some versions: its errors are found through a name that it does export.
@@ -30,6 +30,7 @@ for verb in (
     info.info,
     report.report,
     demo.demo,
+    paper.paper,
 ):
     app.command()(verb)
 

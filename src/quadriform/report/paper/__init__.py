@@ -1,0 +1,1 @@
+"""The paper's figures and figures of merit again, beside ours: one page."""
