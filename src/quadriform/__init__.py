@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from quadriform.heart.measure import measure
     from quadriform.imaging.reading import read_volume
     from quadriform.motion.tracking import Track, track
+    from quadriform.report.exchange import to_pyvista, to_trimesh
+    from quadriform.report.plot import plot
     from quadriform.shapes.control_box import ControlBox
     from quadriform.shapes.mesh import Mesh
     from quadriform.shapes.model import DeformableModel
@@ -36,11 +38,14 @@ _HOME = {
     "fit_superquadric": "fitting.superquadric_fit",
     "load": "files",
     "measure": "heart.measure",
+    "plot": "report.plot",
     "read_guide_points": "files.guide_points",
     "read_points": "files",
     "read_volume": "imaging.reading",
     "refine": "fitting.fit",
     "save": "files",
+    "to_pyvista": "report.exchange",
+    "to_trimesh": "report.exchange",
     "track": "motion.tracking",
 }
 
@@ -57,11 +62,14 @@ __all__ = [
     "fit_superquadric",
     "load",
     "measure",
+    "plot",
     "read_guide_points",
     "read_points",
     "read_volume",
     "refine",
     "save",
+    "to_pyvista",
+    "to_trimesh",
     "track",
 ]
 
