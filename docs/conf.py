@@ -14,7 +14,8 @@ version = release = quadriform.__version__
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 default_role = "code"  # docstrings write `name`, as Markdown does
-napoleon_use_ivar = True  # attributes are told by their class alone
+napoleon_use_ivar = True  # attributes are told by their class alone, and by words
+napoleon_attr_annotations = False
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # the texts say shapes and units, which types cannot
 autodoc_preserve_defaults = True
