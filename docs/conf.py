@@ -13,6 +13,7 @@ author = "The quadriform developers"
 version = release = quadriform.__version__
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+highlight_language = "text"  # of blocks that name none, such as commands
 default_role = "code"  # docstrings write `name`, as Markdown does
 napoleon_use_ivar = True  # attributes are told by their class alone, and by words
 napoleon_attr_annotations = False

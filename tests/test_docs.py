@@ -29,9 +29,26 @@ def cells():
     return json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"]
 
 
-def run(page):
-    """The names that the Python of a tutorial leaves."""
-    return runpy.run_path(str(DOCS / "make_figures.py"))["run"](DOCS / "tutorials" / page)
+@pytest.fixture
+def run(capsys):
+    """Runs the Python of a tutorial, sees that it prints what the page shows, and gives the names that it leaves."""
+
+    def of_page(name):
+        page = DOCS / "tutorials" / name
+        names = runpy.run_path(str(DOCS / "make_figures.py"))["run"](page)
+        shown = "".join(re.findall(r"^```text\n(.*?)^```$", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL))
+        assert_alike(capsys.readouterr().out, shown)
+        return names
+
+    return of_page
+
+
+def assert_alike(printed, shown):
+    """The same words, and numbers that a reader would call the same."""
+    number = re.compile(r"-?\d+(?:\.\d+)?")
+    assert number.sub("#", printed).split() == number.sub("#", shown).split()
+    both = [[float(value) for value in number.findall(text)] for text in (printed, shown)]
+    assert both[0] == pytest.approx(both[1], rel=0.1, abs=0.02)
 
 
 class Fetches(HTMLParser):
@@ -122,7 +139,7 @@ def test_figures_of_how_to_choose_are_measured():
 
 
 @pytest.mark.slow
-def test_points_to_a_model_finds_the_noise_and_the_truth():
+def test_points_to_a_model_finds_the_noise_and_the_truth(run):
     names = run("points_to_model.md")
     assert names["fit"].noise == pytest.approx(0.5, rel=0.1)
     assert names["miss"] < 0.25 and names["inside"].all()
@@ -130,7 +147,7 @@ def test_points_to_a_model_finds_the_noise_and_the_truth():
 
 
 @pytest.mark.slow
-def test_image_to_a_ventricle_finds_its_volumes():
+def test_image_to_a_ventricle_finds_its_volumes(run):
     names = run("image_to_ventricle.md")
     for name in ("endo", "epi"):
         assert names["model"].volume(name) == pytest.approx(names["truth"].volume(name), rel=0.02)
@@ -140,7 +157,7 @@ def test_image_to_a_ventricle_finds_its_volumes():
 
 
 @pytest.mark.slow
-def test_a_beating_heart_finds_its_ejection_fraction():
+def test_a_beating_heart_finds_its_ejection_fraction(run):
     names = run("beating_heart.md")
     assert names["table"]["ejection fraction"] == pytest.approx(names["exact"]["ejection fraction"], abs=2)
     assert names["between"].volume("endo") == pytest.approx(names["heart"].model(0.25).volume("endo"), rel=0.02)
