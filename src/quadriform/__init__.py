@@ -16,7 +16,9 @@ if TYPE_CHECKING:
     from quadriform.heart.measure import measure
     from quadriform.imaging.reading import read_volume
     from quadriform.motion.tracking import Track, track
+    from quadriform.report.exchange import to_pyvista, to_trimesh
     from quadriform.report.notebook import show
+    from quadriform.report.plot import plot
     from quadriform.shapes.control_box import ControlBox
     from quadriform.shapes.mesh import Mesh
     from quadriform.shapes.model import DeformableModel
@@ -38,12 +40,15 @@ _HOME = {
     "fit_superquadric": "fitting.superquadric_fit",
     "load": "files",
     "measure": "heart.measure",
+    "plot": "report.plot",
     "read_guide_points": "files.guide_points",
     "read_points": "files",
     "read_volume": "imaging.reading",
     "refine": "fitting.fit",
     "save": "files",
     "show": "report.notebook",
+    "to_pyvista": "report.exchange",
+    "to_trimesh": "report.exchange",
     "track": "motion.tracking",
 }
 
@@ -60,12 +65,15 @@ __all__ = [
     "fit_superquadric",
     "load",
     "measure",
+    "plot",
     "read_guide_points",
     "read_points",
     "read_volume",
     "refine",
     "save",
     "show",
+    "to_pyvista",
+    "to_trimesh",
     "track",
 ]
 

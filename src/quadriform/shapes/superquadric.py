@@ -29,7 +29,7 @@ class Superquadric:
         rotation: (3, 3), from the object's frame to the world.
         translation: (3,), the centre in the world.
         hole_radius: the toroid's twelfth number a4 > 1, in units of the tube; None for the others.
-        height: where a hyperboloid is cut: |z| of one sheet, |x| > a1 of two, in the unit of the data.
+        height: where a hyperboloid is cut: `|z|` of one sheet, `|x| > a1` of two, in the unit of the data.
 
     Raises:
         OptionError: a number is out of its range.
@@ -193,14 +193,14 @@ class Superquadric:
     # --- distances and sizes -------------------------------------------------------------------------------------
 
     def radial_distance(self, points: ArrayLike) -> Array:
-        """|M0 M| along the ray from the centre (paper 2.4), (n,), >= the true distance; ellipsoid only."""
+        """`|M0 M|` along the ray from the centre (paper 2.4), (n,), >= the true distance; ellipsoid only."""
         self._only_ellipsoid("radial_distance")
         world = check_points(points)
         return np.linalg.norm(world - self.project(world), axis=1)
 
     @quiet
     def first_order_distance(self, points: ArrayLike) -> Array:
-        """|F - 1| / |grad F| (P4), (n,); close to the true distance near the surface."""
+        """`|F - 1| / |grad F|` (P4), (n,); close to the true distance near the surface."""
         slope = np.linalg.norm(self.gradient(points), axis=1)
         return np.abs(self.implicit(points) - 1) / np.maximum(slope, 1e-300)  # P4
 
