@@ -21,7 +21,10 @@ BRIGHTNESS = (40.0, 90.0, 200.0)
 def crossing(resolution: int = 24) -> Array:
     """Three crossing superquadrics with a taper along z (the paper's Fig. 3): (n, 3) points of what is seen outside."""
     half, width = ARMS
-    arms = [Superquadric(semi_axes=np.where(np.arange(3) == k, half, width), exponents=(0.6, 0.6)) for k in range(3)]
+    arms = [
+        Superquadric(semi_axes=np.where(np.arange(3) == k, half, width), exponents=np.array((0.6, 0.6)))
+        for k in range(3)
+    ]
     grids = [arm.grid(resolution)[0] for arm in arms]
     seen = [
         points[np.all([arm.implicit(points) > 1 for arm in arms if arm is not own], axis=0)]

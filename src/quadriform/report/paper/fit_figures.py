@@ -153,7 +153,7 @@ def sparse_data(results: Results) -> Remake:
     if results.human is not None:
         rows.append(_row(f"RMS of {len(results.human.cloud)} points of a real heart", _errors(results.human)))
         extra = " Of the real contours nobody has the complete surface, so their own error alone is given."
-    planes, part = ([_apart(reduced, p, k) for k in (0, 1)] for p in (reduced.planes, reduced.part))
+    flat, thin = ([_apart(reduced, p, k) for k in (0, 1)] for p in (reduced.planes, reduced.part))
     words = f"Sparse points of the {reduced.whole.name}, 100 mm long with noise of 0.5 mm, and both models."
     pictures = [shown(drawing.picture(_sparse(reduced), words), words, reduced.whole.source)]
     if results.human is not None:
@@ -166,8 +166,8 @@ def sparse_data(results: Results) -> Remake:
         "a shape similar to that of the complete data comes out of three orthogonal planes and out of a subsample.",
         pictures,
         rows,
-        f"similar, measured here: to the model of all points the default's distance is {beside(planes[1], planes[0])} "
-        f"from three planes, and {beside(part[1], part[0])} from the subsample.{extra}",
+        f"similar, measured here: to the model of all points the default's distance is {beside(flat[1], flat[0])} "
+        f"from three planes, and {beside(thin[1], thin[0])} from the subsample.{extra}",
     )
 
 

@@ -120,7 +120,7 @@ def _overlay(scan: Scan) -> Markup:
     subject, name = scan.subject, scan.subject.surface
     outlines = scan.outlines if name not in scan.outlines else {f"isosurface, {name}": scan.outlines[name]}
     models = {'model, method="paper"': subject.paper, "model, default": subject.default}
-    meshes = outlines | {key: fit.model.mesh(name, 40) for key, fit in models.items()}
+    meshes = dict(outlines) | {key: fit.model.mesh(name, 40) for key, fit in models.items()}
     words = f"The {subject.name}: segmented surface and both models over slices."
     near = _around(scan.volume, meshes)
     data = slices_png(near.values, near.world_from_voxel, meshes, "", 8)

@@ -135,7 +135,10 @@ def _at_equal_error(one: tuple[Array, Array], other: tuple[Array, Array]) -> flo
     if low >= high:
         return float("nan")
     errors = np.linspace(np.log(low), np.log(high), 50)
-    motions = [np.interp(errors, *(np.log(v)[np.argsort(curve[0])] for v in curve)) for curve in (one, other)]
+    motions = []
+    for error, motion in (one, other):
+        order = np.argsort(error)
+        motions.append(np.interp(errors, np.log(error)[order], np.log(motion)[order]))
     return float(np.exp(np.mean(motions[1] - motions[0])))
 
 

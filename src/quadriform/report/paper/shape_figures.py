@@ -17,9 +17,9 @@ from quadriform.shapes.superquadric import Superquadric
 
 GALLERY = (0.1, 0.5, 1.0, 1.5, 2.0)
 """Exponents, of latitude down the rows and of longitude along them."""
-SQUARE = Superquadric(semi_axes=(50.0, 40.0, 30.0), exponents=(0.3, 0.3))
+SQUARE = Superquadric(semi_axes=np.array((50.0, 40.0, 30.0)), exponents=np.array((0.3, 0.3)))
 """A rounded box: curved at its edges alone."""
-FLAT = Superquadric(semi_axes=(50.0, 30.0, 30.0), exponents=(0.6, 1.0))
+FLAT = Superquadric(semi_axes=np.array((50.0, 30.0, 30.0)), exponents=np.array((0.6, 1.0)))
 """Its section through the x and z axes is drawn in Fig. 4."""
 OUTSIDE = np.array([[52.0, 0.0, 38.0]])
 """The point M of Fig. 4, left."""
@@ -30,7 +30,7 @@ def gallery(_: Results) -> Remake:
     figure, places = drawing.scene(len(GALLERY), len(GALLERY), 1.7)
     worst = 0.0
     for axes, (e1, e2) in zip(places, ((a, b) for a in GALLERY for b in GALLERY)):
-        body = Superquadric(exponents=(e1, e2))
+        body = Superquadric(exponents=np.array((e1, e2)))
         mesh = body.mesh(48)
         worst = max(worst, abs(mesh.volume() / body.volume() - 1))
         drawing.draw_mesh(axes, body.mesh(drawing.RESOLUTION), drawing.ORANGE)
@@ -160,7 +160,7 @@ def _draw_matching(axes: Axes) -> None:
 
 def free_form(_: Results) -> Remake:
     """Fig. 5."""
-    body = Superquadric(semi_axes=(30.0, 20.0, 40.0), exponents=(0.8, 0.8))
+    body = Superquadric(semi_axes=np.array((30.0, 20.0, 40.0)), exponents=np.array((0.8, 0.8)))
     before = ControlBox.around(body, (4, 4, 4))
     model = DeformableModel({"surface": body}, before.with_control_points(_bent(before.control_points)))
     figure, places = drawing.scene(4, width=2.6)

@@ -10,6 +10,7 @@ from quadriform.report.paper.remake import NONE, Remake, Row, mm, shown
 from quadriform.report.paper.results import Results
 from quadriform.report.paper.subjects import Scan, Subject
 from quadriform.report.parts import svg
+from quadriform.report.slices import COLOURS as SLICE_COLOURS
 
 VIEWS = ((18, -58), (18, 32), (80, -58))
 """Elevation and azimuth, degrees."""
@@ -126,7 +127,7 @@ METHODS = {"paper": 'method="paper"', "default": "default"}
 
 
 def _draw_histories(axes: Axes, subjects: list[Subject], method: str, quantity: str) -> None:
-    for subject, colour in zip(subjects, drawing.COLOURS):
+    for subject, colour in zip(subjects, SLICE_COLOURS):
         history = getattr(subject, method).history
         values = [getattr(record, quantity) for record in history]
         axes.semilogy(np.arange(1, len(history) + 1), values, color=colour, label=subject.name)
