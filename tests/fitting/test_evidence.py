@@ -66,6 +66,15 @@ def test_the_largest_evidence_is_found(seed):
         assert evidence.best(near).criterion == pytest.approx(best.criterion, abs=1e-2)
 
 
+def test_data_that_differs_by_rounding_has_the_same_strength():
+    evidence = drawn(BENDING, 1e-4, 0.05, seed=3)[0]
+    found = evidence.best().strength
+    for sign in (-1, 1):
+        near = drawn(BENDING, 1e-4, 0.05 * (1 + sign * 1e-10), seed=3)[0].best()
+        assert near.strength == pytest.approx(found, rel=1e-7)
+        assert evidence.best(found * (1 + sign * 1e-4)).strength == pytest.approx(found, rel=1e-7)
+
+
 @pytest.mark.parametrize("seed", [0, 1, 2, 3, 4])
 def test_the_strength_is_found_to_a_thousandth(seed):
     """A search that stopped sooner jumped by as much as it was allowed, on data that differed by rounding."""
