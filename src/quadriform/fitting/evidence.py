@@ -15,11 +15,11 @@ WIDEST = (1e-13, 1e3)
 """Strengths per data point that a first search looks through, in steps of a decade."""
 NEARBY = 30.0
 """A later search stays within this factor of the strength before it."""
-SEARCH = 0.1
+NEAR = 0.1
 """Of the logarithm of the strength: how near a search by values comes. From there the slope's root is found, for a
 search by values alone jumps by as much as it may when data differ by rounding."""
-POLISHES = 3
-"""Secant steps to the root; each squares what is left."""
+STEPS, ROUNDING = 8, 1e-6
+"""At most so many secant steps to the root, until one is shorter than that; what is left then is its square."""
 NOISE_FLOOR = 1e-9
 """Of the cloud's RMS radius: no data is more exact than that."""
 
@@ -122,23 +122,32 @@ class Evidence:
         if near is None:
             near = float(min(np.geomspace(*WIDEST, 17), key=self._criterion))
         low, high = np.log(np.clip([near / NEARBY, near * NEARBY], WIDEST[0], NEARBY * WIDEST[1]))
-        found = minimize_scalar(
-            lambda x: self._criterion(float(np.exp(x))), bounds=(low, high), method="bounded", options={"xatol": SEARCH}
-        )
-        return self.solve(float(np.exp(self._polished(float(found.x)))))
+        x = self._root(float(np.clip(np.log(near), low, high)), low, high)
+        if x is None:
+            found = minimize_scalar(
+                lambda x: self._criterion(float(np.exp(x))),
+                bounds=(low, high),
+                method="bounded",
+                options={"xatol": NEAR},
+            )
+            x = self._root(float(found.x), found.x - 3 * NEAR, found.x + 3 * NEAR)
+            x = float(found.x) if x is None else x
+        return self.solve(float(np.exp(x)))
 
-    def _polished(self, x: float) -> float:
-        """From near the least criterion to where its slope is zero; the same place where that is farther than near."""
-        one, other = x, x + SEARCH
+    def _root(self, start: float, low: float, high: float) -> float | None:
+        """Where the criterion is least, by secant steps on its slope; None where they leave the range or climb."""
+        one, other = start, min(start + NEAR, high)
         slopes = self._slope(one), self._slope(other)
-        for _ in range(POLISHES):
-            if slopes[0] == slopes[1]:
-                break
+        for _ in range(STEPS):
+            if (slopes[1] - slopes[0]) * (other - one) <= 0:
+                return None
             step = other - slopes[1] * (other - one) / (slopes[1] - slopes[0])
-            if abs(step - x) > 3 * SEARCH:  # at the end of the range there is none
-                return x
+            if not low <= step <= high:
+                return None
+            if abs(step - other) < ROUNDING:
+                return step
             one, other, slopes = other, step, (slopes[1], self._slope(step))
-        return other
+        return None
 
     def _slope(self, x: float) -> float:
         """Derivative of the criterion by the logarithm of the strength."""
