@@ -194,7 +194,7 @@ class Rounds:
 
     def _match(self, box: ControlBox, sheet: Sheet, cloud: FacingCloud, covered: bool) -> Pull | None:
         matched = match_facing(sheet.superquadric, box, cloud)
-        sheet.origins = settle(sheet.superquadric, box, sheet.points, matched, SLIDES).origins
+        sheet.origins = settle(sheet.superquadric, box, sheet.points, matched, SLIDES)
         if not covered:
             return None
         origins, targets = match_unclaimed(sheet.superquadric, box, cloud, sheet.origins)
@@ -206,7 +206,7 @@ class Rounds:
 
     def _slide(self, box: ControlBox, sheets: Sequence[Sheet]) -> None:
         for sheet in sheets:
-            sheet.origins = settle(sheet.superquadric, box, sheet.points, sheet.origins, SLIDES).origins
+            sheet.origins = settle(sheet.superquadric, box, sheet.points, sheet.origins, SLIDES)
 
     def _weigh(self, box: ControlBox, sheets: Sequence[Sheet], noise: float | None) -> float:
         distances = [sheet.distances(box) for sheet in sheets]

@@ -181,7 +181,7 @@ class Cycle:
     def _slide(self) -> None:
         for box, sheets in zip(self.boxes, self.sheets):
             for sheet in sheets:
-                sheet.origins = settle(sheet.superquadric, box, sheet.points, sheet.origins, SLIDES).origins
+                sheet.origins = settle(sheet.superquadric, box, sheet.points, sheet.origins, SLIDES)
 
     def _weigh(self) -> None:
         distances = iter(self._distances())

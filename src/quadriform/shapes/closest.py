@@ -54,7 +54,7 @@ def closest_on(superquadric: Superquadric, box: ControlBox, targets: Array) -> F
     """
     net = Net.of(superquadric, box)
     owner, vertex = net.starts(targets)
-    slid = _slide(superquadric, box, targets[owner], net.origins[vertex], SLIDES)
+    slid = _slide(superquadric, box, targets[owner], net.origins[vertex])
     best = _nearest(owner, targets[owner], slid.points)
     origins, points = slid.origins[best], slid.points[best]
     flat = np.flatnonzero(slid.least[best] < SHALLOW)
@@ -63,7 +63,7 @@ def closest_on(superquadric: Superquadric, box: ControlBox, targets: Array) -> F
         shifts = slid.weak[best[flat]] * reach[:, None]
         owner = np.tile(flat, 4)
         again = superquadric.project(origins[owner] + np.concatenate([k * shifts for k in (-2, -1, 1, 2)]))
-        second = _slide(superquadric, box, targets[owner], again, SLIDES)
+        second = _slide(superquadric, box, targets[owner], again)
         both = np.concatenate([flat, owner])
         choice = _nearest(both, targets[both], np.concatenate([points[flat], second.points]))
         origins[flat] = np.concatenate([origins[flat], second.origins])[choice]
@@ -71,12 +71,39 @@ def closest_on(superquadric: Superquadric, box: ControlBox, targets: Array) -> F
     return _finish(superquadric, box, targets, origins, points)
 
 
-def settle(
-    superquadric: Superquadric, box: ControlBox, targets: Array, origins: Array, slides: int = SLIDES
-) -> FootPoints:
-    """Slide given origins (n, 3) towards their targets, at most `slides` times: the nearest point close by."""
-    slid = _slide(superquadric, box, targets, origins, slides)
-    return _finish(superquadric, box, targets, slid.origins, slid.points)
+def settle(superquadric: Superquadric, box: ControlBox, targets: Array, origins: Array, slides: int) -> Array:
+    """Slide given origins (n, 3) a few times towards their targets (n, 3); what is left is for the next call.
+
+    As if the surface were flat (Gauss and Newton): what a slide leaves of the way is distance times curvature,
+    little for data near the surface. No foot point gets worse.
+    """
+    origins = origins.copy()
+    points = box.deform(origins)
+    damping = np.full(len(origins), 1e-9)
+    for _ in range(slides):
+        gap = targets - points
+        trial = superquadric.project(origins + _flat_step(superquadric, box, origins, gap, damping))
+        there = box.deform(trial)
+        closer = ((targets - there) ** 2).sum(axis=1) <= (gap**2).sum(axis=1)
+        origins[closer], points[closer] = trial[closer], there[closer]
+        damping = np.where(closer, 0.1 * damping, np.maximum(10 * damping, 1.0))
+    return origins
+
+
+def _flat_step(superquadric: Superquadric, box: ControlBox, origins: Array, gap: Array, damping: Array) -> Array:
+    """Steps (n, 3) of origins in their tangent planes to where the deformed planes are nearest to the targets."""
+    frame = tangent_frames(superquadric, origins)
+    tangents = box.jacobian(origins) @ frame
+    one, other = tangents[:, :, 0], tangents[:, :, 1]
+    a, b, c = (np.einsum("ni,ni->n", u, v) for u, v in ((one, one), (one, other), (other, other)))
+    slack = (damping + 1e-12) * (a + c) + 1e-300
+    a, c = a + slack, c + slack
+    pull, push = np.einsum("ni,ni->n", one, gap), np.einsum("ni,ni->n", other, gap)
+    area = a * c - b * b
+    steps = np.stack([(c * pull - b * push) / area, (a * push - b * pull) / area], axis=1)
+    move = np.einsum("nia,na->ni", frame, steps)
+    reach = LONGEST * float(np.linalg.norm(box.edges))
+    return move * np.minimum(1, reach / np.maximum(np.linalg.norm(move, axis=1), 1e-300))[:, None]
 
 
 @dataclass(frozen=True)
@@ -99,7 +126,7 @@ class _Step:
     weak: Array
 
 
-def _slide(superquadric: Superquadric, box: ControlBox, targets: Array, origins: Array, slides: int) -> _Slid:
+def _slide(superquadric: Superquadric, box: ControlBox, targets: Array, origins: Array) -> _Slid:
     """Damped Newton steps on |target - X|^2 over the two tangent coordinates.
 
     A step that would lead away is refused and shortened, so a foot point never gets worse.
@@ -109,7 +136,7 @@ def _slide(superquadric: Superquadric, box: ControlBox, targets: Array, origins:
     damping, least, weak = np.full(len(origins), 1e-6), np.ones(len(origins)), np.zeros_like(origins)
     active = np.arange(len(origins))
     reach = float(np.linalg.norm(box.edges))
-    for _ in range(slides):
+    for _ in range(SLIDES):
         gap = targets[active] - points[active]
         step = _newton_step(superquadric, box, origins[active], gap, damping[active], reach)
         least[active], weak[active] = step.least, step.weak
