@@ -15,6 +15,7 @@ from quadriform.fitting.outcome import Fit, Iteration, Progress, rms
 from quadriform.fitting.refinement import two_step
 from quadriform.fitting.superquadric_fit import fit_superquadric
 from quadriform.fitting.tangent_fit import Result, fit_tangent
+from quadriform.fitting.threads import one_blas_thread
 from quadriform.points import Array, Frame, check_points, check_spread, check_weights
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.kinds import KINDS
@@ -28,6 +29,7 @@ Clouds = ArrayLike | Mapping[str, ArrayLike]
 Weights = ArrayLike | Mapping[str, ArrayLike] | None
 
 
+@one_blas_thread
 def fit(
     points: Clouds,
     *,
@@ -65,6 +67,7 @@ def fit(
     return replace(refined, warnings=named_texts({name: s.warnings for name, s in starts.items()}) | refined.warnings)
 
 
+@one_blas_thread
 def refine(
     superquadric: Superquadric | Mapping[str, Superquadric],
     points: Clouds,

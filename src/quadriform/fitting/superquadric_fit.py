@@ -14,6 +14,7 @@ from quadriform.fitting.outcome import SuperquadricFit
 from quadriform.fitting.residuals import Candidates, distances
 from quadriform.fitting.robust_superquadric import cut_to, fit_robust, in_world
 from quadriform.fitting.start import start
+from quadriform.fitting.threads import one_blas_thread
 from quadriform.points import Array, Frame, check_points, check_spread, check_weights
 from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.superquadric import EXPONENTS, Superquadric
@@ -26,6 +27,7 @@ UNDETERMINED = 1e4
 NEAR_BOUND = 1e-3
 
 
+@one_blas_thread
 def fit_superquadric(
     points: ArrayLike,
     kind: str = "ellipsoid",
