@@ -197,3 +197,14 @@ def test_the_image_is_shown_in_the_frame_that_was_asked_for(tmp_path, capsys):
         assert np.abs(one - other).mean() < 0.1
     shown = [json.loads(re.search(r'id="model">(.*?)</script>', page)[1])["axes"] for page in pages]
     assert shown == [["L", "P", "S"], ["R", "A", "S"]]
+
+
+def test_the_configuration_in_effect_is_on_the_page(egg, tmp_path, capsys):
+    np.savetxt(tmp_path / "egg.xyz", egg[1])
+    words = ["fit", str(tmp_path / "egg.xyz"), "-o", str(tmp_path / "out"), "--box", "3,3,3", "--json"]
+    assert main(words) == 0
+    page = (tmp_path / "out" / "report.html").read_text()
+    record = json.loads(unescape(page[page.rindex("<pre>") + 5 : page.rindex("</pre>")]))
+    assert record["options"]["box"] == [3, 3, 3] and record["options"]["regularity"] == "bending"
+    assert record["options"]["method"] == "tangent" and record["error"]["rms"] == pytest.approx(egg[0].rms, rel=1e-6)
+    assert str(tmp_path) not in page

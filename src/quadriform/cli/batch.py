@@ -20,7 +20,7 @@ from quadriform.cli.inputs import (
     space_to_write,
 )
 from quadriform.cli.options import stem, surface_file
-from quadriform.cli.reporting import REPORT, page_of_fit
+from quadriform.cli.reporting import REPORT, fit_options, page_of_fit
 from quadriform.cli.screen import emit_json, emit_table, progress_bar, say, warn
 from quadriform.errors import InputError, OptionError, Warnings
 from quadriform.files import save, sha256_of, write_mesh
@@ -180,17 +180,21 @@ def _run(job: Job, options: Mapping[str, Any], strict: bool, force: bool) -> Rec
         found = _fit(job, sources, options)
         if strict:
             refuse(found.warnings)
+    record = _record(job, found, notes, time.perf_counter() - begin)
+    page = _page(job, sources, found, record | fit_options(options))
     make_folder(job.folder)
     save(found.model, job.folder / "model.json", force)
     for name, path in job.targets.items():
         write_mesh(found.model.mesh(name), path, found.model.space, found.model.unit, force)
-    record = _record(job, found, notes, time.perf_counter() - begin) | {"options": dict(options)}
-    clouds = {name: source.points for name, source in sources.items()}
-    image = next(iter(sources.values())).image if len(job.files) == 1 else None
-    space = next(iter(sources.values())).space
-    page = page_of_fit(found, clouds, image, space, ", ".join(path.name for path in job.files), record)
     write_bytes(job.report, page, force)
     return record
+
+
+def _page(job: Job, sources: Mapping[str, Source], found: Fit, record: Record) -> bytes:
+    clouds = {name: source.points for name, source in sources.items()}
+    first = next(iter(sources.values()))
+    image = first.image if len(job.files) == 1 else None
+    return page_of_fit(found, clouds, image, first.space, ", ".join(path.name for path in job.files), record)
 
 
 def _fit(job: Job, sources: Mapping[str, Source], options: Mapping[str, Any]) -> Fit:

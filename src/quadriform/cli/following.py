@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from quadriform.cli.inputs import ImageOptions, files_of, kind_of, naming, read_source, refuse, space_to_write
 from quadriform.cli.options import stem
-from quadriform.cli.reporting import REPORT, page_of_track
+from quadriform.cli.reporting import REPORT, page_of_track, track_options
 from quadriform.cli.screen import emit_json, emit_table, progress_bar, say, warn
 from quadriform.errors import InputError, OptionError, Warnings
 from quadriform.files import save, sha256_of
@@ -88,6 +88,9 @@ def follow(
         if strict:
             refuse(found.warnings)
     record = _record(inputs, targets, found, time.perf_counter() - begin)
+    title = ", ".join(path.name for path in inputs[:3]) + (" ..." if len(inputs) > 3 else "")
+    space = next(iter(frames.marks))[0]
+    page = page_of_track(found, frames.clouds, frames.slices, space, title, record | track_options(options))
     make_folder(folder)
     if found.moving is None:
         targets[0] = folder / "frame_000.json"
@@ -97,9 +100,6 @@ def follow(
     else:
         save(found.moving, targets[0], force)
     write_bytes(targets[1], _csv(record["frames"]), force)
-    title = ", ".join(path.name for path in inputs[:3]) + (" ..." if len(inputs) > 3 else "")
-    space = next(iter(frames.marks))[0]
-    page = page_of_track(found, frames.clouds, frames.slices, space, title, record)
     write_bytes(targets[2], page, force)
     warn(record["warnings"])
     if as_json:

@@ -1,7 +1,8 @@
 """Reports for the verbs that fit: points and image in the frame of the model, measures of a ventricle."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
+from inspect import signature
 from typing import Any
 
 import numpy as np
@@ -9,11 +10,12 @@ from numpy.typing import NDArray
 
 from quadriform.cli.screen import say
 from quadriform.errors import QuadriformError
+from quadriform.fitting.options import options_for
 from quadriform.fitting.outcome import Fit
 from quadriform.heart.measure import measure
 from quadriform.heart.table import Measures
 from quadriform.imaging.volume import Volume
-from quadriform.motion.tracking import Track
+from quadriform.motion.tracking import Track, track
 from quadriform.points import Array
 from quadriform.report.reports import fit_report, track_report
 from quadriform.shapes.model import DeformableModel
@@ -21,6 +23,20 @@ from quadriform.shapes.spaces import turn_between
 
 Record = Mapping[str, Any]
 REPORT = "report.html"
+NO_OPTIONS = ("progress", "slices")
+
+
+def fit_options(given: Mapping[str, Any]) -> dict[str, Any]:
+    """The configuration in effect of a fit: what was given, and the defaults of the rest."""
+    rest = {"method": "tangent", "kind": "ellipsoid"} | dict(given)
+    chosen = options_for(str(rest["method"]), {name: rest[name] for name in rest if name not in ("method", "kind")})
+    return {"options": {"method": rest["method"], "kind": rest["kind"]} | asdict(chosen)}
+
+
+def track_options(given: Mapping[str, Any]) -> dict[str, Any]:
+    """The same of a cycle."""
+    defaults = {name: p.default for name, p in signature(track).parameters.items() if p.default is not p.empty}
+    return {"options": {name: given.get(name, value) for name, value in defaults.items() if name not in NO_OPTIONS}}
 
 
 def page_of_fit(
