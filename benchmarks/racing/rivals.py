@@ -16,15 +16,15 @@ from racing.harness import Missing
 
 Surface = tuple[np.ndarray, np.ndarray]
 
-DEPTH, NEIGHBOURS = 6, 30
+DEPTH, COARSE, NEIGHBOURS = 6, 5, 30
 CPD_STEPS, CPD_WIDTH = 50, 0.5
 PYCPD_HOLD, PROBREG_HOLD = 0.5, 0.1
 
 HOW = f"""\
 - Open3D: `estimate_normals` of {NEIGHBOURS} neighbours, `orient_normals_consistent_tangent_plane(15)` and
   `create_from_point_cloud_poisson(depth={DEPTH})`, all inside the timed part, all cores. Depth 7 and 8 are slower and come out
-  with the wrong topology; depth 5 is faster (about 0.6 of the time) and, on noise 1, nearer, but holds no detail:
-  the bed's table, which the goals refer to, has depth {DEPTH} (37,854 numbers).
+  with the wrong topology. The goals refer to depth {DEPTH} (37,854 numbers, as in the bed); depth {COARSE} is faster and on the noisy egg
+  nearer as well, so it has rows of its own, without a goal.
 - pycpd and probreg: non-rigid CPD of an ellipsoid of 642 vertices, laid by the cloud's second moments, lengths in RMS radii;
   beta {CPD_WIDTH}, alpha {PYCPD_HOLD} (pycpd) and {PROBREG_HOLD} (probreg), {CPD_STEPS} steps, tolerance 1e-4. 30 steps save a quarter of the
   time and leave 0.38 and 0.41 RMS on the egg instead of 0.31 and 0.33.
@@ -58,13 +58,13 @@ def open3d() -> ModuleType:
     return load("open3d")
 
 
-def poisson(points: np.ndarray) -> Surface:
+def poisson(points: np.ndarray, depth: int = DEPTH) -> Surface:
     """Screened Poisson reconstruction, normals estimated."""
     o3 = open3d()
     cloud = o3.geometry.PointCloud(o3.utility.Vector3dVector(points))
     cloud.estimate_normals(o3.geometry.KDTreeSearchParamKNN(NEIGHBOURS))
     cloud.orient_normals_consistent_tangent_plane(15)
-    mesh, _ = o3.geometry.TriangleMesh.create_from_point_cloud_poisson(cloud, depth=DEPTH)
+    mesh, _ = o3.geometry.TriangleMesh.create_from_point_cloud_poisson(cloud, depth=depth)
     return np.asarray(mesh.vertices), np.asarray(mesh.triangles)
 
 
