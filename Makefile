@@ -21,6 +21,7 @@ check: $(READY)
 bench: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[bench]'
 	$(BIN)/python benchmarks/run.py
+	$(BIN)/python benchmarks/races.py -o BENCHMARK.md
 
 docs: $(READY)
 	$(BIN)/sphinx-build -W --keep-going -q -b html docs out/docs

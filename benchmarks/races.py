@@ -25,12 +25,13 @@ import quadriform
 PACKAGES = ("numpy", "scipy", "open3d", "pycpd", "probreg", "splinepy", "fast-simplification", "trimesh", "libigl")
 
 MEASURED = """\
-Written by `python benchmarks/races.py -o BENCHMARK.md`. Both sides run in turn, A B A B, in one run; figures are medians of
-{repeats} turns (10 for processes; the 10^7 points once). `measured` is our time over the rival's unless a unit is given.
-Rivals have all cores; our own fits hold BLAS to one thread, as the README advises. Our time includes the mesh
-(24,578 vertices) where a rival returns one. Memory is the rise of the high-water mark of a process of its own, input
-loaded, libraries imported and a thousandth of the work done before; what is returned is taken off. The two-threads race sets
-`OMP_NUM_THREADS` and `OPENBLAS_NUM_THREADS`: only what BLAS and OpenMP do is threaded.
+Written by `python benchmarks/races.py -o BENCHMARK.md`. Both sides run in turn, A B A B, in one run; figures are
+medians of {repeats} turns (at least 10 for commands; 10^7 points once). `measured` is our time over the rival's unless
+a unit is given. Rivals have all cores; our own fits in the same process hold BLAS to one thread. Our time includes
+the mesh (24,578 vertices) where a rival returns one. Memory is the rise of the high-water mark of a process of its own,
+input loaded, libraries imported and a thousandth of the work (1,000 points) done before; what is returned is taken
+off. The two-threads race sets `OMP_NUM_THREADS` and `OPENBLAS_NUM_THREADS`: what BLAS and OpenMP do is threaded, the
+rest is not.
 """
 
 
@@ -123,8 +124,7 @@ def main() -> None:
                     yield row.cells()
 
     table(HEADER, run())
-    rate = rate_distortion.measured() if "rate" in chosen.only and not chosen.quick else []
-    table(rate_distortion.HEADER, rate_distortion.rows(rate))
+    rate = rate_distortion.printed() if "rate" in chosen.only and not chosen.quick else []
     if chosen.output:
         if rate:
             rate_distortion.draw(rate)

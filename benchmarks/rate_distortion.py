@@ -2,11 +2,11 @@
 
 python benchmarks/rate_distortion.py
 
-Ours with 3, 5 and 7 control points a side, spherical harmonics, decimated Poisson meshes. The egg is fitted to 6,000 noisy
-points and judged by its clean ones; kidney and brain are judged by the points that they were fitted to.
+Ours with 3, 5 and 7 control points a side, spherical harmonics, decimated Poisson meshes. The egg is fitted to
+6,000 noisy points and judged by its clean ones; kidney and brain are judged by the points that they were fitted to.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -75,16 +75,26 @@ def decimated(name: str, points: np.ndarray, judge: np.ndarray) -> Iterator[Meas
         print(f"skipped: decimated meshes of {name}: {error}")
 
 
-def measured() -> list[Measured]:
-    """All ways of all bodies."""
+def printed() -> list[Measured]:
+    """All ways of all bodies, printed as they come."""
     found: list[Measured] = []
-    for body in bodies():
-        for way in (ours, harmonics, decimated):
-            found += way(*body)
+
+    def rows_coming() -> Iterator[tuple[str, ...]]:
+        for body in bodies():
+            for way in (ours, harmonics, decimated):
+                for measured in way(*body):
+                    found.append(measured)
+                    yield from rows([measured])
+
+    print("\n## Rate against distortion\n")
+    try:
+        table(HEADER, rows_coming())
+    except Missing as error:
+        print(f"skipped: {error}")
     return found
 
 
-def rows(found: list[Measured]) -> Iterator[tuple[str, ...]]:
+def rows(found: Iterable[Measured]) -> Iterator[tuple[str, ...]]:
     """Cells of the table."""
     return ((body, way, f"{numbers:,}", f"{error:.3g}") for body, way, numbers, error in found)
 
@@ -107,14 +117,9 @@ def draw(found: list[Measured], path: Path = FIGURE) -> None:
 
 
 def main() -> None:
-    try:
-        found = measured()
-    except Missing as error:
-        print(f"skipped: {error}")
-        return
-    print("## Rate against distortion\n")
-    table(HEADER, rows(found))
-    draw(found)
+    found = printed()
+    if found:
+        draw(found)
 
 
 if __name__ == "__main__":

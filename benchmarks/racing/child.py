@@ -2,8 +2,8 @@
 
 Peak memory is the rise of the process's resident high-water mark (`ru_maxrss`, which counts what NumPy, BLAS and
 compiled code take, and Python's own allocator) over a mark taken when the input is loaded, everything is imported and
-the same job was done once on a thousandth of the work. What is returned is taken off. The input is loaded from a .npy without
-temporaries, so the mark starts at what is resident.
+the same job was done once on a thousandth of the work. What is returned is taken off. The input is loaded
+from a .npy without temporaries, so the mark starts at what is resident.
 """
 
 import json

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -61,7 +62,7 @@ def _reconstruction(data: np.lib.npyio.NpzFile, key: str, repeats: int) -> Itera
             sides[name] = rival
         except Missing as error:
             missing[name] = str(error)
-    laps = in_turn({n: lambda side=side: side(points) for n, side in {"ours": ours, **sides}.items()}, repeats)
+    laps = in_turn({n: partial(side, points) for n, side in {"ours": ours, **sides}.items()}, repeats)
     for name in RIVALS:
         race, goal = f"whole default fit of egg {key} / {name}", GOALS.get((name, key), Goal(None))
         if name in missing:
@@ -83,11 +84,15 @@ def superquadric(repeats: int, quick: bool) -> Iterator[Row]:
         if quick and n > 1_000:
             return
         points = SyntheticVentricle().surface_points("epi", 0.3, n, NOISE)
-        sides = {"ours": lambda: qf.fit_superquadric(points), "tree": lambda: cKDTree(points).query(points)}
+        sides = {"ours": partial(qf.fit_superquadric, points), "tree": partial(_tree, points)}
         with one_thread():  # threads that wait would count as work
             laps = in_turn(sides, repeats, time.process_time)
         race = f"superquadric alone, {n:,} points, CPU / k-d tree"
         yield against(race, goal, laps["ours"], laps["tree"], "scipy cKDTree")
+
+
+def _tree(points: np.ndarray) -> None:
+    cKDTree(points).query(points)
 
 
 def cycle(repeats: int, quick: bool) -> Iterator[Row]:

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -34,7 +35,7 @@ def ffd(repeats: int, quick: bool) -> Iterator[Row]:
     sides, missing = {"ours": lambda: box.deform(points)}, {}
     for name, make in makers.items():
         try:
-            sides[name] = lambda evaluate=make(): evaluate(queries)
+            sides[name] = partial(make(), queries)
         except Missing as error:
             missing[name] = str(error)
     laps = in_turn(sides, repeats)

@@ -1,6 +1,6 @@
-"""How each rival is called, tuned as in the bed of closed surfaces; imported when it races and nowhere else.
+"""How each rival is called, tuned by hand to the errors of the bed of closed surfaces; imported when it races only.
 
-The settings are the best of a hand search on the egg that keeps the rival closed: `HOW` is printed with the tables.
+`HOW` is printed with the tables.
 """
 
 import ctypes
@@ -22,20 +22,20 @@ PYCPD_HOLD, PROBREG_HOLD = 0.5, 0.1
 
 HOW = f"""\
 - Open3D: `estimate_normals` of {NEIGHBOURS} neighbours, `orient_normals_consistent_tangent_plane(15)` and
-  `create_from_point_cloud_poisson(depth={DEPTH})`, all inside the timed part, all cores. Depth 7 and 8 are slower and come out
-  with the wrong topology. The goals refer to depth {DEPTH} (37,854 numbers, as in the bed); depth {COARSE} is faster and on the noisy egg
-  nearer as well, so it has rows of its own, without a goal.
-- pycpd and probreg: non-rigid CPD of an ellipsoid of 642 vertices, laid by the cloud's second moments, lengths in RMS radii;
-  beta {CPD_WIDTH}, alpha {PYCPD_HOLD} (pycpd) and {PROBREG_HOLD} (probreg), {CPD_STEPS} steps, tolerance 1e-4. 30 steps save a quarter of the
-  time and leave 0.38 and 0.41 RMS on the egg instead of 0.31 and 0.33.
-- splinepy: `Bezier(degrees=[4, 4, 4]).evaluate(queries, nthreads=2)`; queries in box coordinates are made outside the timed part,
-  ours are world points.
-- PyGeM: `FFD([5, 5, 5])` called with the same points. It is on no package index (there `pygem` is about glaciers):
+  `create_from_point_cloud_poisson(depth={DEPTH})`, all inside the timed part, all cores. Depth 7 is slower and open
+  at 20,000 points, depth 8 at 6,000 too. The goals refer to depth {DEPTH} (37,854 numbers, as in the bed);
+  depth {COARSE} is faster, and nearer on the noisy egg, so it has rows of its own, without a goal.
+- pycpd and probreg: non-rigid CPD of an ellipsoid of 642 vertices, laid by the cloud's second moments, lengths in
+  RMS radii; beta {CPD_WIDTH}, alpha {PYCPD_HOLD} (pycpd) and {PROBREG_HOLD} (probreg), {CPD_STEPS} steps, tolerance 1e-4.
+  30 steps save a quarter of the time and leave 0.38 and 0.41 RMS on the egg instead of 0.31 and 0.33.
+- splinepy: `Bezier(degrees=[4, 4, 4]).evaluate(queries, nthreads=2)`; its queries are box coordinates, made outside
+  the timed part; ours are world points.
+- PyGeM: `FFD([5, 5, 5])` at the same box coordinates. It is on no package index (there `pygem` is about glaciers):
   `pip install git+https://github.com/mathLab/PyGeM` first, or its race is skipped.
 - scipy: `cKDTree(points).query(points)`, one worker.
 - Spherical harmonics: radius about the centroid, real harmonics, plain least squares; 3 numbers for the centre.
-- Decimated meshes: the Poisson mesh's largest part, `fast_simplification.simplify` to a number of faces; 3 numbers a vertex, the
-  faces not counted.
+- Decimated meshes: the Poisson mesh's largest part, `fast_simplification.simplify` to a number of faces; 3 numbers a
+  vertex, the faces not counted.
 """
 
 
@@ -112,7 +112,7 @@ def splinepy(control_points: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
 
 
 def pygem(control_points: np.ndarray, rest: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """The same by PyGeM's FFD, of points of the unit cube, by control points (l+1, m+1, n+1, 3) and where they rested."""
+    """The same by PyGeM's FFD; control points (l+1, m+1, n+1, 3), and where they rested, in box coordinates."""
     hint = "`pip install git+https://github.com/mathLab/PyGeM`; the package `pygem` of the index is about glaciers"
     module = load("pygem", hint)
     if not hasattr(module, "FFD"):
