@@ -26,8 +26,8 @@ HOW = f"""\
   at 20,000 points, depth 8 at 6,000 too. The goals refer to depth {DEPTH} (37,854 numbers, as in the bed);
   depth {COARSE} is faster, and nearer on the noisy egg, so it has rows of its own, without a goal.
 - pycpd and probreg: non-rigid CPD of an ellipsoid of 642 vertices, laid by the cloud's second moments, lengths in
-  RMS radii; beta {CPD_WIDTH}, alpha {PYCPD_HOLD} (pycpd) and {PROBREG_HOLD} (probreg), {CPD_STEPS} steps, tolerance 1e-4.
-  30 steps save a quarter of the time and leave 0.38 and 0.41 RMS on the egg instead of 0.31 and 0.33.
+  RMS radii; beta {CPD_WIDTH}, alpha {PYCPD_HOLD} (pycpd) and {PROBREG_HOLD} (probreg), {CPD_STEPS} steps, tolerance
+  1e-4. 30 steps save a quarter of the time and leave 0.38 and 0.41 RMS on the egg instead of 0.31 and 0.33.
 - splinepy: `Bezier(degrees=[4, 4, 4]).evaluate(queries, nthreads=2)`; its queries are box coordinates, made outside
   the timed part; ours are world points.
 - PyGeM: `FFD([5, 5, 5])` at the same box coordinates. It is on no package index (there `pygem` is about glaciers):
