@@ -1,9 +1,9 @@
 """Work in a process of its own, so that memory and threads are its own: python benchmarks/racing/child.py JOB FILE OUT.
 
-Peak memory is the rise of the process's resident high-water mark (`ru_maxrss`, which counts what NumPy, BLAS and
-compiled code take, and Python's own allocator) over a mark taken when the input is loaded, everything is imported and
-the same job was done once on a thousandth of the work. What is returned is taken off. The input is loaded
-from a .npy without temporaries, so the mark starts at what is resident.
+Peak memory is the rise of the process's resident high-water mark, which counts what NumPy, BLAS, compiled code and
+Python's own allocator take, over a mark taken when the input is loaded, everything is imported and the same job was done
+once on about 1,000 points. What is returned is taken off. The input is loaded from a .npy without temporaries, so the
+mark starts at what is resident.
 """
 
 import json
@@ -77,8 +77,15 @@ JOBS = {"fit": fit_job, "ffd": ffd_job, "splinepy": splinepy_job}
 
 
 def high_water() -> float:
-    """Largest resident size so far, MB of 10^6 bytes; Linux counts in KiB, macOS in bytes."""
-    unit = 1 if sys.platform == "darwin" else 1024
+    """Largest resident size of this program so far, MB of 10^6 bytes.
+
+    Linux' VmHWM; `ru_maxrss` there begins at that of the process that started this one, and would hide what we take.
+    """
+    status = Path("/proc/self/status")
+    if status.is_file():
+        line = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
+        return int(line.split()[1]) * 1024 / 1e6
+    unit = 1 if sys.platform == "darwin" else 1024  # macOS counts bytes
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
 
 
