@@ -31,8 +31,8 @@ a unit is given. Our own fits in the same process hold BLAS to one thread; rival
 with one thread, which on a busy machine is faster for them too: the harder row counts. Our time includes
 the mesh (24,578 vertices) where a rival returns one. Memory is the rise of the high-water mark of a process of its own,
 input loaded, libraries imported and the same done once before on about 1,000 points; what is returned is
-taken off. The two-threads race sets `OMP_NUM_THREADS` and `OPENBLAS_NUM_THREADS`: what BLAS and OpenMP do is threaded, the
-rest is not.
+taken off. The two-threads race sets `OMP_NUM_THREADS` and `OPENBLAS_NUM_THREADS`: what BLAS and OpenMP do is threaded,
+the rest is not.
 """
 
 

@@ -1,8 +1,8 @@
 """Work in a process of its own, so that memory and threads are its own: python benchmarks/racing/child.py JOB FILE OUT.
 
 Peak memory is the rise of the process's resident high-water mark, which counts what NumPy, BLAS, compiled code and
-Python's own allocator take, over a mark taken when the input is loaded, everything is imported and the same job was done
-once on about 1,000 points. What is returned is taken off. The input is loaded from a .npy without temporaries, so the
+Python's own allocator take, over a mark taken when the input is loaded, everything is imported and the same job was
+done once on about 1,000 points. What is returned is taken off. The input is loaded from a .npy without temporaries, so the
 mark starts at what is resident.
 """
 
