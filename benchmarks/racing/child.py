@@ -2,8 +2,8 @@
 
 Peak memory is the rise of the process's resident high-water mark, which counts what NumPy, BLAS, compiled code and
 Python's own allocator take, over a mark taken when the input is loaded, everything is imported and the same job was
-done once on about 1,000 points. What is returned is taken off. The input is loaded from a .npy without temporaries, so the
-mark starts at what is resident.
+done once on about 1,000 points. What is returned is taken off. The input is loaded from a .npy without temporaries, so
+the mark starts at what is resident.
 """
 
 import json
