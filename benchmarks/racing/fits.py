@@ -46,7 +46,7 @@ def held(rival: Callable[[np.ndarray], rivals.Surface], points: np.ndarray) -> r
 
 
 def ours(points: np.ndarray) -> rivals.Surface:
-    """The whole default fit and its mesh, BLAS held to one thread as the README advises."""
+    """The whole default fit and its mesh, BLAS held to one thread, as in the tests."""
     with one_thread():
         mesh = qf.fit(points).model.mesh(resolution=64)
     return mesh.vertices, mesh.faces
