@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Iterable, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import numpy as np
@@ -30,3 +31,10 @@ def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
 def rms(values: np.ndarray) -> float:
     """Root of the mean square."""
     return float(np.sqrt(np.mean(np.square(values))))
+
+
+def one_thread() -> AbstractContextManager:
+    """BLAS held to one thread within: our matrices are tiny, and threads that share them cost more than they bring."""
+    from threadpoolctl import threadpool_limits
+
+    return threadpool_limits(1, "blas")

@@ -1,0 +1,136 @@
+"""Races on the same work, both sides in turn in one run, and rate against distortion.
+
+python benchmarks/races.py [-o BENCHMARK.md] [--repeats 5] [--only NAME ...] [--quick] [--huge]
+
+`-o` writes the report; without it the tables are printed alone. `--quick` runs small sizes once, to see that everything
+runs: its figures mean nothing, and no report is written of them.
+"""
+
+import argparse
+import datetime
+import os
+import platform
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import rate_distortion
+from common import table
+from racing import fits, hand, rivals
+from racing.harness import HEADER, Row, losses
+
+import quadriform
+
+PACKAGES = ("numpy", "scipy", "open3d", "pycpd", "probreg", "splinepy", "fast-simplification", "trimesh", "libigl")
+
+MEASURED = """\
+Written by `python benchmarks/races.py -o BENCHMARK.md`. Both sides run in turn, A B A B, in one run; figures are
+medians of {repeats} turns (at least 10 for commands; 10^7 points once). `measured` is our time over the rival's unless
+a unit is given. Our own fits in the same process hold BLAS to one thread; rivals have all cores, and rows of their own
+with one thread, which on a busy machine is faster for them too: the harder row counts. Our time includes
+the mesh (24,578 vertices) where a rival returns one. Memory is the rise of the high-water mark of a process of its own,
+input loaded, libraries imported and the same done once before on about 1,000 points; what is returned is
+taken off. The two-threads race sets `OMP_NUM_THREADS` and `OPENBLAS_NUM_THREADS`: what BLAS and OpenMP do is threaded,
+the rest is not.
+"""
+
+
+def races(huge: bool) -> dict[str, Callable[[int, bool], Iterator[Row]]]:
+    """All races by name; each is called with the repeats and whether it should be quick."""
+    return {
+        "reconstruction": fits.reconstruction,
+        "superquadric": fits.superquadric,
+        "ffd": hand.ffd,
+        "size": partial(fits.by_size, huge=huge),
+        "cycle": fits.cycle,
+        "threads": fits.threads,
+        "commands": hand.commands,
+        "mesh": hand.mesh,
+        "files": hand.sizes,
+    }
+
+
+def machine() -> str:
+    """Processor, cores, memory, system; no names of hosts."""
+    model = platform.processor() or platform.machine()
+    info = Path("/proc/cpuinfo")
+    if info.is_file():
+        named = [
+            line.split(":", 1)[1].strip() for line in info.read_text().splitlines() if line.startswith("model name")
+        ]
+        model = named[0] if named else model
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
+    load = os.getloadavg()[0]
+    return f"{model}, {os.cpu_count()} cores, {memory:.0f} GiB, {platform.system()}; load {load:.1f} before the run"
+
+
+def versions() -> str:
+    """Of ourselves, Python and every rival."""
+    found = [f"quadriform {quadriform.__version__}", f"Python {platform.python_version()}"]
+    for name in PACKAGES:
+        try:
+            found.append(f"{name} {version(name)}")
+        except PackageNotFoundError:
+            found.append(f"{name} not installed")
+    return ", ".join(found)
+
+
+def markdown(header: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    """A table as text."""
+    cells = [list(header), *rows]
+    lines = ["| " + " | ".join(row) + " |" for row in cells]
+    return "\n".join([lines[0], "|" + " --- |" * len(cells[0]), *lines[1:]])
+
+
+def report(rows: list[Row], rate: list[rate_distortion.Measured], before: str, repeats: int) -> str:
+    """The text of BENCHMARK.md."""
+    today = datetime.datetime.now(datetime.UTC).date()
+    sections = [
+        f"# Races\n\n{today}. {before}.\n\n{versions()}.",
+        MEASURED.format(repeats=repeats).strip(),
+        f"## Results\n\n{markdown(HEADER, (row.cells() for row in rows))}",
+        "## Where we lose\n\nRows that missed their goal, and races that were not run.\n\n"
+        + ("\n".join(losses(rows)) or "Nowhere in this run."),
+        f"## How each rival was called and tuned\n\n{rivals.HOW.strip()}",
+        f"## Rate against distortion\n\n{markdown(rate_distortion.HEADER, rate_distortion.rows(rate))}"
+        "\n\n![Rate against distortion](docs/figures/rate_distortion.png)",
+    ]
+    return "\n\n".join(sections) + "\n"
+
+
+def arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("-o", "--output", type=Path, help="write the report here")
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--only", nargs="+", choices=[*races(False), "rate"], default=[*races(False), "rate"])
+    parser.add_argument("--quick", action="store_true", help="small sizes, once, no report")
+    parser.add_argument("--huge", action="store_true", help="10^7 points as well")
+    chosen = parser.parse_args()
+    if chosen.quick and chosen.output:
+        parser.error("--quick measures nothing that could be reported; leave -o out")
+    return chosen
+
+
+def main() -> None:
+    chosen, before = arguments(), machine()
+    repeats = 1 if chosen.quick else chosen.repeats
+    rows: list[Row] = []
+
+    def run() -> Iterator[tuple[str, ...]]:
+        for name, race in races(chosen.huge).items():
+            if name in chosen.only:
+                for row in race(repeats, chosen.quick):
+                    rows.append(row)
+                    yield row.cells()
+
+    table(HEADER, run())
+    rate = rate_distortion.printed() if "rate" in chosen.only and not chosen.quick else []
+    if chosen.output:
+        if rate:
+            rate_distortion.draw(rate)
+        chosen.output.write_text(report(rows, rate, before, repeats), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

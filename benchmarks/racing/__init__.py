@@ -1,0 +1,1 @@
+"""Races against rivals on the same work, for `benchmarks/races.py`."""

@@ -1,0 +1,139 @@
+"""The stop-watch and the judge: sides in turn, medians, goals, rows of a table. Needs the standard library only."""
+
+import statistics
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+HEADER = ("race", "must", "moonshot", "measured", "ours", "rival", "verdict")
+UNREACHED, SKIPPED = "MISSED", "skipped"
+
+
+class Missing(Exception):
+    """A rival, a bed or a data set is not there; the message says which and how to get it."""
+
+
+@dataclass(frozen=True)
+class Lap:
+    """What one side took and made.
+
+    Attributes:
+        times: of each turn.
+        result: of the last turn.
+    """
+
+    times: tuple[float, ...]
+    result: Any
+
+    @property
+    def median(self) -> float:
+        """Median over the turns."""
+        return statistics.median(self.times)
+
+
+def in_turn(
+    sides: Mapping[str, Callable[[], Any]], repeats: int, clock: Callable[[], float] = time.perf_counter
+) -> dict[str, Lap]:
+    """Time the sides A B A B ..., so that a slow minute of the machine is slow for all of them.
+
+    Args:
+        sides: name -> what is timed.
+        repeats: turns of each.
+        clock: in seconds; `time.process_time` for CPU time.
+    """
+    times: dict[str, list[float]] = {name: [] for name in sides}
+    results: dict[str, Any] = {}
+    for _ in range(repeats):
+        for name, side in sides.items():
+            results.pop(name, None)  # a side pays for its own memory only
+            start = clock()
+            results[name] = side()
+            times[name].append(clock() - start)
+    return {name: Lap(tuple(times[name]), results[name]) for name in sides}
+
+
+@dataclass(frozen=True)
+class Goal:
+    """What a race must reach and what would be splendid; None where nothing was said.
+
+    Attributes:
+        must: the bound.
+        moonshot: the further one.
+        unit: written after the numbers.
+        at_least: whether more is better.
+    """
+
+    must: float | None
+    moonshot: float | None = None
+    unit: str = "x"
+    at_least: bool = False
+
+    def reaches(self, value: float, bound: float | None) -> bool:
+        """Whether a value is as good as a bound; never when there is none."""
+        if bound is None:
+            return False
+        return value >= bound if self.at_least else value <= bound
+
+    def verdict(self, value: float) -> str:
+        """The word for a value."""
+        if self.reaches(value, self.moonshot):
+            return "moonshot"
+        if self.must is None:
+            return "no goal" if self.moonshot is None else "short of the moonshot"
+        return "reached" if self.reaches(value, self.must) else UNREACHED
+
+    def text(self, bound: float | None) -> str:
+        """A bound as it stands in the table."""
+        return "" if bound is None else f"{'>=' if self.at_least else '<='} {bound:.3g} {self.unit}"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One race.
+
+    Attributes:
+        race: what was raced.
+        goal: by which it is judged.
+        value: measured, in the goal's unit; None when the race was not run.
+        ours: our side in words.
+        rival: the other side, or why the race was not run.
+    """
+
+    race: str
+    goal: Goal
+    value: float | None
+    ours: str = ""
+    rival: str = ""
+
+    @property
+    def verdict(self) -> str:
+        """The word for this race."""
+        return SKIPPED if self.value is None else self.goal.verdict(self.value)
+
+    def cells(self) -> tuple[str, ...]:
+        """As many as `HEADER`."""
+        bounds = (self.goal.text(self.goal.must), self.goal.text(self.goal.moonshot))
+        measured = "" if self.value is None else f"{self.value:.3g} {self.goal.unit}"
+        return (self.race, *bounds, measured, self.ours, self.rival, self.verdict)
+
+
+def against(race: str, goal: Goal, ours: Lap, rival: Lap, name: str, note: str = "") -> Row:
+    """The row of our time over a rival's."""
+    return Row(race, goal, ours.median / rival.median, seconds(ours.median) + note, f"{name} {seconds(rival.median)}")
+
+
+def seconds(value: float) -> str:
+    """A time with three digits."""
+    return f"{value:.3g} s" if value >= 1 else f"{1000 * value:.3g} ms"
+
+
+def losses(rows: Iterable[Row]) -> list[str]:
+    """One line for each row that missed its goal or was not run."""
+    lines = []
+    for row in rows:
+        if row.verdict == UNREACHED:
+            lines.append(f"- {row.race}: {row.cells()[3]}, wanted {row.goal.text(row.goal.must)}.")
+        elif row.verdict == SKIPPED:
+            lines.append(f"- {row.race}: not raced; {row.rival}.")
+    return lines

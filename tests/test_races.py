@@ -1,0 +1,79 @@
+"""The races' own arithmetic, with a clock that does as it is told; nothing here depends on time."""
+
+import importlib
+from pathlib import Path
+
+import pytest
+
+BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
+
+
+@pytest.fixture
+def harness(monkeypatch):
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    return importlib.import_module("racing.harness")
+
+
+class Clock:
+    """Stands still but for what the sides take."""
+
+    now = 0.0
+
+    def __call__(self):
+        return self.now
+
+    def side(self, name, takes, log):
+        left = iter(takes)
+
+        def run():
+            self.now += next(left)
+            log.append(name)
+            return f"{name}{len(log)}"
+
+        return run
+
+
+def test_sides_run_in_turn_and_medians_are_theirs(harness):
+    clock, log = Clock(), []
+    sides = {"a": clock.side("a", [1, 9, 2], log), "b": clock.side("b", [30, 10, 20], log)}
+    laps = harness.in_turn(sides, 3, clock)
+    assert log == ["a", "b", "a", "b", "a", "b"]
+    assert laps["a"].times == (1, 9, 2) and laps["a"].median == 2
+    assert laps["b"].times == (30, 10, 20) and laps["b"].median == 20
+    assert (laps["a"].result, laps["b"].result) == ("a5", "b6")
+
+
+def test_the_ratio_is_our_median_over_the_rivals(harness):
+    ours, rival = harness.Lap((1.0, 3.0, 2.0), None), harness.Lap((8.0, 8.0, 1.0), None)
+    row = harness.against("race", harness.Goal(0.3, 0.2), ours, rival, "them")
+    assert row.value == 0.25
+    assert row.cells() == ("race", "<= 0.3 x", "<= 0.2 x", "0.25 x", "2 s", "them 8 s", "reached")
+
+
+@pytest.mark.parametrize(
+    ("value", "must", "moonshot", "at_least", "verdict"),
+    [
+        (0.9, 1.0, 0.5, False, "reached"),
+        (1.0, 1.0, 0.5, False, "reached"),
+        (0.5, 1.0, 0.5, False, "moonshot"),
+        (1.1, 1.0, 0.5, False, "MISSED"),
+        (1.7, 1.6, 1.9, True, "reached"),
+        (1.5, 1.6, 1.9, True, "MISSED"),
+        (2.0, 1.6, 1.9, True, "moonshot"),
+        (7.0, None, None, False, "no goal"),
+        (7.0, None, 1.0, False, "short of the moonshot"),
+    ],
+)
+def test_rows_are_judged_by_their_goal(harness, value, must, moonshot, at_least, verdict):
+    assert harness.Row("race", harness.Goal(must, moonshot, at_least=at_least), value).verdict == verdict
+
+
+def test_losses_are_the_rows_that_missed_or_did_not_run(harness):
+    goal = harness.Goal(1.0)
+    rows = [
+        harness.Row("won", goal, 0.5),
+        harness.Row("lost", goal, 1.5),
+        harness.Row("absent", goal, None, rival="no wheel"),
+        harness.Row("only shown", harness.Goal(None), 9.0),
+    ]
+    assert harness.losses(rows) == ["- lost: 1.5 x, wanted <= 1 x.", "- absent: not raced; no wheel."]
