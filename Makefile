@@ -9,9 +9,9 @@ BENCH := .venv-bench
 demo: $(READY)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/quadriform demo -o out/demo --force
 
-# One thread each: the matrices are tiny, and threads that share them cost more than they bring.
+# A process for each core and a thread for each process: threads that share tiny matrices cost more than they bring.
 test: $(READY)
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
 
 check: $(READY)
 	$(BIN)/ruff check src tests benchmarks docs

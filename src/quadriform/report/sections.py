@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup, escape
 
-from quadriform import __version__
 from quadriform.errors import Warnings
 from quadriform.fitting.outcome import Iteration
 from quadriform.points import Array
@@ -103,7 +102,7 @@ def methods(text: str, record: Mapping[str, Any]) -> list[Section]:
             they are nobody's business, and the same input gives the same page.
     """
     used = ", ".join(f"{name} {version(name)}" for name in LIBRARIES)
-    whole = f"{text} Computed with quadriform {__version__} ({used}), after {PAPER}."
+    whole = f"{text} Computed with quadriform {version('quadriform')} ({used}), after {PAPER}."
     kept = {name: value for name, value in record.items() if name not in HERE}
     paste = Markup('<p class="paste">{}</p>').format(whole)
     settings = Markup("<pre>{}</pre>").format(escape(json.dumps(kept, indent=1, default=str)))
