@@ -49,7 +49,7 @@ def test_the_page_of_the_demo_says_what_the_model_says(browser, demo):
     browser.open(path)
     assert path.stat().st_size < MOST_BYTES
     assert browser.number("volume-surface") == float(f"{model.volume() / 1000:.4g}")
-    error = re.search(r"lies ([\d.]+) mm \(RMS\) from 18047", path.read_text())
+    error = re.search(r"lies ([\d.]+) mm \(RMS\) from 18047", path.read_text(encoding="utf-8"))
     assert browser.number("error") == float(error[1])
     assert browser.colours() > 20
     assert browser.run("return document.querySelectorAll('img').length") == 3
@@ -186,7 +186,7 @@ def test_the_image_is_shown_in_the_frame_that_was_asked_for(tmp_path, capsys):
     for space in ("LPS", "RAS"):
         words = ["fit", str(tmp_path / "egg.nii"), "-o", str(tmp_path / space), "--space", space, "--box", "3,3,3"]
         assert main(words) == 0
-    pages = [(tmp_path / space / "report.html").read_text() for space in ("LPS", "RAS")]
+    pages = [(tmp_path / space / "report.html").read_text(encoding="utf-8") for space in ("LPS", "RAS")]
     pictures = [re.findall(r"data:image/png;base64,([^\"]+)", page) for page in pages]
     seen = [
         [np.asarray(Image.open(io.BytesIO(base64.b64decode(text))).convert("L"), float) for text in page]
@@ -203,7 +203,7 @@ def test_the_configuration_in_effect_is_on_the_page(egg, tmp_path, capsys):
     np.savetxt(tmp_path / "egg.xyz", egg[1])
     words = ["fit", str(tmp_path / "egg.xyz"), "-o", str(tmp_path / "out"), "--box", "3,3,3", "--json"]
     assert main(words) == 0
-    page = (tmp_path / "out" / "report.html").read_text()
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     record = json.loads(unescape(page[page.rindex("<pre>") + 5 : page.rindex("</pre>")]))
     assert record["options"]["box"] == [3, 3, 3] and record["options"]["regularity"] == "bending"
     assert record["options"]["method"] == "tangent" and record["error"]["rms"] == pytest.approx(egg[0].rms, rel=1e-6)

@@ -180,7 +180,7 @@ def test_the_page_holds_parameters_and_not_meshes(tmp_path):
     model = beating(25)
     data = json.dumps(payload(model, Scene(errors=[None] * 25)))
     assert model.n_parameters == 4522 and len(data) < 40_000
-    assert re.search(r"https?://(?!www\.w3\.org)", written(tmp_path, model).read_text()) is None
+    assert re.search(r"https?://(?!www\.w3\.org)", written(tmp_path, model).read_text(encoding="utf-8")) is None
 
 
 def test_the_same_page_twice(tmp_path):
