@@ -81,7 +81,7 @@ def site(tmp_path_factory):
     pytest.importorskip("furo", reason="sphinx and furo (extra docs) are not installed")
     folder = tmp_path_factory.mktemp("site")
     command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", "-d", folder / "trees"]
-    done = subprocess.run([*command, DOCS, folder / "html"], capture_output=True, text=True)
+    done = subprocess.run([*command, DOCS, folder / "html"], capture_output=True, encoding="utf-8")
     assert done.returncode == 0, done.stderr
     return folder / "html"
 

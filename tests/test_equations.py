@@ -16,7 +16,7 @@ SECTIONS = {"2.2", "2.4", "3.2.2", "3.3", "3.4.2"}
 
 def rows():
     """(paper, module:function, test) of each row."""
-    lines = (ROOT / "docs" / "equations.md").read_text().splitlines()
+    lines = (ROOT / "docs" / "equations.md").read_text(encoding="utf-8").splitlines()
     cells = [[cell.strip(" `") for cell in line.strip("| ").split(" | ")] for line in lines if line.startswith("|")]
     return [(paper, where, test) for paper, _, where, test in cells[2:]]
 
@@ -34,7 +34,7 @@ def functions(tree):
 
 def markers_of(path):
     """(equation, function) of each marker comment of a source file."""
-    text = path.read_text()
+    text = path.read_text(encoding="utf-8")
     spans = [(node.lineno, node.end_lineno, name) for name, node in functions(ast.parse(text))]
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
         if token.type == tokenize.COMMENT and MARKER.match(token.string):
@@ -61,26 +61,28 @@ def test_every_marker_has_its_row():
 def test_every_row_is_true(paper, where, test):
     module, name = where.split(":")
     path = ROOT / "src" / (module.replace(".", "/") + ".py")
-    assert name in dict(functions(ast.parse(path.read_text())))
+    assert name in dict(functions(ast.parse(path.read_text(encoding="utf-8"))))
     if paper.startswith("P"):
         assert (paper, where) in all_markers()
     else:
-        assert re.search(rf"(?<![\d.]){re.escape(paper)}(?![\d.]*\d)", path.read_text()), (
+        assert re.search(rf"(?<![\d.]){re.escape(paper)}(?![\d.]*\d)", path.read_text(encoding="utf-8")), (
             f"{module} names no section {paper}"
         )
     test_file, test_name = test.split("::")
     assert test_name.startswith("test_")
-    assert test_name in dict(functions(ast.parse((ROOT / test_file).read_text())))
+    assert test_name in dict(functions(ast.parse((ROOT / test_file).read_text(encoding="utf-8"))))
 
 
-NAMED = sorted(set(re.findall(r"`quadriform\.([a-z_.]+):([\w.]+)`", (ROOT / "docs" / "equations.md").read_text())))
+NAMED = sorted(
+    set(re.findall(r"`quadriform\.([a-z_.]+):([\w.]+)`", (ROOT / "docs" / "equations.md").read_text(encoding="utf-8")))
+)
 
 
 @pytest.mark.parametrize(("module", "name"), NAMED)
 def test_every_named_function_is_there(module, name):
     """Also those of the default method, which no equation of the paper stands for."""
     path = ROOT / "src" / "quadriform" / (module.replace(".", "/") + ".py")
-    assert name in dict(functions(ast.parse(path.read_text())))
+    assert name in dict(functions(ast.parse(path.read_text(encoding="utf-8"))))
 
 
 def test_every_equation_of_the_paper_has_a_row():

@@ -39,24 +39,24 @@ def test_there_are_sources():
 
 
 def test_files_stay_under_400_lines(source):
-    assert len(source.read_text().splitlines()) <= 400
+    assert len(source.read_text(encoding="utf-8").splitlines()) <= 400
 
 
 def test_functions_stay_under_60_lines(source):
     """Signature and docstring counted."""
-    for node in ast.walk(ast.parse(source.read_text())):
+    for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             assert node.end_lineno - node.lineno + 1 <= 60, node.name
 
 
 def test_everything_public_has_a_docstring(source):
-    tree = ast.parse(source.read_text())
+    tree = ast.parse(source.read_text(encoding="utf-8"))
     assert ast.get_docstring(tree) or not tree.body
     assert public_without_docstring(tree.body) == []
 
 
 def test_nothing_runs_code_from_data_or_inverts_matrices(source):
-    code = ast.unparse(without_docstrings(ast.parse(source.read_text())))
+    code = ast.unparse(without_docstrings(ast.parse(source.read_text(encoding="utf-8"))))
     for word in FORBIDDEN:
         assert word not in code.replace("allow_pickle=False", ""), word
 
@@ -72,12 +72,12 @@ def without_docstrings(tree):
 
 def test_no_validation_by_assert(source):
     """`python -O` takes asserts out."""
-    assert not any(isinstance(node, ast.Assert) for node in ast.walk(ast.parse(source.read_text())))
+    assert not any(isinstance(node, ast.Assert) for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))))
 
 
 def test_no_machine_paths_in_the_project():
     for path in [*SOURCES, *ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), ROOT / "pyproject.toml", ROOT / "Makefile"]:
-        text = path.read_text()
+        text = path.read_text(encoding="utf-8")
         assert "/home/" not in text and "/tmp/" not in text, path
 
 
@@ -89,7 +89,7 @@ def test_importing_is_light():
         "import quadriform; quadriform.fit\n"
         "print(sorted(heavy & set(sys.modules) - {'scipy.ndimage'}))"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, encoding="utf-8", check=True)
     assert done.stdout.splitlines() == ["[]", "[]"], done.stdout
 
 

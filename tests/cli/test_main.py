@@ -17,7 +17,9 @@ HEAVY = {"numpy", "scipy", "nibabel", "skimage", "trimesh", "matplotlib"}
 
 
 def process(*words, **options):
-    return subprocess.run([*QUADRIFORM, *map(str, words)], capture_output=True, text=True, check=False, **options)
+    return subprocess.run(
+        [*QUADRIFORM, *map(str, words)], capture_output=True, encoding="utf-8", check=False, **options
+    )
 
 
 def test_every_verb_has_help():
@@ -32,7 +34,7 @@ def test_help_and_version_start_without_heavy_libraries():
         "codes = [main(['--help']), main(['fit', '--help']), main(['--version']), main([])]\n"
         f"print(codes, sorted({HEAVY} & set(sys.modules)))"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, encoding="utf-8", check=True)
     assert done.stdout.splitlines()[-1] == "[0, 0, 0, 0] []"
     assert f"quadriform {__version__}" in done.stdout
 
@@ -87,7 +89,7 @@ def test_an_unforeseen_error_leaves_a_report(terminal, monkeypatch, tmp_path):
     assert "Traceback" not in result.err
     (report,) = tmp_path.glob("quadriform-report-*.txt")
     assert str(report) in result.err
-    assert "KeyError: 'a bug'" in report.read_text()
+    assert "KeyError: 'a bug'" in report.read_text(encoding="utf-8")
 
 
 def test_real_processes_end_with_one_line_and_the_code(tmp_path, cloud):

@@ -250,7 +250,7 @@ def test_export_refuses(terminal, model, tmp_path):
         assert result.code == code
         assert message in result.err
     assert sorted(p.name for p in tmp_path.iterdir()) == ["model.json", "surface.obj"]
-    assert (tmp_path / "surface.obj").read_text() == "mine"
+    assert (tmp_path / "surface.obj").read_text(encoding="utf-8") == "mine"
     assert terminal("export", "model.json", "--to", "obj", "-o", ".", "--force").code == 0
 
 

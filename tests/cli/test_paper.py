@@ -33,10 +33,10 @@ def test_a_file_that_exists_is_kept(terminal, tmp_path, work):
     result = terminal("paper", "-o", "page.html")
     assert result.code == 5
     assert "exists already" in result.err
-    assert (tmp_path / "page.html").read_text() == "mine"
+    assert (tmp_path / "page.html").read_text(encoding="utf-8") == "mine"
     assert work == []
     assert terminal("paper", "-o", "page.html", "--force").code == 0
-    assert (tmp_path / "page.html").read_text() != "mine"
+    assert (tmp_path / "page.html").read_text(encoding="utf-8") != "mine"
 
 
 def test_a_missing_folder_is_refused_before_the_work(terminal, tmp_path, work):

@@ -28,7 +28,7 @@ def test_files_become_a_moving_model(terminal, ellipsoid, tmp_path):
     record = json.loads(done.out)
     model = qf.load(tmp_path / "out" / "model.json")
     assert isinstance(model, qf.MovingModel) and model.basis.period == 4.0
-    rows = list(csv.DictReader((tmp_path / "out" / "frames.csv").read_text().splitlines()))
+    rows = list(csv.DictReader((tmp_path / "out" / "frames.csv").read_text(encoding="utf-8").splitlines()))
     assert [row["frame"] for row in rows] == ["0", "1", "2", "3"]
     assert float(rows[2]["volume_surface"]) < float(rows[0]["volume_surface"])
     assert record["rms"] < 0.2 and record["min_jacobian"] > 0
@@ -66,7 +66,7 @@ def test_what_stands_there_is_kept(terminal, ellipsoid, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "model.json").write_text("mine")
     done = terminal("track", *files, "-o", "out")
-    assert done.code == 5 and (tmp_path / "out" / "model.json").read_text() == "mine"
+    assert done.code == 5 and (tmp_path / "out" / "model.json").read_text(encoding="utf-8") == "mine"
 
 
 @pytest.fixture

@@ -54,7 +54,7 @@ def test_nothing_is_overwritten_unasked(tmp_path, model):
     path.write_text("mine")
     with pytest.raises(OutputError, match="exists already"):
         save(model, path)
-    assert path.read_text() == "mine"
+    assert path.read_text(encoding="utf-8") == "mine"
     save(model, path, force=True)
     load(path)
 

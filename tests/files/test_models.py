@@ -66,7 +66,7 @@ def test_json_is_small_and_says_what_it_is(tmp_path, model):
     write_model(model, path)
     assert model.n_parameters == 386
     assert path.stat().st_size < 12_000
-    document = json.loads(path.read_text())
+    document = json.loads(path.read_text(encoding="utf-8"))
     expected = {"format": "quadriform-model", "version": 1, "space": "LPS", "unit": "mm", "input_sha256": "0f" * 32}
     assert {key: document[key] for key in expected} == expected
 
@@ -144,7 +144,7 @@ BAD = [
 def test_a_wrong_field_is_refused_by_its_path(tmp_path, model, path, value, message):
     target = tmp_path / "m.json"
     write_model(model, target)
-    document = json.loads(target.read_text())
+    document = json.loads(target.read_text(encoding="utf-8"))
     change(path, value)(document)
     target.write_text(json.dumps(document))
     if message == "ok":  # four layers of control points are a model too: the strictness has an end
@@ -158,7 +158,7 @@ def test_a_wrong_field_is_refused_by_its_path(tmp_path, model, path, value, mess
 def test_numbers_that_are_not_finite_are_refused(tmp_path, model, word):
     target = tmp_path / "m.json"
     write_model(model, target)
-    target.write_text(target.read_text().replace('"exponents": [0.7,', f'"exponents": [{word},'))
+    target.write_text(target.read_text(encoding="utf-8").replace('"exponents": [0.7,', f'"exponents": [{word},'))
     with pytest.raises(FileFormatError, match=r"field surfaces\[0\].exponents\[0\]: expected a finite number"):
         read_model(target)
 

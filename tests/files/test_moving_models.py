@@ -45,7 +45,7 @@ def test_there_and_back(moving, tmp_path):
 
 def test_a_file_of_version_1_has_its_frames_at_the_knots(moving, tmp_path):
     qf.save(moving, tmp_path / "model.json")
-    document = json.loads((tmp_path / "model.json").read_text())
+    document = json.loads((tmp_path / "model.json").read_text(encoding="utf-8"))
     del document["time"]["frames"]
     document["version"] = 1
     (tmp_path / "old.json").write_text(json.dumps(document))
@@ -80,7 +80,7 @@ BREAKS = {
 def test_what_is_wrong_is_named(moving, tmp_path, name):
     change, message = BREAKS[name]
     qf.save(moving, tmp_path / "model.json")
-    document = json.loads((tmp_path / "model.json").read_text())
+    document = json.loads((tmp_path / "model.json").read_text(encoding="utf-8"))
     change(document)
     (tmp_path / "broken.json").write_text(json.dumps(document))
     with pytest.raises(FileFormatError, match=message):

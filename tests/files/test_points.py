@@ -234,7 +234,7 @@ def test_a_file_cut_anywhere_is_refused(write, suffix):
 def test_real_points(shared):
     frame = shared / "data/human_lv_guidepoints/frames/GPFile_000.txt"
     points = read_points(frame)
-    assert len(points) == len(frame.read_text().splitlines()) - 1
+    assert len(points) == len(frame.read_text(encoding="utf-8").splitlines()) - 1
     assert points[0].tolist() == [-42.09469, -25.37305, -29.46908]
     assert read_points(shared / "data/organs/VH_F_left_ventricle_mm.ply").shape == (4913, 3)
 

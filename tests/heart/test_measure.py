@@ -239,7 +239,7 @@ def test_tables_hold_every_number(measured, tmp_path):
     write_measures(measured, tmp_path / "m.json")
     with open(tmp_path / "m.csv", newline="") as stream:
         rows = list(csv.DictReader(stream))
-    record = json.loads((tmp_path / "m.json").read_text())
+    record = json.loads((tmp_path / "m.json").read_text(encoding="utf-8"))
     assert [float(row["value"]) for row in rows] == [row.value for row in measured.rows]
     assert [row["value"] for row in record["measures"]] == [row.value for row in measured.rows]
     assert {row["observed"] for row in rows} == {"yes", "no"}

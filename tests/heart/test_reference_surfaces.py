@@ -17,7 +17,7 @@ def patient(shared):
     found = []
     for frame in ("000", "009"):
         mesh = read_mesh(folder / "reference" / f"patient1_LV_ENDOCARDIAL_{frame}.obj")
-        lines = (folder / "frames" / f"GPFile_{frame}.txt").read_text().splitlines()
+        lines = (folder / "frames" / f"GPFile_{frame}.txt").read_text(encoding="utf-8").splitlines()
         rows = [line.split("\t") for line in lines if "\tMITRAL_VALVE\t" in line]
         points = np.array([[float(value) for value in row[:3]] for row in rows])
         found.append((mesh, plane_through(points, mesh.vertices.mean(axis=0))))

@@ -162,5 +162,5 @@ def test_pyplot_is_never_touched():
         "qf.plot(SyntheticVentricle().model(0.0), resolution=2)\n"
         "print('matplotlib.pyplot' in sys.modules, before == matplotlib.rcParams.copy())"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, encoding="utf-8", check=True)
     assert done.stdout.split() == ["False", "True"]
