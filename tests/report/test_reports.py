@@ -208,3 +208,25 @@ def test_the_configuration_in_effect_is_on_the_page(egg, tmp_path, capsys):
     assert record["options"]["box"] == [3, 3, 3] and record["options"]["regularity"] == "bending"
     assert record["options"]["method"] == "tangent" and record["error"]["rms"] == pytest.approx(egg[0].rms, rel=1e-6)
     assert str(tmp_path) not in page
+
+
+def test_a_hostile_file_name_runs_nothing(browser, egg, tmp_path, capsys):
+    name = "<img src=x onerror=document.title=1><script>document.title=2<script>.xyz"
+    np.savetxt(tmp_path / name, egg[1])
+    assert main(["fit", str(tmp_path / name), "-o", str(tmp_path / "out"), "--box", "3,3,3"]) == 0
+    browser.open(tmp_path / "out" / "report.html")
+    assert browser.driver.title == f"ready: {name}"
+    assert browser.run("return [document.images.length, document.scripts.length]") == [0, 2]
+
+
+def test_no_page_is_wider_than_a_phone(browser, cycle, tmp_path):
+    found, clouds, measures = cycle
+    path = tmp_path / "heart.html"
+    path.write_bytes(track_report(found, clouds, title="a heart", record={}, measures=measures))
+    metrics = {"width": 390, "height": 844, "deviceScaleFactor": 1, "mobile": True}
+    browser.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+    try:
+        browser.open(path)
+        assert browser.run("return document.documentElement.scrollWidth") == 390
+    finally:
+        browser.driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
