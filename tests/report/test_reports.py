@@ -173,6 +173,8 @@ def test_the_terminal_writes_the_page_of_a_model(browser, cycle, tmp_path, capsy
     assert main([*words, "--force"]) == 0
     assert main(["report", str(tmp_path / "none.json"), "-o", str(tmp_path / "other.html")]) == 4
     assert main(["report", str(tmp_path / "model.json"), "-o", str(tmp_path / "page.pdf")]) == 4
+    both = [str(tmp_path / "model.json"), "-o", str(tmp_path / "other.html"), "--base", "0.9", "--contours", "x"]
+    assert main(["report", *both]) == 2
     assert not (tmp_path / "other.html").exists() and not (tmp_path / "page.pdf").exists()
     browser.open(tmp_path / "page.html")
     measured = qf.measure(cycle[0].models, cycle[0].times, base=0.9)

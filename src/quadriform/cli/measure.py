@@ -46,14 +46,11 @@ def measure(
     """Volumes, ejection fraction, mass, wall thickness, strain, twist and the 17 segments of a beating heart."""
     from quadriform.cli.inputs import refuse
     from quadriform.cli.screen import emit_json, emit_table, warn
-    from quadriform.errors import OptionError
     from quadriform.files.atomic import check_writable
     from quadriform.files.reading import suffix_of
     from quadriform.heart.measure import measure as measure_heart
     from quadriform.heart.table import TABLE_SUFFIXES, write_measures
 
-    if base and contours:
-        raise OptionError("options --base and --contours exclude each other: contours bring a base of their own")
     if output is not None:
         suffix_of(output, TABLE_SUFFIXES, "a table of measures")
         check_writable(output, force, inputs=models)
@@ -95,8 +92,16 @@ def _told_apart(models: list[Path], contours: list[Path]) -> tuple[list[Path], l
 def landmarks(
     base: list[str] | None, contours: list[Path], rv_insertion: list[str] | None, frames: list["DeformableModel"]
 ) -> "tuple[Base, list[Array] | list[list[float]] | None]":
-    """Base and insertions as `measure` takes them, in the frame of the models."""
+    """Base and insertions as `measure` takes them, in the frame of the models.
+
+    Raises:
+        OptionError: base and contours at once.
+    """
     from quadriform.cli.landmarks import coordinates, read_base, read_contours
+    from quadriform.errors import OptionError
+
+    if base and contours:
+        raise OptionError("options --base and --contours exclude each other: contours bring a base of their own")
 
     marks = (frames[0].space, frames[0].unit)
     given = [coordinates(text, 3, "--rv-insertion") for text in rv_insertion or ()]

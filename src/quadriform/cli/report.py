@@ -33,7 +33,7 @@ def report(
     check_writable(output, force, inputs=[model])
     frames, times = load_frames([model])
     measures = planes = None
-    if "endo" in frames[0].surfaces:
+    if base or contours or "endo" in frames[0].surfaces:
         where, inserts = landmarks(base, contours or [], None, frames)
         measures = measure(frames, times, base=where, rv_inserts=inserts)
         found = base_planes(check_frames(frames, times), base_rule(where, len(frames)), {})

@@ -136,6 +136,12 @@ class Evidence:
 
     def _root(self, start: float, low: float, high: float) -> float | None:
         """Where the criterion is least, by secant steps on its slope; None where they leave the range or climb."""
+        try:
+            return self._secant(start, low, high)
+        except OptionError:  # a step to where control points are undetermined
+            return None
+
+    def _secant(self, start: float, low: float, high: float) -> float | None:
         one, other = start, min(start + NEAR, high)
         slopes = self._slope(one), self._slope(other)
         for _ in range(STEPS):

@@ -84,7 +84,6 @@ def viewer(model: DeformableModel | MovingModel, scene: Scene | None = None) -> 
 
 def payload(model: DeformableModel | MovingModel, scene: Scene) -> dict[str, Any]:
     """Everything the page computes from, as JSON can hold it."""
-    moving = isinstance(model, MovingModel)
     control = model.control_points if isinstance(model, MovingModel) else model.box.control_points[None]
     box = model.rest if isinstance(model, MovingModel) else model.box
     centre, reach = _extent(model)
@@ -106,7 +105,7 @@ def payload(model: DeformableModel | MovingModel, scene: Scene) -> dict[str, Any
         "points": _points(scene, centre, quantum, residual_quantum),
         "quantum": quantum,
         "residual_quantum": residual_quantum,
-        "errors": list(scene.errors) if moving or len(scene.errors) else [None],
+        "errors": list(scene.errors),
         "fields": [_field(one) for one in scene.fields],
         "cavity": scene.cavity if scene.cavity is not None else next(iter(model.surfaces)),
         "planes": None if scene.planes is None else [[p.tolist(), d.tolist()] for p, d in scene.planes],
