@@ -163,3 +163,17 @@ def test_a_wall_is_put_before_no_strength_at_all():
     equations = normal_equations(box.local(points), metric, 0.1 * points, box.degrees)
     with pytest.raises(OptionError, match=r"strength=0 .*larger"):
         Evidence(equations, Bending().matrix((5, 5, 5)), 600).solve(0.0)
+
+
+def test_a_search_that_steps_to_where_nothing_is_determined_goes_on_elsewhere():
+    evidence = drawn(BENDING, 1e-4, 0.05, seed=3)[0]
+    wall = 3 * evidence.best().strength
+    free = evidence.solve
+
+    def walled(strength):
+        if strength < wall:
+            raise OptionError("undetermined")
+        return free(strength)
+
+    evidence.solve = walled
+    assert wall <= evidence.best(1.5 * wall).strength < 1.5 * wall
