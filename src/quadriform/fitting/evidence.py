@@ -124,12 +124,13 @@ class Evidence:
         low, high = np.log(np.clip([near / NEARBY, near * NEARBY], WIDEST[0], NEARBY * WIDEST[1]))
         x = self._root(float(np.clip(np.log(near), low, high)), low, high)
         if x is None:
-            found = minimize_scalar(
-                lambda x: self._criterion(float(np.exp(x))),
-                bounds=(low, high),
-                method="bounded",
-                options={"xatol": NEAR},
-            )
+            with np.errstate(invalid="ignore"):  # a parabola through an infinite criterion: it halves instead
+                found = minimize_scalar(
+                    lambda x: self._criterion(float(np.exp(x))),
+                    bounds=(low, high),
+                    method="bounded",
+                    options={"xatol": NEAR},
+                )
             x = self._root(float(found.x), found.x - 3 * NEAR, found.x + 3 * NEAR)
             x = float(found.x) if x is None else x
         return self.solve(float(np.exp(x)))
