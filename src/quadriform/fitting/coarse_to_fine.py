@@ -61,6 +61,25 @@ class Refined:
         return bool(DeformableModel(surfaces, self.box).crossings())
 
 
+@dataclass(frozen=True)
+class Begun:
+    """Where the first stage came.
+
+    Attributes:
+        sheets: few points of each surface.
+        clouds: the same, facing.
+        covered: whether they sample all of it.
+        box: of the first stage.
+        solution: of its last round.
+    """
+
+    sheets: tuple[Sheet, ...]
+    clouds: list[FacingCloud]
+    covered: list[bool]
+    box: ControlBox
+    solution: Solution
+
+
 class Press(Protocol):
     """Something besides the data that the control points must meet."""
 
@@ -93,7 +112,7 @@ class Rounds:
         self.target, self.regularity, self.strength, self.robust = box, regularity, strength, robust
         self.progress = progress or (lambda done, total: None)
         self.history: list[Iteration] = []
-        self.near: float | None = None
+        self.near: Solution | None = None
         self.share = 1.0
 
     @property
@@ -103,24 +122,35 @@ class Rounds:
         most = max(l, m, n)
         return sorted({(min(l, s), min(m, s), min(n, s)) for s in (*range(3, most, 2), most)})
 
-    def coarse(self, sheets: Sequence[Sheet], points: int) -> Refined:
-        """All stages on few points that are matched anew in each round; the last round on the data alone."""
-        few = [sheet.thinned(points, self.robust) for sheet in sheets]
-        clouds = [sheet.facing() for sheet in few]
-        covered = [sheet.is_covered() for sheet in few]
-        box = ControlBox.undeformed(self.target.origin, self.target.edges, self.ladder[0])
-        for shape in self.ladder:
-            box = box.elevate((shape[0] - 1, shape[1] - 1, shape[2] - 1))
-            self.near = None
-            for _ in range(COARSE_ROUNDS):
-                pulls = [self._match(box, *each) for each in zip(few, clouds, covered)]
-                box, solution = self._step(box, few, pulls)
-                if self.history[-1].surface_motion < COARSE_REST * solution.noise:
-                    break
+    def begun(self, sheets: Sequence[Sheet], points: int = COARSE_POINTS[0]) -> Begun:
+        """The first stage, on few points and with few control points."""
+        few = tuple(sheet.thinned(points, self.robust) for sheet in sheets)
+        clouds, covered = [sheet.facing() for sheet in few], [sheet.is_covered() for sheet in few]
+        rest = ControlBox.undeformed(self.target.origin, self.target.edges, self.ladder[0])
+        return Begun(few, clouds, covered, *self._stage(rest, few, clouds, covered))
+
+    def coarse(self, begun: Begun) -> Refined:
+        """All further stages on few points that are matched anew in each round; the last round on the data alone."""
+        box, few = begun.box, begun.sheets
+        for shape in self.ladder[1:]:
+            box, _ = self._stage(
+                box.elevate((shape[0] - 1, shape[1] - 1, shape[2] - 1)), few, begun.clouds, begun.covered
+            )
         self._slide(box, few)
         self.near = None  # the strengths so far knew the pulls; this one counts
         box, solution = self._step(box, few, [None] * len(few))
-        return Refined(box, tuple(few), solution, tuple(self.history))
+        return Refined(box, few, solution, tuple(self.history))
+
+    def _stage(
+        self, box: ControlBox, few: Sequence[Sheet], clouds: Sequence[FacingCloud], covered: Sequence[bool]
+    ) -> tuple[ControlBox, Solution]:
+        self.near = None
+        for _ in range(COARSE_ROUNDS):
+            pulls = [self._match(box, *each) for each in zip(few, clouds, covered)]
+            box, solution = self._step(box, few, pulls)
+            if self.history[-1].surface_motion < COARSE_REST * solution.noise:
+                break
+        return box, solution
 
     def resumed(self, sheets: Sequence[Sheet], box: ControlBox) -> Refined:
         """In place of the coarse stages: one round on few points from a box that is deformed already."""
@@ -132,7 +162,7 @@ class Rounds:
 
     def fine(self, sheets: Sequence[Sheet], coarse: Refined) -> Refined:
         """Rounds on more points, whose foot points only slide, and the last few on all."""
-        self.near, self.share = coarse.solution.strength, 1.0
+        self.near, self.share = coarse.solution, 1.0
         box, noise = coarse.box, None
         if max(len(sheet.points) for sheet in sheets) > MEDIUM_POINTS:
             some = [sheet.thinned(MEDIUM_POINTS, robust=False) for sheet in sheets]
@@ -220,8 +250,11 @@ class Rounds:
         self, box: ControlBox, sheets: Sequence[Sheet], pulls: Sequence[Pull | None]
     ) -> tuple[ControlBox, Solution]:
         evidence = evidence_of(sheets, pulls, box, self.regularity, self.share)
-        solution = evidence.best(self.near) if self.strength is None else evidence.solve(self.strength)
-        self.near = solution.strength
+        if self.strength is not None:
+            solution = evidence.solve(self.strength)
+        else:
+            solution = evidence.best() if self.near is None else evidence.after(self.near)
+        self.near = solution
         after = moved(box, solution)
         self._note(box, after, sheets, solution)
         return after, solution
@@ -237,10 +270,11 @@ def _placed(sheet: Sheet, part: Sheet, box: ControlBox) -> Array:
     return match_facing(sheet.superquadric, box, part.facing().at(sheet.points))
 
 
-def coarse_unfolded(rounds: Rounds, sheets: Sequence[Sheet]) -> Refined:
-    """The coarse stage; where it comes out tangled, again on other points: the first without counts, or the last."""
-    for points in COARSE_POINTS:
-        found = rounds.coarse(sheets, points)
+def coarse_unfolded(rounds: Rounds, begun: Begun, sheets: Sequence[Sheet]) -> Refined:
+    """The coarse stages; where they come out tangled, again on other points: the first without counts, or the last."""
+    found = rounds.coarse(begun)
+    for points in COARSE_POINTS[1:]:
         if not found.tangled:
             break
+        found = rounds.coarse(rounds.begun(sheets, points))
     return found

@@ -1,7 +1,8 @@
 """How strongly to hold the box, and how noisy the data is: both from the evidence of the data itself (REML)."""
 
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
@@ -20,6 +21,8 @@ NEAR = 0.1
 search by values alone jumps by as much as it may when data differ by rounding."""
 STEPS, ROUNDING = 8, 1e-6
 """At most so many secant steps to the root, until one is shorter than that; what is left then is its square."""
+BESIDE = 0.03
+"""From round to round a step that is shorter than this will do: the rounds that follow shorten it."""
 NOISE_FLOOR = 1e-9
 """Of the cloud's RMS radius: no data is more exact than that."""
 
@@ -35,6 +38,7 @@ class Solution:
         criterion: minus twice the log evidence, up to a constant.
         factor: lower Cholesky factor of A + lambda K.
         share: how many independent points each point was taken for.
+        bend: second derivative of the criterion by the logarithm of the strength, where it was sought.
     """
 
     displacement: Array
@@ -43,6 +47,7 @@ class Solution:
     criterion: float
     factor: Array
     share: float = 1.0
+    bend: float = 0.0
 
     @property
     def independent_noise(self) -> float:
@@ -71,11 +76,8 @@ class Evidence:
 
     def __init__(self, equations: NormalEquations, penalty: Array, count: float, share: float = 1.0) -> None:
         self.equations = equations
-        self.penalty = np.kron(penalty, np.eye(3))
+        self.penalty, self.root = _of_three(penalty.tobytes())
         self.count, self.share = count, share
-        values, vectors = np.linalg.eigh(penalty)
-        held = values > 1e-10 * values[-1]
-        self.root = np.kron(vectors[:, held] * np.sqrt(values[held]), np.eye(3))  # root root' is the penalty
         self.rank = self.root.shape[1]
         self.free = len(self.penalty) - self.rank
 
@@ -121,9 +123,10 @@ class Evidence:
         """
         if near is None:
             near = float(min(np.geomspace(*WIDEST, 17), key=self._criterion))
-        low, high = np.log(np.clip([near / NEARBY, near * NEARBY], WIDEST[0], NEARBY * WIDEST[1]))
-        x = self._root(float(np.clip(np.log(near), low, high)), low, high)
-        if x is None:
+        low, high = _nearby(near)
+        x = float(np.clip(np.log(near), low, high))
+        root = self._root((x, min(x + NEAR, high)), (low, high), ROUNDING)
+        if root is None:
             with np.errstate(invalid="ignore"):  # a parabola through an infinite criterion: it halves instead
                 found = minimize_scalar(
                     lambda x: self._criterion(float(np.exp(x))),
@@ -131,28 +134,49 @@ class Evidence:
                     method="bounded",
                     options={"xatol": NEAR},
                 )
-            x = self._root(float(found.x), found.x - 3 * NEAR, found.x + 3 * NEAR)
-            x = float(found.x) if x is None else x
-        return self.solve(float(np.exp(x)))
+            x, reach = float(found.x), 3 * NEAR
+            root = self._root((x, x + NEAR), (x - reach, x + reach), ROUNDING) or (x, 0.0)
+        return replace(self.solve(float(np.exp(root[0]))), bend=root[1])
 
-    def _root(self, start: float, low: float, high: float) -> float | None:
-        """Where the criterion is least, by secant steps on its slope; None where they leave the range or climb."""
+    def after(self, before: Solution) -> Solution:
+        """The same in the round after another: its bend leads beside the root, and later rounds go nearer."""
+        x = float(np.log(before.strength))
+        if before.bend <= 0:
+            return self.best(before.strength)
+        step = x - self._slope(x) / before.bend
+        root: tuple[float, float] | None = (step, before.bend)
+        if abs(step - x) >= BESIDE:
+            root = self._root((x, step), _nearby(before.strength), BESIDE)
+        if root is None:
+            return self.best(before.strength)
+        return replace(self.solve(float(np.exp(root[0]))), bend=root[1])
+
+    def _root(
+        self, start: tuple[float, float], within: tuple[float, float], enough: float
+    ) -> tuple[float, float] | None:
+        """Where the criterion is least, by secant steps on its slope until one is short enough, and its bend there.
+
+        None where the steps leave the range or climb.
+        """
         try:
-            return self._secant(start, low, high)
+            return self._secant(start, within, enough)
         except OptionError:  # a step to where control points are undetermined
             return None
 
-    def _secant(self, start: float, low: float, high: float) -> float | None:
-        one, other = start, min(start + NEAR, high)
+    def _secant(
+        self, start: tuple[float, float], within: tuple[float, float], enough: float
+    ) -> tuple[float, float] | None:
+        one, other = start
         slopes = self._slope(one), self._slope(other)
         for _ in range(STEPS):
             if (slopes[1] - slopes[0]) * (other - one) <= 0:
                 return None
-            step = other - slopes[1] * (other - one) / (slopes[1] - slopes[0])
-            if not low <= step <= high:
+            bend = (slopes[1] - slopes[0]) / (other - one)
+            step = other - slopes[1] / bend
+            if not within[0] <= step <= within[1]:
                 return None
-            if abs(step - other) < ROUNDING:
-                return step
+            if abs(step - other) < enough:
+                return step, bend
             one, other, slopes = other, step, (slopes[1], self._slope(step))
         return None
 
@@ -171,3 +195,20 @@ class Evidence:
             return self.solve(strength).criterion
         except OptionError:
             return np.inf
+
+
+def _nearby(strength: float) -> tuple[float, float]:
+    """The range of a later search, in logarithms."""
+    low, high = np.log(np.clip([strength / NEARBY, strength * NEARBY], WIDEST[0], NEARBY * WIDEST[1]))
+    return float(low), float(high)
+
+
+@lru_cache(maxsize=4)
+def _of_three(penalty: bytes) -> tuple[Array, Array]:
+    """The penalty (k, k) for all three coordinates, and a root of it: root root' is the penalty."""
+    flat = np.frombuffer(penalty, dtype=np.float64)
+    one = flat.reshape(int(np.sqrt(len(flat))), -1)
+    values, vectors = np.linalg.eigh(one)
+    held = values > 1e-10 * values[-1]
+    root: Array = vectors[:, held] * np.sqrt(values[held])
+    return np.kron(one, np.eye(3)), np.kron(root, np.eye(3))

@@ -173,7 +173,7 @@ def _in_world(result: Result, clouds: dict[str, Array], frame: Frame) -> Fit:
         noise=frame.scale * noise,
         inliers=_unnamed(inliers),
         covariance=None if result.covariance is None else frame.scale**2 * result.covariance,
-        finer=None if result.finer is None else result.finer.scaled(frame.scale),
+        finer=None if result.finer is None else replace(result.finer, scale=frame.scale),
     )
 
 

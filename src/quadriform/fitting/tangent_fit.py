@@ -1,14 +1,15 @@
 """The refinement by tangent distance as a whole: starts, rounds, the size of the box, and the check for folds."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.errors import WarningKind, Warnings
 from quadriform.fitting.candidates import candidates
-from quadriform.fitting.coarse_to_fine import Refined, Rounds, coarse_unfolded
+from quadriform.fitting.coarse_to_fine import Begun, Refined, Rounds, coarse_unfolded
 from quadriform.fitting.options import TangentOptions, check_box, check_strength
 from quadriform.fitting.outcome import Iteration, Progress
 from quadriform.fitting.regularity import Regulariser
@@ -138,44 +139,64 @@ def _error(result: Result, clouds: dict[str, Array]) -> float:
 
 
 def _best_start(task: _Task, starts: Sequence[dict[str, Superquadric]], shape: tuple[int, int, int]) -> Result:
-    """The best start that unfolds at a fair price, or the best: not tangled, and of the largest evidence.
+    """The best start that unfolds at a fair price, or the best: of the largest evidence after its first stage.
 
     Several surfaces in one box are only worth having when the space between them does not fold: there any price is
-    fair, if there is none better.
+    fair, if there is none better. A start that comes out tangled is the last resort.
     """
     trials = [_Trial.of(task, surfaces, shape) for surfaces in starts]
-    trials.sort(key=lambda trial: (trial.coarse.tangled, trial.coarse.solution.criterion))
-    first, dear = trials[0].refined(), list[tuple[_Trial, Refined]]()
-    price = fair_price(first)
-    for trial in trials:
-        refined = first if trial is trials[0] else trial.refined()
+    if len(trials) > 1:
+        trials.sort(key=lambda trial: trial.begun.solution.criterion)
+    whole, dear = list[tuple[_Trial, Refined]](), list[tuple[_Trial, Refined]]()
+    for trial in _tangled_last(trials):
+        refined = trial.rounds.fine(trial.sheets, trial.coarse)
+        whole.append((trial, refined))
+        price = fair_price(whole[0][1])
         for cured in cures(trial.rounds, refined, trial.surfaces, np.inf if len(trial.surfaces) > 1 else price):
             if cured.solution.noise <= price:
                 return _result(task, trial, cured, {})
             dear.append((trial, cured))
     if dear:
         return _result(task, *min(dear, key=lambda found: found[1].solution.noise), {})
-    return _result(task, trials[0], first, folding(first, trials[0].surfaces))
+    trial, refined = whole[0]
+    return _result(task, trial, refined, folding(refined, trial.surfaces))
 
 
 @dataclass(frozen=True)
 class _Trial:
-    """A start and how far its coarse stage came."""
+    """A start, and its coarse stages when they are asked for."""
 
+    task: _Task
     surfaces: dict[str, Superquadric]
     rounds: Rounds
     sheets: list[Sheet]
-    coarse: Refined
 
     @classmethod
     def of(cls, task: _Task, start: dict[str, Superquadric], shape: tuple[int, int, int]) -> "_Trial":
-        rounds, sheets = task.rounds(start, shape), task.sheets(start)
-        coarse = coarse_unfolded(rounds, sheets) if task.start is None else rounds.resumed(sheets, task.start)
+        sheets = task.sheets(start)
         surfaces = dict(zip(task.clouds, (sheet.superquadric for sheet in sheets)))
-        return cls(surfaces, rounds, sheets, coarse)
+        return cls(task, surfaces, task.rounds(start, shape), sheets)
 
-    def refined(self) -> Refined:
-        return self.rounds.fine(self.sheets, self.coarse)
+    @cached_property
+    def begun(self) -> Begun:
+        return self.rounds.begun(self.sheets)
+
+    @cached_property
+    def coarse(self) -> Refined:
+        if self.task.start is not None:
+            return self.rounds.resumed(self.sheets, self.task.start)
+        return coarse_unfolded(self.rounds, self.begun, self.sheets)
+
+
+def _tangled_last(trials: Sequence[_Trial]) -> Iterator[_Trial]:
+    """In their order, but those whose coarse stages come out tangled at the end."""
+    tangled = []
+    for trial in trials:
+        if trial.coarse.tangled:
+            tangled.append(trial)
+        else:
+            yield trial
+    yield from tangled
 
 
 def _result(task: _Task, trial: _Trial, refined: Refined, warnings: Warnings) -> Result:
@@ -207,9 +228,7 @@ def _finer(refined: Refined, regularity: str | Regulariser) -> FinerBox:
     l, m, n = refined.box.degrees
     finer = refined.box.elevate((l + MORE, m + MORE, n + MORE))
     evidence = evidence_of(refined.sheets, [None] * len(refined.sheets), finer, regularity, refined.solution.share)
-    solution = evidence.best(refined.solution.strength)
-    shift = (finer.rest - finer.control_points).ravel() + solution.displacement.ravel()
-    return FinerBox(finer.degrees, shift, solution.factor, solution.independent_noise)
+    return FinerBox(finer, evidence, refined.solution.strength)
 
 
 def common_box(surfaces: Mapping[str, Superquadric], shape: tuple[int, int, int]) -> ControlBox:

@@ -6,33 +6,56 @@ the fitted one by a shift, with a variance of its own, and the expected square o
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from quadriform.fitting.evidence import Evidence, Solution
+from quadriform.fitting.threads import one_blas_thread
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
 
 
 @dataclass(frozen=True)
 class FinerBox:
-    """The same data seen by a finer box.
+    """The same data seen by a finer box, which is solved for when it is asked for: a fit alone has no need of it.
 
     Attributes:
-        degrees: of the finer box.
-        shift: (3 k,), its control points relative to those of the fitted box raised to the same degrees.
-        factor: (3 k, 3 k), lower Cholesky factor of its normal matrix.
-        noise: standard deviation of the data, as the finer box finds it.
+        box: the fitted one raised to the finer degrees, in the centred, scaled frame.
+        evidence: of the data about it.
+        near: the strength of the fitted box.
+        scale: RMS radius of the data, which the frame has as its unit.
     """
 
-    degrees: tuple[int, int, int]
-    shift: Array
-    factor: Array
-    noise: float
+    box: ControlBox
+    evidence: Evidence
+    near: float
+    scale: float = 1.0
 
-    def scaled(self, scale: float) -> "FinerBox":
-        """The same in another unit of length."""
-        return FinerBox(self.degrees, scale * self.shift, self.factor, scale * self.noise)
+    @cached_property
+    def _solution(self) -> Solution:
+        return one_blas_thread(self.evidence.best)(self.near)
+
+    @property
+    def degrees(self) -> tuple[int, int, int]:
+        """Of the finer box."""
+        return self.box.degrees
+
+    @property
+    def shift(self) -> Array:
+        """Its control points relative to those of the fitted box raised to the same degrees, (3 k,)."""
+        return self.scale * ((self.box.rest - self.box.control_points).ravel() + self._solution.displacement.ravel())
+
+    @property
+    def factor(self) -> Array:
+        """Lower Cholesky factor of its normal matrix, (3 k, 3 k)."""
+        return self._solution.factor
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of the data, as the finer box finds it."""
+        return self.scale * self._solution.independent_noise
 
     def deviation(self, box: ControlBox, origins: Array, normals: Array) -> Array:
         """One standard deviation (n,) along the normals (n, 3) at (n, 3) points of the undeformed surface."""
