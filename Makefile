@@ -16,6 +16,7 @@ test: $(READY)
 check: $(READY)
 	$(BIN)/ruff check src tests benchmarks docs
 	$(BIN)/ruff format --check src tests benchmarks docs
+	$(BIN)/clang-format --dry-run --Werror src/quadriform/shapes/kernel/*
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
@@ -24,7 +25,7 @@ bench: $(BENCH)/ready
 	$(BENCH)/bin/python benchmarks/run.py
 	$(BENCH)/bin/python benchmarks/races.py -o BENCHMARK.md
 
-$(BENCH)/ready: pyproject.toml constraints.txt
+$(BENCH)/ready: pyproject.toml constraints.txt CMakeLists.txt $(wildcard src/quadriform/shapes/kernel/*)
 	$(PYTHON) -m venv $(BENCH)
 	$(BENCH)/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[bench]'
 	touch $@
@@ -35,7 +36,7 @@ docs: $(READY)
 docs-figures: $(READY)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python docs/make_figures.py
 
-$(READY): pyproject.toml constraints.txt
+$(READY): pyproject.toml constraints.txt CMakeLists.txt $(wildcard src/quadriform/shapes/kernel/*)
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
 	touch $@

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from shapes_made import even_directions, lumpy, made, turned
 
-from quadriform.fitting.correspondence import match_facing, match_unclaimed
+from quadriform.fitting.correspondence import MODEL_RESOLUTION, match_facing, match_unclaimed
 from quadriform.fitting.sheet import FacingCloud, Sheet
 from quadriform.fitting.tangent import data_rows
 from quadriform.points import Frame
@@ -102,7 +102,7 @@ def test_the_surface_that_nobody_claims_asks_for_data():
     """Upper half claimed: the lower half's model points choose data points below, near and facing alike."""
     cloud = FacingCloud(even_directions(600), even_directions(600), np.ones(600))
     box = ControlBox.around(BALL)
-    grid, _ = BALL.grid(20)
+    grid, _ = BALL.grid(MODEL_RESOLUTION)
     origins, targets = match_unclaimed(BALL, box, cloud, grid[grid[:, 2] > 0])
     assert len(origins) == (grid[:, 2] <= 0).sum()
     assert np.linalg.norm(origins - targets, axis=1).max() < 0.2

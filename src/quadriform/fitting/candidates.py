@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from quadriform.fitting.neighbourhood import crowded
+from quadriform.fitting.robust_search import Problem, nearby
 from quadriform.fitting.robust_superquadric import fit_robust
 from quadriform.fitting.sampling import outwards
 from quadriform.fitting.start import ellipsoid_by_moments
@@ -37,7 +38,7 @@ def candidates(
     if kind != "ellipsoid":
         return [dict(robust)]
     dense = {name: cloud[crowded(cloud)] for name, cloud in clouds.items()}
-    found = [dict(robust), {name: _ellipsoid(cloud) for name, cloud in dense.items()}]
+    found = [dict(robust), {name: _beside(cloud, robust[name]) for name, cloud in dense.items()}]
     plain = {name: least_criterion(_some(cloud), kind) for name, cloud in dense.items()}
     if all(surface.semi_axes.max() <= LONGEST * np.ptp(dense[name], axis=0).max() for name, surface in plain.items()):
         found.append(plain)
@@ -73,6 +74,14 @@ def nested(surfaces: dict[str, Superquadric], clouds: Mapping[str, Array]) -> di
         runs_into = name != outer and size < 1 and 1 - nearest < LEAST_WALL * (1 - size)
         result[name] = replace(surfaces[outer], semi_axes=size * surfaces[outer].semi_axes) if runs_into else surface
     return result
+
+
+def _beside(points: Array, robust: Superquadric) -> Superquadric:
+    """The plain ellipsoid that is reached from the moments of all points or from their robust fit."""
+    held, count = {"exponents": np.ones(2)}, len(points)
+    problem = Problem(points, np.ones(count), "ellipsoid", held, np.zeros(count))
+    with np.errstate(all="ignore"):
+        return nearby(problem, [ellipsoid_by_moments(points), robust])
 
 
 def _ellipsoid(points: Array) -> Superquadric:

@@ -11,18 +11,20 @@ from quadriform.fitting.evidence import Solution
 from quadriform.fitting.normal_equations import NormalEquations
 from quadriform.fitting.outcome import Iteration, Progress
 from quadriform.fitting.regularity import Regulariser
-from quadriform.fitting.sheet import FacingCloud, Sheet
+from quadriform.fitting.sheet import FacingCloud, Few, Sheet
 from quadriform.fitting.tangent import Pull, evidence_of, independent_of, moved, record
 from quadriform.points import Array
 from quadriform.shapes.closest import closest_on, settle
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.model import DeformableModel
 
+FIRST_POINTS = 400
+"""Enough for the first stage, which tells starts from each other."""
 COARSE_POINTS = (1000, 700, 1500)
 """Few data points for the first rounds; another number gives another path, for a surface that came out folded."""
 MEDIUM_POINTS = 3000
 """More than these are only taken in for the last rounds."""
-COARSE_ROUNDS, FINE_ROUNDS, LAST_ROUNDS, SLIDES = 8, 16, 3, 3
+COARSE_ROUNDS, FINE_ROUNDS, LAST_ROUNDS, SLIDES = 8, 10, 3, 3
 COARSE_REST, FINE_REST = 0.2, 0.02
 """A stage ends when the surface moves less than this share of the noise."""
 SMALLEST_STEP = 1e-3
@@ -59,25 +61,6 @@ class Refined:
         names = map(str, range(len(self.sheets)))
         surfaces = {name: sheet.superquadric for name, sheet in zip(names, self.sheets)}
         return bool(DeformableModel(surfaces, self.box).crossings())
-
-
-@dataclass(frozen=True)
-class Begun:
-    """Where the first stage came.
-
-    Attributes:
-        sheets: few points of each surface.
-        clouds: the same, facing.
-        covered: whether they sample all of it.
-        box: of the first stage.
-        solution: of its last round.
-    """
-
-    sheets: tuple[Sheet, ...]
-    clouds: list[FacingCloud]
-    covered: list[bool]
-    box: ControlBox
-    solution: Solution
 
 
 class Press(Protocol):
@@ -122,32 +105,29 @@ class Rounds:
         most = max(l, m, n)
         return sorted({(min(l, s), min(m, s), min(n, s)) for s in (*range(3, most, 2), most)})
 
-    def begun(self, sheets: Sequence[Sheet], points: int = COARSE_POINTS[0]) -> Begun:
-        """The first stage, on few points and with few control points."""
-        few = tuple(sheet.thinned(points, self.robust) for sheet in sheets)
-        clouds, covered = [sheet.facing() for sheet in few], [sheet.is_covered() for sheet in few]
-        rest = ControlBox.undeformed(self.target.origin, self.target.edges, self.ladder[0])
-        return Begun(few, clouds, covered, *self._stage(rest, few, clouds, covered))
+    def begun(self, few: Few) -> tuple[ControlBox, Solution]:
+        """The first stage, with few control points."""
+        return self._stage(ControlBox.undeformed(self.target.origin, self.target.edges, self.ladder[0]), few)
 
-    def coarse(self, begun: Begun) -> Refined:
-        """All further stages on few points that are matched anew in each round; the last round on the data alone."""
-        box, few = begun.box, begun.sheets
-        for shape in self.ladder[1:]:
-            box, _ = self._stage(
-                box.elevate((shape[0] - 1, shape[1] - 1, shape[2] - 1)), few, begun.clouds, begun.covered
-            )
-        self._slide(box, few)
+    def coarse(self, box: ControlBox, few: Few) -> Refined:
+        """All further stages on few points that are matched anew in each round; the last round on the data alone.
+
+        Args:
+            box: from the first stage, maybe on other points.
+            few: the points.
+        """
+        for shape in self.ladder[1:] or self.ladder:
+            box, _ = self._stage(box.elevate((shape[0] - 1, shape[1] - 1, shape[2] - 1)), few)
+        self._slide(box, few.sheets)
         self.near = None  # the strengths so far knew the pulls; this one counts
-        box, solution = self._step(box, few, [None] * len(few))
-        return Refined(box, few, solution, tuple(self.history))
+        box, solution = self._step(box, few.sheets, [None] * len(few.sheets))
+        return Refined(box, few.sheets, solution, tuple(self.history))
 
-    def _stage(
-        self, box: ControlBox, few: Sequence[Sheet], clouds: Sequence[FacingCloud], covered: Sequence[bool]
-    ) -> tuple[ControlBox, Solution]:
+    def _stage(self, box: ControlBox, few: Few) -> tuple[ControlBox, Solution]:
         self.near = None
         for _ in range(COARSE_ROUNDS):
-            pulls = [self._match(box, *each) for each in zip(few, clouds, covered)]
-            box, solution = self._step(box, few, pulls)
+            pulls = [self._match(box, *each) for each in zip(few.sheets, few.clouds, few.covered)]
+            box, solution = self._step(box, few.sheets, pulls)
             if self.history[-1].surface_motion < COARSE_REST * solution.noise:
                 break
         return box, solution
@@ -270,11 +250,11 @@ def _placed(sheet: Sheet, part: Sheet, box: ControlBox) -> Array:
     return match_facing(sheet.superquadric, box, part.facing().at(sheet.points))
 
 
-def coarse_unfolded(rounds: Rounds, begun: Begun, sheets: Sequence[Sheet]) -> Refined:
+def coarse_unfolded(rounds: Rounds, box: ControlBox, sheets: Sequence[Sheet]) -> Refined:
     """The coarse stages; where they come out tangled, again on other points: the first without counts, or the last."""
-    found = rounds.coarse(begun)
-    for points in COARSE_POINTS[1:]:
+    for points in COARSE_POINTS:
+        few = Few.of(sheets, points, rounds.robust)
+        found = rounds.coarse(box if points == COARSE_POINTS[0] else rounds.begun(few)[0], few)
         if not found.tangled:
             break
-        found = rounds.coarse(rounds.begun(sheets, points))
     return found

@@ -12,7 +12,7 @@ from quadriform.shapes.superquadric import Superquadric
 CANDIDATES = 40
 FACING = 0.4
 """A point that faces the other way counts as if it were this much farther, times the square root of two (RMS radii)."""
-MODEL_RESOLUTION = 20
+MODEL_RESOLUTION = 14
 
 
 def match_facing(superquadric: Superquadric, box: ControlBox, cloud: FacingCloud) -> Array:

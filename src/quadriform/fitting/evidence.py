@@ -211,4 +211,4 @@ def _of_three(penalty: bytes) -> tuple[Array, Array]:
     values, vectors = np.linalg.eigh(one)
     held = values > 1e-10 * values[-1]
     root: Array = vectors[:, held] * np.sqrt(values[held])
-    return np.kron(one, np.eye(3)), np.kron(root, np.eye(3))
+    return np.asarray(np.kron(one, np.eye(3))), np.asarray(np.kron(root, np.eye(3)))

@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from quadriform.points import Array
+from quadriform.shapes import _kernel
 from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.superquadric import EXPONENTS, Superquadric
 
-FLATTEST = 1e-3
-"""Least slope of F, in units of one over the longest semi-axis: keeps the distance finite at the centre."""
 AXES, POWERS, TURN, SHIFT, HOLE = (
     slice(0, 3),
     slice(3, 5),
@@ -127,61 +126,12 @@ class Candidates:
         )
 
 
-@dataclass(frozen=True)
-class _Slopes:
-    """F and its derivatives, coordinates first: (3, M, m), (2, M, m), (M, m)."""
-
-    value: Array
-    scaled: Array
-    by_scaled: Array
-    by_exponents: Array
-    by_hole: Array
-    by_local: Array
-    steepness: Array
-
-
 def distances(candidates: Candidates, points: Array) -> tuple[Array, Array]:
     """Signed distances (M, m) of points (m, 3) to each candidate and their derivatives (M, n_parameters, m)."""
-    turned = np.swapaxes(candidates.rotations, 1, 2)
-    local = turned @ points.T - turned @ candidates.translations[:, :, None]
-    local = np.ascontiguousarray(np.swapaxes(local, 0, 1))
-    at = _slopes(candidates, local)
-    distance = (at.value - 1) / at.steepness  # P4
-    foot = local - distance * at.by_local / at.steepness
-    return distance, _by_parameters(candidates, foot, _slopes(candidates, foot))
-
-
-def _slopes(candidates: Candidates, local: Array) -> _Slopes:
-    count, each = local.shape[1:]
-    axes = np.exp(candidates.log_axes.T)[:, :, None]
-    scaled = local / axes
-    exponents = np.repeat(candidates.exponents.T, each, axis=1)
-    holes = np.repeat(1 + np.exp(candidates.log_holes[:, 0]), each)
-    found = KINDS[candidates.kind].derivatives(scaled.reshape(3, -1).T, exponents, holes)  # type: ignore[arg-type]
-    by_scaled = found.point.T.reshape(3, count, each)
-    by_local = by_scaled / axes
-    steepness = np.sqrt(by_local[0] ** 2 + by_local[1] ** 2 + by_local[2] ** 2)
-    return _Slopes(
-        found.value.reshape(count, each),
-        scaled,
-        by_scaled,
-        found.exponents.T.reshape(2, count, each),
-        found.hole.reshape(count, each),
-        by_local,
-        np.maximum(steepness, FLATTEST / axes.max(axis=0)),
-    )
-
-
-def _by_parameters(candidates: Candidates, local: Array, at: _Slopes) -> Array:
-    """Derivatives of the distance by the parameters; a turn w moves x by -w x x, a shift s by -s."""
-    result = np.empty((len(candidates), candidates.n_parameters, local.shape[2]))
-    unit = 1 / at.steepness
-    normal = at.by_local * unit
-    result[:, AXES] = np.swapaxes(-at.scaled * at.by_scaled * unit, 0, 1)
-    result[:, POWERS] = np.swapaxes(at.by_exponents * unit, 0, 1)
-    for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
-        result[:, TURN.start + k] = normal[i] * local[j] - normal[j] * local[i]
-    result[:, SHIFT] = np.swapaxes(-normal, 0, 1)
-    if candidates.kind == "toroid":
-        result[:, HOLE.start] = at.by_hole * unit * np.exp(candidates.log_holes)
-    return result
+    count, each = len(candidates), len(points)
+    result, derivatives = np.empty((count, each)), np.empty((count, candidates.n_parameters, each))
+    axes, holes = np.exp(candidates.log_axes), 1 + np.exp(candidates.log_holes)
+    given = (axes, candidates.exponents, candidates.rotations, candidates.translations, holes, points)
+    a, e, r, t, h, x = (np.ascontiguousarray(array) for array in given)
+    _kernel.distances(list(KINDS).index(candidates.kind), a, e, r, t, h, x, result, derivatives)  # P4
+    return result, derivatives

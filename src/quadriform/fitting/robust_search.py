@@ -25,6 +25,7 @@ from quadriform.fitting.hypotheses import (
 from quadriform.fitting.inliers import LARGEST_SHARE, Mixture, cooled, crowding_odds, estimated, everyone
 from quadriform.fitting.residuals import Candidates
 from quadriform.points import Array
+from quadriform.shapes.superquadric import Superquadric
 
 CLOUD, FINE, COARSE, COARSE_WIDE = 1500, 500, 160, 320
 """Points that density is taken from, that the best are compared on, and that all are tried on, narrowly and widely."""
@@ -138,6 +139,18 @@ def solve(problem: Problem) -> Solution:
         best, convinces = contest, convincing(contest)
     rivals = _rivals(best, _ranking(best, convinces))
     return _to_rest(problem, best.picked(rivals), len(rivals) - 1, longest)
+
+
+def nearby(problem: Problem, starts: list[Superquadric]) -> Superquadric:
+    """The best of what lies near given starts, on a sample: no search, and no race to the last digit."""
+    cloud = problem.sample(FINE)
+    candidates = cloud.with_fixed(Candidates.of(starts))
+    longest = bound_of_axes(cloud.points)
+    spread = Mixture(np.full(len(starts), LARGEST_SHARE), np.full(len(starts), HOTTEST))
+    descent = cloud.descent(candidates, spread, longest)
+    descent.run(COOLING_STEPS, 0, lambda d: everyone(d.distances, d.weights))
+    descent.run(MOST_STEPS, NEAR, em)
+    return descent.candidates.superquadric(int(np.argmax(descent.scores())))
 
 
 def _crowded(problem: Problem, best: Descent, convinces: NDArray[np.bool_], longest: float) -> Problem:

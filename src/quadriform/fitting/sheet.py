@@ -1,6 +1,8 @@
 """One surface with its data, while the refinement goes on."""
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +58,9 @@ class Sheet:
 
     def with_superquadric(self, superquadric: Superquadric) -> "Sheet":
         """The same data around another start."""
-        return Sheet(superquadric, self.points, self.weights, self.beyond)
+        other = copy(self)
+        other.superquadric = superquadric
+        return other
 
     def facing(self) -> "FacingCloud":
         """The points with outward normals."""
@@ -109,3 +113,29 @@ class FacingCloud:
         total = trust.sum(axis=1)
         normals = np.einsum("mk,mki->mi", trust, self.normals[near]) / np.maximum(total, 1e-300)[:, None]
         return FacingCloud(points, normals, total / counts.sum(axis=1))
+
+
+@dataclass(frozen=True)
+class Few:
+    """Few points of every surface, and what a search of new neighbours needs to know of them.
+
+    Attributes:
+        sheets: one a surface.
+        clouds: the same points, facing.
+        covered: whether they sample all of it.
+    """
+
+    sheets: tuple[Sheet, ...]
+    clouds: tuple[FacingCloud, ...]
+    covered: tuple[bool, ...]
+
+    @classmethod
+    def of(cls, sheets: Sequence[Sheet], count: int, robust: bool) -> "Few":
+        """About `count` points of each."""
+        few = tuple(sheet.thinned(count, robust) for sheet in sheets)
+        return cls(few, tuple(sheet.facing() for sheet in few), tuple(sheet.is_covered() for sheet in few))
+
+    def around(self, superquadrics: Sequence[Superquadric]) -> "Few":
+        """The same points around other starts."""
+        sheets = tuple(sheet.with_superquadric(each) for sheet, each in zip(self.sheets, superquadrics))
+        return replace(self, sheets=sheets)

@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 
 from quadriform.errors import WarningKind, Warnings
 from quadriform.fitting.candidates import candidates
-from quadriform.fitting.coarse_to_fine import Begun, Refined, Rounds, coarse_unfolded
+from quadriform.fitting.coarse_to_fine import FIRST_POINTS, Refined, Rounds, coarse_unfolded
+from quadriform.fitting.evidence import Solution
 from quadriform.fitting.options import TangentOptions, check_box, check_strength
 from quadriform.fitting.outcome import Iteration, Progress
 from quadriform.fitting.regularity import Regulariser
-from quadriform.fitting.sheet import Sheet
+from quadriform.fitting.sheet import Few, Sheet
 from quadriform.fitting.tangent import evidence_of
 from quadriform.fitting.uncertainty import FinerBox
 from quadriform.fitting.unfolding import cures, fair_price, folding
@@ -71,13 +72,26 @@ class _Task:
     progress: Progress | None
     start: ControlBox | None
 
-    def sheets(self, surfaces: Mapping[str, Superquadric]) -> list[Sheet]:
-        """One sheet a surface, without the points of weight zero."""
+    @cached_property
+    def _sheets(self) -> list[Sheet]:
+        """One sheet a surface, without the points of weight zero; around spheres, until there are starts."""
         result = []
         for name, cloud in self.clouds.items():
             there = self.weights[name] > 0
-            result.append(Sheet(surfaces[name], cloud[there], self.weights[name][there], self.beyond))
+            result.append(Sheet(Superquadric(), cloud[there], self.weights[name][there], self.beyond))
         return result
+
+    @cached_property
+    def _first(self) -> Few:
+        return Few.of(self._sheets, FIRST_POINTS, self.options.robust)
+
+    def first(self, surfaces: Mapping[str, Superquadric]) -> Few:
+        """The points of the first stage."""
+        return self._first.around([surfaces[name] for name in self.clouds])
+
+    def sheets(self, surfaces: Mapping[str, Superquadric]) -> list[Sheet]:
+        """All points that count."""
+        return [sheet.with_superquadric(surfaces[name]) for name, sheet in zip(self.clouds, self._sheets)]
 
     def rounds(self, surfaces: Mapping[str, Superquadric], shape: tuple[int, int, int]) -> Rounds:
         """Fresh rounds in the box around the surfaces."""
@@ -146,7 +160,7 @@ def _best_start(task: _Task, starts: Sequence[dict[str, Superquadric]], shape: t
     """
     trials = [_Trial.of(task, surfaces, shape) for surfaces in starts]
     if len(trials) > 1:
-        trials.sort(key=lambda trial: trial.begun.solution.criterion)
+        trials.sort(key=lambda trial: trial.begun[1].criterion)
     whole, dear = list[tuple[_Trial, Refined]](), list[tuple[_Trial, Refined]]()
     for trial in _tangled_last(trials):
         refined = trial.rounds.fine(trial.sheets, trial.coarse)
@@ -178,14 +192,14 @@ class _Trial:
         return cls(task, surfaces, task.rounds(start, shape), sheets)
 
     @cached_property
-    def begun(self) -> Begun:
-        return self.rounds.begun(self.sheets)
+    def begun(self) -> tuple[ControlBox, Solution]:
+        return self.rounds.begun(self.task.first(self.surfaces))
 
     @cached_property
     def coarse(self) -> Refined:
         if self.task.start is not None:
             return self.rounds.resumed(self.sheets, self.task.start)
-        return coarse_unfolded(self.rounds, self.begun, self.sheets)
+        return coarse_unfolded(self.rounds, self.begun[0], self.sheets)
 
 
 def _tangled_last(trials: Sequence[_Trial]) -> Iterator[_Trial]:

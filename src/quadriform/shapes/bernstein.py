@@ -27,31 +27,6 @@ def basis_derivative(s: Array, degree: int) -> Array:
     return degree * (lower[:, :-1] - lower[:, 1:])
 
 
-def combine(factors: list[Array], coefficients: Array) -> Array:
-    """sum_ijk a_i b_j c_k C_ijk for each point, one factor after the other.
-
-    Args:
-        factors: three arrays, (n, l + 1), (n, m + 1) and (n, n + 1).
-        coefficients: (l + 1, m + 1, n + 1, d).
-
-    Returns:
-        (n, d).
-    """
-    along_s, along_t, along_u = (factor.T for factor in factors)
-    count, m, k, d = coefficients.shape
-    first = (coefficients.reshape(count, -1).T @ along_s).reshape(m, k * d, -1)
-    second = _weighted_sum(first, along_t).reshape(k, d, -1)
-    return _weighted_sum(second, along_u).T
-
-
-def _weighted_sum(terms: Array, weights: Array) -> Array:
-    """sum_j w_j t_j for weights (m, n) and terms (m, d, n); term by term, which is faster than einsum."""
-    total = terms[0] * weights[0]
-    for term, weight in zip(terms[1:], weights[1:]):
-        total += term * weight
-    return total
-
-
 def products(factors: list[Array]) -> Array:
     """All products a_i b_j c_k of three factors, (n, (l + 1)(m + 1)(n + 1)), the last index running fastest."""
     along_s, along_t, along_u = factors

@@ -1,6 +1,5 @@
 """The free-form deformation: a box of control points that carries the space inside it (paper 3.1, appendix B)."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,8 +8,9 @@ from scipy.spatial import cKDTree
 
 from quadriform.errors import OptionError, PointsError
 from quadriform.points import Array, check_points
-from quadriform.shapes import bernstein, pose
+from quadriform.shapes import _kernel, bernstein, pose
 from quadriform.shapes.superquadric import Superquadric
+from quadriform.shapes.threads import threads_for
 
 NEWTON_STEPS = 60
 EXACT = 1e-13
@@ -96,21 +96,14 @@ class ControlBox:
         lengths = (self.edges**2).sum(axis=1)
         return (check_points(points) - self.origin) @ self.edges.T / lengths  # P15, P16
 
-    def _chunks(self, points: ArrayLike) -> Iterator[tuple[slice, Array]]:
-        local = self.local(points)
-        for start in range(0, len(local), bernstein.CHUNK):
-            part = slice(start, start + bernstein.CHUNK)
-            yield part, local[part]
-
     def deform(self, points: ArrayLike) -> Array:
         """Where the box carries world points (n, 3); any points, not only those of the surface.
 
         Outside the undeformed box the same polynomials go on (extrapolation).
         """
-        result = np.empty((len(np.asarray(points)), 3))
-        for part, local in self._chunks(points):
-            factors = [bernstein.basis(local[:, axis], degree) for axis, degree in enumerate(self.degrees)]
-            result[part] = bernstein.combine(factors, self.control_points)  # P18, P19
+        given = check_points(points)
+        result = np.empty_like(given)
+        _kernel.deform(self.compiled(), given, result, threads_for(len(given)))  # P18, P19
         return result
 
     def matrix(self, points: ArrayLike) -> Array:
@@ -121,10 +114,14 @@ class ControlBox:
 
     def jacobian(self, points: ArrayLike) -> Array:
         """d deformed / d point, (n, 3, 3), rows the deformed coordinates; the deformation gradient."""
-        result = np.empty((len(np.asarray(points)), 3, 3))
-        for part, local in self._chunks(points):
-            result[part] = self._by_local(local) @ self._local_by_point
+        given = check_points(points)
+        result = np.empty((len(given), 3, 3))
+        _kernel.jacobian(self.compiled(), given, result, threads_for(len(given)))
         return result
+
+    def compiled(self) -> _kernel.Box:
+        """The box as the compiled loops take it."""
+        return _kernel.Box(self.origin, self._local_by_point, self.control_points)
 
     def matrix_gradient(self, points: ArrayLike) -> Array:
         """Derivatives of `matrix` by the world points, (n, (l+1)(m+1)(n+1), 3)."""
@@ -138,16 +135,6 @@ class ControlBox:
     def _local_by_point(self) -> Array:
         """d (s, t, u) / d point, (3, 3)."""
         return self.edges / (self.edges**2).sum(axis=1, keepdims=True)
-
-    def _by_local(self, local: Array) -> Array:
-        """d deformed / d (s, t, u), (n, 3, 3)."""
-        plain = [bernstein.basis(local[:, a], d) for a, d in enumerate(self.degrees)]
-        slopes = [bernstein.basis_derivative(local[:, a], d) for a, d in enumerate(self.degrees)]
-        columns = []
-        for axis in range(3):
-            factors = [slopes[a] if a == axis else plain[a] for a in range(3)]
-            columns.append(bernstein.combine(factors, self.control_points))
-        return np.stack(columns, axis=2)
 
     def undeform(self, points: ArrayLike) -> Array:
         """Where deformed points (n, 3) came from: the inverse of `deform`, by damped Newton steps.

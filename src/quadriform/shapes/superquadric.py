@@ -8,7 +8,7 @@ from scipy.special import beta
 
 from quadriform.errors import OptionError, choose
 from quadriform.points import Array, check_points
-from quadriform.shapes import pose
+from quadriform.shapes import _kernel, pose
 from quadriform.shapes.directions import Faces, split_quads
 from quadriform.shapes.kinds import KINDS, Kind
 from quadriform.shapes.mesh import Mesh
@@ -222,6 +222,11 @@ class Superquadric:
         """Surface area in squared units, from two meshes by Richardson's extrapolation (about 1e-4 relative)."""
         coarse, fine = self.mesh(48).area(), self.mesh(96).area()
         return fine + (fine - coarse) / 3
+
+    def compiled(self) -> _kernel.Surface:
+        """The superquadric as the compiled loops take it."""
+        kind = list(KINDS).index(self.kind)
+        return _kernel.Surface(kind, self.semi_axes, self.exponents, self.rotation, self.translation, self._hole)
 
     def _only_ellipsoid(self, what: str) -> None:
         if self.kind != "ellipsoid":

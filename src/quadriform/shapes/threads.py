@@ -1,0 +1,16 @@
+"""How many threads share the loops over points; results do not depend on it."""
+
+import os
+
+WORTH = 16384
+"""Fewer points than this are done before a second thread has begun."""
+
+
+def threads_for(count: int) -> int:
+    """Threads for so many points: one for few, else those of OMP_NUM_THREADS or all cores that this process may use."""
+    if count < WORTH:
+        return 1
+    wanted = os.environ.get("OMP_NUM_THREADS", "").split(",")[0].strip()
+    if wanted.isdigit() and int(wanted) > 0:
+        return int(wanted)
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
