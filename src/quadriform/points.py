@@ -11,6 +11,8 @@ Array = NDArray[np.float64]
 
 DISTINCT = 1e-12
 """Points closer than this share of the cloud's RMS radius count as one."""
+ENOUGH = 100_000
+"""Points that tell whether a cloud is flat."""
 FLAT = 1e-6
 """A smallest singular value below this share of the largest is a plane, a line or a point."""
 
@@ -52,7 +54,7 @@ def _as_numbers(values: ArrayLike, what: str) -> Array:
     if array.dtype.kind in "iu" and array.size and int(np.abs(array.astype(object)).max()) > 2**53:
         raise PointsError(f"{what}: whole numbers above 2^53 cannot be kept exactly; shift them first")
     with np.errstate(over="ignore"):
-        return array.astype(np.float64)
+        return array.astype(np.float64, copy=False)
 
 
 def check_weights(weights: ArrayLike | None, n: int) -> Array:
@@ -62,7 +64,7 @@ def check_weights(weights: ArrayLike | None, n: int) -> Array:
         PointsError: wrong length, negative, not finite or all zero.
     """
     if weights is None:
-        return np.ones(n)
+        return np.broadcast_to(np.ones(1), n)
     array = _as_numbers(weights, "weights")
     if array.shape != (n,):
         raise PointsError(f"weights: expected shape ({n},), found {array.shape}")
@@ -89,20 +91,32 @@ def check_spread(points: Array, needed: int) -> None:
     Raises:
         DegenerateError: fewer than `needed` distinct points, or all of them on one plane, line or point.
     """
+    step = len(points) // ENOUGH
+    if step > 1:  # what spreads among some of a very large cloud spreads among all
+        try:
+            return check_spread(np.ascontiguousarray(points[::step]), needed)
+        except DegenerateError:
+            pass
     frame = Frame.of(points)
     if not 1e-150 < frame.scale < 1e150:
         if len(np.unique(points, axis=0)) == 1:
             raise DegenerateError(f"zero extent: all {len(points)} points are equal")
         raise PointsError(f"points: scale out of range (RMS radius {frame.scale:g}); expected 1e-150 to 1e150")
     local = frame.to_local(points)
-    distinct = len(np.unique(np.round(local / DISTINCT), axis=0))
-    singular = np.linalg.svd(local, compute_uv=False)
+    distinct = _distinct(local[: 10 * needed])
+    if distinct < needed:
+        distinct = _distinct(local)
+    singular = np.linalg.svd(np.linalg.qr(local, mode="r"), compute_uv=False)
     rank = int((singular > FLAT * singular[0]).sum())
     if distinct >= 4 and rank < 3:
         shape = {1: "collinear", 2: "coplanar"}[rank]
         raise DegenerateError(f"points are {shape} (rank {rank} of 3); expected points around a solid body")
     if distinct < needed:
         raise DegenerateError(f"{distinct} distinct points; expected at least {needed}, one for each parameter")
+
+
+def _distinct(local: Array) -> int:
+    return len(np.unique(np.round(local / DISTINCT), axis=0))
 
 
 @dataclass(frozen=True)

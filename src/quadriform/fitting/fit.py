@@ -1,7 +1,7 @@
 """The front doors: points in, a model out, in one call or in two steps."""
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike
 from quadriform.errors import OptionError, choose
 from quadriform.fitting.duplicates import Distinct
 from quadriform.fitting.fit_warnings import fit_warnings, named_texts
+from quadriform.fitting.large import MANY, on_all, sampled
 from quadriform.fitting.options import METHODS, PaperOptions, TangentOptions, options_for
-from quadriform.fitting.outcome import Fit, Iteration, Progress, rms
+from quadriform.fitting.outcome import Fit, Progress, rms
 from quadriform.fitting.refinement import two_step
 from quadriform.fitting.superquadric_fit import fit_superquadric
 from quadriform.fitting.tangent_fit import Result, fit_tangent
@@ -58,13 +59,18 @@ def fit(
     chosen = options_for(method, options)
     counted = _weights(weights, clouds, method)
     way = "paper" if method == "paper" else "robust"
-    given = {name: None if weights is None else counted[name] for name in clouds}
-    starts = {name: fit_superquadric(cloud, kind, way, given[name]) for name, cloud in clouds.items()}
-    surfaces = {name: start.superquadric for name, start in starts.items()}
-    refined = _refine(surfaces, clouds, counted, chosen, kind, progress)
-    if method != "paper":
-        return refined  # whatever the start's troubles were, the refined model speaks for itself
-    return replace(refined, warnings=named_texts({name: s.warnings for name, s in starts.items()}) | refined.warnings)
+    bare = weights is None
+
+    def whole(few: dict[str, Array], counts: dict[str, Array]) -> Fit:
+        starts = {n: fit_superquadric(cloud, kind, way, None if bare else counts[n]) for n, cloud in few.items()}
+        surfaces = {name: start.superquadric for name, start in starts.items()}
+        refined = _refine(surfaces, few, counts, chosen, kind, progress)
+        if method != "paper":
+            return refined  # whatever the start's troubles were, the refined model speaks for itself
+        said = named_texts({name: s.warnings for name, s in starts.items()})
+        return replace(refined, warnings=said | refined.warnings)
+
+    return _few_first(clouds, counted, chosen, whole)
 
 
 @one_blas_thread
@@ -108,7 +114,28 @@ def refine(
     counted, chosen = _weights(weights, clouds, method), options_for(method, options)
     if start is not None and isinstance(chosen, PaperOptions):
         raise OptionError("option start is not one of method='paper'; use method='tangent'")
-    return _refine(surfaces, clouds, counted, chosen, None, progress, start)
+    return _few_first(clouds, counted, chosen, lambda few, n: _refine(surfaces, few, n, chosen, None, progress, start))
+
+
+def _few_first(
+    clouds: dict[str, Array],
+    weights: dict[str, Array],
+    options: PaperOptions | TangentOptions,
+    fitted: Callable[[dict[str, Array], dict[str, Array]], Fit],
+) -> Fit:
+    """The fit of clouds with weights; of very large clouds that of a sample, gone on with on all points."""
+    if isinstance(options, PaperOptions) or max(map(len, clouds.values())) <= MANY:
+        return fitted(clouds, weights)
+    few = {name: sampled(cloud, weights[name]) for name, cloud in clouds.items()}
+    found = fitted({n: clouds[n][index] for n, index in few.items()}, {n: weights[n][few[n]] for n in few})
+    every = on_all(found, clouds, weights, few, options)
+    return replace(
+        every,
+        model=replace(every.model, input_sha256=_hash(clouds)),
+        residuals=_unnamed(every.residuals),
+        superquadric_residuals=_unnamed(every.superquadric_residuals),
+        inliers=_unnamed(every.inliers),
+    )
 
 
 def _refine(
@@ -168,7 +195,7 @@ def _in_world(result: Result, clouds: dict[str, Array], frame: Frame) -> Fit:
         warnings=fit_warnings(result, local, residuals, inliers),
         residuals=_unnamed({name: frame.scale * values for name, values in residuals.items()}),
         superquadric_residuals=_unnamed({name: frame.scale * values for name, values in first.items()}),
-        history=tuple(_scaled(entry, frame.scale) for entry in result.history),
+        history=tuple(entry.scaled(frame.scale) for entry in result.history),
         strength=result.strength,
         noise=frame.scale * noise,
         inliers=_unnamed(inliers),
@@ -203,19 +230,13 @@ def _weights(weights: Weights, clouds: dict[str, Array], method: str) -> dict[st
     return {name: check_weights(given[name], len(cloud)) for name, cloud in clouds.items()}
 
 
-def _unnamed(values: dict[str, Array]) -> Array | dict[str, Array]:
-    return values[ALONE] if values.keys() == {ALONE} else values
+def _unnamed(values: Array | dict[str, Array]) -> Array | dict[str, Array]:
+    return values[ALONE] if isinstance(values, dict) and values.keys() == {ALONE} else values
 
 
 def _hash(clouds: Mapping[str, Array]) -> str:
     """SHA-256 of the points as float64 rows, surface after surface; a reader of a file puts the file's own instead."""
-    return hashlib.sha256(b"".join(cloud.tobytes() for cloud in clouds.values())).hexdigest()
-
-
-def _scaled(entry: Iteration, scale: float) -> Iteration:
-    return Iteration(
-        error=scale * entry.error,
-        box_motion=scale * entry.box_motion,
-        box_displacement=scale * entry.box_displacement,
-        surface_motion=scale * entry.surface_motion,
-    )
+    found = hashlib.sha256()
+    for cloud in clouds.values():
+        found.update(np.ascontiguousarray(cloud).data)
+    return found.hexdigest()

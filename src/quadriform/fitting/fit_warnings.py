@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from quadriform.errors import WarningKind, Warnings
 from quadriform.fitting.coverage import coverage_warning
@@ -39,11 +40,8 @@ def fit_warnings(
 def _of_surface(result: Result, name: str, cloud: Array, residuals: Array, inliers: Array) -> Warnings:
     warnings: Warnings = {}
     counted = np.ones(len(cloud), dtype=bool) if result.counted is None else result.counted[name]
-    strangers = np.flatnonzero(counted & (inliers < STRANGER))
     kept = inliers >= STRANGER
-    if len(strangers):
-        first = ", ".join(map(str, strangers[:NAMED])) + (", ..." if len(strangers) > NAMED else "")
-        warnings[WarningKind.OUTLIERS] = f"{len(strangers)} of {len(cloud)} points are not of the surface: {first}"
+    warnings |= outliers(inliers, counted)
     share = rms(residuals[kept]) if kept.any() else 1.0
     if share > POOR:
         warnings[WarningKind.POOR_FIT] = (
@@ -58,6 +56,15 @@ def _of_surface(result: Result, name: str, cloud: Array, residuals: Array, inlie
     if outside > 0:
         warnings[WarningKind.OUTSIDE_LATTICE] = f"{100 * outside:.0f} % of the surface is beyond the box"
     return warnings
+
+
+def outliers(inliers: Array, counted: NDArray[np.bool_]) -> Warnings:
+    """The warning about points (n,) that count and are not of the surface, if there are any."""
+    strangers = np.flatnonzero(counted & (inliers < STRANGER))
+    if not len(strangers):
+        return {}
+    first = ", ".join(map(str, strangers[:NAMED])) + (", ..." if len(strangers) > NAMED else "")
+    return {WarningKind.OUTLIERS: f"{len(strangers)} of {len(inliers)} points are not of the surface: {first}"}
 
 
 def _outside(box: ControlBox, surface: Superquadric) -> float:

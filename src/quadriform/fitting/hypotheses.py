@@ -11,7 +11,6 @@ from scipy.spatial import cKDTree
 
 from quadriform.fitting.neighbourhood import TIE
 from quadriform.fitting.residuals import Candidates
-from quadriform.fitting.sampling import outwards
 from quadriform.fitting.start import hyperboloid_by_quadric, tori_by_moments
 from quadriform.points import Array
 from quadriform.shapes import pose
@@ -33,14 +32,6 @@ EIGHTH = pose.rotation_from_euler(np.array([0, 0, np.pi / 4]))
 FRAMES = np.concatenate([ORDERS, ORDERS @ EIGHTH])
 """Each axis as z, and the same turned by 45 degrees: the dual, where e2 and 2 - e2 look alike."""
 CUTS = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
-
-
-def thinned(points: Array, most: int) -> NDArray[np.int64]:
-    """Indices of at most `most` points, even over their order by distance from the centre."""
-    order = outwards(points)
-    if len(points) <= most:
-        return order
-    return order[np.linspace(0, len(points) - 1, most).round().astype(np.int64)]
 
 
 def reach(points: Array, cloud: Array) -> Array:

@@ -47,6 +47,10 @@ class Neighbourhood:
         flatness = (values[:, 1] - values[:, 0]) / np.maximum(values[:, 2], 1e-300)
         return cls(axes[:, :, 2], axes[:, :, 0], np.clip(flatness, 0, 1))
 
+    def take(self, index: NDArray[np.int64]) -> "Neighbourhood":
+        """Of the chosen points."""
+        return Neighbourhood(self.along[index], self.normals[index], self.flatness[index])
+
     def alone_across(self) -> Array:
         """How little the data says across the line it runs along, (n,): 0 on a surface, 1 on a curve."""
         return np.clip(1 - self.flatness / EVEN, 0, 1) ** 2

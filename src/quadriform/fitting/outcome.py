@@ -32,6 +32,11 @@ class Iteration:
     box_displacement: float
     surface_motion: float
 
+    def scaled(self, scale: float) -> "Iteration":
+        """The same in another unit of length."""
+        lengths = (self.error, self.box_motion, self.box_displacement, self.surface_motion)
+        return Iteration(*(scale * length for length in lengths))
+
 
 @dataclass(frozen=True)
 class SuperquadricFit:

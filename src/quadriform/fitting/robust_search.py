@@ -6,6 +6,7 @@ does not convince.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +21,10 @@ from quadriform.fitting.hypotheses import (
     principal_axes,
     reach,
     sides,
-    thinned,
 )
 from quadriform.fitting.inliers import LARGEST_SHARE, Mixture, cooled, crowding_odds, estimated, everyone
 from quadriform.fitting.residuals import Candidates
+from quadriform.fitting.sampling import outwards
 from quadriform.points import Array
 from quadriform.shapes.superquadric import Superquadric
 
@@ -75,9 +76,18 @@ class Problem:
     fixed: dict[str, Array]
     odds: Array
 
+    @cached_property
+    def _order(self) -> NDArray[np.int64]:
+        return outwards(self.points)
+
+    def thinned(self, most: int) -> NDArray[np.int64]:
+        """Indices of at most `most` points, even over their order by distance from the centre."""
+        count = len(self.points)
+        return self._order[np.linspace(0, count - 1, min(most, count)).round().astype(np.int64)]
+
     def sample(self, most: int) -> "Problem":
         """The same on an even sample of the points."""
-        index = thinned(self.points, most)
+        index = self.thinned(most)
         return replace(self, points=self.points[index], weights=self.weights[index], odds=self.odds[index])
 
     @property
@@ -191,7 +201,7 @@ class Race:
             rotations: (H, k, 3, 3), the frames of the k starts of each part.
             most: points of the sample.
         """
-        index = thinned(self.cloud.points, most)
+        index = self.cloud.thinned(most)
         few = self.cloud.sample(most)
         starts = few.with_fixed(self._starts(parts, rotations))
         own = np.repeat(np.maximum(parts[:, index], 1e-6) * few.weights, -(-len(starts) // len(parts)), axis=0)

@@ -31,6 +31,7 @@ class Sheet:
         around: what the neighbours of each point tell.
         origins: (n, 3), foot points on the superquadric.
         inliers: (n,), probabilities.
+        share: of inliers, once they were weighed.
     """
 
     superquadric: Superquadric
@@ -40,6 +41,7 @@ class Sheet:
     around: Neighbourhood = field(init=False)
     origins: Array = field(init=False)
     inliers: Array = field(init=False)
+    share: float = 1.0
 
     def __post_init__(self) -> None:
         self.around = Neighbourhood.of(self.points)
@@ -85,11 +87,22 @@ class Sheet:
 
     def weigh(self, distances: Array, noise: float) -> None:
         """Find which points are inliers by their distances to the surface, and their share on the way."""
-        sigma, share = np.array([max(noise, MISFIT)]), 0.9
+        self.share = 0.9
         for _ in range(SHARE_ROUNDS):
-            mixture = Mixture(np.array([share]), sigma)
-            self.inliers = mixture.densities(distances[None])[0][0]
-            share = float(np.clip(np.average(self.inliers, weights=self.weights), 0.02, 1 - 1e-6))
+            self.inliers = self.probabilities(distances, noise)
+            self.share = float(np.clip(np.average(self.inliers, weights=self.weights), 0.02, 1 - 1e-6))
+
+    def probabilities(self, distances: Array, noise: float) -> Array:
+        """Of points at such distances (m,) to be inliers, by the share that was found."""
+        mixture = Mixture(np.array([self.share]), np.array([max(noise, MISFIT)]))
+        return mixture.densities(distances[None])[0][0]
+
+    def beside(self, points: Array, weights: Array, near: NDArray[np.int64]) -> "Sheet":
+        """Other points (m, 3) that take after those of this sheet which they are near to, by index."""
+        other = copy(self)
+        other.points, other.weights, other.inliers = points, weights, np.ones(len(points))
+        other.around, other.origins = self.around.take(near), self.origins[near]
+        return other
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,269 @@
+"""Clouds of very many points: fitted to a sample, then a few rounds on all of them, a part at a time.
+
+Memory does not grow with the cloud, apart from what is returned. What a point must know of its neighbours, and which
+way the surface is, it takes from the nearest point of the sample.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from quadriform.errors import WarningKind
+from quadriform.fitting.evidence import Evidence, Solution
+from quadriform.fitting.fit_warnings import named_texts, outliers
+from quadriform.fitting.normal_equations import NormalEquations, normal_equations
+from quadriform.fitting.options import TangentOptions, check_strength
+from quadriform.fitting.outcome import Fit
+from quadriform.fitting.regularity import Regulariser, penalty
+from quadriform.fitting.sheet import Sheet
+from quadriform.fitting.tangent import data_rows, moved, record
+from quadriform.fitting.uncertainty import FinerBox
+from quadriform.fitting.unfolding import FIRST_PRESS, FLOOR, NEAR_FLOOR, Floor, low_places
+from quadriform.points import Array, Frame
+from quadriform.shapes.closest import closest_on, settle
+from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.model import DeformableModel
+from quadriform.shapes.superquadric import Superquadric
+from quadriform.shapes.threads import threads_for
+
+MANY, SAMPLE = 100_000, 30_000
+"""A cloud of more points than the first is fitted to about so many of them."""
+PART = 16_000
+"""Points that are handled at once; the parts are shared out among the cores."""
+ROUNDS, SLIDES = 3, 4
+HOLDS, PRESSES, DEAR = (1, 10, 100), 10, 1.01
+"""Pressure may make the noise this much larger; else the box is held so many times more strongly."""
+MIX = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
+T = TypeVar("T")
+
+
+def sampled(cloud: Array, weights: Array) -> NDArray[np.int64]:
+    """Indices of about `SAMPLE` points (n, 3) that have a weight; of all where there are not too many.
+
+    Chosen by a hash of their coordinates: the same whatever their order, and no pattern of a scan is met.
+    """
+    if len(cloud) <= MANY:
+        return np.arange(len(cloud))
+    limit = np.uint64(min(SAMPLE / int(np.count_nonzero(weights)), 1.0) * (2**64 - 2**11))
+    chosen = []
+    for where in _parts(len(cloud)):
+        there = (_hashes(cloud[where]) <= limit) & (weights[where] > 0)
+        chosen.append(where.start + np.flatnonzero(there))
+    return np.concatenate(chosen)
+
+
+def _hashes(points: Array) -> NDArray[np.uint64]:
+    words = (points + 0.0).view(np.uint64) * MIX  # a zero has one sign
+    mixed = words[:, 0] ^ (words[:, 1] >> np.uint64(21)) ^ (words[:, 2] >> np.uint64(42))
+    mixed = (mixed ^ (mixed >> np.uint64(29))) * MIX[1]
+    return np.asarray(mixed ^ (mixed >> np.uint64(32))) * MIX[2]
+
+
+def _parts(count: int) -> Iterator[slice]:
+    return (slice(start, min(start + PART, count)) for start in range(0, count, PART))
+
+
+@dataclass(frozen=True)
+class _Surface:
+    """All points of one surface, in the world, and the sheet of its sample in the centred, scaled frame."""
+
+    name: str
+    cloud: Array
+    weights: Array
+    sheet: Sheet
+    tree: cKDTree
+
+    def part(self, where: slice, frame: Frame, box: ControlBox, noise: float | None) -> Sheet:
+        """Some of all points with their foot points; strangers as told by the sample, if a noise is given."""
+        points = frame.to_local(self.cloud[where])
+        sheet = self.sheet.beside(points, self.weights[where], self.tree.query(points)[1])
+        sheet.origins = settle(sheet.superquadric, box, points, sheet.origins, SLIDES)
+        if noise is not None:
+            sheet.inliers = sheet.probabilities(sheet.distances(box), noise)
+        return sheet
+
+
+@dataclass(frozen=True)
+class _All:
+    """All points of all surfaces; sums over them come out the same on any number of threads."""
+
+    surfaces: Sequence[_Surface]
+    frame: Frame
+    robust: bool
+
+    def each(self, surfaces: Sequence[_Surface], work: Callable[[_Surface, slice], T]) -> Iterator[T]:
+        """The work on every part, in their order."""
+        jobs = [(surface, where) for surface in surfaces for where in _parts(len(surface.cloud))]
+        with ThreadPoolExecutor(threads_for(PART * len(jobs))) as pool:
+            yield from pool.map(lambda job: work(*job), jobs)
+
+    def sums(self, box: ControlBox, boxes: Sequence[ControlBox], noise: float) -> tuple[list[NormalEquations], float]:
+        """Normal equations for each of several boxes that deform alike, and the sum of weights."""
+        told = noise if self.robust else None
+
+        def of_part(surface: _Surface, where: slice) -> tuple[list[NormalEquations], float]:
+            sheet = surface.part(where, self.frame, box, told)
+            rows = data_rows(sheet, box)
+            local, ways = box.local(rows.origins), rows.targets - rows.origins
+            equations = [normal_equations(local, rows.metric, ways, each.degrees) for each in boxes]
+            return equations, float((sheet.weights * sheet.inliers).sum())
+
+        totals, count = list[NormalEquations](), 0.0
+        for equations, weight in self.each(self.surfaces, of_part):
+            totals = [a + b for a, b in zip(totals, equations)] if totals else equations
+            count += weight
+        return totals, count
+
+    def settled(self, box: ControlBox, noise: float) -> None:
+        """The sample's foot points and its share of inliers, for a box that has moved."""
+        for surface in self.surfaces:
+            sheet = surface.sheet
+            sheet.origins = settle(sheet.superquadric, box, sheet.points, sheet.origins, SLIDES)
+            if self.robust:
+                sheet.weigh(sheet.distances(box), noise)
+
+
+def on_all(
+    found: Fit,
+    clouds: Mapping[str, Array],
+    weights: Mapping[str, Array],
+    few: Mapping[str, NDArray[np.int64]],
+    options: TangentOptions,
+) -> Fit:
+    """A fit to a sample gone on with on all points; its arrays over points by name.
+
+    Args:
+        found: the fit to the sample.
+        clouds: name -> (n, 3), all points.
+        weights: name -> (n,).
+        few: name -> indices of the sample.
+        options: of the fit.
+    """
+    frame = Frame.of(np.concatenate([clouds[name][index] for name, index in few.items()]))
+    local = found.model.placed(1 / frame.scale, -frame.centre / frame.scale)
+    surfaces = [_surface(local, name, clouds[name], weights[name], index, frame) for name, index in few.items()]
+    points = _All(surfaces, frame, options.robust)
+    return _with_arrays(points, _rounds(points, found, local.box, options))
+
+
+def _surface(
+    model: DeformableModel, name: str, cloud: Array, weights: Array, index: NDArray[np.int64], frame: Frame
+) -> _Surface:
+    mean = float(np.mean(weights[index]))
+    even = weights if mean == 1 else weights / mean
+    sheet = Sheet(model.surfaces[name], frame.to_local(cloud[index]), even[index])
+    sheet.origins = closest_on(sheet.superquadric, model.box, sheet.points).origins
+    return _Surface(name, cloud, even, sheet, cKDTree(sheet.points))
+
+
+def _rounds(points: _All, found: Fit, box: ControlBox, options: TangentOptions) -> Fit:
+    """A few rounds from the box of the sample, in the centred, scaled frame; the fit in the world.
+
+    The fit to the sample itself where all that they could lead to folds.
+    """
+    strength, scale = check_strength(options.strength), points.frame.scale
+    noise, history = found.noise / scale, list(found.history)
+    share = 1.0 if found.finer is None else found.finer.evidence.share
+    solution: Solution | None = None
+    probes = np.concatenate([surface.sheet.superquadric.grid(8)[0] for surface in points.surfaces])
+    for _ in range(ROUNDS):
+        points.settled(box, noise)
+        (equations,), count = points.sums(box, [box], noise)
+        evidence = _evidence(equations, box, options.regularity, count, share)
+        if strength is not None:
+            solution = evidence.solve(strength)
+        else:
+            solution = evidence.best(found.strength) if solution is None else evidence.after(solution)
+        after = _unfolded(points, evidence, box, solution)
+        if after is None:
+            return found
+        before, (box, solution) = box, after
+        noise = solution.noise
+        history.append(record(before, box, probes, noise).scaled(scale))
+    assert solution is not None
+    return replace(
+        found,
+        model=replace(found.model, box=box.placed(scale, points.frame.centre)),
+        history=tuple(history),
+        strength=solution.strength,
+        noise=scale * noise,
+        covariance=scale**2 * solution.covariance(),
+        finer=_finer(points, found, box, noise, solution, options.regularity),
+    )
+
+
+def _unfolded(
+    points: _All, evidence: Evidence, box: ControlBox, solution: Solution
+) -> tuple[ControlBox, Solution] | None:
+    """The box moved as a solution says; where it folds, under pressure, and held more strongly if that is too dear."""
+    surfaces = {surface.name: surface.sheet.superquadric for surface in points.surfaces}
+    gentle = Floor.under(box, surfaces, FIRST_PRESS * evidence.count * (solution.noise / FLOOR) ** 2)
+    for harder in HOLDS:
+        held = solution if harder == 1 else replace(evidence.solve(harder * solution.strength), bend=solution.bend)
+        after, floor = moved(box, held), gentle
+        for _ in range(PRESSES):
+            if floor.lowest(after) > NEAR_FLOOR:
+                if _certified(surfaces, after):
+                    return after, held
+                floor = floor.with_places(low_places(after, surfaces))
+            held = replace(evidence.plus(floor.equations(after)).solve(held.strength), bend=solution.bend)
+            after, floor = moved(box, held), floor.harder()
+            if held.noise > DEAR * solution.noise:
+                break
+    return None
+
+
+def _certified(surfaces: Mapping[str, Superquadric], box: ControlBox) -> bool:
+    model = DeformableModel(dict(surfaces), box)
+    return model.min_jacobian() > 0 and not model.crossings()
+
+
+def _finer(
+    points: _All, found: Fit, box: ControlBox, noise: float, solution: Solution, regularity: str | Regulariser
+) -> FinerBox | None:
+    """What a finer box says of all points."""
+    if found.finer is None:
+        return None
+    raised = box.elevate(found.finer.degrees)
+    points.settled(box, noise)
+    (equations,), count = points.sums(box, [raised], noise)
+    evidence = _evidence(equations, raised, regularity, count, solution.share)
+    return FinerBox(raised, evidence, solution.strength, points.frame.scale)
+
+
+def _evidence(
+    equations: NormalEquations, box: ControlBox, regularity: str | Regulariser, count: float, share: float
+) -> Evidence:
+    l, m, n, _ = box.control_points.shape
+    return Evidence(equations, penalty(regularity, (l, m, n)), count, share)
+
+
+def _with_arrays(points: _All, fit: Fit) -> Fit:
+    """Distances and probabilities of all points, by name."""
+    frame, told = points.frame, fit.noise / points.frame.scale
+    after = fit.model.placed(1 / frame.scale, -frame.centre / frame.scale)
+    before = replace(after, box=after.box.with_control_points(after.box.rest))
+    points.settled(after.box, told)
+    arrays: list[dict[str, Array]] = [{}, {}, {}]
+    for surface in points.surfaces:
+        made = [np.empty(len(surface.cloud)) for _ in arrays]
+
+        def of_part(surface: _Surface, where: slice, made: Sequence[Array] = made) -> None:
+            local = frame.to_local(surface.cloud[where])
+            distances = after.distance(local, surface.name)
+            made[0][where], made[1][where] = frame.scale * distances, frame.scale * before.distance(local, surface.name)
+            made[2][where] = surface.sheet.probabilities(distances, told) if points.robust else 1.0
+            made[2][where] *= surface.weights[where] > 0
+
+        for _ in points.each([surface], of_part):
+            pass
+        for found, array in zip(arrays, made):
+            found[surface.name] = array
+    strangers = named_texts({s.name: outliers(arrays[2][s.name], s.weights > 0) for s in points.surfaces})
+    warnings = {kind: text for kind, text in fit.warnings.items() if kind != WarningKind.OUTLIERS} | strangers
+    return replace(fit, warnings=warnings, residuals=arrays[0], superquadric_residuals=arrays[1], inliers=arrays[2])

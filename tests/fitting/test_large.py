@@ -1,0 +1,125 @@
+"""Very large clouds: the same surface as from all points at once, whatever their order and the number of threads."""
+
+import numpy as np
+import pytest
+from shapes_made import lumpy
+
+import quadriform as qf
+from quadriform.fitting import fit as doors
+from quadriform.fitting import large
+
+NOISE = 0.5
+TRUTH = lumpy(30_000)
+
+
+def cloud(count, seed=0):
+    rng = np.random.default_rng(seed)
+    points = TRUTH[rng.integers(0, len(TRUTH), count)]
+    return points + NOISE * rng.normal(size=points.shape)
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """What is called very large, made small enough for a test."""
+    monkeypatch.setattr(large, "MANY", 8000)
+    monkeypatch.setattr(doors, "MANY", 8000)
+    monkeypatch.setattr(large, "SAMPLE", 2500)
+    monkeypatch.setattr(large, "PART", 3000)
+
+
+def error(fit):
+    return float(np.sqrt((fit.model.distance(TRUTH[::7]) ** 2).mean()))
+
+
+def test_the_sample_does_not_see_the_order_and_keeps_its_size(rng):
+    points = rng.normal(size=(300_000, 3))
+    ones = np.ones(len(points))
+    order = rng.permutation(len(points))
+    first, second = large.sampled(points, ones), large.sampled(points[order], ones)
+    assert {tuple(p) for p in points[first]} == {tuple(p) for p in points[order][second]}
+    assert len(first) == pytest.approx(large.SAMPLE, rel=0.05)
+    halves = [np.mean(points[first][:, axis] > 0) for axis in range(3)]
+    np.testing.assert_allclose(halves, 0.5, atol=0.02)
+
+
+def test_a_lattice_and_a_scan_line_are_sampled_evenly():
+    x, y = np.meshgrid(np.arange(600.0), np.arange(400.0))
+    points = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
+    chosen = points[large.sampled(points, np.ones(len(points)))]
+    for axis, size in ((0, 600), (1, 400)):
+        counts = np.histogram(chosen[:, axis], bins=20, range=(0, size))[0]
+        assert counts.std() < 3 * np.sqrt(counts.mean())
+
+
+def test_points_without_weight_are_not_sampled(rng):
+    points, weights = rng.normal(size=(200_000, 3)), np.zeros(200_000)
+    weights[::4] = 1
+    chosen = large.sampled(points, weights)
+    assert (weights[chosen] == 1).all()
+    assert len(chosen) == pytest.approx(large.SAMPLE, rel=0.05)
+
+
+def test_all_points_tell_more_than_a_sample(small):
+    points = cloud(20_000)
+    few = points[large.sampled(points, np.ones(len(points)))]
+    alone, every = qf.fit(few), qf.fit(points)
+    assert error(every) < 0.8 * error(alone)
+    assert every.noise == pytest.approx(NOISE, rel=0.1)
+    assert every.model.min_jacobian() > 0
+    assert every.residuals.shape == every.inliers.shape == every.superquadric_residuals.shape == (20_000,)
+    np.testing.assert_allclose(every.residuals, every.model.distance(points), atol=1e-9)
+    assert every.status == "ok"
+
+
+def test_as_good_as_all_points_at_once(small, monkeypatch):
+    points = cloud(20_000, seed=1)
+    every = qf.fit(points)
+    monkeypatch.setattr(doors, "MANY", 10**9)
+    at_once = qf.fit(points)
+    assert error(every) < 1.15 * error(at_once)
+    spread = [fit.uncertainty(TRUTH[::500]) for fit in (every, at_once)]
+    assert 0.7 < np.median(spread[0] / spread[1]) < 1.4
+
+
+def test_the_number_of_threads_changes_nothing(small, monkeypatch):
+    points = cloud(12_000, seed=2)
+    found = []
+    for threads in ("1", "2"):
+        monkeypatch.setenv("OMP_NUM_THREADS", threads)
+        monkeypatch.setattr(large, "threads_for", lambda count, n=int(threads): n)
+        found.append(qf.fit(points).model.box.control_points)
+    np.testing.assert_array_equal(*found)
+
+
+def test_strangers_are_told_in_their_places(small, rng):
+    points = np.concatenate([cloud(12_000, seed=3), rng.uniform(-2, 2, (300, 3)) * np.abs(TRUTH).max()])
+    fit = qf.fit(points)
+    far = np.abs(fit.model.distance(points)) > 6 * NOISE
+    assert (fit.inliers[far] < 0.5).all() and far[-300:].sum() > 200
+    assert (fit.inliers[~far] > 0.5).mean() > 0.98
+    assert str(int((fit.inliers < 0.5).sum())) in fit.warnings["OUTLIERS"]
+
+
+def test_two_clouds_of_which_one_is_very_large(small):
+    points = {"outer": cloud(12_000, seed=4), "inner": 0.5 * cloud(3000, seed=5)}
+    fit = qf.fit(points)
+    assert {name: len(values) for name, values in fit.residuals.items()} == {"outer": 12_000, "inner": 3000}
+    assert fit.rms < 1.2 * NOISE
+    assert fit.model.min_jacobian() > 0
+
+
+def test_weights_count_as_before(small):
+    points, weights = cloud(12_000, seed=6), np.ones(12_000)
+    weights[::2] = 0
+    fit = qf.fit(points, weights=weights)
+    assert (fit.inliers[::2] == 0).all() and (fit.inliers[1::2] > 0.01).all()
+    twice = qf.fit(points, weights=2 * weights)
+    np.testing.assert_allclose(twice.model.box.control_points, fit.model.box.control_points, atol=1e-6)
+
+
+def test_refine_takes_the_same_way(small):
+    points = cloud(12_000, seed=7)
+    start = qf.fit_superquadric(points[:2000]).superquadric
+    fit = qf.refine(start, points, strength=1e-6)
+    assert fit.strength == 1e-6
+    assert fit.noise == pytest.approx(NOISE, rel=0.1)
