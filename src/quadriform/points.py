@@ -33,8 +33,10 @@ def check_points(points: ArrayLike, what: str = "points") -> Array:
         raise PointsError(f"{what}: expected an array of shape (n, 3), found {array.shape}{hint}")
     if len(array) == 0:
         raise PointsError(f"{what}: there are no points; expected at least one row x, y, z")
-    bad = ~np.isfinite(array).all(axis=1)
-    if bad.any():
+    with np.errstate(over="ignore", invalid="ignore"):
+        suspect = not np.isfinite(array.sum())  # needs no room; may be an overflow, too
+    if suspect and not np.isfinite(array).all():
+        bad = ~np.isfinite(array).all(axis=1)
         raise PointsError(
             f"{what}: {int(bad.sum())} of {len(array)} rows are not finite, the first at index {int(bad.argmax())} "
             f"({array[bad.argmax()]}); remove or repair them first"

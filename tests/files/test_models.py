@@ -1,6 +1,5 @@
 """The model's document: exact, small, the same twice, and strict."""
 
-import io
 import json
 import zipfile
 from dataclasses import replace
@@ -9,7 +8,7 @@ import numpy as np
 import pytest
 
 from quadriform.errors import FileFormatError, OptionError
-from quadriform.files.models import read_model, write_model
+from quadriform.files.models import holds_model, read_model, write_model
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
 
@@ -196,12 +195,51 @@ def test_a_file_cut_anywhere_is_refused(tmp_path, model, suffix):
             read_model(target)
 
 
-def rewrite(path, **changes):
-    with np.load(path) as archive:
-        arrays = {name: archive[name] for name in archive.files} | changes
-    stream = io.BytesIO()
-    np.savez(stream, **{name: array for name, array in arrays.items() if array is not None})
-    path.write_bytes(stream.getvalue())
+def as_at_first(model, path, **changes):
+    """The first layout of a .npz: every leaf an array of its own."""
+    write_model(model, path.with_suffix(".json"))
+    document = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
+    arrays = {name: np.array(value) for name, value in document.items() if name not in ("surfaces", "box")}
+    for i, surface in enumerate(document["surfaces"]):
+        arrays |= {f"surfaces[{i}].{name}": np.array(value) for name, value in surface.items()}
+    arrays |= {f"box.{name}": np.array(value) for name, value in document["box"].items()} | changes
+    np.savez(path, **{name: array for name, array in arrays.items() if array is not None})
+
+
+def test_the_first_layout_of_an_archive_is_still_read(tmp_path, model):
+    as_at_first(model, tmp_path / "m.npz")
+    assert holds_model(tmp_path / "m.npz")
+    assert_same(read_model(tmp_path / "m.npz"), model)
+
+
+def test_an_archive_is_smaller_than_four_thousand_bytes(tmp_path, model):
+    write_model(model, tmp_path / "m.npz")
+    assert (tmp_path / "m.npz").stat().st_size <= 4000
+    assert holds_model(tmp_path / "m.npz")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda text, numbers: (text, numbers[:-1]), "expected at least 404 numbers, found 403"),
+        (lambda text, numbers: (text, np.append(numbers, 1.0)), "expected 404 numbers by the shapes .* found 405"),
+        (lambda text, numbers: (text, numbers.astype(np.float32)), "one row of float64"),
+        (lambda text, numbers: (text.replace("[5,5,5,3]", "[5,5,-5,3]"), numbers), "a list of lengths"),
+        (lambda text, numbers: (text.replace("[5,5,5,3]", "7"), numbers), "a list of lengths"),
+        (lambda text, numbers: (text.replace("[5,5,5,3]", "[true]"), numbers), "a list of lengths"),
+        (lambda text, numbers: (text.replace("[5,5,5,3]", "[375]"), numbers), "field box.control_points"),
+        (lambda text, numbers: (text[:-1], numbers), "expected a model in JSON"),
+        (lambda text, numbers: (text, np.where(numbers == numbers[-1], np.nan, numbers)), "a finite number"),
+        (lambda text, numbers: ("[1]", numbers[:0]), "expected"),
+    ],
+)
+def test_text_and_numbers_that_do_not_go_together_are_refused(tmp_path, model, change, message):
+    write_model(model, tmp_path / "m.npz")
+    with np.load(tmp_path / "m.npz") as archive:
+        text, numbers = change(archive["document"].tobytes().decode(), archive["numbers"])
+    np.savez(tmp_path / "m.npz", document=np.frombuffer(text.encode(), np.uint8), numbers=numbers)
+    with pytest.raises(FileFormatError, match=message):
+        read_model(tmp_path / "m.npz")
 
 
 @pytest.mark.parametrize(
@@ -220,8 +258,7 @@ def rewrite(path, **changes):
 )
 def test_a_wrong_array_is_refused_by_its_path(tmp_path, model, changes, message):
     target = tmp_path / "m.npz"
-    write_model(model, target)
-    rewrite(target, **changes)
+    as_at_first(model, target, **changes)
     with pytest.raises(FileFormatError, match=message):
         read_model(target)
 

@@ -1,10 +1,9 @@
-"""The model as a small versioned document: JSON to read and to compare, or the same fields in a .npz.
+"""The model as a small versioned document: JSON to read and to compare, or the same packed in a .npz.
 
 Numbers are written with the fewest digits that give back the very same float64. Reading is strict: what the format
 does not know is refused with the path of the field.
 """
 
-import io
 import json
 import os
 import re
@@ -17,6 +16,7 @@ from quadriform.errors import FileFormatError, OptionError
 from quadriform.files.arrays import parse_npz
 from quadriform.files.atomic import write_bytes
 from quadriform.files.marks import SPACES, UNITS, check_marks
+from quadriform.files.packed import NUMBERS, TEXT, Unpacking, packed
 from quadriform.files.reading import quoted, read_bytes, signature, suffix_of
 from quadriform.files.strict import Field
 from quadriform.shapes.control_box import ControlBox
@@ -33,7 +33,7 @@ EXTRA = {"toroid": "hole_radius", "hyperboloid1": "height", "hyperboloid2": "hei
 
 
 def write_model(model: DeformableModel, path: str | os.PathLike[str], force: bool = False) -> None:
-    """Write a model as .json (under 12 kB for 386 numbers) or .npz, all or nothing.
+    """Write a model as .json (under 12 kB for 386 numbers) or .npz (under 4 kB), all or nothing.
 
     Args:
         model: the model, with its frame, unit and the hash of its input.
@@ -45,7 +45,7 @@ def write_model(model: DeformableModel, path: str | os.PathLike[str], force: boo
         OptionError: a frame or unit that the format does not know.
         OutputError: the target cannot be written.
     """
-    encode = {".json": encode_json, ".npz": _encode_npz}[suffix_of(path, MODEL_SUFFIXES, "a model")]
+    encode = {".json": encode_json, ".npz": packed}[suffix_of(path, MODEL_SUFFIXES, "a model")]
     write_bytes(path, encode(_document(model)), force)
 
 
@@ -72,7 +72,7 @@ def holds_model(path: str | os.PathLike[str]) -> bool:
     """
     if suffix_of(path, MODEL_SUFFIXES, "a model") == ".json":
         return True
-    return "format" in parse_npz(read_bytes(path), quoted(path))
+    return bool({"format", TEXT} & parse_npz(read_bytes(path), quoted(path)).keys())
 
 
 # --- model <-> document ------------------------------------------------------------------------------------------
@@ -203,20 +203,12 @@ def parse_json(data: bytes, where: str) -> Any:
         raise FileFormatError(f"{where}: expected a model in JSON, found {signature(data)} ({error})") from error
 
 
-def _encode_npz(document: dict[str, Any]) -> bytes:
-    arrays = {name: np.array(value) for name, value in document.items() if name not in ("surfaces", "box")}
-    for i, surface in enumerate(document["surfaces"]):
-        arrays |= {f"surfaces[{i}].{name}": np.array(value) for name, value in surface.items()}
-    arrays |= {f"box.{name}": np.array(value) for name, value in document["box"].items()}
-    stream = io.BytesIO()
-    np.savez(stream, **arrays)  # type: ignore[arg-type]
-    return stream.getvalue()
-
-
 def _parse_arrays(data: bytes, where: str) -> dict[str, Any]:
-    """The document whose leaves are the arrays of the archive: `box.edges`, `surfaces[0].kind`."""
-    document: dict[str, Any] = {}
-    for name, array in parse_npz(data, where).items():
+    """The document of two arrays; or as it was written at first, its leaves being arrays: `box.edges`."""
+    arrays, document = parse_npz(data, where), dict[str, Any]()
+    if arrays.keys() == {TEXT, NUMBERS}:
+        return Unpacking(arrays[NUMBERS], where).document(parse_json(arrays[TEXT].tobytes(), where))
+    for name, array in arrays.items():
         group, _, key = name.rpartition(".")
         target = document.setdefault(group, {}) if group else document
         if not isinstance(target, dict):

@@ -1,0 +1,77 @@
+"""A document in two arrays of a .npz: its text, in which a shape stands in the place of each array, and all numbers."""
+
+import io
+import json
+from math import prod
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadriform.errors import FileFormatError
+
+TEXT, NUMBERS = "document", "numbers"
+SHAPE = "shape"
+
+
+def packed(document: dict[str, Any]) -> bytes:
+    """The bytes of an archive; a list of numbers, or of such lists, is an array."""
+    numbers: list[NDArray[np.float64]] = []
+    text = json.dumps(_without_arrays(document, numbers), separators=(",", ":"), allow_nan=False)
+    stream = io.BytesIO()
+    arrays = {TEXT: np.frombuffer(text.encode(), np.uint8), NUMBERS: np.concatenate(numbers)}
+    np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
+    return stream.getvalue()
+
+
+def _without_arrays(value: Any, numbers: list[NDArray[np.float64]]) -> Any:
+    if isinstance(value, dict):
+        return {name: _without_arrays(each, numbers) for name, each in value.items()}
+    if isinstance(value, list) and value and not isinstance(value[0], dict):
+        array = np.array(value, dtype=np.float64)
+        numbers.append(array.ravel())
+        return {SHAPE: list(array.shape)}
+    return [_without_arrays(each, numbers) for each in value] if isinstance(value, list) else value
+
+
+class Unpacking:
+    """The arrays put back into their places.
+
+    Args:
+        numbers: (k,), all of them.
+        where: name of the file, for messages.
+    """
+
+    def __init__(self, numbers: NDArray[Any], where: str) -> None:
+        if numbers.dtype != np.float64 or numbers.ndim != 1:
+            raise FileFormatError(f"{where}: expected one row of float64 as {NUMBERS}, found {numbers.dtype}")
+        self.numbers, self.where, self.taken = numbers, where, 0
+
+    def document(self, text: Any) -> Any:
+        """The whole document.
+
+        Raises:
+            FileFormatError: shapes and numbers do not go together.
+        """
+        found = self._filled(text)
+        if self.taken != len(self.numbers):
+            self._refuse(f"{self.taken} numbers by the shapes in {TEXT}", str(len(self.numbers)))
+        return found
+
+    def _filled(self, value: Any) -> Any:
+        if isinstance(value, list):
+            return [self._filled(each) for each in value]
+        if not isinstance(value, dict):
+            return value
+        return self._array(value[SHAPE]) if value.keys() == {SHAPE} else {n: self._filled(v) for n, v in value.items()}
+
+    def _array(self, shape: Any) -> Any:
+        if not isinstance(shape, list) or not all(type(length) is int and length >= 0 for length in shape):
+            self._refuse("a list of lengths as a shape", repr(shape)[:60])
+        start, self.taken = self.taken, self.taken + prod(shape)
+        if self.taken > len(self.numbers):
+            self._refuse(f"at least {self.taken} numbers", str(len(self.numbers)))
+        return self.numbers[start : self.taken].reshape(shape).tolist()
+
+    def _refuse(self, expected: str, found: str) -> None:
+        raise FileFormatError(f"{self.where}: expected {expected}, found {found}")
