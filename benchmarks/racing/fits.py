@@ -18,7 +18,8 @@ from racing.child import measure
 from racing.harness import Goal, Lap, Missing, Row, against, in_turn, seconds
 
 NOISE = 0.5
-"""Of the synthetic ventricle's points, mm."""
+"""Of points, mm."""
+SEED = 20261125
 RIVALS: dict[str, Callable[[np.ndarray], rivals.Surface]] = {
     "Open3D Poisson": rivals.poisson,
     "Open3D Poisson, depth 5": lambda points: rivals.poisson(points, rivals.COARSE),
@@ -90,16 +91,30 @@ def _error(lap: Lap, data: np.lib.npyio.NpzFile) -> str:
 
 
 def superquadric(repeats: int, quick: bool) -> Iterator[Row]:
-    """A superquadric alone against one k-d tree of the same cloud, CPU time."""
-    for n, goal in KD_TREE.items():
-        if quick and n > 1_000:
-            return
-        points = SyntheticVentricle().surface_points("epi", 0.3, n, NOISE)
-        sides = {"ours": partial(qf.fit_superquadric, points), "tree": partial(_tree, points)}
-        with one_thread():  # threads that wait would count as work
-            laps = in_turn(sides, repeats, time.process_time)
-        race = f"superquadric alone, {n:,} points, CPU / k-d tree"
-        yield against(race, goal, laps["ours"], laps["tree"], "scipy cKDTree")
+    """A superquadric alone against one k-d tree of the same cloud, CPU time: of points of its kind, and of others."""
+    made = {"points of a superquadric": _of_a_superquadric, "points of a ventricle": _of_a_ventricle}
+    for what, drawn in made.items():
+        for n, goal in KD_TREE.items():
+            if quick and n > 1_000:
+                break
+            points = drawn(n)
+            sides = {"ours": partial(qf.fit_superquadric, points), "tree": partial(_tree, points)}
+            with one_thread():  # threads that wait would count as work
+                laps = in_turn(sides, repeats, time.process_time)
+            race = f"superquadric alone, {n:,} {what}, CPU / k-d tree"
+            yield against(race, goal, laps["ours"], laps["tree"], "scipy cKDTree")
+
+
+def _of_a_superquadric(n: int) -> np.ndarray:
+    rng = np.random.default_rng(SEED)
+    directions = rng.normal(size=(n, 3))
+    shape = qf.Superquadric(semi_axes=(30, 20, 15), exponents=(0.7, 1.2))
+    surface = shape.surface(directions / np.linalg.norm(directions, axis=1, keepdims=True))
+    return surface + NOISE * rng.normal(size=(n, 3))
+
+
+def _of_a_ventricle(n: int) -> np.ndarray:
+    return SyntheticVentricle().surface_points("epi", 0.3, n, NOISE)
 
 
 def _tree(points: np.ndarray) -> None:

@@ -31,7 +31,7 @@ from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
 from quadriform.shapes.threads import threads_for
 
-MANY, SAMPLE = 100_000, 30_000
+MANY, SAMPLE = 50_000, 30_000
 """A cloud of more points than the first is fitted to about so many of them."""
 PART = 16_000
 """Points that are handled at once; the parts are shared out among the cores."""
@@ -169,7 +169,7 @@ def _rounds(points: _All, found: Fit, box: ControlBox, options: TangentOptions) 
     strength, scale = check_strength(options.strength), points.frame.scale
     noise, history = found.noise / scale, list(found.history)
     share = 1.0 if found.finer is None else found.finer.evidence.share
-    solution: Solution | None = None
+    solutions = list[Solution]()
     probes = np.concatenate([surface.sheet.superquadric.grid(8)[0] for surface in points.surfaces])
     for _ in range(ROUNDS):
         points.settled(box, noise)
@@ -178,14 +178,15 @@ def _rounds(points: _All, found: Fit, box: ControlBox, options: TangentOptions) 
         if strength is not None:
             solution = evidence.solve(strength)
         else:
-            solution = evidence.best(found.strength) if solution is None else evidence.after(solution)
+            solution = evidence.after(solutions[-1]) if solutions else evidence.best(found.strength)
         after = _unfolded(points, evidence, box, solution)
         if after is None:
             return found
         before, (box, solution) = box, after
+        solutions.append(solution)
         noise = solution.noise
         history.append(record(before, box, probes, noise).scaled(scale))
-    assert solution is not None
+    solution = solutions[-1]
     return replace(
         found,
         model=replace(found.model, box=box.placed(scale, points.frame.centre)),
