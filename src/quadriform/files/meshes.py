@@ -10,14 +10,16 @@ import numpy as np
 from quadriform.errors import FileFormatError, OutputError
 from quadriform.files.atomic import write_bytes
 from quadriform.files.marks import check_marks, parse_marks
-from quadriform.files.reading import check_budget, quoted, read_bytes, signature, suffix_of
+from quadriform.files.ply import ply_claims
+from quadriform.files.reading import quoted, read_bytes, signature, suffix_of
 from quadriform.files.vtp import encode_vtp, parse_vtp
 from quadriform.points import Array, check_points
 from quadriform.shapes.mesh import Mesh
 
 MESH_SUFFIXES = (".ply", ".stl", ".obj", ".vtp")
 
-PLY_ELEMENT = re.compile(rb"^element\s+(\S+)\s+(\d+)\s*$", re.MULTILINE)
+OBJ_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+OBJ_CORNER = re.compile(r"-?\d+(/-?\d*){0,2}")
 HEAD = 4096
 """Bytes in which the marks stand, when there are any."""
 SINGLE = 1e-5
@@ -137,7 +139,9 @@ def _parse(data: bytes, suffix: str, where: str) -> tuple[Array, Any]:
     """Vertices (n, 3) and faces (m, 3), or None for a cloud."""
     if suffix == ".vtp":
         return parse_vtp(data, where)
-    claimed = _ply_claims(data, where) if suffix == ".ply" else {}
+    claimed = ply_claims(data, where) if suffix == ".ply" else {}
+    if suffix == ".obj":
+        _check_obj(data, where)
     loaded = _load(data, suffix, where)
     vertices, faces = np.asarray(loaded.vertices, dtype=np.float64), getattr(loaded, "faces", None)
     _check_counts(vertices, faces, claimed, where)
@@ -160,22 +164,17 @@ def _load(data: bytes, suffix: str, where: str) -> Any:
         raise FileFormatError(f"{where}: expected a {what} ({type(error).__name__}: {reason})") from error
 
 
-def _ply_claims(data: bytes, where: str) -> dict[str, int]:
-    """Element counts of the header, held against the bytes that follow before anything is allocated."""
-    header, end, body = data.partition(b"end_header")
-    if not data.startswith(b"ply") or not end:
-        raise FileFormatError(f"{where}: expected a PLY header, found {signature(data)}")
-    claims = {name.decode("latin-1"): int(count) for name, count in PLY_ELEMENT.findall(header)}
-    total = sum(claims.values())
-    check_budget(total, where)
-    found = len(body)
-    if b"format ascii" in header:
-        found = sum(1 for line in body.splitlines() if line.strip())
-        if found != total:
-            raise FileFormatError(f"{where}: the header promises {total} rows, found {found}")
-    if found < total:
-        raise FileFormatError(f"{where}: the header promises {total} elements, found only {found} bytes")
-    return claims
+def _check_obj(data: bytes, where: str) -> None:
+    """What trimesh leaves out without a word: vertices and faces whose lines are not whole."""
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise FileFormatError(f"{where}: expected text in UTF-8, found {signature(data)}") from error
+    for number, line in enumerate(text.splitlines(), 1):
+        word, *rest = line.partition("#")[0].split() or [""]
+        whole = {"v": OBJ_NUMBER, "f": OBJ_CORNER}.get(word)
+        if whole is not None and (len(rest) < 3 or not all(map(whole.fullmatch, rest))):
+            raise FileFormatError(f"{where}, line {number}: expected three numbers or more, found {line[:60]!r}")
 
 
 def _check_counts(vertices: Array, faces: Any, claimed: dict[str, int], where: str) -> None:

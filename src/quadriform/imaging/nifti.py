@@ -39,6 +39,8 @@ MILLIMETRES = {1: 1000.0, 2: 1.0, 3: 0.001}
 """From the units code of the header."""
 MILLISECONDS = {8: 1000.0, 16: 1.0, 24: 0.001}
 """From the code of the unit of time."""
+KNOWN_CODES = 5
+"""What the format knows to say of a form: 0 for none, up to "another template"."""
 SAME_FORM = 0.01
 """Two forms agree when no corner of the image moves by more than this share of the smallest spacing."""
 
@@ -121,7 +123,7 @@ def _read_header(stream: IO[bytes], path: Path) -> "Nifti1Header":
                 if len(block) < kind.sizeof_hdr:
                     raise FileFormatError(f"{str(path)!r}: cut short: it ends within its header")
                 header = kind(block, endianness=endianness, check=False)
-                if header["magic"].item().startswith(magic):
+                if header["magic"].item() == magic:
                     return header
     raise FileFormatError(f"{str(path)!r}: not a NIfTI image in one file (.nii); its first bytes are {first!r}")
 
@@ -191,6 +193,8 @@ def _world(header: "Nifti1Header", shape: Size, path: Path) -> tuple[Array, str,
     """World LPS mm from voxels, the unit, and whether the two forms disagree."""
     stored = {"sform": header.get_sform(), "qform": _qform(header)}
     codes = {name: int(header[f"{name}_code"]) for name in stored}
+    if not all(0 <= code <= KNOWN_CODES for code in codes.values()):
+        raise AffineError(f"{str(path)!r}: form codes {codes}; expected 0 to {KNOWN_CODES}: the header is damaged")
     used = next((name for name, code in codes.items() if code > 0), "")
     fault = affine_fault(stored[used]) if used else "no form has a code above 0"
     if fault:

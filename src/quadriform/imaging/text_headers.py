@@ -41,6 +41,7 @@ class TextHeader:
         spacing: (d,) as the text has it, NaN for an axis without.
         space: "LPS" or "unknown", after SimpleITK has read the file.
         kinds: what the axes of a NRRD are called, in lower case.
+        stored: how many compressed bytes there are, by the text; None where its format does not say.
     """
 
     data: Path
@@ -49,6 +50,7 @@ class TextHeader:
     spacing: Array
     space: str
     kinds: str
+    stored: int | None = None
 
 
 def read_text_header(path: Path) -> TextHeader:
@@ -78,6 +80,8 @@ def check_bytes(header: TextHeader, promised: int) -> None:
     size = check_readable(header.data)
     start = header.start if header.start is not None else size - promised
     found = _expanded(header.data, start) if header.compressed else size - max(start, 0)
+    if header.stored not in (None, size - start):  # SimpleITK would leave the rest of the voxels to chance
+        raise FileFormatError(f"{where}: the header promises {header.stored} compressed bytes, found {size - start}")
     if start < 0 or found < promised:
         raise FileFormatError(f"{where}: cut short: the header promises {promised} bytes of voxels, found {found}")
 
@@ -103,7 +107,8 @@ def _nrrd(block: bytes, path: Path) -> TextHeader:
     if not block.startswith(b"NRRD000"):
         raise FileFormatError(f"{quoted(path)}: not a NRRD image; its first bytes are {block[:8]!r}")
     end = min((at + len(gap) for gap in (b"\n\n", b"\r\n\r\n") if (at := block.find(gap)) >= 0), default=len(block))
-    fields = _fields(block[:end], ":")
+    # NRRD looks at no case, MetaImage does
+    fields = {key.lower(): value for key, value in _fields(block[:end], ":").items()}
     encoding = fields.get("encoding", "")
     if encoding not in ("raw", "gzip", "gz"):
         raise FileFormatError(f"{quoted(path)}: encoding {encoding!r}; expected raw or gzip")
@@ -142,27 +147,30 @@ def _meta(block: bytes, path: Path) -> TextHeader:
     if at < 0 or end == 0:
         raise FileFormatError(f"{quoted(path)}: not a MetaImage: no line ElementDataFile; it begins {block[:16]!r}")
     fields = _fields(block[:end], "=")
-    if fields.get("binarydata", "true").lower() != "true":
+    if fields.get("BinaryData", "true").lower() != "true":
         raise FileFormatError(f"{quoted(path)}: voxels as text; expected BinaryData = True")
-    name = fields["elementdatafile"]
+    name, compressed = fields.get("ElementDataFile", ""), fields.get("CompressedData", "false").lower() == "true"
+    if not name:
+        raise FileFormatError(f"{quoted(path)}: not a MetaImage: the line ElementDataFile names no file")
     start: int | None = end
     if name.upper() != "LOCAL":
-        skip = _whole(fields.get("headersize", "0"), path)
+        skip = _whole(fields.get("HeaderSize", "0"), path)
         start = skip if skip >= 0 else None
-    spacing = fields.get("elementspacing", fields.get("elementsize", ""))
-    oriented = {"transformmatrix", "orientation", "rotation"} & set(fields)
+    spacing = fields.get("ElementSpacing", fields.get("ElementSize", ""))
+    oriented = {"TransformMatrix", "Orientation", "Rotation"} & set(fields)
     return TextHeader(
         _data_file(None if name.upper() == "LOCAL" else name, path),
         start,
-        fields.get("compresseddata", "false").lower() == "true",
+        compressed,
         _floats(spacing.split()),
         "LPS" if oriented else "unknown",
         "",
+        _whole(fields.get("CompressedDataSize", ""), path) if compressed else None,
     )
 
 
 def _fields(block: bytes, separator: str) -> dict[str, str]:
-    """Keys, in lower case, and values of lines `key separator value`; the first of a key counts."""
+    """Keys and values of lines `key separator value`; the first of a key counts."""
     return dict(reversed(list(_pairs(block.decode("latin-1"), separator))))
 
 
@@ -170,7 +178,7 @@ def _pairs(text: str, separator: str) -> Iterator[tuple[str, str]]:
     for line in text.splitlines():
         key, found, value = line.partition(separator)
         if found and not line.startswith("#") and not value.startswith("="):  # key:=value is a remark in NRRD
-            yield key.strip().lower(), value.strip()
+            yield key.strip(), value.strip()
 
 
 def _data_file(name: str | None, path: Path) -> Path:

@@ -1,0 +1,265 @@
+"""The readers that are fuzzed: a sample of each, and for formats without a checksum a reader of another make."""
+
+import csv
+import json
+import re
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import nibabel
+import numpy as np
+
+import quadriform as qf
+from quadriform.files.guide_points import read_guide_points
+from quadriform.files.meshes import read_mesh
+from quadriform.files.points import read_points, write_points
+from quadriform.imaging.reading import read_volume
+
+POINTS = np.random.default_rng(0).normal(size=(40, 3)) * 30
+BOX = qf.ControlBox.around(qf.Superquadric(semi_axes=(30, 20, 15)), (3, 3, 3))
+MODEL = qf.DeformableModel({"surface": qf.Superquadric(semi_axes=(30, 20, 15))}, BOX, "LPS", "mm")
+VOXELS = np.random.default_rng(1).integers(0, 2000, (5, 6, 7)).astype(np.int16)
+AFFINE = np.array([[1.5, 0.1, 0, 3], [0, 2, 0, -4], [0, 0, 2.5, 5], [0, 0, 0, 1.0]])
+
+
+@dataclass
+class Kind:
+    """A reader, how its sample is written, and what another reader makes of the same bytes."""
+
+    name: str
+    suffix: str
+    write: Callable[[Path], object]
+    read: Callable[[Path], Any]
+    independent: Callable[[Path], Any] | None = None
+    whole: bytes = b""
+
+    def sample(self, folder: Path) -> tuple[Path, bytes]:
+        """A path to write to, and the bytes of a whole file; what reading that gives is kept."""
+        path = folder / f"{self.name.replace(' ', '_')}{self.suffix}"
+        self.write(path)
+        self.whole = plain(self.read(path))
+        return path, path.read_bytes()
+
+
+def plain(thing: Any) -> bytes:
+    """What a reader found, as bytes: arrays with their shapes, numbers and words; warnings and types do not count."""
+    if isinstance(thing, np.ndarray):
+        return repr(thing.shape).encode() + np.ascontiguousarray(thing, dtype=np.float64).tobytes()
+    if is_dataclass(thing):
+        return b"".join(plain(getattr(thing, f.name)) for f in fields(thing) if f.name != "warnings")
+    if isinstance(thing, dict):
+        return b"".join(repr(key).encode() + plain(value) for key, value in thing.items())
+    if isinstance(thing, tuple | list):
+        return b"".join(map(plain, thing))
+    return repr(thing).encode()
+
+
+def vertices_and_faces(mesh: qf.Mesh) -> tuple[np.ndarray, np.ndarray]:
+    return mesh.vertices, mesh.faces
+
+
+def rows_of_text(path: Path) -> np.ndarray:
+    """Three columns, comments and one header row left out, as a spreadsheet would read them."""
+    text = path.read_bytes().decode("utf-8-sig")
+    rows = [re.sub(r"#.*", "", line) for line in re.split(r"\r\n|\r|\n", text)]
+    rows = [row for row in rows if row.strip()]
+    cells = list(csv.reader(rows)) if "," in rows[0] else [re.split(r"[\s;]+", row.strip()) for row in rows]
+    cells = [[cell.strip() for cell in row] for row in cells]
+    columns = [0, 1, 2]
+    if not _number(cells[0][0]):
+        names = [name.lower() for name in cells.pop(0)]
+        columns = [names.index(axis) for axis in "xyz"]
+    return np.array([[float(row[column]) for column in columns] for row in cells])
+
+
+def _number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """A binary PLY by its header: vertices, and the faces' corners."""
+    head, body = path.read_bytes().split(b"end_header\n", 1)
+    letters = {"float": "f", "double": "d", "float32": "f", "float64": "d", "uchar": "B", "uint8": "B", "int": "i"}
+    letters |= {"int32": "i", "uint": "I", "uint32": "I", "short": "h", "ushort": "H", "char": "b", "int8": "b"}
+    vertices, faces, at = [], [], 0
+    for element in re.split(rb"\nelement ", head)[1:]:
+        name, count = element.split(None, 2)[:2]
+        properties = [
+            line.split()[1:] for line in element.decode("latin-1").splitlines() if line.startswith("property")
+        ]
+        for _ in range(int(count)):
+            row = {}
+            for words in properties:
+                number = 1
+                if words[0] == "list":
+                    (number,) = struct.unpack_from("<" + letters[words[1]], body, at)
+                    at += struct.calcsize(letters[words[1]])
+                form = f"<{number}{letters[words[-2]]}"
+                row[words[-1]] = struct.unpack_from(form, body, at)
+                at += struct.calcsize(form)
+            if name == b"vertex":
+                vertices.append([row[axis][0] for axis in "xyz"])
+            elif name == b"face":
+                faces.append(next(iter(row.values())))
+    return np.array(vertices), np.array(faces)
+
+
+def stl(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """A binary STL: equal corners are one vertex."""
+    data = path.read_bytes()
+    (count,) = struct.unpack_from("<I", data, 80)
+    record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("rest", "<u2")])
+    corners = np.frombuffer(data, record, count, 84)["corners"].astype(np.float64).reshape(-1, 3)
+    if len(data) != 84 + 50 * count:
+        raise ValueError("bytes that belong to no triangle")
+    vertices, index = np.unique(corners, axis=0, return_inverse=True)
+    return vertices, index.reshape(-1, 3)
+
+
+def obj(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Lines `v` and `f` of an OBJ."""
+    vertices, faces = [], []
+    for line in path.read_bytes().decode().splitlines():
+        word, *rest = line.split() or [""]
+        if word == "v":
+            vertices.append([float(cell) for cell in rest[:3]])
+        elif word == "f":
+            faces.append([int(cell.split("/")[0]) - 1 for cell in rest])
+    return np.array(vertices), np.array(faces)
+
+
+def vtp(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """The arrays of a VTP by their names, base64 after a count of bytes."""
+    import base64
+
+    found = {}
+    kinds = {"Float64": "<f8", "Int64": "<i8", "Int32": "<i4", "Float32": "<f4"}
+    for array in ElementTree.fromstring(path.read_bytes()).iter("DataArray"):
+        if array.get("type") in kinds and array.get("format") == "binary":
+            raw = base64.b64decode("".join((array.text or "").split()), validate=True)
+            if struct.unpack_from("<Q", raw) != (len(raw) - 8,):
+                raise ValueError("another size than the array's own")
+            found[array.get("Name")] = np.frombuffer(raw[8:], kinds[array.get("type")])
+    return found["Points"].reshape(-1, 3), found["connectivity"].reshape(-1, 3)
+
+
+def json_model(path: Path) -> list:
+    """The numbers and words of a model, in the order in which they are compared."""
+    document = json.loads(path.read_text(encoding="utf-8"))
+    surfaces = {s["name"]: s for s in document["surfaces"]}
+    keys = ("kind", "semi_axes", "exponents", "rotation", "translation")
+    return _numbers(document, {n: [s[k] for k in keys] for n, s in surfaces.items()})
+
+
+def _numbers(document: dict, surfaces: dict) -> list:
+    box = [np.array(document["box"][key], dtype=float) for key in ("origin", "edges", "control_points")]
+    flat = {name: [np.array(v, dtype=float) if isinstance(v, list) else v for v in s] for name, s in surfaces.items()}
+    return [flat, box, document["space"], document["unit"], document["input_sha256"]]
+
+
+def model_numbers(path: Path) -> list:
+    model = qf.load(path)
+    keys = ("kind", "semi_axes", "exponents", "rotation", "translation")
+    surfaces = {name: [getattr(s, key) for key in keys] for name, s in model.surfaces.items()}
+    box = [model.box.origin, model.box.edges, model.box.control_points]
+    return [surfaces, box, model.space, model.unit, model.input_sha256]
+
+
+def voxels_and_world(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    volume = read_volume(path)
+    return volume.values, volume.world_from_voxel
+
+
+def by_nibabel(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """NIfTI by nibabel, turned to LPS and millimetres."""
+    image = nibabel.load(path)
+    metres = {"meter": 1000.0, "mm": 1.0, "micron": 0.001, "unknown": 1.0}[image.header.get_xyzt_units()[0]]
+    world = np.diag([-metres, -metres, metres, 1]) @ image.affine
+    return np.asarray(image.get_fdata(dtype=np.float64)), world
+
+
+def write_simpleitk(path: Path, compressed: bool) -> None:
+    import SimpleITK
+
+    image = SimpleITK.GetImageFromArray(VOXELS)
+    image.SetSpacing((1.5, 2.0, 2.5))
+    SimpleITK.WriteImage(image, str(path), compressed)
+
+
+def by_simpleitk(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """What SimpleITK says itself; a cut file is refused by length before it is asked."""
+    import SimpleITK
+
+    image = SimpleITK.ReadImage(str(path))
+    world = np.eye(4)
+    world[:3, :3] = np.reshape(image.GetDirection(), (3, 3)) * image.GetSpacing()
+    world[:3, 3] = image.GetOrigin()
+    return SimpleITK.GetArrayFromImage(image).astype(np.float64).transpose(2, 1, 0), world
+
+
+def write_guide_points(path: Path) -> None:
+    lines = ["x\ty\tz\tcontour type\tframeID\tweight\ttime frame"]
+    kinds = ("SAX_LV_ENDOCARDIAL", "SAX_LV_EPICARDIAL", "MITRAL_VALVE")
+    lines += [
+        "\t".join([*map(repr, row), kinds[i % 3], str(i // 3), "1.0", "0"]) for i, row in enumerate(POINTS.tolist())
+    ]
+    path.write_text("\n".join(lines) + "\n")
+
+
+def guide_points(path: Path) -> dict[str, np.ndarray]:
+    """From the contour type to x y z, slice and weight of its points."""
+    found = read_guide_points(path)
+    return {
+        kind: np.column_stack([found.points[kind], found.slices[kind], found.weights[kind]]) for kind in found.points
+    }
+
+
+def guide_rows(path: Path) -> dict[str, np.ndarray]:
+    """The same by splitting at tabs."""
+    rows: dict[str, list] = {}
+    for line in path.read_bytes().decode("utf-8-sig").splitlines()[1:]:
+        cells = [cell.strip() for cell in line.split("\t")]
+        if any(cells):
+            rows.setdefault(cells[3], []).append([float(cells[i]) for i in (0, 1, 2, 4, 5)])
+    return {kind: np.array(values) for kind, values in rows.items()}
+
+
+MESH = MODEL.mesh(resolution=4)
+
+
+def saved(thing: Any) -> Callable[[Path], object]:
+    return lambda path: qf.save(thing, path)
+
+
+def mesh_kind(suffix: str, independent: Callable[[Path], Any]) -> Kind:
+    return Kind(f"mesh {suffix}", suffix, saved(MESH), lambda p: vertices_and_faces(read_mesh(p)), independent)
+
+
+KINDS = [
+    Kind("points .xyz", ".xyz", lambda p: write_points(POINTS, p), read_points, rows_of_text),
+    Kind("points .csv", ".csv", lambda p: write_points(POINTS, p), read_points, rows_of_text),
+    Kind("points .npy", ".npy", lambda p: write_points(POINTS, p), read_points, lambda p: np.load(p).astype(float)),
+    Kind("points .npz", ".npz", lambda p: write_points(POINTS, p), read_points),
+    mesh_kind(".ply", ply),
+    mesh_kind(".stl", stl),
+    mesh_kind(".obj", obj),
+    mesh_kind(".vtp", vtp),
+    Kind("model .json", ".json", saved(MODEL), model_numbers, json_model),
+    Kind("model .npz", ".npz", saved(MODEL), model_numbers),
+    Kind(
+        "image .nii", ".nii", lambda p: nibabel.Nifti1Image(VOXELS, AFFINE).to_filename(p), voxels_and_world, by_nibabel
+    ),
+    Kind("image .nii.gz", ".nii.gz", lambda p: nibabel.Nifti1Image(VOXELS, AFFINE).to_filename(p), voxels_and_world),
+    Kind("image .mha", ".mha", lambda p: write_simpleitk(p, False), voxels_and_world, by_simpleitk),
+    Kind("image .mha, compressed", ".mha", lambda p: write_simpleitk(p, True), voxels_and_world, by_simpleitk),
+    Kind("image .nrrd, compressed", ".nrrd", lambda p: write_simpleitk(p, True), voxels_and_world, by_simpleitk),
+    Kind("guide points", ".txt", write_guide_points, guide_points, guide_rows),
+]
