@@ -2,8 +2,9 @@
 
 python benchmarks/races.py [-o BENCHMARK.md] [--repeats 5] [--only NAME ...] [--quick] [--huge]
 
-`-o` writes the report; without it the tables are printed alone. `--quick` runs small sizes once, to see that everything
-runs: its figures mean nothing, and no report is written of them.
+`-o` writes the report; without it the tables are printed alone. With `--only` those rows of an earlier report that are
+not measured again stay as they are. `--quick` runs small sizes once, to see that everything runs: its figures mean
+nothing, and no report is written of them.
 """
 
 import argparse
@@ -18,7 +19,7 @@ from pathlib import Path
 import rate_distortion
 from common import table
 from racing import fits, hand, rivals
-from racing.harness import HEADER, Row, losses
+from racing.harness import HEADER, Cells, Row, losses, replaced, table_of
 
 import quadriform
 
@@ -31,8 +32,8 @@ a unit is given. Our own fits in the same process hold BLAS to one thread; rival
 with one thread, which on a busy machine is faster for them too: the harder row counts. Our time includes
 the mesh (24,578 vertices) where a rival returns one. Memory is the rise of the high-water mark of a process of its own,
 input loaded, libraries imported and the same done once before on about 1,000 points; what is returned is
-taken off. The two-threads race sets `OMP_NUM_THREADS` and `OPENBLAS_NUM_THREADS`: what BLAS and OpenMP do is threaded,
-the rest is not.
+taken off. The two-threads race sets `OMP_NUM_THREADS` and `OPENBLAS_NUM_THREADS`: the first is also how many threads
+our loops over points and searches of neighbours take.
 """
 
 
@@ -83,17 +84,17 @@ def markdown(header: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
     return "\n".join([lines[0], "|" + " --- |" * len(cells[0]), *lines[1:]])
 
 
-def report(rows: list[Row], rate: list[rate_distortion.Measured], before: str, repeats: int) -> str:
+def report(rows: list[Cells], rate: list[Cells], before: str, repeats: int) -> str:
     """The text of BENCHMARK.md."""
     today = datetime.datetime.now(datetime.UTC).date()
     sections = [
         f"# Races\n\n{today}. {before}.\n\n{versions()}.",
         MEASURED.format(repeats=repeats).strip(),
-        f"## Results\n\n{markdown(HEADER, (row.cells() for row in rows))}",
+        f"## Results\n\n{markdown(HEADER, rows)}",
         "## Where we lose\n\nRows that missed their goal, and races that were not run.\n\n"
         + ("\n".join(losses(rows)) or "Nowhere in this run."),
         f"## How each rival was called and tuned\n\n{rivals.HOW.strip()}",
-        f"## Rate against distortion\n\n{markdown(rate_distortion.HEADER, rate_distortion.rows(rate))}"
+        f"## Rate against distortion\n\n{markdown(rate_distortion.HEADER, rate)}"
         "\n\n![Rate against distortion](docs/figures/rate_distortion.png)",
     ]
     return "\n\n".join(sections) + "\n"
@@ -115,21 +116,24 @@ def arguments() -> argparse.Namespace:
 def main() -> None:
     chosen, before = arguments(), machine()
     repeats = 1 if chosen.quick else chosen.repeats
-    rows: list[Row] = []
+    rows: list[Cells] = []
 
     def run() -> Iterator[tuple[str, ...]]:
         for name, race in races(chosen.huge).items():
             if name in chosen.only:
                 for row in race(repeats, chosen.quick):
-                    rows.append(row)
+                    rows.append(row.cells())
                     yield row.cells()
 
     table(HEADER, run())
     rate = rate_distortion.printed() if "rate" in chosen.only and not chosen.quick else []
     if chosen.output:
+        earlier = chosen.output.read_text(encoding="utf-8") if chosen.output.is_file() else ""
+        distortion = list(rate_distortion.rows(rate)) or table_of(earlier, "Rate against distortion")
         if rate:
             rate_distortion.draw(rate)
-        chosen.output.write_text(report(rows, rate, before, repeats), encoding="utf-8")
+        every = replaced(table_of(earlier, "Results"), rows)
+        chosen.output.write_text(report(every, distortion, before, repeats), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -76,4 +76,17 @@ def test_losses_are_the_rows_that_missed_or_did_not_run(harness):
         harness.Row("absent", goal, None, rival="no wheel"),
         harness.Row("only shown", harness.Goal(None), 9.0),
     ]
-    assert harness.losses(rows) == ["- lost: 1.5 x, wanted <= 1 x.", "- absent: not raced; no wheel."]
+    assert harness.losses(row.cells() for row in rows) == [
+        "- lost: 1.5 x, wanted <= 1 x.",
+        "- absent: not raced; no wheel.",
+    ]
+
+
+def test_rows_that_were_measured_again_take_their_places(harness):
+    header = "\n".join(["## Results", "", "| race | verdict |", "| --- | --- |"])
+    text = f"# Races\n\n{header}\n| one | MISSED |\n| two |  |\n\n## Where we lose\n\n- one\n\n| no | table |\n"
+    earlier = harness.table_of(text, "Results")
+    assert earlier == [("one", "MISSED"), ("two", "")]
+    assert harness.table_of(text, "Rate") == []
+    later = harness.replaced(earlier, [("three", "reached"), ("one", "reached")])
+    assert later == [("one", "reached"), ("two", ""), ("three", "reached")]

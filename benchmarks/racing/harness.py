@@ -128,12 +128,29 @@ def seconds(value: float) -> str:
     return f"{value:.3g} s" if value >= 1 else f"{1000 * value:.3g} ms"
 
 
-def losses(rows: Iterable[Row]) -> list[str]:
-    """One line for each row that missed its goal or was not run."""
+Cells = tuple[str, ...]
+
+
+def losses(rows: Iterable[Cells]) -> list[str]:
+    """One line for each row, by its cells, that missed its goal or was not run."""
     lines = []
-    for row in rows:
-        if row.verdict == UNREACHED:
-            lines.append(f"- {row.race}: {row.cells()[3]}, wanted {row.goal.text(row.goal.must)}.")
-        elif row.verdict == SKIPPED:
-            lines.append(f"- {row.race}: not raced; {row.rival}.")
+    for race, must, _, measured, _, rival, verdict in rows:
+        if verdict == UNREACHED:
+            lines.append(f"- {race}: {measured}, wanted {must}.")
+        elif verdict == SKIPPED:
+            lines.append(f"- {race}: not raced; {rival}.")
     return lines
+
+
+def table_of(text: str, title: str) -> list[Cells]:
+    """The cells under a heading of a report, without the head of the table."""
+    section = text.partition(f"## {title}\n")[2].partition("\n## ")[0]
+    lines = [line for line in section.splitlines() if line.startswith("|")]
+    return [tuple(cell.strip() for cell in line[1:-1].split("|")) for line in lines[2:]]
+
+
+def replaced(earlier: Iterable[Cells], later: Iterable[Cells]) -> list[Cells]:
+    """Earlier rows, with those that were measured again in their places and new ones at the end."""
+    again = {row[0]: row for row in later}
+    kept = [again.pop(row[0], row) for row in earlier]
+    return [*kept, *again.values()]

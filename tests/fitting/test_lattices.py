@@ -7,8 +7,6 @@ from shapes_made import turned
 from quadriform.fitting.hypotheses import dense_parts
 from quadriform.fitting.neighbourhood import Neighbourhood
 from quadriform.fitting.sampling import outwards
-from quadriform.fitting.sheet import FacingCloud, Sheet
-from quadriform.shapes.superquadric import Superquadric
 
 
 def lattice_shell(centre):
@@ -55,14 +53,3 @@ def test_the_same_points_come_first_where_nothing_is_heavier(rng):
 def test_the_same_parts_are_dense(change):
     turn, order = change
     np.testing.assert_array_equal(dense_parts((LOPSIDED @ turn.T)[order]), dense_parts(LOPSIDED)[:, order])
-
-
-def test_others_face_like_the_same_few(change):
-    turn, order = change
-    few = Sheet(Superquadric(), LOPSIDED, np.ones(len(LOPSIDED))).thinned(200, robust=False).facing()
-    one = few.at(LOPSIDED)
-    shuffled = np.random.default_rng(0).permutation(200)
-    moved = FacingCloud((few.points @ turn.T)[shuffled], (few.normals @ turn.T)[shuffled], few.flatness[shuffled])
-    two = moved.at((LOPSIDED @ turn.T)[order])
-    np.testing.assert_allclose(two.normals, (one.normals @ turn.T)[order], atol=1e-9)
-    np.testing.assert_allclose(two.flatness, one.flatness[order], atol=1e-12)

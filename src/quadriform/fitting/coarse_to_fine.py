@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from quadriform.fitting.correspondence import MODEL_RESOLUTION, match_facing, match_unclaimed
 from quadriform.fitting.evidence import Solution
@@ -17,6 +18,7 @@ from quadriform.points import Array
 from quadriform.shapes.closest import closest_on, settle
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.model import DeformableModel
+from quadriform.shapes.threads import threads_for
 
 FIRST_POINTS = 400
 """Enough for the first stage, which tells starts from each other."""
@@ -172,7 +174,7 @@ class Rounds:
     ) -> tuple[ControlBox, Solution]:
         """Slide and step until the surface rests."""
         for sheet, part in zip(sheets, coarse.sheets):
-            sheet.origins = _placed(sheet, part, box)
+            sheet.origins = _placed(sheet, part)
         for _ in range(rounds):
             self._slide(box, sheets)
             if self.robust:
@@ -245,9 +247,9 @@ class Rounds:
         self.progress(len(self.history), COARSE_ROUNDS * len(self.ladder) + FINE_ROUNDS)
 
 
-def _placed(sheet: Sheet, part: Sheet, box: ControlBox) -> Array:
-    """First foot points (n, 3) of all data, facing like the nearest of the few points."""
-    return match_facing(sheet.superquadric, box, part.facing().at(sheet.points))
+def _placed(sheet: Sheet, part: Sheet) -> Array:
+    """First foot points (n, 3) of all data: those of the nearest of the few points."""
+    return part.origins[cKDTree(part.points).query(sheet.points, workers=threads_for(len(sheet.points)))[1]]
 
 
 def coarse_unfolded(rounds: Rounds, box: ControlBox, sheets: Sequence[Sheet]) -> Refined:

@@ -11,10 +11,11 @@ from scipy.spatial import cKDTree
 
 from quadriform.fitting.sampling import outwards
 from quadriform.points import Array
+from quadriform.shapes.threads import threads_for
 
 MOST = 64
 """Neighbours that are looked at; correlation that reaches farther counts for no more."""
-ASKED = 20_000
+ASKED = 10_000
 """Points whose neighbours are looked at; an even sample of more."""
 SURE = 3.0
 """A correlation counts when it is this many of its own standard errors above none at all."""
@@ -31,7 +32,7 @@ def independent_share(feet: Array, deviations: Array, weights: Array) -> float:
     count = min(MOST, len(feet) - 1) // 2 * 2
     order = outwards(feet - feet.mean(axis=0))
     some = order[np.linspace(0, len(order) - 1, min(ASKED, len(order))).astype(np.int64)]
-    near = cKDTree(feet).query(feet[some], k=np.arange(2, count + 2))[1]
+    near = cKDTree(feet).query(feet[some], k=np.arange(2, count + 2), workers=threads_for(len(feet)))[1]
     joint = weights[some, None] * weights[near]
     products = (joint * deviations[some, None] * deviations[near]).sum(axis=0)
     variance = float(weights @ deviations**2 / weights.sum())

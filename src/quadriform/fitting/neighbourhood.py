@@ -9,6 +9,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components, mini
 from scipy.spatial import cKDTree
 
 from quadriform.points import Array
+from quadriform.shapes.threads import threads_for
 
 NEIGHBOURS = 12
 SURFACE = 0.4
@@ -95,7 +96,7 @@ def _flattest_paths(points: Array, normals: Array) -> coo_matrix:
 
 def crowded(points: Array) -> NDArray[np.bool_]:
     """Which points (n,) have neighbours as near as most do; strangers scattered through space have not."""
-    reach = cKDTree(points).query(points, k=min(CROWD, len(points)))[0][:, -1]
+    reach = cKDTree(points).query(points, k=[min(CROWD, len(points))], workers=threads_for(len(points)))[0][:, 0]
     return reach <= LONELY * np.median(reach)
 
 
@@ -122,6 +123,7 @@ def nearest(among: Array, of: Array, count: int) -> tuple[NDArray[np.int64], NDA
     These are the nearest `count` and all that are as near as the last of them: on the lattices of images there are
     many, and rounding must not choose among them.
     """
-    distance, near = cKDTree(among).query(of, k=np.arange(1, min(count + TIED, len(among)) + 1))
+    ranks = np.arange(1, min(count + TIED, len(among)) + 1)
+    distance, near = cKDTree(among).query(of, k=ranks, workers=threads_for(len(of)))
     last = distance[:, [min(count, len(among)) - 1]]
     return near, distance <= (1 + TIE) * last

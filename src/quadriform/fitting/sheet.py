@@ -3,12 +3,13 @@
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.fitting.inliers import Mixture
-from quadriform.fitting.neighbourhood import Neighbourhood, crowded, has_edge, is_surface, nearest, oriented
+from quadriform.fitting.neighbourhood import Neighbourhood, crowded, has_edge, is_surface, oriented
 from quadriform.fitting.sampling import outwards
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
@@ -54,9 +55,13 @@ class Sheet:
         """
         order = outwards(self.points - self.points.mean(axis=0))
         if robust:
-            order = order[crowded(self.points)[order]]
+            order = order[self._crowded[order]]
         chosen = order[np.linspace(0, len(order) - 1, min(count, len(order))).astype(int)]
         return Sheet(self.superquadric, self.points[chosen], self.weights[chosen], self.beyond)
+
+    @cached_property
+    def _crowded(self) -> NDArray[np.bool_]:
+        return crowded(self.points)
 
     def with_superquadric(self, superquadric: Superquadric) -> "Sheet":
         """The same data around another start."""
@@ -118,14 +123,6 @@ class FacingCloud:
     points: Array
     normals: Array
     flatness: Array
-
-    def at(self, points: Array) -> "FacingCloud":
-        """Other points (m, 3), facing like the nearest of these; like the mean of several that are equally near."""
-        near, counts = nearest(self.points, points, 1)
-        trust = counts * self.flatness[near]
-        total = trust.sum(axis=1)
-        normals = np.einsum("mk,mki->mi", trust, self.normals[near]) / np.maximum(total, 1e-300)[:, None]
-        return FacingCloud(points, normals, total / counts.sum(axis=1))
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superquadric import Superquadric
+from quadriform.shapes.threads import threads_for
 
 RESOLUTION = 32
 FEW = 20
@@ -70,7 +71,7 @@ class Net:
     def starts(self, targets: Array) -> tuple[Index, Index]:
         """Pairs (target, vertex) to search from, sorted; the nearest vertex of each target is among them."""
         n, slack = len(self.points), self._slack
-        distance, vertex = cKDTree(self.points).query(targets, k=FEW)
+        distance, vertex = cKDTree(self.points).query(targets, k=FEW, workers=threads_for(len(targets)))
         nearest = distance[:, :1]
         room = distance**2 - nearest**2
         owner, column = np.nonzero(room <= self.cell[vertex] ** 2 + nearest * slack[vertex])
