@@ -1,0 +1,102 @@
+"""Each guard taken out in turn, in a copy: a test must fail. python tests/robustness/mutants.py (`make mutants`).
+
+Prints one line a guard; exits with 1 where no test noticed.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from quadriform.shapes import _kernel
+
+ROOT = Path(__file__).resolve().parents[2]
+ALONE = """
+import sys
+sys.meta_path = [finder for finder in sys.meta_path if "ScikitBuild" not in type(finder).__name__]
+"""
+"""The installed package's own finder would lead away from the copy."""
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """A guard, how it is taken out of a file of src/quadriform, and the tests that must notice."""
+
+    guard: str
+    file: str
+    old: str
+    new: str
+    tests: str
+
+
+MUTANTS = [
+    Mutant("points must be finite", "points.py", "if suspect and not np.isfinite(array).all()", "if False", "robustness"),
+    Mutant("centre before the fit", "points.py", "return (points - self.centre) / self.scale", "return points / self.scale", "robustness/test_bad_inputs.py"),
+    Mutant("rank of the points", "points.py", "if distinct >= 4 and rank < 3", "if False", "robustness/test_bad_inputs.py"),
+    Mutant("number of distinct points", "points.py", "if distinct < needed:\n        raise", "if False:\n        raise", "robustness/test_bad_inputs.py"),
+    Mutant("masked values", "points.py", "np.ma.getmaskarray(values).any()", "False", "robustness/test_bad_inputs.py"),
+    Mutant("whole numbers above 2^53", "points.py", "> 2**53", "> 2**99", "robustness/test_bad_inputs.py"),
+    Mutant("digits that were lost", "fitting/precision.py", "if share <= (LEAST_SHORT if short else LEAST):", "if True:", "robustness/test_bad_inputs.py"),
+    Mutant("copies count as weights", "fitting/duplicates.py", "np.bincount(place, weights)", "np.bincount(place)", "fitting properties"),
+    Mutant("data that ends at an edge", "fitting/fit_warnings.py", "elif name in result.ends:", "elif False:", "robustness/test_bad_inputs.py"),
+    Mutant("no logarithm of zero", "shapes/superellipse.py", "np.log(np.maximum(np.abs(u), TINY))", "np.log(np.abs(u))", "shapes"),
+    Mutant("flush to the disk", "files/atomic.py", "            os.fsync(stream.fileno())\n", "", "files/test_atomic.py"),
+    Mutant("replace at once", "files/atomic.py", "os.replace(temporary, target)", "shutil.copyfile(temporary, target)", "files/test_atomic.py"),
+    Mutant("no trace of an interrupt", "files/atomic.py", "            os.unlink(temporary)", "            pass", "files/test_atomic.py"),
+    Mutant("existing files stay", "files/atomic.py", "    if force:\n        return\n", "    return\n", "files/test_atomic.py"),
+    Mutant("budget of a file", "files/reading.py", "if size > MAX_BYTES:", "if False:", "files"),
+    Mutant("regular files only", "files/reading.py", "if not stat.S_ISREG(status.st_mode):", "if False:", "files/test_points.py"),
+    Mutant("bytes of a .npy", "files/arrays.py", "if promised != found:", "if False:", "files/test_points.py"),
+    Mutant("objects in a .npy", "files/arrays.py", "dtype.hasobject or ", "", "files/test_points.py"),
+    Mutant("names in an archive", "files/arrays.py", 'or ".." in path.parts', "", "files/test_points.py"),
+    Mutant("archives that swell", "files/arrays.py", "if promised > max(SMALL, MAX_EXPANSION * size):", "if False:", "files/test_points.py"),
+    Mutant("bytes of a PLY", "files/ply.py", "if at != len(body):", "if False:", "files/test_meshes.py robustness/test_fuzz.py"),
+    Mutant("whole lines of an OBJ", "files/meshes.py", "if whole is not None and", "if False and", "robustness/test_fuzz.py"),
+    Mutant("no DTD in XML", "files/vtp.py", 'b"<!DOCTYPE" in data or ', "", "files/test_meshes.py"),
+    Mutant("the end of a gzip stream", "imaging/nifti.py", " - _skip(stream, MAX_BYTES)", "", "imaging/test_reading.py"),
+    Mutant("voxels that are missing", "imaging/nifti.py", "if missing > 0:", "if False:", "imaging/test_reading.py"),
+    Mutant("compressed size of a MetaImage", "imaging/text_headers.py", "if header.stored not in (None, size - start):", "if False:", "robustness/test_fuzz.py"),
+    Mutant("shapes and numbers of a model", "files/packed.py", "if self.taken != len(self.numbers):", "if False:", "files/test_models.py"),
+    Mutant("fields that no model has", "files/models.py", 'root.only(("format", "version", "space", "unit", "input_sha256", "surfaces", "box"))', "pass", "files/test_models.py"),
+    Mutant("texts of a page are escaped", "report/page.py", "autoescape=True", "autoescape=False", "report/test_reports.py"),
+    Mutant("certificate of no folds", "fitting/unfolding.py", "return model.min_jacobian() > 0 and not model.crossings()", "return True", "fitting/test_unfolding.py"),
+]  # fmt: skip
+
+
+def survives(mutant: Mutant, copy: Path, environment: dict[str, str]) -> bool:
+    """Whether all tests pass without the guard."""
+    path = copy / "src" / "quadriform" / mutant.file
+    text = path.read_text(encoding="utf-8")
+    if text.count(mutant.old) != 1:
+        raise SystemExit(f"{mutant.guard}: {mutant.old!r} stands {text.count(mutant.old)} times in {mutant.file}")
+    changed = text.replace(mutant.old, mutant.new)
+    path.write_text("import shutil\n" + changed if "shutil." in mutant.new else changed, encoding="utf-8")
+    tests = [str(copy / "tests" / name) for name in mutant.tests.split()]
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests]
+    try:
+        return subprocess.run(command, cwd=copy, env=environment, capture_output=True, timeout=600).returncode == 0
+    finally:
+        path.write_text(text, encoding="utf-8")
+
+
+def main() -> int:
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "copy"
+        left_out = shutil.ignore_patterns(".git", ".venv*", "out", "__pycache__", ".*_cache")
+        shutil.copytree(ROOT, copy, ignore=left_out)
+        shutil.copy(_kernel.__file__, copy / "src" / "quadriform" / "shapes")
+        (copy / "alone").mkdir()
+        (copy / "alone" / "sitecustomize.py").write_text(ALONE, encoding="utf-8")
+        environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(copy / "alone"), str(copy / "src")])}
+        found = []
+        for mutant in MUTANTS:
+            found.append(survives(mutant, copy, environment))
+            print(f"| {mutant.guard} | {mutant.file} | {'SURVIVES' if found[-1] else 'noticed'} |", flush=True)
+    return int(any(found))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
