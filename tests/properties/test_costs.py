@@ -1,6 +1,7 @@
-"""M12, M15 and M16: many inputs at once; what fewer points, and what a richer model, cost at their best."""
+"""M12, M15 to M17: many inputs at once; what fewer points, and what a richer model, cost at best; halves of the data."""
 
 import numpy as np
+from clouds_made import noisy_egg
 from shapes_made import lumpy, made
 
 import quadriform as qf
@@ -53,3 +54,14 @@ def test_many_inputs_at_once_are_each_alone(tmp_path, monkeypatch, capsys):
         assert main(["fit", f"{name}.xyz", "-o", f"alone-{name}", *quick]) == 0
         alone = (tmp_path / f"alone-{name}" / "model.json").read_bytes()
         assert all((tmp_path / out / name / "model.json").read_bytes() == alone for out in ("ab", "ba"))
+
+
+def test_two_halves_of_the_data_agree_within_what_they_say_of_themselves():
+    """M17: everywhere within five of their standard deviations together, which are no larger than need be."""
+    points = noisy_egg(1600)
+    one, other = (qf.fit(points[start::2], box=(4, 4, 4)) for start in (0, 1))
+    vertices = one.model.mesh(resolution=8).vertices
+    sigma = np.hypot(one.uncertainty(vertices), other.uncertainty(vertices))
+    ratio = np.abs(other.model.distance(vertices)) / sigma
+    assert ratio.max() < 5
+    assert 0.4 < np.sqrt((ratio**2).mean()) < 2
