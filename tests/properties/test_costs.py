@@ -1,4 +1,4 @@
-"""M12, M15 to M17: many inputs at once; what fewer points, and what a richer model, cost at best; halves of the data."""
+"""M12, M15 to M17: many inputs at once; what fewer points, and what a richer model, cost at best; halves of data."""
 
 import numpy as np
 from clouds_made import noisy_egg

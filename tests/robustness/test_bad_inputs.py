@@ -51,6 +51,16 @@ def with_strangers(share):
     return np.vstack([CLOUD, np.random.default_rng(0).uniform(-70, 70, (count, 3))])
 
 
+class Table:
+    """What a table of another library offers to NumPy."""
+
+    def __init__(self, values):
+        self.values = values
+
+    def __array__(self, dtype=None, copy=None):
+        return np.array(self.values, dtype=dtype)
+
+
 def structured():
     return np.zeros(20, dtype=[("x", float), ("y", float), ("z", float)])
 
@@ -178,6 +188,7 @@ def test_row_17_whole_numbers_are_what_they_say(kind):
     [
         ("18 longdouble", lambda points: points.astype(np.longdouble)),
         ("19 list", lambda points: points.tolist()),
+        ("19 __array__", Table),
         ("21 Fortran order", np.asfortranarray),
         ("21 negative strides", lambda points: points[::-1, ::-1].copy()[::-1, ::-1]),
         ("21 every second row", lambda points: np.repeat(points, 2, axis=0)[::2]),
