@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from quadriform.errors import OptionError, choose
+from quadriform.errors import OptionError, Warnings, choose
 from quadriform.fitting.duplicates import Distinct
 from quadriform.fitting.fit_warnings import fit_warnings, named_texts
 from quadriform.fitting.large import MANY, on_all, sampled
 from quadriform.fitting.options import METHODS, PaperOptions, TangentOptions, options_for
 from quadriform.fitting.outcome import Fit, Progress, rms
+from quadriform.fitting.precision import precision
 from quadriform.fitting.refinement import two_step
 from quadriform.fitting.superquadric_fit import fit_superquadric
 from quadriform.fitting.tangent_fit import Result, fit_tangent
@@ -70,7 +71,7 @@ def fit(
         said = named_texts({name: s.warnings for name, s in starts.items()})
         return replace(refined, warnings=said | refined.warnings)
 
-    return _few_first(clouds, counted, chosen, whole)
+    return _with(_lost(points, clouds), _few_first(clouds, counted, chosen, whole))
 
 
 @one_blas_thread
@@ -114,7 +115,21 @@ def refine(
     counted, chosen = _weights(weights, clouds, method), options_for(method, options)
     if start is not None and isinstance(chosen, PaperOptions):
         raise OptionError("option start is not one of method='paper'; use method='tangent'")
-    return _few_first(clouds, counted, chosen, lambda few, n: _refine(surfaces, few, n, chosen, None, progress, start))
+
+    def whole(few: dict[str, Array], counts: dict[str, Array]) -> Fit:
+        return _refine(surfaces, few, counts, chosen, None, progress, start)
+
+    return _with(_lost(points, clouds), _few_first(clouds, counted, chosen, whole))
+
+
+def _with(warnings: Warnings, found: Fit) -> Fit:
+    return replace(found, warnings=warnings | found.warnings)
+
+
+def _lost(points: Clouds, clouds: dict[str, Array]) -> Warnings:
+    """What clouds had lost before they came."""
+    given = points if isinstance(points, Mapping) else {ALONE: points}
+    return named_texts({str(name): precision(each, clouds[str(name)]) for name, each in given.items()})
 
 
 def _few_first(

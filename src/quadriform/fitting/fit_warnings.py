@@ -52,6 +52,10 @@ def _of_surface(result: Result, name: str, cloud: Array, residuals: Array, inlie
     thin = coverage_warning(surface, cloud[kept], result.beyond) if kept.any() else "no point is near the surface"
     if thin and not result.covered:
         warnings[WarningKind.PARTIAL_COVERAGE] = thin
+    elif name in result.ends:
+        warnings[WarningKind.PARTIAL_COVERAGE] = (
+            "the points end at an edge, beyond which the surface is the model's guess; if it is a base, say so (base=)"
+        )
     outside = _outside(result.model.box, surface)
     if outside > 0:
         warnings[WarningKind.OUTSIDE_LATTICE] = f"{100 * outside:.0f} % of the surface is beyond the box"

@@ -79,6 +79,10 @@ class Sheet:
             return False
         return self.beyond is not None or not has_edge(self.points, self.around)
 
+    def ends(self) -> bool:
+        """Whether the data is a sampled surface that stops somewhere, where nobody said that it would."""
+        return self.beyond is None and is_surface(self.around) and has_edge(self.points, self.around)
+
     def missing(self, points: Array) -> NDArray[np.bool_]:
         """Which of (m, 3) points lie beyond the base, where no data is expected."""
         if self.beyond is None:

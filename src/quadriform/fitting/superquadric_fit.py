@@ -11,6 +11,7 @@ from quadriform.errors import OptionError, WarningKind, Warnings, choose
 from quadriform.fitting.determined import determined
 from quadriform.fitting.inliers import LEAST_SIGMA
 from quadriform.fitting.outcome import SuperquadricFit
+from quadriform.fitting.precision import precision
 from quadriform.fitting.residuals import Candidates, distances
 from quadriform.fitting.robust_superquadric import cut_to, fit_robust, in_world
 from quadriform.fitting.start import start
@@ -52,12 +53,14 @@ def fit_superquadric(
     choose(method, ("robust", "paper"), "method")
     world = check_points(points)
     if method == "robust":
-        return fit_robust(world, kind, check_weights(weights, len(world)), dict(fixed or {}))
+        robust = fit_robust(world, kind, check_weights(weights, len(world)), dict(fixed or {}))
+        return replace(robust, warnings=precision(points, world) | robust.warnings)
     if weights is not None or fixed:
         raise OptionError("method='paper' takes neither weights nor fixed; use method='robust'")
     check_spread(world, needed=12 if kind == "toroid" else 11)
     frame = Frame.of(world)
-    return in_world(fit_paper(frame.to_local(world), kind), frame)
+    found = in_world(fit_paper(frame.to_local(world), kind), frame)
+    return replace(found, warnings=precision(points, world) | found.warnings)
 
 
 class _Unbounded:

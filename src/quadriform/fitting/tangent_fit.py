@@ -45,6 +45,7 @@ class Result:
         warnings: about the refinement itself.
         beyond: half-space where no data is expected.
         covered: whether the data was seen to sample closed surfaces, whatever directions it lies in.
+        ends: names of surfaces whose data stops at an edge.
         counted: name -> which points have a weight, or None for all.
     """
 
@@ -58,6 +59,7 @@ class Result:
     warnings: Warnings = field(default_factory=dict)
     beyond: HalfSpace | None = None
     covered: bool = False
+    ends: tuple[str, ...] = ()
     counted: dict[str, NDArray[np.bool_]] | None = None
 
 
@@ -225,6 +227,7 @@ def _result(task: _Task, trial: _Trial, refined: Refined, warnings: Warnings) ->
         warnings=warnings,
         beyond=task.beyond,
         covered=trial.coarse.covered and task.beyond is None,
+        ends=tuple(name for name, sheet in zip(task.clouds, trial.coarse.sheets) if sheet.ends()),
     )
 
 

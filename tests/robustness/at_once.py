@@ -1,0 +1,40 @@
+"""Fits in worker processes and in threads, all at once; prints whether each is the serial one, and how near it is.
+
+A program of its own (`python -O at_once.py`), so that spawned workers can import it. Its name keeps it from pytest.
+"""
+
+import multiprocessing
+import sys
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+
+import numpy as np
+
+import quadriform as qf
+
+
+def cloud(seed):
+    u = np.random.default_rng(seed).normal(size=(200, 3))
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    return u * [3, 2, 4] + 0.1 * np.sin(3 * u[:, [1, 2, 0]])
+
+
+def fitted(seed):
+    return qf.fit(cloud(seed), box=(3, 3, 3)).model.box.control_points
+
+
+def report(name, found, wanted):
+    same = all(one.tobytes() == other.tobytes() for one, other in zip(found, wanted, strict=True))
+    near = max(float(np.abs(one - other).max()) for one, other in zip(found, wanted, strict=True))
+    print(name, same, f"{near:.1e}")
+
+
+if __name__ == "__main__":
+    seeds = [1, 2, 3, 4]
+    wanted = [fitted(seed) for seed in seeds]
+    for way in ("spawn", "fork"):
+        with ProcessPoolExecutor(4, multiprocessing.get_context(way)) as pool:
+            report(way, list(pool.map(fitted, seeds)), wanted)
+    with ThreadPoolExecutor(4) as pool:
+        report("threads", list(pool.map(fitted, seeds)), wanted)
+    print("matplotlib", "matplotlib" in sys.modules)
+    print(wanted[0].tobytes().hex())

@@ -1,0 +1,270 @@
+"""Rows 1 to 34 of docs/reliability.md: point clouds that are not what they should be. The ids are the rows."""
+
+import hashlib
+
+import numpy as np
+import pytest
+from shapes_made import even_directions, lumpy, made, turned
+
+import quadriform as qf
+from quadriform.errors import DegenerateError, OptionError, PointsError
+from quadriform.points import Frame
+
+CLOUD = lumpy(400)
+RADIUS = Frame.of(CLOUD).scale
+SPHERE = even_directions(400)
+BODY = made().surface(even_directions(1500)) - made().translation
+
+
+def fit(points, **options):
+    return qf.fit(points, box=(3, 3, 3), **options)
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return fit(CLOUD)
+
+
+def put(value):
+    points = CLOUD.copy()
+    points[3, 1] = value
+    return points
+
+
+def plane(matrix):
+    return np.random.default_rng(0).normal(size=(60, 3)) * [1, 1, 0] @ matrix
+
+
+def tube():
+    angle = np.linspace(0, 2 * np.pi, 40, endpoint=False)
+    return np.array([[np.cos(a), np.sin(a), z] for a in angle for z in np.linspace(-2, 2, 15)])
+
+
+def ball():
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(1500, 3))
+    return points * (rng.uniform(size=1500) ** (1 / 3) / np.linalg.norm(points, axis=1))[:, None]
+
+
+def with_strangers(share):
+    count = int(len(CLOUD) * share / (1 - share))
+    return np.vstack([CLOUD, np.random.default_rng(0).uniform(-70, 70, (count, 3))])
+
+
+class Table:
+    """What a table of another library offers to NumPy."""
+
+    def __init__(self, values):
+        self.values = values
+
+    def __array__(self, dtype=None, copy=None):
+        return np.array(self.values, dtype=dtype)
+
+
+def structured():
+    return np.zeros(20, dtype=[("x", float), ("y", float), ("z", float)])
+
+
+REFUSED = {
+    "1": (lambda: put(np.nan), PointsError, r"1 of 400 rows are not finite, the first at index 3"),
+    "2 +inf": (lambda: put(np.inf), PointsError, "index 3"),
+    "2 -inf": (lambda: put(-np.inf), PointsError, "index 3"),
+    "3": (lambda: np.zeros((0, 3)), PointsError, "no points"),
+    "4 one": (lambda: CLOUD[:1], DegenerateError, "zero extent"),
+    "4 two": (lambda: CLOUD[:2], DegenerateError, "2 distinct points; expected at least 11"),
+    "4 three": (lambda: CLOUD[:3], DegenerateError, "3 distinct points; expected at least 11"),
+    "5 ten": (lambda: CLOUD[:10], DegenerateError, "10 distinct points; expected at least 11"),
+    "6": (lambda: np.concatenate([CLOUD[:6]] * 2), DegenerateError, "6 distinct points"),
+    "6 nearly": (
+        lambda: np.concatenate([CLOUD[:6], CLOUD[:6] + 1e-13 * RADIUS]),
+        DegenerateError,
+        "distinct points; expected at least 11",
+    ),
+    "7": (lambda: np.ones((50, 3)), DegenerateError, "zero extent"),
+    "8": (lambda: np.outer(np.arange(50.0), [1, 2, 3]), DegenerateError, "rank 1 of 3"),
+    "9": (lambda: plane(np.eye(3)), DegenerateError, "rank 2 of 3"),
+    "9 oblique": (lambda: plane(turned(3)) + 5, DegenerateError, "rank 2 of 3"),
+    "16 tiny": (lambda: 1e-160 * CLOUD, PointsError, "scale out of range"),
+    "16 huge": (lambda: 1e160 * CLOUD, PointsError, "scale out of range"),
+    "17 bool": (lambda: CLOUD > 0, PointsError, "type bool"),
+    "17 whole numbers above 2^53": (lambda: (CLOUD * 2**50).astype(np.int64), PointsError, r"above 2\^53"),
+    "19 complex": (lambda: CLOUD.astype(complex), PointsError, "type complex128"),
+    "19 object": (lambda: CLOUD.astype(object), PointsError, "type object"),
+    "19 text": (lambda: CLOUD.astype(str), PointsError, "type <U"),
+    "19 times": (lambda: CLOUD.astype(int).astype("datetime64[s]"), PointsError, "type datetime64"),
+    "19 masked": (lambda: np.ma.masked_greater(CLOUD, 20), PointsError, "masked"),
+    "19 structured": (structured, PointsError, "expected real numbers"),
+    "19 ragged": (lambda: [[1.0, 2, 3], [4.0, 5]], PointsError, "unequal length"),
+    "20 (3, n)": (lambda: CLOUD.T, PointsError, r"\(3, 400\); try points.T"),
+    "20 (n, 2)": (lambda: CLOUD[:, :2], PointsError, r"expected an array of shape \(n, 3\), found \(400, 2\)"),
+    "20 (n, 4)": (lambda: np.c_[CLOUD, CLOUD[:, :1]], PointsError, r"found \(400, 4\)"),
+    "20 (n,)": (lambda: CLOUD[:, 0], PointsError, r"found \(400,\)"),
+    "20 (1, n, 3)": (lambda: CLOUD[None], PointsError, r"found \(1, 400, 3\)"),
+    "20 (3, 3) is three rows": (lambda: CLOUD[:3], DegenerateError, "3 distinct points"),
+}
+
+
+@pytest.mark.parametrize("row", REFUSED)
+@pytest.mark.parametrize("door", [fit, qf.fit_superquadric], ids=["fit", "superquadric"])
+def test_what_cannot_be_fitted_is_refused(row, door):
+    points, error, message = REFUSED[row]
+    with pytest.raises(error, match=message):
+        door(points())
+
+
+WARNED = {
+    "5 eleven": (lambda: CLOUD[:11], {"PARTIAL_COVERAGE"}),
+    "5 twelve": (lambda: CLOUD[:12], {"PARTIAL_COVERAGE"}),
+    "10": (lambda: made(semi_axes=(3.0, 2.0, 1e-3)).surface(SPHERE)[:, [2, 0, 1]], set()),
+    "11": (lambda: np.concatenate([CLOUD, CLOUD]), {"DUPLICATES"}),
+    "14": (lambda: (CLOUD + 1e6).astype(np.float32), {"PRECISION_LOSS"}),
+    "18 float16": (lambda: CLOUD.astype(np.float16), {"PRECISION_LOSS"}),
+    "23": (lambda: np.vstack([CLOUD, [20 * RADIUS, 0, 0]]), {"OUTLIERS"}),
+    "24 30 %": (lambda: with_strangers(0.3), {"OUTLIERS"}),
+    "24 50 %": (lambda: with_strangers(0.5), set()),
+    "25 half": (lambda: BODY[BODY[:, 2] > 0], {"PARTIAL_COVERAGE"}),
+    "25 quarter": (lambda: BODY[(BODY[:, 1:] > 0).all(axis=1)], {"PARTIAL_COVERAGE"}),
+    "25 octant": (lambda: BODY[(BODY > 0).all(axis=1)], {"PARTIAL_COVERAGE"}),
+    "29": (tube, {"PARTIAL_COVERAGE"}),
+    "30": (ball, {"POOR_FIT"}),
+    "31": (lambda: np.vstack([SPHERE, np.add(SPHERE, [6, 0, 0])]), set()),
+}
+
+
+@pytest.mark.parametrize("row", WARNED)
+def test_what_is_doubtful_is_never_plain_ok(row):
+    points, kinds = WARNED[row]
+    found = fit(points())
+    assert found.status == "warned"
+    assert kinds <= set(found.warnings)
+    assert np.isfinite(found.residuals).all() and np.isfinite(found.model.box.control_points).all()
+
+
+@pytest.mark.parametrize(
+    ("row", "points", "kinds"),
+    [
+        ("5", lambda: CLOUD[:11], {"PARTIAL_COVERAGE"}),
+        ("26 sphere", lambda: SPHERE, {"NEAR_SYMMETRIC"}),
+        ("26 cylinder", lambda: qf.Superquadric(exponents=(0.3, 1.0)).surface(SPHERE), {"NEAR_SYMMETRIC"}),
+        ("27 nearly a box", lambda: qf.Superquadric(exponents=(0.01, 0.01)).surface(SPHERE), {"AT_BOUND"}),
+        ("27 flat bevels", lambda: qf.Superquadric(exponents=(2.0, 2.0)).surface(SPHERE), {"AT_BOUND"}),
+        ("29", tube, {"ILL_CONDITIONED"}),
+    ],
+)
+def test_a_superquadric_says_what_its_points_do_not_hold(row, points, kinds):
+    cloud = points()
+    found = qf.fit_superquadric(cloud)
+    assert kinds <= set(found.warnings)
+    assert found.superquadric.semi_axes.max() <= 2.01 * np.ptp(cloud, axis=0).max()
+
+
+def same_surface(found, plain, carry=lambda points: points, tolerance=1e-7):
+    vertices = carry(plain.model.mesh(resolution=8).vertices)
+    assert np.abs(found.model.distance(vertices)).max() < tolerance * Frame.of(carry(CLOUD)).scale
+
+
+@pytest.mark.parametrize(("row", "offset", "tolerance"), [("12", 1e6, 1e-7), ("13", 1e8, 1e-6)])
+def test_far_from_the_origin(plain, row, offset, tolerance):
+    same_surface(fit(CLOUD + offset), plain, lambda points: points + offset, tolerance)
+
+
+def test_row_13_at_worse_offsets_the_digits_that_are_gone_are_named():
+    assert set(fit(CLOUD + 1e10).warnings) >= {"PRECISION_LOSS"}
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e-3, 1e3, 1e6])
+def test_row_15_any_unit(plain, scale):
+    same_surface(fit(scale * CLOUD), plain, lambda points: scale * points)
+
+
+@pytest.mark.parametrize("kind", [np.int8, np.int16, np.int32, np.int64, np.uint8])
+def test_row_17_whole_numbers_are_what_they_say(kind):
+    whole = np.round(CLOUD + (80 if kind is np.uint8 else 0))
+    np.testing.assert_array_equal(fit(whole.astype(kind)).residuals, fit(whole).residuals)
+
+
+@pytest.mark.parametrize(
+    ("row", "dress"),
+    [
+        ("18 longdouble", lambda points: points.astype(np.longdouble)),
+        ("19 list", lambda points: points.tolist()),
+        ("19 __array__", Table),
+        ("21 Fortran order", np.asfortranarray),
+        ("21 negative strides", lambda points: points[::-1, ::-1].copy()[::-1, ::-1]),
+        ("21 every second row", lambda points: np.repeat(points, 2, axis=0)[::2]),
+        ("22 big endian", lambda points: points.astype(">f8")),
+    ],
+)
+def test_the_same_numbers_in_another_dress(plain, row, dress):
+    np.testing.assert_array_equal(fit(dress(CLOUD)).model.box.control_points, plain.model.box.control_points)
+
+
+@pytest.mark.parametrize("door", [fit, qf.fit_superquadric], ids=["fit", "superquadric"])
+def test_row_21_input_is_never_written_to(door, tmp_path):
+    np.save(tmp_path / "cloud.npy", CLOUD)
+    mapped = np.load(tmp_path / "cloud.npy", mmap_mode="r+")
+    before = hashlib.sha256(mapped.tobytes()).hexdigest()
+    door(mapped)
+    assert hashlib.sha256(mapped.tobytes()).hexdigest() == before
+    held = CLOUD.copy()
+    held.setflags(write=False)
+    door(held)
+
+
+def test_row_23_one_gross_outlier_moves_nothing(plain):
+    found = fit(np.vstack([CLOUD, [20 * RADIUS, 0, 0]]))
+    same_surface(found, plain, tolerance=1e-2)
+    assert found.warnings["OUTLIERS"].endswith("400")
+
+
+@pytest.mark.parametrize(("share", "tolerance"), [(0.1, 2e-2), (0.3, 5e-2)])
+def test_row_24_strangers_move_little(plain, share, tolerance):
+    distances = fit(with_strangers(share)).model.distance(plain.model.mesh(resolution=8).vertices)
+    assert np.sqrt((distances**2).mean()) < tolerance * RADIUS
+
+
+def test_row_28_points_on_axes_planes_and_at_the_centre_have_finite_distances():
+    surface = made()
+    special = np.array([[0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3], [1, 1, 0], [0, 1, 1.0]])
+    world = special @ surface.rotation.T + surface.translation
+    for values in (surface.implicit(world), surface.gradient(world), *surface.parameter_derivatives(world)):
+        assert np.isfinite(values).all()
+
+
+@pytest.mark.parametrize(
+    ("weights", "message"),
+    [
+        (-np.ones(400), ">= 0"),
+        (np.full(400, np.nan), "finite"),
+        (np.zeros(400), "all zero"),
+        (np.ones(3), r"expected shape \(400,\), found \(3,\)"),
+    ],
+    ids=["33 negative", "33 NaN", "33 all zero", "33 wrong length"],
+)
+def test_weights_that_mean_nothing_are_refused(weights, message):
+    with pytest.raises(PointsError, match=message):
+        fit(CLOUD, weights=weights)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"strength": np.nan}, "strength"),
+        ({"strength": -1}, "strength"),
+        ({"strength": "much"}, "strength.*auto"),
+        ({"strengh": 1}, "strengh.*strength"),
+        ({"max_error": 1.0}, "max_error"),
+        ({"method": "papr"}, "paper"),
+        ({"kind": "cube"}, "ellipsoid"),
+    ],
+    ids=lambda value: f"79 {value}" if isinstance(value, dict) else "",
+)
+def test_options_that_are_none(options, message):
+    with pytest.raises(OptionError, match=message):
+        qf.fit(CLOUD, **options)
+
+
+def test_row_78_a_caller_that_raises_on_everything(plain):
+    with np.errstate(all="raise"):
+        found = fit(CLOUD)
+    np.testing.assert_array_equal(found.model.box.control_points, plain.model.box.control_points)

@@ -1,0 +1,71 @@
+"""The page of promises: every row and property once, each held by tests that exist or said not to be."""
+
+import ast
+import re
+import runpy
+from pathlib import Path
+
+import pytest
+
+TESTS = Path(__file__).resolve().parents[1]
+PAGE = (TESTS.parent / "docs" / "reliability.md").read_text(encoding="utf-8")
+WANTED = [str(n) for n in range(1, 81)] + [f"M{n}" for n in range(1, 28)]
+ROWS = dict(re.findall(r"^\| (M?\d+) \| (.*) \|$", PAGE, re.MULTILINE))
+DOORS = ("fit", "superquadric")
+HELD = {row: re.findall(r"`([\w/]+\.py)::([\w:]+)`", cells.split(" | ")[-1]) for row, cells in ROWS.items()}
+
+
+def section(title):
+    return PAGE.split(f"\n## {title}\n")[1].split("\n## ")[0] if f"\n## {title}\n" in PAGE else ""
+
+
+def argued_away():
+    return re.findall(r"^- \*\*Row (\d+),", section("What we do otherwise"), re.MULTILINE)
+
+
+def not_yet():
+    return re.findall(r"\bM?\d+\b", section("Not yet held"))
+
+
+def names_in(path):
+    """Tests of a file, those of classes with the name of the class before."""
+    found = set()
+    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.ClassDef):
+            found |= {f"{node.name}::{inner.name}" for inner in node.body if isinstance(inner, ast.FunctionDef)}
+        elif isinstance(node, ast.FunctionDef):
+            found.add(node.name)
+    return found
+
+
+def test_every_row_and_property_stands_once():
+    assert sorted(re.findall(r"^\| (M?\d+) \|", PAGE, re.MULTILINE)) == sorted(WANTED)
+
+
+@pytest.mark.parametrize("row", WANTED)
+def test_a_row_names_tests_that_exist_or_is_said_not_to_be_held(row):
+    for path, name in HELD[row]:
+        assert name.split("::")[-1].startswith("test_")
+        assert name in names_in(TESTS / path), f"{path}::{name}"
+    assert bool(HELD[row]) != (row in not_yet())
+    assert (row in not_yet()) == ("not yet" in ROWS[row])
+
+
+def test_few_rows_are_argued_away_each_with_its_reason():
+    assert 0 < len(argued_away()) <= 5
+    assert set(argued_away()) <= set(WANTED)
+    assert all(HELD[row] for row in argued_away())
+
+
+def test_ids_of_bad_inputs_are_rows():
+    """Those of the tables, and those that parametrised tests give."""
+    names = runpy.run_path(str(Path(__file__).with_name("test_bad_inputs.py")))
+    ids = [*names["REFUSED"], *names["WARNED"]]
+    for function in names.values():
+        for mark in getattr(function, "pytestmark", ()):
+            names_rows = mark.args[0][:1] == ("row",)
+            ids += [values[0] for values in mark.args[1]] if names_rows else []
+            ids += mark.kwargs.get("ids", []) if isinstance(mark.kwargs.get("ids"), list) else []
+    ids = [each for each in ids if each not in DOORS]
+    assert len(ids) > 60
+    assert [each for each in ids if each.split()[0] not in WANTED] == []
