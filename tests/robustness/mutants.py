@@ -33,37 +33,149 @@ class Mutant:
 
 
 MUTANTS = [
-    Mutant("points must be finite", "points.py", "if suspect and not np.isfinite(array).all()", "if False", "robustness"),
-    Mutant("centre before the fit", "points.py", "return (points - self.centre) / self.scale", "return points / self.scale", "robustness/test_bad_inputs.py"),
-    Mutant("rank of the points", "points.py", "if distinct >= 4 and rank < 3", "if False", "robustness/test_bad_inputs.py"),
-    Mutant("number of distinct points", "points.py", "if distinct < needed:\n        raise", "if False:\n        raise", "robustness/test_bad_inputs.py"),
+    Mutant(
+        "points must be finite", "points.py", "if suspect and not np.isfinite(array).all()", "if False", "robustness"
+    ),
+    Mutant(
+        "centre before the fit",
+        "points.py",
+        "return (points - self.centre) / self.scale",
+        "return points / self.scale",
+        "robustness/test_bad_inputs.py",
+    ),
+    Mutant(
+        "rank of the points", "points.py", "if distinct >= 4 and rank < 3", "if False", "robustness/test_bad_inputs.py"
+    ),
+    Mutant(
+        "number of distinct points",
+        "points.py",
+        "if distinct < needed:\n        raise",
+        "if False:\n        raise",
+        "robustness/test_bad_inputs.py",
+    ),
     Mutant("masked values", "points.py", "np.ma.getmaskarray(values).any()", "False", "robustness/test_bad_inputs.py"),
     Mutant("whole numbers above 2^53", "points.py", "> 2**53", "> 2**99", "robustness/test_bad_inputs.py"),
-    Mutant("digits that were lost", "fitting/precision.py", "if share <= (LEAST_SHORT if short else LEAST):", "if True:", "robustness/test_bad_inputs.py"),
-    Mutant("copies count as weights", "fitting/duplicates.py", "np.bincount(place, weights)", "np.bincount(place)", "fitting properties"),
-    Mutant("data that ends at an edge", "fitting/fit_warnings.py", "elif name in result.ends:", "elif False:", "robustness/test_bad_inputs.py"),
-    Mutant("no logarithm of zero", "shapes/superellipse.py", "np.log(np.maximum(np.abs(u), TINY))", "np.log(np.abs(u))", "shapes"),
-    Mutant("flush to the disk", "files/atomic.py", "            os.fsync(stream.fileno())\n", "", "files/test_atomic.py"),
-    Mutant("replace at once", "files/atomic.py", "os.replace(temporary, target)", "shutil.copyfile(temporary, target)", "files/test_atomic.py"),
-    Mutant("no trace of an interrupt", "files/atomic.py", "            os.unlink(temporary)", "            pass", "files/test_atomic.py"),
-    Mutant("existing files stay", "files/atomic.py", "    if force:\n        return\n", "    return\n", "files/test_atomic.py"),
+    Mutant(
+        "digits that were lost",
+        "fitting/precision.py",
+        "if share <= (LEAST_SHORT if short else LEAST):",
+        "if True:",
+        "robustness/test_bad_inputs.py",
+    ),
+    Mutant(
+        "copies count as weights",
+        "fitting/duplicates.py",
+        "np.bincount(place, weights)",
+        "np.bincount(place)",
+        "fitting properties",
+    ),
+    Mutant(
+        "data that ends at an edge",
+        "fitting/fit_warnings.py",
+        "elif name in result.ends:",
+        "elif False:",
+        "robustness/test_bad_inputs.py",
+    ),
+    Mutant(
+        "no logarithm of zero",
+        "shapes/superellipse.py",
+        "np.log(np.maximum(np.abs(u), TINY))",
+        "np.log(np.abs(u))",
+        "shapes",
+    ),
+    Mutant(
+        "flush to the disk", "files/atomic.py", "            os.fsync(stream.fileno())\n", "", "files/test_atomic.py"
+    ),
+    Mutant(
+        "replace at once",
+        "files/atomic.py",
+        "os.replace(temporary, target)",
+        "shutil.copyfile(temporary, target)",
+        "files/test_atomic.py",
+    ),
+    Mutant(
+        "no trace of an interrupt",
+        "files/atomic.py",
+        "            os.unlink(temporary)",
+        "            pass",
+        "files/test_atomic.py",
+    ),
+    Mutant(
+        "existing files stay",
+        "files/atomic.py",
+        "    if force:\n        return\n",
+        "    return\n",
+        "files/test_atomic.py",
+    ),
     Mutant("budget of a file", "files/reading.py", "if size > MAX_BYTES:", "if False:", "files"),
-    Mutant("regular files only", "files/reading.py", "if not stat.S_ISREG(status.st_mode):", "if False:", "files/test_points.py"),
+    Mutant(
+        "regular files only",
+        "files/reading.py",
+        "if not stat.S_ISREG(status.st_mode):",
+        "if False:",
+        "files/test_points.py",
+    ),
     Mutant("bytes of a .npy", "files/arrays.py", "if promised != found:", "if False:", "files/test_points.py"),
     Mutant("objects in a .npy", "files/arrays.py", "dtype.hasobject or ", "", "files/test_points.py"),
     Mutant("names in an archive", "files/arrays.py", 'or ".." in path.parts', "", "files/test_points.py"),
-    Mutant("archives that swell", "files/arrays.py", "if promised > max(SMALL, MAX_EXPANSION * size):", "if False:", "files/test_points.py"),
-    Mutant("bytes of a PLY", "files/ply.py", "if at != len(body):", "if False:", "files/test_meshes.py robustness/test_fuzz.py"),
-    Mutant("whole lines of an OBJ", "files/meshes.py", "if whole is not None and", "if False and", "robustness/test_fuzz.py"),
+    Mutant(
+        "archives that swell",
+        "files/arrays.py",
+        "if promised > max(SMALL, MAX_EXPANSION * size):",
+        "if False:",
+        "files/test_points.py",
+    ),
+    Mutant(
+        "bytes of a PLY",
+        "files/ply.py",
+        "if at != len(body):",
+        "if False:",
+        "files/test_meshes.py robustness/test_fuzz.py",
+    ),
+    Mutant(
+        "whole lines of an OBJ",
+        "files/meshes.py",
+        "if whole is not None and",
+        "if False and",
+        "robustness/test_fuzz.py",
+    ),
     Mutant("no DTD in XML", "files/vtp.py", 'b"<!DOCTYPE" in data or ', "", "files/test_meshes.py"),
-    Mutant("the end of a gzip stream", "imaging/nifti.py", " - _skip(stream, MAX_BYTES)", "", "imaging/test_reading.py"),
+    Mutant(
+        "the end of a gzip stream", "imaging/nifti.py", " - _skip(stream, MAX_BYTES)", "", "imaging/test_reading.py"
+    ),
     Mutant("voxels that are missing", "imaging/nifti.py", "if missing > 0:", "if False:", "imaging/test_reading.py"),
-    Mutant("compressed size of a MetaImage", "imaging/text_headers.py", "if header.stored not in (None, size - start):", "if False:", "robustness/test_fuzz.py"),
-    Mutant("shapes and numbers of a model", "files/packed.py", "if self.taken != len(self.numbers):", "if False:", "files/test_models.py"),
-    Mutant("fields that no model has", "files/models.py", 'root.only(("format", "version", "space", "unit", "input_sha256", "surfaces", "box"))', "pass", "files/test_models.py"),
-    Mutant("texts of a page are escaped", "report/page.py", "autoescape=True", "autoescape=False", "report/test_reports.py"),
-    Mutant("certificate of no folds", "fitting/unfolding.py", "return model.min_jacobian() > 0 and not model.crossings()", "return True", "fitting/test_unfolding.py"),
-]  # fmt: skip
+    Mutant(
+        "compressed size of a MetaImage",
+        "imaging/text_headers.py",
+        "if header.stored not in (None, size - start):",
+        "if False:",
+        "robustness/test_fuzz.py",
+    ),
+    Mutant(
+        "shapes and numbers of a model",
+        "files/packed.py",
+        "if self.taken != len(self.numbers):",
+        "if False:",
+        "files/test_models.py",
+    ),
+    Mutant(
+        "fields that no model has",
+        "files/models.py",
+        'root.only(("format", "version", "space", "unit", "input_sha256", "surfaces", "box"))',
+        "pass",
+        "files/test_models.py",
+    ),
+    Mutant(
+        "texts of a page are escaped", "report/page.py", "autoescape=True", "autoescape=False", "report/test_reports.py"
+    ),
+    Mutant(
+        "certificate of no folds",
+        "fitting/unfolding.py",
+        "return model.min_jacobian() > 0 and not model.crossings()",
+        "return True",
+        "fitting/test_unfolding.py",
+    ),
+]
 
 
 def survives(mutant: Mutant, copy: Path, environment: dict[str, str]) -> bool:
