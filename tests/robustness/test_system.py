@@ -34,8 +34,13 @@ for turn in range(50):
         write_bytes(path, new, True)
         write_bytes(path, old, True)
     time.sleep(instants.uniform(0.001, 0.02))
-    os.kill(child, (9, 15, 2)[turn % 3])
-    status = os.waitpid(child, 0)[1]
+    done, waited = 0, 0
+    while not done:  # Python loses an interrupt that falls into a finaliser: after a second it is sent again
+        if waited % 200 == 0:
+            os.kill(child, (9, 15, 2)[turn % 3])
+        time.sleep(0.005)
+        done, status = os.waitpid(child, os.WNOHANG)
+        waited += 1
     content = path.read_bytes()
     strays = [each for each in path.parent.iterdir() if each != path]
     ended = os.waitstatus_to_exitcode(status)
