@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from quadriform.fitting.correspondence import MODEL_RESOLUTION, match_facing, match_unclaimed
 from quadriform.fitting.evidence import Solution
+from quadriform.fitting.neighbourhood import nearest
 from quadriform.fitting.normal_equations import NormalEquations
 from quadriform.fitting.outcome import Iteration, Progress
 from quadriform.fitting.regularity import Regulariser
@@ -18,7 +18,6 @@ from quadriform.points import Array
 from quadriform.shapes.closest import closest_on, settle
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.model import DeformableModel
-from quadriform.shapes.threads import threads_for
 
 FIRST_POINTS = 400
 """Enough for the first stage, which tells starts from each other."""
@@ -248,8 +247,10 @@ class Rounds:
 
 
 def _placed(sheet: Sheet, part: Sheet) -> Array:
-    """First foot points (n, 3) of all data: those of the nearest of the few points."""
-    return part.origins[cKDTree(part.points).query(sheet.points, workers=threads_for(len(sheet.points)))[1]]
+    """First foot points (n, 3) of all data: of the nearest of the few points; the mean where several are as near."""
+    near, counts = nearest(part.points, sheet.points, 1)
+    middle = np.einsum("nk,nki->ni", counts, part.origins[near]) / counts.sum(axis=1, keepdims=True)
+    return sheet.superquadric.project(middle)
 
 
 def coarse_unfolded(rounds: Rounds, box: ControlBox, sheets: Sequence[Sheet]) -> Refined:
