@@ -43,6 +43,8 @@ def fit(
 ) -> Fit:
     """Fit a superquadric, and refine it by a free-form deformation.
 
+    More than 50,000 points are fitted to a sample first, then to all of them, a part at a time.
+
     Args:
         points: (n, 3) points around a body in any unit and frame, or several clouds by name, which then share one
             control box, that of the outermost.

@@ -19,16 +19,15 @@ from quadriform.fitting.fit_warnings import named_texts, outliers
 from quadriform.fitting.normal_equations import NormalEquations, normal_equations
 from quadriform.fitting.options import TangentOptions, check_strength
 from quadriform.fitting.outcome import Fit
-from quadriform.fitting.regularity import Regulariser, penalty
+from quadriform.fitting.regularity import Regulariser
 from quadriform.fitting.sheet import Sheet
-from quadriform.fitting.tangent import data_rows, moved, record
+from quadriform.fitting.tangent import data_rows, evidence_from, moved, record
 from quadriform.fitting.uncertainty import FinerBox
-from quadriform.fitting.unfolding import FIRST_PRESS, FLOOR, NEAR_FLOOR, Floor, low_places
+from quadriform.fitting.unfolding import FIRST_PRESS, FLOOR, NEAR_FLOOR, Floor, certified, low_places
 from quadriform.points import Array, Frame
 from quadriform.shapes.closest import closest_on, settle
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.model import DeformableModel
-from quadriform.shapes.superquadric import Superquadric
 from quadriform.shapes.threads import threads_for
 
 MANY, SAMPLE = 50_000, 30_000
@@ -102,22 +101,22 @@ class _All:
         with ThreadPoolExecutor(threads_for(PART * len(jobs))) as pool:
             yield from pool.map(lambda job: work(*job), jobs)
 
-    def sums(self, box: ControlBox, boxes: Sequence[ControlBox], noise: float) -> tuple[list[NormalEquations], float]:
-        """Normal equations for each of several boxes that deform alike, and the sum of weights."""
+    def sums(self, box: ControlBox, raised: ControlBox, noise: float) -> tuple[NormalEquations, float]:
+        """Normal equations for a box that deforms like the one with the foot points, and the sum of weights."""
         told = noise if self.robust else None
 
-        def of_part(surface: _Surface, where: slice) -> tuple[list[NormalEquations], float]:
+        def of_part(surface: _Surface, where: slice) -> tuple[NormalEquations, float]:
             sheet = surface.part(where, self.frame, box, told)
             rows = data_rows(sheet, box)
-            local, ways = box.local(rows.origins), rows.targets - rows.origins
-            equations = [normal_equations(local, rows.metric, ways, each.degrees) for each in boxes]
+            ways = rows.targets - rows.origins
+            equations = normal_equations(box.local(rows.origins), rows.metric, ways, raised.degrees)
             return equations, float((sheet.weights * sheet.inliers).sum())
 
-        totals, count = list[NormalEquations](), 0.0
-        for equations, weight in self.each(self.surfaces, of_part):
-            totals = [a + b for a, b in zip(totals, equations)] if totals else equations
-            count += weight
-        return totals, count
+        parts = self.each(self.surfaces, of_part)
+        total, count = next(parts)
+        for equations, weight in parts:
+            total, count = total + equations, count + weight
+        return total, count
 
     def settled(self, box: ControlBox, noise: float) -> None:
         """The sample's foot points and its share of inliers, for a box that has moved."""
@@ -146,7 +145,10 @@ def on_all(
     """
     frame = Frame.of(np.concatenate([clouds[name][index] for name, index in few.items()]))
     local = found.model.placed(1 / frame.scale, -frame.centre / frame.scale)
-    surfaces = [_surface(local, name, clouds[name], weights[name], index, frame) for name, index in few.items()]
+    every = np.concatenate([weights[name][index] for name, index in few.items()])
+    mean = float(every[every > 0].mean())
+    even = {name: each if mean == 1 else each / mean for name, each in weights.items()}
+    surfaces = [_surface(local, name, clouds[name], even[name], index, frame) for name, index in few.items()]
     points = _All(surfaces, frame, options.robust)
     return _with_arrays(points, _rounds(points, found, local.box, options))
 
@@ -154,11 +156,9 @@ def on_all(
 def _surface(
     model: DeformableModel, name: str, cloud: Array, weights: Array, index: NDArray[np.int64], frame: Frame
 ) -> _Surface:
-    mean = float(np.mean(weights[index]))
-    even = weights if mean == 1 else weights / mean
-    sheet = Sheet(model.surfaces[name], frame.to_local(cloud[index]), even[index])
+    sheet = Sheet(model.surfaces[name], frame.to_local(cloud[index]), weights[index])
     sheet.origins = closest_on(sheet.superquadric, model.box, sheet.points).origins
-    return _Surface(name, cloud, even, sheet, cKDTree(sheet.points))
+    return _Surface(name, cloud, weights, sheet, cKDTree(sheet.points))
 
 
 def _rounds(points: _All, found: Fit, box: ControlBox, options: TangentOptions) -> Fit:
@@ -173,8 +173,8 @@ def _rounds(points: _All, found: Fit, box: ControlBox, options: TangentOptions) 
     probes = np.concatenate([surface.sheet.superquadric.grid(8)[0] for surface in points.surfaces])
     for _ in range(ROUNDS):
         points.settled(box, noise)
-        (equations,), count = points.sums(box, [box], noise)
-        evidence = _evidence(equations, box, options.regularity, count, share)
+        equations, count = points.sums(box, box, noise)
+        evidence = evidence_from(equations, box, options.regularity, count, share)
         if strength is not None:
             solution = evidence.solve(strength)
         else:
@@ -209,7 +209,7 @@ def _unfolded(
         after, floor = moved(box, held), gentle
         for _ in range(PRESSES):
             if floor.lowest(after) > NEAR_FLOOR:
-                if _certified(surfaces, after):
+                if certified(after, surfaces):
                     return after, held
                 floor = floor.with_places(low_places(after, surfaces))
             held = replace(evidence.plus(floor.equations(after)).solve(held.strength), bend=solution.bend)
@@ -217,11 +217,6 @@ def _unfolded(
             if held.noise > DEAR * solution.noise:
                 break
     return None
-
-
-def _certified(surfaces: Mapping[str, Superquadric], box: ControlBox) -> bool:
-    model = DeformableModel(dict(surfaces), box)
-    return model.min_jacobian() > 0 and not model.crossings()
 
 
 def _finer(
@@ -232,16 +227,9 @@ def _finer(
         return None
     raised = box.elevate(found.finer.degrees)
     points.settled(box, noise)
-    (equations,), count = points.sums(box, [raised], noise)
-    evidence = _evidence(equations, raised, regularity, count, solution.share)
+    equations, count = points.sums(box, raised, noise)
+    evidence = evidence_from(equations, raised, regularity, count, solution.share)
     return FinerBox(raised, evidence, solution.strength, points.frame.scale)
-
-
-def _evidence(
-    equations: NormalEquations, box: ControlBox, regularity: str | Regulariser, count: float, share: float
-) -> Evidence:
-    l, m, n, _ = box.control_points.shape
-    return Evidence(equations, penalty(regularity, (l, m, n)), count, share)
 
 
 def _with_arrays(points: _All, fit: Fit) -> Fit:

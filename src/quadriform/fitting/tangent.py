@@ -16,7 +16,7 @@ import numpy as np
 
 from quadriform.fitting.evidence import Evidence, Solution
 from quadriform.fitting.independence import independent_share
-from quadriform.fitting.normal_equations import normal_equations
+from quadriform.fitting.normal_equations import NormalEquations, normal_equations
 from quadriform.fitting.outcome import Iteration
 from quadriform.fitting.regularity import Regulariser, penalty
 from quadriform.fitting.sheet import Sheet
@@ -92,6 +92,13 @@ def evidence_of(
     metric = np.concatenate([r.metric for r in rows])
     equations = normal_equations(box.local(origins), metric, targets - origins, box.degrees)
     count = sum(float((sheet.weights * sheet.inliers).sum()) for sheet in sheets)
+    return evidence_from(equations, box, regularity, count, share)
+
+
+def evidence_from(
+    equations: NormalEquations, box: ControlBox, regularity: str | Regulariser, count: float, share: float
+) -> Evidence:
+    """The same from normal equations that are summed up already, of rows whose weights sum up to `count`."""
     l, m, n, _ = box.control_points.shape
     return Evidence(equations, penalty(regularity, (l, m, n)), count, share)
 

@@ -92,7 +92,7 @@ def cures(rounds: Rounds, refined: Refined, surfaces: dict[str, Superquadric], m
     weight = FIRST_PRESS * sum(len(sheet.points) for sheet in refined.sheets) * (refined.solution.noise / FLOOR) ** 2
     floor = Floor.under(refined.box, surfaces, weight)
     fair = refined.solution.noise <= most
-    if fair and floor.lowest(refined.box) > NEAR_FLOOR and _certified(refined, surfaces):
+    if fair and floor.lowest(refined.box) > NEAR_FLOOR and certified(refined.box, surfaces):
         yield refined
     for place in (_copies, _at_rest):
         cured = _descended(rounds, replace(refined, sheets=place(refined)), floor, surfaces, most)
@@ -123,7 +123,7 @@ def _descended(
             refined = rounds.pressed(refined, floor, harder * strength)
             if unfolded := floor.lowest(refined.box) > NEAR_FLOOR:
                 break
-        if unfolded and refined.solution.noise <= most and _certified(refined, surfaces):
+        if unfolded and refined.solution.noise <= most and certified(refined.box, surfaces):
             found = replace(refined, sheets=_copies(refined))
         if harder == STRONGEST:
             most = min(most, refined.solution.noise)
@@ -131,7 +131,7 @@ def _descended(
         if refined.solution.noise > most:
             break
         if floor.lowest(refined.box) > NEAR_FLOOR:
-            if _certified(refined, surfaces):
+            if certified(refined.box, surfaces):
                 return refined
             floor = floor.with_places(low_places(refined.box, surfaces))
         refined = rounds.pressed(refined, floor, strength)
@@ -152,9 +152,9 @@ def _at_rest(refined: Refined) -> tuple[Sheet, ...]:
     return sheets
 
 
-def _certified(refined: Refined, surfaces: dict[str, Superquadric]) -> bool:
+def certified(box: ControlBox, surfaces: Mapping[str, Superquadric]) -> bool:
     """Whether the map provably does not fold inside the surfaces and no mesh of them crosses."""
-    model = DeformableModel(surfaces, refined.box)
+    model = DeformableModel(dict(surfaces), box)
     return model.min_jacobian() > 0 and not model.crossings()
 
 

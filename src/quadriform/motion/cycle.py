@@ -11,13 +11,12 @@ from quadriform.fitting.outcome import Progress
 from quadriform.fitting.regularity import Regulariser, penalty
 from quadriform.fitting.sheet import Sheet
 from quadriform.fitting.tangent import data_rows, evidence_of
-from quadriform.fitting.unfolding import FIRST_PRESS, FLOOR, NEAR_FLOOR, Floor, low_places
+from quadriform.fitting.unfolding import FIRST_PRESS, FLOOR, NEAR_FLOOR, Floor, certified, low_places
 from quadriform.motion.cycle_equations import CycleEvidence
 from quadriform.motion.slice_shifts import SliceNumbers, SlicePlanes
 from quadriform.points import Array
 from quadriform.shapes.closest import closest_on, settle
 from quadriform.shapes.control_box import ControlBox
-from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.splines import TimeBasis
 from quadriform.shapes.superquadric import Superquadric
 
@@ -218,12 +217,8 @@ class Cycle:
         result = []
         for frame, (box, floor) in enumerate(zip(self.boxes, self.floors)):
             fine = floor.lowest(box) > NEAR_FLOOR
-            result.append(fine and self._proven(box))
+            result.append(fine and certified(box, self.surfaces))
             if not result[-1]:
                 more = low_places(box, self.surfaces) if fine else np.empty((0, 3))
                 self.floors[frame] = floor.harder().with_places(more)
         return tuple(result)
-
-    def _proven(self, box: ControlBox) -> bool:
-        model = DeformableModel(dict(self.surfaces), box)
-        return model.min_jacobian() > 0 and not model.crossings()
