@@ -125,12 +125,14 @@ def test_refine_takes_the_same_way(small):
     assert fit.noise == pytest.approx(NOISE, rel=0.1)
 
 
-def test_weights_of_one_surface_against_another_are_kept(small):
-    """Were each surface's weights made one on their own, the strength, which is per point, would not see them."""
-    points = {"outer": cloud(12_000, seed=4), "inner": 0.5 * cloud(3000, seed=5)}
-    weights = {"outer": np.ones(12_000), "inner": np.ones(3000)}
-    heavy = weights | {"inner": 50 * weights["inner"]}
-    plain, drawn = (qf.fit(points, weights=each, robust=False) for each in (weights, heavy))
-    inner = [float(np.sqrt((each.residuals["inner"] ** 2).mean())) for each in (plain, drawn)]
-    assert drawn.strength != plain.strength
-    assert inner[1] < inner[0]
+def test_weights_of_one_surface_against_another_are_kept(small, monkeypatch):
+    points = {"outer": cloud(9000, seed=4), "inner": 0.5 * cloud(1500, seed=5)}
+    weights, seen, made = {"outer": np.ones(9000), "inner": np.full(1500, 50.0)}, {}, large._surface
+
+    def watched(model, name, cloud, weights, index, frame):
+        seen[name] = weights
+        return made(model, name, cloud, weights, index, frame)
+
+    monkeypatch.setattr(large, "_surface", watched)
+    qf.fit(points, weights=weights, box=(3, 3, 3))
+    assert seen["inner"].mean() / seen["outer"].mean() == pytest.approx(50)
