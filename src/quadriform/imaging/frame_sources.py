@@ -45,10 +45,14 @@ class Frames:
         """One more frame, the warnings of its reading joined with those of the others."""
         self.clouds.append(clouds)
         self.marks.add(marks)
-        for kind, text in (warnings or {}).items():
+        self.add_warnings(warnings or {})
+        self.notes += notes
+
+    def add_warnings(self, warnings: Warnings) -> None:
+        """More warnings; two of one kind are joined."""
+        for kind, text in warnings.items():
             if text not in self.warnings.get(kind, ""):
                 self.warnings[kind] = "; ".join(filter(None, [self.warnings.get(kind), text]))
-        self.notes += notes
 
 
 def frame_files(inputs: Sequence[Path]) -> list[Path]:
