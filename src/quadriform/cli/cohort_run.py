@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from quadriform.cli.screen import emit_json, emit_table, say
-from quadriform.cohort import engines, failures, stores
+from quadriform.cohort import engines, failures, modes, page, stores
 from quadriform.cohort.run import Choices, Summary, Told, run
 from quadriform.cohort.running import Engine
 from quadriform.cohort.subject import FAILED, FITTED, KEPT, Outcome
@@ -133,7 +133,8 @@ def _duration(seconds: float) -> str:
 
 def _record(output: Path, summary: Summary) -> dict[str, Any]:
     layout = summary.layout
-    written = [output / "subjects", output / stores.STORE, output / stores.TABLE, output / failures.TABLE]
+    written = [output / name for name in ("subjects", stores.STORE, stores.TABLE, failures.TABLE)]
+    written += [output / name for name in (modes.FOLDER, page.NAME) if (output / name).exists()]
     return {
         "subjects": summary.subjects,
         **{how: summary.counts[how] for how in (FITTED, KEPT, FAILED)},

@@ -52,6 +52,11 @@ def gather(results: Path) -> int:
             return len(rows)
 
 
+def rows(results: Path) -> list[tuple[str, ...]]:
+    """The rows of the one table, without its header; empty where there is none."""
+    return _rows(results / TABLE)
+
+
 def _state(results: Path) -> dict[Path, int]:
     found = {}
     for part in parts(results):
@@ -64,8 +69,8 @@ def _rows(part: Path) -> list[tuple[str, ...]]:
     try:
         with open(part, encoding="utf-8", newline="") as stream:
             return [tuple(row) for row in csv.reader(stream)][1:]
-    except FileNotFoundError:  # its block was done again meanwhile, without failures
-        return []
+    except FileNotFoundError:
+        return []  # its block was done again meanwhile, without failures
 
 
 def _encoded(rows: Sequence[Sequence[str]]) -> bytes:

@@ -12,6 +12,8 @@ from typing import Any
 from quadriform.cohort import failures, stores
 from quadriform.cohort.layout import Layout, settle
 from quadriform.cohort.manifest import Manifest, read_manifest
+from quadriform.cohort.modes import write_modes
+from quadriform.cohort.page import write_page
 from quadriform.cohort.running import Engine, completed
 from quadriform.cohort.subject import FAILED, MODEL, Failure, Outcome, Task, subject_folder, work
 from quadriform.errors import OptionError, OutputError
@@ -91,7 +93,7 @@ def run(
         QuadriformError: the list is faulty or the results cannot be written; subjects that fail raise nothing.
     """
     begin = time.perf_counter()
-    for library in ("zarr", "pyarrow"):
+    for library in ("zarr", "pyarrow", "sklearn"):
         stores.needs(library)
     listed = read_manifest(manifest, choices.options)
     check_folder(results)
@@ -113,6 +115,8 @@ def run(
         raise OutputError(f"the workers are gone: {error}; what is done is kept, run again with --resume") from error
     failed = failures.gather(results)
     complete = len(stores.parts(results)) == layout.blocks
+    if complete:
+        write_page(results, layout, write_modes(results, layout))
     return Summary(total, counts, complete, failed, time.perf_counter() - begin, layout)
 
 

@@ -8,7 +8,9 @@ import io
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+import warnings
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +22,10 @@ from quadriform.cohort.subject import Numbers, Outcome
 from quadriform.errors import InputError, OutputError
 from quadriform.files.atomic import make_folder, write_bytes
 from quadriform.files.reading import quoted
+from quadriform.points import Array
+from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.model import DeformableModel
+from quadriform.shapes.superquadric import Superquadric
 
 if TYPE_CHECKING:
     import pyarrow
@@ -91,6 +97,9 @@ def _create(path: Path, layout: Layout) -> None:
     for dim, names in (("surface", layout.surfaces), ("parameter", SUPERQUADRIC), ("axis", AXES), ("side", SIDES)):
         array = root.create_array(dim, shape=(len(names),), dtype="string", dimension_names=(dim,), compressors=None)
         array[:] = np.array(names, dtype=np.dtypes.StringDType())
+    with warnings.catch_warnings():  # zarr warns that others may not know it yet; xarray looks for it first
+        warnings.simplefilter("ignore")
+        zarr.consolidate_metadata(path)
 
 
 def _add(
@@ -145,6 +154,44 @@ def write_parameters(results: Path, layout: Layout, block: int, outcomes: Sequen
             array[where] = values
     except OSError as error:
         raise OutputError(f"{quoted(results / STORE)}: writing failed: {error.strerror}") from error
+
+
+def models(
+    results: Path, layout: Layout, subjects: Iterable[int], frame: int = 0
+) -> Iterator[tuple[str, DeformableModel]]:
+    """Ids and models of subjects, from the store, each in one frame; those without a result are left out.
+
+    Args:
+        results: folder.
+        layout: of the cohort.
+        subjects: their numbers, in order; neighbours are read together.
+        frame: which.
+
+    Raises:
+        InputError: there is no store, or no such frame.
+    """
+    import zarr
+
+    if not 0 <= frame < layout.frames:
+        raise InputError(f"frame {frame}: expected 0 to {layout.frames - 1}")
+    try:
+        root = zarr.open_group(results / STORE, mode="r")
+    except FileNotFoundError as error:
+        raise InputError(f"{quoted(results / STORE)}: there is no such store") from error
+    arrays: dict[str, Any] = {name: root[name] for name in ("origin", "edges", "control_points", "superquadrics")}
+    names: Any = root["subject"]
+    for chunk, numbers in groupby(subjects, key=lambda number: number // layout.chunk):
+        where = slice(chunk * layout.chunk, (chunk + 1) * layout.chunk)
+        ids, held = names[where], {name: array[where, frame] for name, array in arrays.items()}
+        for place in (number - where.start for number in numbers):
+            if np.isfinite(held["origin"][place]).all():
+                box = ControlBox(*(held[name][place] for name in ("origin", "edges", "control_points")))
+                surfaces = {name: _ellipsoid(row) for name, row in zip(layout.surfaces, held["superquadrics"][place])}
+                yield str(ids[place]), DeformableModel(surfaces, box, layout.space, layout.unit)
+
+
+def _ellipsoid(row: Array) -> Superquadric:
+    return Superquadric("ellipsoid", row[:3]).with_parameters(row)
 
 
 # --- measures ----------------------------------------------------------------------------------------------------

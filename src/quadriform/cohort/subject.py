@@ -113,9 +113,7 @@ class Failure:
     @classmethod
     def lost(cls, error: BaseException) -> "Failure":
         """From what an engine says of a unit that never came back; it may name the unit, and is left out."""
-        return cls(
-            type(error).__name__, "the engine gave no result; the worker died of this subject, perhaps of memory"
-        )
+        return cls(type(error).__name__, "no result came back; the worker may have died of this subject")
 
 
 @dataclass(frozen=True)
