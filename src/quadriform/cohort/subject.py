@@ -6,6 +6,7 @@ tell: its measures, its warnings, and the key by which a later run knows that no
 
 import hashlib
 import json
+import os
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -104,11 +105,10 @@ class Failure:
     error: str
 
     @classmethod
-    def of(cls, error: BaseException) -> "Failure":
-        """From what was raised; line ends become blanks."""
-        kind = type(error).__name__
+    def of(cls, error: BaseException, folder: Path) -> "Failure":
+        """From what was raised, in one line; paths are those of the list, as everywhere in the results."""
         text = str(error) if isinstance(error, QuadriformError) else f"internal error: {error!r}"
-        return cls(kind, " ".join(text.split()))
+        return cls(type(error).__name__, " ".join(text.replace(f"{folder}{os.sep}", "").split()))
 
     @classmethod
     def lost(cls, error: BaseException) -> "Failure":
@@ -153,7 +153,7 @@ def work(task: Task) -> Outcome:
     except Exception as error:
         with suppress(OSError):
             _remove(task)  # a model of an earlier run would be taken for this one's
-        return Outcome(task.row.number, task.row.id, FAILED, failure=Failure.of(error))
+        return Outcome(task.row.number, task.row.id, FAILED, failure=Failure.of(error, task.folder))
 
 
 def _work(task: Task) -> Outcome:
@@ -261,7 +261,8 @@ def numbers_of(model: AnyModel, layout: Layout) -> Numbers:
 
 def _key(task: Task, files: list[Path]) -> str:
     """A hash of all that the result depends on: options, version, and name, size and time of each file."""
-    about = [__version__, repr(task.row.options), repr(task.row.surfaces), repr(task.layout), str(task.strict)]
+    row, layout = task.row, task.layout
+    about = [repr(part) for part in (__version__, row.options, row.surfaces, layout.space, layout.unit, task.strict)]
     for file in files:
         try:
             status = file.stat()
