@@ -96,7 +96,7 @@ def _planned(manifest: Manifest, space: str | None, parts: int) -> Layout:
     seen = list(islice(_sights(manifest), 1))
     if not seen:
         raise InputError(
-            f"{quoted(manifest.path)}: not one subject has files that can be read; paths are relative to it"
+            f"{quoted(manifest.path)}: no subject has files that can be read; paths are relative to it"
         )
     first = seen[0]
     frames = max(each.frames for each in _sights(manifest))
