@@ -179,7 +179,8 @@ def reference_of(
 ) -> tuple[Reference, Array, bool]:
     """A reference for models, their mean points (n, 3) over it, and whether the models lie alike in the world.
 
-    Its ellipsoids are the means of the models' own; orientations and means are found in turn, from the first model on.
+    Its ellipsoids are the means of the models' own; orientations and means are found in turn. Models that lie
+    alike in the world begin as they lie, others from the first of them.
 
     Args:
         models: one or more, with the same surfaces, all ellipsoids.
@@ -190,9 +191,10 @@ def reference_of(
         InputError: the models have different surfaces.
     """
     check_alike(models, tuple(models[0].surfaces))
-    reference = _mean_reference(models[:1], [np.eye(3)], shape)
-    mean = _centred(corresponding(models[0], reference, np.eye(3)))
-    in_world = _alike_in_world(models, reference)
+    in_world = _alike_in_world(models, _mean_reference(models[:1], [np.eye(3)], shape))
+    first = models if in_world else models[:1]
+    reference = _mean_reference(first, [np.eye(3)] * len(first), shape)
+    mean = np.mean([_centred(corresponding(model, reference, np.eye(3))) for model in first], axis=0)
     for _ in range(passes):
         turns = [aligned(model, reference, mean, in_world)[1] for model in models]
         reference = _mean_reference(models, turns, shape)

@@ -95,9 +95,7 @@ def settle(folder: Path, manifest: Manifest, space: str | None, parts: int) -> L
 def _planned(manifest: Manifest, space: str | None, parts: int) -> Layout:
     seen = list(islice(_sights(manifest), 1))
     if not seen:
-        raise InputError(
-            f"{quoted(manifest.path)}: no subject has files that can be read; paths are relative to it"
-        )
+        raise InputError(f"{quoted(manifest.path)}: no subject has files that can be read; paths are relative to it")
     first = seen[0]
     frames = max(each.frames for each in _sights(manifest))
     block = max(1, min(LARGEST_BLOCK, -(-manifest.subjects // parts)))
