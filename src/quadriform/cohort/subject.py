@@ -242,7 +242,7 @@ def numbers_of(model: AnyModel, layout: Layout) -> Numbers:
     if set(model.surfaces) != set(layout.surfaces) or len(times) > layout.frames:
         raise InputError(
             f"surfaces {', '.join(model.surfaces)} in {len(times)} frames; expected {', '.join(layout.surfaces)} in "
-            f"{layout.frames} at most, as in the rest of the cohort"
+            f"{layout.frames} frames at most, as in the rest of the cohort"
         )
     shape = models[0].box.control_points.shape[:3]
     if shape != layout.box or any(surface.kind != "ellipsoid" for surface in model.surfaces.values()):

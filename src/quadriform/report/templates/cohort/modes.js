@@ -1,24 +1,22 @@
-// Modes of shape: what the viewer's control points are moved by, so many sigmas of each.
+// Modes of shape: the viewer's control points are displaced by so many sigmas of each.
 
 {
-  const given = JSON.parse(document.getElementById("mode-data").textContent);
-  const along = new Float32Array(bytes(given.modes)), sliders = given.shares.map((_, m) => $(`mode-${m + 1}`));
-  let rest = 0;
+  const $ = (id) => document.getElementById(id), given = JSON.parse($("mode-data").textContent);
+  const along = new Float32Array(Uint8Array.from(atob(given.modes), (c) => c.charCodeAt(0)).buffer);
+  const count = given.shares.length, size = along.length / count;
+  const sliders = given.shares.map((_, m) => $(`mode-${m + 1}`));
 
   const shape = () => {
-    edits.fill(0);
+    const by = new Float64Array(size);
     sliders.forEach((slider, m) => {
       const sigmas = Number(slider.value);
       $(`sigma-${m + 1}`).textContent = String(sigmas);
-      for (let i = 0; i < size; i++) edits[i] += sigmas * along[m * size + i];
+      for (let i = 0; i < size; i++) by[i] += sigmas * along[m * size + i];
     });
-    moving();
-    clearTimeout(rest);
-    rest = setTimeout(numbers, 200);
+    window.quadriform.displace(by);
   };
 
-  const toMean = () => { sliders.forEach((slider) => { slider.value = 0; }); shape(); };
+  const toMean = () => { for (const slider of sliders) slider.value = 0; shape(); };
   for (const slider of sliders) slider.addEventListener("input", shape);
-  $("to-mean").addEventListener("click", toMean);
-  $("undo").addEventListener("click", toMean);
+  for (const id of ["to-mean", "undo"]) $(id).addEventListener("click", toMean);
 }
