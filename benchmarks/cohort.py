@@ -7,6 +7,7 @@ same        serial, on two workers of dask.distributed, one of them killed, kill
 race        units of work of a second and more: two workers against one
 overhead    what a unit costs beside its fit
 memory      of the driver, at 1,000 and at 10,000 tiny subjects
+lists       a list of 100,000 rows checked, files looked for
 modes       known modes found again, from models and from noisy points
 cost        seconds and bytes of a fit of 50 frames with both walls, and what 100,000 such subjects take
 """
@@ -15,11 +16,13 @@ import argparse
 import filecmp
 import json
 import os
+import resource
 import shutil
 import signal
 import subprocess
 import sys
 import time
+import tracemalloc
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -200,7 +203,7 @@ def memory(folder, subjects):
     for count in (subjects, 10 * subjects):
         manifest = make(folder / f"memory-{count}", count, 24, frames=1)
         out = plant(manifest, manifest.parent / "out")
-        process = start(manifest, out, "--processes", "1", "--resume")
+        process, begin = start(manifest, out, "--processes", "1", "--resume"), time.perf_counter()
         peak = 0
         while process.poll() is None:
             try:
@@ -209,7 +212,9 @@ def memory(folder, subjects):
             except (FileNotFoundError, ProcessLookupError, TypeError):
                 pass
             time.sleep(0.2)
-        print(f"{count} subjects: the driver's peak is {peak / 1024:.0f} MiB, exit code {process.returncode}")
+        seconds = time.perf_counter() - begin
+        print(f"{count} subjects: the driver's peak is {peak / 1024:.0f} MiB, exit code {process.returncode};", end=" ")
+        print(f"{seconds:.0f} s, {1e3 * seconds / count:.1f} ms each, page and modes included")
 
 
 def plant(manifest, out):
@@ -237,6 +242,35 @@ def plant(manifest, out):
         record = first | {"key": subject._key(task, files)}
         (task.target / subject.RECORD).write_text(json.dumps(record), encoding="utf-8")
     return out
+
+
+def lists(folder, subjects):
+    """How long a list of many rows is checked, what memory that takes, and how long files are looked for."""
+    from quadriform.cohort.manifest import read_manifest
+    from quadriform.cohort.sources import sight
+
+    few = make(folder / "lists", 200, 24)
+    many = few.with_name("many.csv")
+    rows = [f"s{number:06d},clouds/s{number % 200:06d}/endo_*.npy" for number in range(subjects)]
+    many.write_text("id,input\n" + "\n".join(rows) + "\n", encoding="utf-8")
+    begin = time.perf_counter()
+    read_manifest(many, {})
+    seconds = time.perf_counter() - begin
+    tracemalloc.start()
+    listed = read_manifest(few, {})
+    small = tracemalloc.get_traced_memory()[1]
+    tracemalloc.reset_peak()
+    read_manifest(many, {})
+    peak = tracemalloc.get_traced_memory()[1] - small
+    tracemalloc.stop()
+    begin = time.perf_counter()
+    for row in listed.rows():
+        sight(row, listed.folder)
+    look = (time.perf_counter() - begin) / listed.subjects
+    print(
+        f"{subjects} rows are checked in {seconds:.1f} s and {peak / 2**20:.0f} MiB; files of a row found in", end=" "
+    )
+    print(f"{1e3 * look:.2f} ms")
 
 
 def modes(folder, subjects):
@@ -288,19 +322,27 @@ def modes(folder, subjects):
 
 
 def cost(folder, subjects):
+    """CPU seconds from the slope between one subject and several, so that starting does not count; bytes of files."""
     manifest = make(folder / "cost", subjects, 400, frames=50, surfaces=("endo", "epi"))
-    out = manifest.parent / "out"
-    record, _ = run(manifest, out, "--processes", "1", options=("box=5,5,5",))
+    first = manifest.with_name("first.csv")
+    first.write_text("".join(manifest.read_text(encoding="utf-8").splitlines(True)[:2]), encoding="utf-8")
+    options, home = ("box=5,5,5",), manifest.parent
+    spent = []
+    for name, given in (("one", first), ("out", manifest)):
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        run(given, home / name, "--processes", "1", options=options)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        spent.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+    each = (spent[1] - spent[0]) / (subjects - 1)
     sizes = Counter()
-    for path in out.rglob("*"):
+    for path in (home / "out").rglob("*"):
         if path.is_file():
-            sizes[path.name if "subjects" in path.parts else path.relative_to(out).parts[0]] += path.stat().st_size
-    each = record["seconds"] / subjects
-    print(f"50 frames of two walls, 400 points each: {each:.1f} s a subject, {each / 50:.2f} s a frame")
-    print({name: f"{size / subjects / 1024:.1f} KiB" for name, size in sizes.items()}, "a subject")
-    total = sum(sizes[name] for name in ("model.json", "record.json", "parameters.zarr", "metrics")) / subjects
-    print(f"100,000 such: {1e5 * each / 3600:.0f} core hours, {1e5 * total / 1e9:.0f} GB, ", end="")
-    print(f"of which the store {1e5 * sizes['parameters.zarr'] / subjects / 1e9:.1f} GB")
+            own = "subjects" in path.parts
+            sizes[path.name if own else path.relative_to(home / "out").parts[0]] += path.stat().st_size / subjects
+    print(f"50 frames of two walls, 400 points each: {each:.1f} CPU seconds a subject, {each / 50:.2f} s a frame")
+    for name in ("model.json", "record.json", "parameters.zarr", "metrics"):
+        print(f"{name}: {sizes[name] / 1024:.1f} KiB a subject, {1e5 * sizes[name] / 1e9:.2f} GB for 100,000")
+    print(f"100,000 such: {1e5 * each / 3600:.0f} core hours")
 
 
 PARTS = {
@@ -308,6 +350,7 @@ PARTS = {
     "race": (race, 40),
     "overhead": (overhead, 200),
     "memory": (memory, 1000),
+    "lists": (lists, 100_000),
     "modes": (modes, 100),
     "cost": (cost, 3),
 }
