@@ -139,6 +139,15 @@ def test_dask_gives_the_same_bytes_although_a_worker_is_killed(cohort, serial, t
 
 
 @pytest.mark.slow
+def test_a_cluster_that_is_there_is_found_by_its_address(tmp_path):
+    distributed = pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
+    cohort = listed(tmp_path, 3)
+    with distributed.LocalCluster(1, threads_per_worker=1, dashboard_address=None) as there:
+        summary = run(cohort, tmp_path / "out", partial(engines.cluster, there.scheduler_address, 0), CHOICES)
+    assert summary.counts == {"fitted": 3}
+
+
+@pytest.mark.slow
 def test_a_run_that_was_killed_goes_on_without_doing_again_what_was_done(cohort, serial, tmp_path):
     out = tmp_path / "out"
     command = [sys.executable, "-m", "quadriform.cli.main", "cohort", cohort, "-o", out, "--processes", "1", *WORDS]

@@ -54,8 +54,8 @@ def write_modes(results: Path, layout: Layout) -> Modes | None:
     """
     from quadriform.cohort.statistics import shape_modes
 
-    step = max(1, layout.subjects // MOST_SHAPES)
-    sample = [model for _, model in models(results, layout, range(0, layout.subjects, step))][:MOST_SHAPES]
+    even = np.linspace(0, layout.subjects - 1, min(MOST_SHAPES, layout.subjects)).astype(int).tolist()
+    sample = [model for _, model in models(results, layout, even)]
     if len(sample) < 3:
         return None
     found = shape_modes(sample, min(COUNT, len(sample) - 1), layout.box)

@@ -8,7 +8,6 @@ import hashlib
 import json
 import os
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,7 @@ from quadriform.cohort.layout import Layout
 from quadriform.cohort.manifest import Row
 from quadriform.cohort.measures import Measure, measures_of
 from quadriform.cohort.sources import files_by_surface, read_subject
-from quadriform.errors import FitError, InputError, QuadriformError, Warnings
+from quadriform.errors import FitError, InputError, OutputError, QuadriformError, Warnings
 from quadriform.files import load, save, sha256_of
 from quadriform.files.atomic import make_folder, write_bytes
 from quadriform.files.models import parse_json
@@ -151,8 +150,6 @@ def work(task: Task) -> Outcome:
         with threadpool_limits(1):  # one subject a core: threads that share tiny matrices only wait for each other
             return _work(task)
     except Exception as error:
-        with suppress(OSError):
-            _remove(task)  # a model of an earlier run would be taken for this one's
         return Outcome(task.row.number, task.row.id, FAILED, failure=Failure.of(error, task.folder))
 
 
@@ -162,6 +159,7 @@ def _work(task: Task) -> Outcome:
     kept = _kept(task, key) if task.resume else None
     if kept is not None:
         return kept
+    _remove(task)  # it is out of date: if this fails, it would be taken for this one's
     frames, read = read_subject(task.row, task.folder)
     model, measures, warnings = _modelled(frames, task)
     if task.strict and warnings:
@@ -169,8 +167,6 @@ def _work(task: Task) -> Outcome:
     model = replace(model, input_sha256=sha256_of(read[0], *read[1:]))
     numbers = numbers_of(model, task.layout)
     make_folder(task.target)
-    with suppress(FileNotFoundError):
-        (task.target / MODEL).unlink()  # record and model are two files: never those of two runs
     write_bytes(task.target / RECORD, _record(key, measures, warnings), force=True)
     save(model, task.target / MODEL, force=True)  # the last: where it lies, the subject is done
     return Outcome(task.row.number, task.row.id, FITTED, numbers, measures)
@@ -309,6 +305,9 @@ def _measures(field: Field) -> Iterator[Measure]:
 
 
 def _remove(task: Task) -> None:
+    """The model before its record: never a model with the record of another run."""
     for name in (MODEL, RECORD):
-        with suppress(FileNotFoundError):
-            (task.target / name).unlink()
+        try:
+            (task.target / name).unlink(missing_ok=True)
+        except OSError as error:
+            raise OutputError(f"{quoted(task.target / name)}: cannot be replaced: {error.strerror}") from error
