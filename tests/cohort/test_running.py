@@ -51,3 +51,33 @@ class Broken(Executor):
 def test_an_engine_without_another_executor_says_so():
     with given(Broken(), 1) as engine, pytest.raises(BrokenExecutor, match="resume"):
         list(completed(range(3), doubled, engine))
+
+
+class Silent(Executor):
+    """Breaks with the third unit, and never says what became of the others."""
+
+    def __init__(self):
+        self.given = []
+
+    def submit(self, fn, /, *args, **kwargs):
+        self.given.append(Future())
+        if len(self.given) == 3:
+            self.given[-1].set_exception(BrokenExecutor())
+        return self.given[-1]
+
+
+def test_units_that_a_broken_executor_is_silent_about_are_done_again():
+    class Engine:
+        def __init__(self):
+            self.executor = Silent()
+
+        def capacity(self):
+            return 3
+
+        def renew(self):
+            self.executor = ThreadPoolExecutor(1)
+
+    engine = Engine()
+    found = list(completed(range(10, 20), doubled, engine))
+    engine.executor.shutdown()
+    assert sorted(found) == [(task, 2 * task) for task in range(10, 20)]
