@@ -130,6 +130,14 @@ def test_a_binary_mesh_cut_anywhere_is_refused(tmp_path, mesh, suffix):
             read_mesh(path)
 
 
+@pytest.mark.parametrize("more", [b"\0", b"\0" * 12])
+def test_a_binary_ply_with_more_than_it_promises_is_refused(tmp_path, mesh, more):
+    path = tmp_path / "m.ply"
+    path.write_bytes(encode_mesh(mesh, ".ply", "LPS", "mm") + more)
+    with pytest.raises(FileFormatError, match="bytes after it, found"):
+        read_mesh(path)
+
+
 def test_a_cloud_is_no_mesh(tmp_path):
     path = tmp_path / "m.obj"
     path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n")

@@ -1,5 +1,6 @@
 """NRRD and MetaImage: what SimpleITK wrote comes back in the world; what is cut, NaN or of another kind is refused."""
 
+import re
 import sys
 
 import numpy as np
@@ -204,6 +205,15 @@ class TestMeta:
         lines = path.read_bytes().split(b"\n")
         path.write_bytes(b"\n".join(line for line in lines if not line.startswith(b"TransformMatrix")))
         assert read_volume(path).space == "unknown"
+
+    @pytest.mark.parametrize("off", [-1, 1])
+    def test_another_compressed_size_is_refused(self, tmp_path, values, off):
+        """SimpleITK would read so many bytes, and leave what they do not give to chance."""
+        path = write(tmp_path / "a.mha", values, compressed=True)
+        data = path.read_bytes()
+        size = int(re.search(rb"CompressedDataSize = (\d+)", data)[1])
+        path.write_bytes(data.replace(b"CompressedDataSize = %d" % size, b"CompressedDataSize = %d" % (size + off)))
+        refused(path, FileFormatError, f"promises {size + off} compressed bytes, found {size}")
 
     def test_a_flipped_byte_in_compressed_voxels_is_found(self, tmp_path, values):
         path = write(tmp_path / "a.mha", values, compressed=True)

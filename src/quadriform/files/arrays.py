@@ -29,7 +29,7 @@ def parse_npy(data: bytes, where: str) -> NDArray[Any]:
     """
     stream = io.BytesIO(data)
     shape, fortran_order, dtype = _npy_header(stream, data, where)
-    if dtype.hasobject or dtype.names is not None or dtype.kind not in "biufcSU":
+    if dtype.kind not in "biufcSU":
         raise FileFormatError(f"{where}: expected an array of plain numbers, found type {dtype}")
     if any(length < 0 for length in shape):
         raise FileFormatError(f"{where}: the header has a negative length in shape {shape}")
