@@ -3,10 +3,15 @@
 import ast
 import re
 import runpy
+import sys
 from pathlib import Path
 
 import pytest
 from fitter_checks import DRESSES
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from mutants import MUTANTS
 
 TESTS = Path(__file__).resolve().parents[1]
 PAGE = (TESTS.parent / "docs" / "reliability.md").read_text(encoding="utf-8")
@@ -68,3 +73,17 @@ def test_ids_of_bad_inputs_are_rows():
             ids += mark.kwargs.get("ids", []) if isinstance(mark.kwargs.get("ids"), list) else []
     assert len(ids) > 60
     assert [each for each in ids if each.split()[0] not in WANTED] == []
+
+
+def test_the_page_has_the_table_of_every_guard():
+    """As `make mutants` printed it."""
+    rows = re.findall(r"^\| ([^|]+) \| `([\w/.]+)` \| (?:`([\w/.]+)::([\w:]+)`) \|$", section("Guards taken out"), re.M)
+    assert [row[:2] for row in rows] == [(mutant.guard, mutant.file) for mutant in MUTANTS]
+    for _, _, path, name in rows:
+        assert name in names_in(TESTS / path), name
+
+
+def test_every_guard_stands_once_in_its_file():
+    for mutant in MUTANTS:
+        text = (TESTS.parent / "src" / "quadriform" / mutant.file).read_text(encoding="utf-8")
+        assert text.count(mutant.old) == 1, mutant.guard

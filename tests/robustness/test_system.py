@@ -125,6 +125,16 @@ def test_row_69_stopped_at_fifty_instants(tmp_path):
 
 
 @pytest.mark.slow
+def test_row_69_whole_fits_that_are_stopped():
+    """Fourteen of them; fifty by `make kill`."""
+    here = Path(__file__)
+    paths = os.pathsep.join([str(here.parents[1]), os.environ.get("PYTHONPATH", "")])
+    done = python(here.with_name("killed_fits.py"), 14, PYTHONPATH=paths)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.splitlines()[-1] == "14 of 14 as promised"
+
+
+@pytest.mark.slow
 def test_row_70_two_writers_of_one_file(tmp_path):
     """Each 200 times; whoever reads meanwhile sees one of the two files, whole."""
     path, seen = tmp_path / "a", set()
