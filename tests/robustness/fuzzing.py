@@ -12,6 +12,8 @@ import sys
 import tempfile
 import traceback
 from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -112,8 +114,13 @@ def run(count: int, seed: int, processes: int) -> tuple[Counter, list[Fault]]:
     each = max(1, min(500, count // processes))
     jobs = [(start, min(each, seed + count - start)) for start in range(seed, seed + count, each)]
     tally, faults = Counter(), list[Fault]()
-    with multiprocessing.get_context("spawn").Pool(processes) as pool:
-        for some, broken in pool.imap(batch, jobs):
+    with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool:  # a pool would wait for the dead
+        for (first, number), done in [(job, pool.submit(batch, job)) for job in jobs]:
+            try:
+                some, broken = done.result()
+            except BrokenProcessPool:
+                broken = [Fault("all", first, f"one of {number} files", "its reader took the whole process down")]
+                return tally, faults + broken
             tally += some
             faults += broken
     return tally, faults
