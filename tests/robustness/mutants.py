@@ -165,6 +165,16 @@ MUTANTS = [
         "imaging/test_simpleitk_images.py",
     ),
     Mutant(
+        "lines of a MetaImage's header",
+        "imaging/text_headers.py",
+        "if not found or not key or not key.isprintable() or key in fields:",
+        "if False:",
+        "imaging/test_simpleitk_images.py",
+    ),
+    Mutant(
+        "number of points in a text", "files/tables.py", "if promised != found:", "if False:", "files/test_points.py"
+    ),
+    Mutant(
         "shapes and numbers of a model",
         "files/packed.py",
         "if self.taken != len(self.numbers):",

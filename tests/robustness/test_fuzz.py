@@ -1,6 +1,8 @@
 """A part of `make fuzz`, and that it would find what it looks for."""
 
 import sys
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 import numpy as np
@@ -65,3 +67,27 @@ def test_every_kind_of_change_is_made():
     assert all(isinstance(changed, bytes) for changed, _ in made)
     lengths = {len(changed) - len(data) for changed, how in made if how.startswith("line")}
     assert lengths == {6, -6}
+
+
+class Dead:
+    """Processes that are gone before they answer."""
+
+    def __init__(self, *words):
+        pass
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *words):
+        pass
+
+    def submit(self, *words):
+        gone = Future()
+        gone.set_exception(BrokenProcessPool())
+        return gone
+
+
+def test_a_reader_that_takes_its_process_down_is_a_fault(monkeypatch):
+    monkeypatch.setattr(fuzzing, "ProcessPoolExecutor", Dead)
+    _, (fault,) = fuzzing.run(20, seed=7, processes=1)
+    assert fault.seed == 7 and "took the whole process down" in fault.what

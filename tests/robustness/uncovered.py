@@ -1,7 +1,7 @@
 """Coverage of the packages, and what no test runs: python uncovered.py COVERAGE.json (`make coverage`).
 
-Prints the tables of docs/reliability.md; exits with 1 where a package is below `LEAST`, or a function with lines that no
-test runs does not stand in the list of that page.
+Prints the tables of docs/reliability.md; exits with 1 where a package is below `LEAST`, or a function with lines that
+no test runs does not stand in the list of that page.
 """
 
 import json
