@@ -7,6 +7,7 @@ import struct
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -88,7 +89,7 @@ def rows_of_text(path: Path) -> np.ndarray:
     columns = [0, 1, 2]
     if not _number(cells[0][0]):
         names = [name.lower() for name in cells.pop(0)]
-        columns = [names.index(axis) for axis in "xyz"]
+        columns = [names.index(axis) for axis in "xyz"] if set("xyz") <= set(names) or len(names) != 3 else [0, 1, 2]
     return np.array([[float(row[column]) for column in columns] for row in cells])
 
 
@@ -148,8 +149,19 @@ def obj(path: Path) -> tuple[np.ndarray, np.ndarray]:
         if word == "v":
             vertices.append([float(cell) for cell in rest[:3]])
         elif word == "f":
-            faces.append([int(cell.split("/")[0]) - 1 for cell in rest])
-    return np.array(vertices), np.array(faces)
+            corners = [int(cell.split("/")[0]) for cell in rest]
+            if 0 in corners:
+                raise ValueError("vertices count from 1")
+            first, *others = [corner - 1 if corner > 0 else len(vertices) + corner for corner in corners]
+            faces += [[first, *pair] for pair in pairwise(others)]
+    return in_order((np.array(vertices), np.array(faces)))
+
+
+def in_order(mesh: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Triangles with their lowest corner first, sorted: polygons may be cut in any order."""
+    vertices, faces = mesh
+    starts = faces.argmin(axis=1)[:, None] + np.arange(3)
+    return vertices, np.array(sorted(np.take_along_axis(faces, starts % 3, axis=1).tolist()))
 
 
 def vtp(path: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -200,7 +212,10 @@ def by_nibabel(path: Path) -> tuple[np.ndarray, np.ndarray]:
     image = nibabel.load(path)
     metres = {"meter": 1000.0, "mm": 1.0, "micron": 0.001, "unknown": 1.0}[image.header.get_xyzt_units()[0]]
     world = np.diag([-metres, -metres, metres, 1]) @ image.affine
-    return np.asarray(image.get_fdata(dtype=np.float64)), world
+    values = np.asarray(image.get_fdata(dtype=np.float64))
+    while values.ndim > 3 and values.shape[-1] == 1:  # dimensions that are none
+        values = values[..., 0]
+    return values, world
 
 
 def write_simpleitk(path: Path, compressed: bool) -> None:
@@ -309,8 +324,8 @@ def saved(thing: Any) -> Callable[[Path], object]:
     return lambda path: qf.save(thing, path)
 
 
-def mesh_kind(suffix: str, independent: Callable[[Path], Any]) -> Kind:
-    return Kind(f"mesh {suffix}", suffix, saved(MESH), lambda p: vertices_and_faces(read_mesh(p)), independent)
+def mesh_kind(suffix: str, independent: Callable[[Path], Any], order: Callable = lambda mesh: mesh) -> Kind:
+    return Kind(f"mesh {suffix}", suffix, saved(MESH), lambda p: order(vertices_and_faces(read_mesh(p))), independent)
 
 
 KINDS = [
@@ -320,7 +335,7 @@ KINDS = [
     Kind("points .npz", ".npz", lambda p: write_points(POINTS, p), read_points),
     mesh_kind(".ply", ply),
     mesh_kind(".stl", stl),
-    mesh_kind(".obj", obj),
+    mesh_kind(".obj", obj, in_order),
     mesh_kind(".vtp", vtp),
     Kind("model .json", ".json", saved(MODEL), model_numbers, json_model),
     Kind("moving model .json", ".json", saved(MOVING), model_numbers, json_model),

@@ -23,6 +23,7 @@ import numpy as np
 from quadriform.errors import QuadriformError
 
 SECONDS, ROOM = 10, 1024**3
+MARKS = b'0123456789-+. =:\n,;e#"[]{}\0'
 TYPED, SAME, INDEPENDENT = "typed error", "identical", "as an independent reader"
 
 
@@ -37,8 +38,8 @@ class Fault:
 
 
 def mutated(data: bytes, rng: np.random.Generator) -> tuple[bytes, str]:
-    """Cut, flipped, doubled, dropped or recounted; and how, in words."""
-    how = rng.choice(["cut", "flip", "head", "lines", "digit", "several"])
+    """Cut, flipped, doubled, dropped, moved, put in, taken out or recounted; and how, in words."""
+    how = rng.choice(["cut", "flip", "head", "lines", "swap", "insert", "delete", "digit", "several"])
     place = int(rng.integers(len(data)))
     if how == "cut":
         return data[:place], f"cut at {place}"
@@ -50,6 +51,16 @@ def mutated(data: bytes, rng: np.random.Generator) -> tuple[bytes, str]:
         lines = data.splitlines(keepends=True)
         line, twice = int(rng.integers(len(lines))), bool(rng.integers(2))
         return b"".join([*lines[:line], *[lines[line]] * 2 * twice, *lines[line + 1 :]]), f"line {line}, {twice=}"
+    if how == "swap":
+        lines = data.splitlines(keepends=True)
+        one, other = (int(line) for line in rng.integers(min(30, len(lines)), size=2))
+        lines[one], lines[other] = lines[other], lines[one]
+        return b"".join(lines), f"lines {one} and {other} swapped"
+    if how in ("insert", "delete"):
+        place = int(rng.integers(min(512, len(data)))) if rng.integers(2) else place
+        more = bytes([int(rng.choice(list(MARKS)))]) * int(rng.integers(1, 4)) if how == "insert" else b""
+        left = data[place + (0 if more else int(rng.integers(1, 5))) :]
+        return data[:place] + more + left, f"{how} at {place} {more!r}"
     if how == "digit":
         digits = [i for i, byte in enumerate(data[:2000]) if chr(byte).isdigit()]
         if not digits:

@@ -63,7 +63,7 @@ def test_every_kind_of_change_is_made():
     data = b"1 2 3\n4 5 6\n7 8 9\n" * 40
     made = [fuzzing.mutated(data, np.random.default_rng(seed)) for seed in range(200)]
     words = {how.split()[0] for _, how in made}
-    assert words == {"cut", "bit", "line", "digit", "several"}
+    assert words == {"cut", "bit", "line", "lines", "insert", "delete", "digit", "several"}
     assert all(isinstance(changed, bytes) for changed, _ in made)
     lengths = {len(changed) - len(data) for changed, how in made if how.startswith("line")}
     assert lengths == {6, -6}

@@ -10,6 +10,7 @@ from quadriform.files.reading import signature
 from quadriform.points import Array
 
 COUNT = re.compile(r"#\s*points:\s*(\d+)\s*")
+QUOTED = re.compile(r'^"([^"]*)"$')
 DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 
 
@@ -83,7 +84,7 @@ def _separator(line: str) -> str | None:
 
 
 def _split(line: str, separator: str | None, where: str, number: int) -> list[str]:
-    fields = [field.strip().strip('"') for field in line.split(separator)]
+    fields = [QUOTED.sub(r"\1", field.strip()) for field in line.split(separator)]
     if "," in line:
         # Between "1, 2, 3" and "1,5 2,5 3,5" the blanks decide: in the second they stand inside the fields.
         blanks_inside = any(len(field.split()) > 1 for field in fields)
