@@ -139,7 +139,8 @@ def test_a_binary_ply_with_more_than_it_promises_is_refused(tmp_path, mesh, more
 
 
 @pytest.mark.parametrize(
-    "line", ["v 0 0", "v 0 0 1x", "f 1 2", "f 1 2 x", "f 1 2 /3", "f 1 2 0", "f 1 00/1 2", "f1 2 3", "v1 2 3"]
+    "line",
+    ["v 0 0", "v 0 0 1x", "f 1 2", "f 1 2 x", "f 1 2 /3", "f 1 2 0", "f 1 00/1 2", "f1 2 3", "v1 2 3", " f 1 2 3"],
 )
 def test_a_line_of_an_obj_that_is_not_whole_is_refused(tmp_path, line):
     """trimesh leaves such lines out without a word, and takes vertex 0 for the first."""

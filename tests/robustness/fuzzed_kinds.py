@@ -210,7 +210,7 @@ def voxels_and_world(path: Path) -> tuple[np.ndarray, np.ndarray]:
 def by_nibabel(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """NIfTI by nibabel, turned to LPS and millimetres."""
     image = nibabel.load(path)
-    metres = {"meter": 1000.0, "mm": 1.0, "micron": 0.001, "unknown": 1.0}[image.header.get_xyzt_units()[0]]
+    metres = {1: 1000.0, 2: 1.0, 3: 0.001, 0: 1.0}[int(image.header["xyzt_units"]) & 7]
     world = np.diag([-metres, -metres, metres, 1]) @ image.affine
     values = np.asarray(image.get_fdata(dtype=np.float64))
     while values.ndim > 3 and values.shape[-1] == 1:  # dimensions that are none

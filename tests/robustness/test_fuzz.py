@@ -65,7 +65,7 @@ def test_every_kind_of_change_is_made():
     words = {how.split()[0] for _, how in made}
     assert words == {"cut", "bit", "line", "lines", "insert", "delete", "digit", "several"}
     assert all(isinstance(changed, bytes) for changed, _ in made)
-    lengths = {len(changed) - len(data) for changed, how in made if how.startswith("line")}
+    lengths = {len(changed) - len(data) for changed, how in made if how.startswith("line ")}
     assert lengths == {6, -6}
 
 
