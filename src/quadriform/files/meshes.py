@@ -174,10 +174,9 @@ def _check_obj(data: bytes, where: str) -> None:
         raise FileFormatError(f"{where}: expected text in UTF-8, found {signature(data)}") from error
     for number, line in enumerate(text.splitlines(), 1):
         word, *rest = line.partition("#")[0].split() or [""]
-        if word.startswith(("v", "f")) and word not in OBJ_WORDS:
-            raise FileFormatError(
-                f"{where}, line {number}: expected one of {', '.join(OBJ_WORDS)}, found {line[:60]!r}"
-            )
+        if word.startswith(("v", "f")) and (word not in OBJ_WORDS or line[0].isspace()):
+            words = ", ".join(OBJ_WORDS)
+            raise FileFormatError(f"{where}, line {number}: expected to begin with one of {words}, found {line[:60]!r}")
         whole = {"v": OBJ_NUMBER, "f": OBJ_CORNER}.get(word)
         if whole is not None and (len(rest) < 3 or not all(map(whole.fullmatch, rest))):
             raise FileFormatError(f"{where}, line {number}: expected three numbers or more, found {line[:60]!r}")
