@@ -151,7 +151,7 @@ def spect_table(pool: ProcessPoolExecutor) -> None:
     print("## SPECT at 4 mm, RMS of isosurface points endo / epi, mm (wanted 1), and both formats' surfaces\n")
     header = ("study", "strength", "from NIfTI", "from DICOM", "largest distance of the two mm (wanted 0.01)")
     header += ("strength used", "bound of det J", "crossings", "warnings of the fits", "of the images")
-    table(header, pool.map(spect, product((1, 2, 3), ("auto", 1e-6, 1e-7))))
+    table(header, pool.map(spect, product((1, 2, 3), ("auto", 1e-6, 3e-7, 1e-7))))
 
 
 def sunnybrook_table(pool: ProcessPoolExecutor) -> None:

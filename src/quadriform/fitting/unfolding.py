@@ -86,18 +86,17 @@ def fair_price(refined: Refined) -> float:
 def cures(rounds: Rounds, refined: Refined, surfaces: dict[str, Superquadric], most: float) -> Iterator[Refined]:
     """What is certified not to fold inside the surfaces, with a noise of at most `most`.
 
-    The given refinement itself if that is so; else with its folds pressed out, from its own foot points and from those
-    of the undeformed surfaces.
+    The given refinement itself if that is so; else with its folds pressed out, from where it is and from rest, for a
+    tangled surface leads its own foot points astray: that of less noise first.
     """
     weight = FIRST_PRESS * sum(len(sheet.points) for sheet in refined.sheets) * (refined.solution.noise / FLOOR) ** 2
     floor = Floor.under(refined.box, surfaces, weight)
     fair = refined.solution.noise <= most
     if fair and floor.lowest(refined.box) > NEAR_FLOOR and certified(refined.box, surfaces):
         yield refined
-    for place in (_copies, _at_rest):
-        cured = _descended(rounds, replace(refined, sheets=place(refined)), floor, surfaces, most)
-        if cured is not None:
-            yield cured
+    begun = (replace(refined, sheets=_copies(refined)), _at_rest(refined))
+    cured = [found for each in begun if (found := _descended(rounds, each, floor, surfaces, most)) is not None]
+    yield from sorted(cured, key=lambda found: found.solution.noise)
 
 
 def folding(refined: Refined, surfaces: dict[str, Superquadric]) -> Warnings:
@@ -144,12 +143,12 @@ def _copies(refined: Refined) -> tuple[Sheet, ...]:
     return tuple(copy(sheet) for sheet in refined.sheets)
 
 
-def _at_rest(refined: Refined) -> tuple[Sheet, ...]:
-    """Sheets with the foot points of the undeformed surfaces, for data that led them astray."""
+def _at_rest(refined: Refined) -> Refined:
+    """The undeformed box, and the foot points of the undeformed surfaces."""
     sheets, rest = _copies(refined), refined.box.with_control_points(refined.box.rest)
     for sheet in sheets:
         sheet.origins = closest_on(sheet.superquadric, rest, sheet.points).origins
-    return sheets
+    return replace(refined, box=rest, sheets=sheets)
 
 
 def certified(box: ControlBox, surfaces: Mapping[str, Superquadric]) -> bool:
