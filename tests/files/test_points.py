@@ -140,6 +140,11 @@ def test_arrays(write, array):
     assert np.array_equal(read_points(write("p.npy", npy(array))), array.astype(np.float64))
 
 
+def test_an_array_of_python_2_is_read_without_a_warning(write):
+    head = npy_claiming("{'descr':'<f8','fortran_order':False,'shape':(3L,3L)}")
+    assert np.array_equal(read_points(write("p.npy", head + ROWS.tobytes())), ROWS)
+
+
 def test_npz_takes_the_only_array_or_the_one_called_points(write):
     assert np.array_equal(read_points(write("a.npz", npz(anything=ROWS))), ROWS)
     assert np.array_equal(read_points(write("b.npz", npz(points=ROWS, other=np.zeros(2)))), ROWS)

@@ -3,6 +3,7 @@
 import io
 import struct
 import tokenize
+import warnings
 import zipfile
 from pathlib import PurePosixPath
 from typing import Any
@@ -48,7 +49,9 @@ def _npy_header(stream: io.BytesIO, data: bytes, where: str) -> tuple[tuple[int,
     try:
         version = np.lib.format.read_magic(stream)
         readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
-        return readers[version](stream)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # that Python 2 wrote its lengths with an L is no fault
+            return readers[version](stream)
     except DAMAGED as error:
         raise FileFormatError(f"{where}: expected a .npy array, found {signature(data)} ({_first(error)})") from error
 
