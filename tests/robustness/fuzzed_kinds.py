@@ -210,7 +210,7 @@ def voxels_and_world(path: Path) -> tuple[np.ndarray, np.ndarray]:
 def by_nibabel(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """NIfTI by nibabel, turned to LPS and millimetres."""
     image = nibabel.load(path)
-    metres = {1: 1000.0, 2: 1.0, 3: 0.001, 0: 1.0}[int(image.header["xyzt_units"]) & 7]
+    metres = {1: 1000.0, 3: 0.001}.get(int(image.header["xyzt_units"]) & 7, 1.0)
     world = np.diag([-metres, -metres, metres, 1]) @ image.affine
     values = np.asarray(image.get_fdata(dtype=np.float64))
     while values.ndim > 3 and values.shape[-1] == 1:  # dimensions that are none
@@ -280,7 +280,8 @@ def slices_of(data: pydicom.Dataset) -> list[tuple[np.ndarray, np.ndarray, np.nd
         down, along = (float(value) for value in measures.PixelSpacing)
         cosines = np.array(orientation.ImageOrientationPatient, dtype=float).reshape(2, 3)
         pixels = data.pixel_array.reshape(-1, data.Rows, data.Columns)[k].astype(float)
-        values = pixels * float(scale.get("RescaleSlope", 1)) + float(scale.get("RescaleIntercept", 0))
+        slope, intercept = scale.get("RescaleSlope"), scale.get("RescaleIntercept")  # None where they are empty, too
+        values = pixels * float(1 if slope is None else slope) + float(0 if intercept is None else intercept)
         steps = cosines * [[along], [down]]
         found.append((np.array(place.ImagePositionPatient, dtype=float), steps, values))
     return found
