@@ -4,7 +4,7 @@ BIN := .venv/bin
 READY := .venv/ready
 BENCH := .venv-bench
 
-.PHONY: demo test check bench fuzz mutants docs docs-figures clean
+.PHONY: demo test check bench fuzz mutants kill coverage docs docs-figures clean
 
 demo: $(READY)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/quadriform demo -o out/demo --force
@@ -32,11 +32,21 @@ $(BENCH)/ready: pyproject.toml constraints.txt CMakeLists.txt $(wildcard src/qua
 
 # 100,000 damaged files over all readers; a smaller part of it is among the tests.
 fuzz: $(READY)
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/robustness/fuzzing.py
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTHONPATH=tests $(BIN)/python tests/robustness/fuzzing.py
+
+# Fifty whole fits stopped at random instants; a smaller part of it is among the tests.
+kill: $(READY)
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTHONPATH=tests $(BIN)/python tests/robustness/killed_fits.py
 
 # Each guard taken out in a copy, for a test to notice.
 mutants: $(READY)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/robustness/mutants.py
+
+# Lines and branches that the tests run, and the functions with lines that none runs; slower than the tests alone.
+coverage: $(READY)
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile \
+		--cov=quadriform --cov-branch --cov-report=json:out/coverage.json --cov-report=
+	$(BIN)/python tests/robustness/uncovered.py out/coverage.json
 
 docs: $(READY)
 	$(BIN)/sphinx-build -W --keep-going -q -b html docs out/docs

@@ -30,6 +30,7 @@ def test_files_become_a_moving_model(terminal, ellipsoid, tmp_path):
     assert isinstance(model, qf.MovingModel) and model.basis.period == 4.0
     rows = list(csv.DictReader((tmp_path / "out" / "frames.csv").read_text(encoding="utf-8").splitlines()))
     assert [row["frame"] for row in rows] == ["0", "1", "2", "3"]
+    assert {row["rows"] for row in rows} == {"4"}
     assert float(rows[2]["volume_surface"]) < float(rows[0]["volume_surface"])
     assert record["rms"] < 0.2 and record["min_jacobian"] > 0
     assert record["frames"][1]["volume_surface"] == float(rows[1]["volume_surface"])

@@ -130,6 +130,26 @@ def test_a_binary_mesh_cut_anywhere_is_refused(tmp_path, mesh, suffix):
             read_mesh(path)
 
 
+@pytest.mark.parametrize("more", [b"\0", b"\0" * 12])
+def test_a_binary_ply_with_more_than_it_promises_is_refused(tmp_path, mesh, more):
+    path = tmp_path / "m.ply"
+    path.write_bytes(encode_mesh(mesh, ".ply", "LPS", "mm") + more)
+    with pytest.raises(FileFormatError, match="bytes after it, found"):
+        read_mesh(path)
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["v 0 0", "v 0 0 1x", "f 1 2", "f 1 2 x", "f 1 2 /3", "f 1 2 0", "f 1 00/1 2", "f1 2 3", "v1 2 3", " f 1 2 3"],
+)
+def test_a_line_of_an_obj_that_is_not_whole_is_refused(tmp_path, line):
+    """trimesh leaves such lines out without a word, and takes vertex 0 for the first."""
+    path = tmp_path / "m.obj"
+    path.write_text(f"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n{line}\n")
+    with pytest.raises(FileFormatError, match="line 5"):
+        read_mesh(path)
+
+
 def test_a_cloud_is_no_mesh(tmp_path):
     path = tmp_path / "m.obj"
     path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n")

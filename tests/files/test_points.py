@@ -60,12 +60,30 @@ def test_every_separator_gives_the_same_numbers(write, suffix, separator):
         text(" ", "\r"),
         "x,y,z\n" + text(","),
         '"x","y","z"\n' + text(","),
+        text(",").replace("1.0", '"1.0"'),
+        "# points: 3\n" + text(" "),
+        "# points: 3\n# X Y Z\n" + text(" "),
+        "# contour 1\n# points: 2\n" + text(" "),
         "# made by hand\n\n" + text(" ") + "\n   \n# end",
         text(" ").replace("\n", "   # a point\n"),
         text(",").replace("\n", "  \n"),
         text(",").rstrip("\n"),
     ],
-    ids=["bom", "crlf", "cr", "header", "quoted header", "comments", "end comments", "blanks", "no last line end"],
+    ids=[
+        "bom",
+        "crlf",
+        "cr",
+        "header",
+        "quoted header",
+        "quoted number",
+        "count",
+        "count and names",
+        "a count of its own",
+        "comments",
+        "end comments",
+        "blanks",
+        "no last line end",
+    ],
 )
 def test_harmless_dress_is_accepted(write, content):
     assert np.array_equal(read_points(write("p.csv", content)), ROWS)
@@ -93,8 +111,11 @@ def test_a_header_chooses_the_columns_whatever_their_order(write):
         ("1 2 3 0 0 1\n", "line 1: expected 3 columns.*x, y and z.*found 6"),
         ("1 2 3\n1 two 3\n", "line 2: expected numbers, found 'two'"),
         ("1;1,234.5;3\n", "line 1: expected numbers, found '1,234.5'"),
+        ('1,2,3"\n', "line 1: expected numbers, found '3\"'"),
         ("1 1_000 3\n", "line 1: expected numbers, found '1_000'"),
         ("# only a comment\n", "no rows"),
+        ("# points: 3\n1 2 3\n4 5 6\n", "the first line promises 3 points, found 2"),
+        ("\ufeff#points:1 \r\nx,y,z\r\n1,2,3\r\n4,5,6\r\n", "the first line promises 1 points, found 2"),
         (b"\xff\xfe1\x00 \x00", "expected a text table"),
         (b"\x1f\x8b\x08\x00\x00\x00", "found gzip"),
         (b"1 2 3\n\x00\x00\n", "found binary data"),
@@ -117,6 +138,11 @@ def test_text_without_usable_points_says_so(write, content, message):
 @pytest.mark.parametrize("array", [ROWS, np.asfortranarray(ROWS), ROWS.astype(">f8"), ROWS.astype(np.float32)])
 def test_arrays(write, array):
     assert np.array_equal(read_points(write("p.npy", npy(array))), array.astype(np.float64))
+
+
+def test_an_array_of_python_2_is_read_without_a_warning(write):
+    head = npy_claiming("{'descr':'<f8','fortran_order':False,'shape':(3L,3L)}")
+    assert np.array_equal(read_points(write("p.npy", head + ROWS.tobytes())), ROWS)
 
 
 def test_npz_takes_the_only_array_or_the_one_called_points(write):
@@ -244,6 +270,28 @@ def test_written_points_come_back_to_the_last_bit(tmp_path, rng, suffix):
     points = np.vstack([ROWS, rng.normal(size=(50, 3)) * 10.0 ** rng.integers(-300, 300, (50, 3))])
     write_points(points, tmp_path / f"p{suffix}")
     assert read_points(tmp_path / f"p{suffix}").tobytes() == points.tobytes()
+
+
+@pytest.mark.parametrize("suffix", [".xyz", ".txt"])
+def test_written_text_cut_anywhere_is_refused(write, tmp_path, suffix):
+    """In the middle of the last number too."""
+    write_points(ROWS, tmp_path / f"p{suffix}")
+    whole = (tmp_path / f"p{suffix}").read_bytes()
+    for length in range(1, len(whole)):
+        with pytest.raises(FileFormatError):
+            read_points(write("cut" + suffix, whole[:length]))
+
+
+def test_the_count_is_a_comment_to_others(tmp_path):
+    write_points(ROWS, tmp_path / "p.xyz")
+    assert (tmp_path / "p.xyz").read_bytes().startswith(b"# points: 3\n")
+    np.testing.assert_array_equal(np.loadtxt(tmp_path / "p.xyz"), ROWS)
+
+
+def test_a_csv_is_a_table_and_nothing_else(tmp_path):
+    write_points(ROWS, tmp_path / "p.csv")
+    assert (tmp_path / "p.csv").read_text().splitlines()[0] == "x,y,z"
+    np.testing.assert_array_equal(np.genfromtxt(tmp_path / "p.csv", delimiter=",", names=True)["y"], ROWS[:, 1])
 
 
 def test_points_that_cannot_be_written(tmp_path):

@@ -149,6 +149,8 @@ def test_callers_who_let_numpy_raise():
         qf.fit(CLOUD, **SMALL)
         for kind in ("toroid", "hyperboloid1", "hyperboloid2"):
             qf.fit_superquadric(made(kind, (0.7, 1.2)).grid(6)[0], kind)
+        wall = two_walls(150)["epi"]
+        qf.fit_superquadric(wall + 0.3 * np.sin(wall[:, [1, 2, 0]]))  # some chances to be of it are near 1e-308
 
 
 @pytest.mark.parametrize("method", ["tangent", "paper"])

@@ -10,7 +10,7 @@ from shapes_made import even_directions, made, turned
 
 import quadriform as qf
 from quadriform.fitting import tangent_fit
-from quadriform.fitting.unfolding import cures
+from quadriform.fitting.unfolding import certified, cures
 from quadriform.points import Frame
 from quadriform.shapes.certificate import determinant_rows, lattice_inside
 from quadriform.shapes.control_box import ControlBox
@@ -132,3 +132,14 @@ def test_a_fold_that_no_fair_price_cures_is_told(monkeypatch, folded):
     assert "sampled places" in fit.warnings["FOLDING"]
     assert fit.model.min_jacobian() < 0
     assert off(fit.model) == off(folded.model)  # what the cure tried has left no trace
+
+
+def test_only_what_neither_folds_nor_crosses_is_certified():
+    surface = made(exponents=(1.0, 1.0))
+    box = ControlBox.around(surface, (3, 3, 3))
+    folds = box.control_points.copy()
+    folds[1, 1, 1] += 3 * box.edges[0]
+    assert certified(box, {"surface": surface})
+    assert not certified(box.with_control_points(folds), {"surface": surface})
+    beside = replace(surface, translation=surface.translation + surface.rotation[:, 0])
+    assert not certified(ControlBox.around(surface, (3, 3, 3)), {"one": surface, "other": beside})

@@ -243,6 +243,7 @@ def test_tables_hold_every_number(measured, tmp_path):
     assert [float(row["value"]) for row in rows] == [row.value for row in measured.rows]
     assert [row["value"] for row in record["measures"]] == [row.value for row in measured.rows]
     assert {row["observed"] for row in rows} == {"yes", "no"}
+    assert {row["rows"] for row in rows} == {str(len(measured.rows))}
     assert record["curves"]["cavity volume"] == measured.curves["cavity volume"].tolist()
     with pytest.raises(OutputError, match="exists already"):
         write_measures(measured, tmp_path / "m.csv")

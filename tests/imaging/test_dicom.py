@@ -351,6 +351,13 @@ class TestEnhanced:
             assert_allclose(volume.world_from_voxel, AFFINE, atol=1e-9)
         assert_allclose(frame_times(file), [0, 31])
 
+    @pytest.mark.parametrize("count", [b"g ", b"\\ "])
+    def test_a_count_that_is_none(self, file, count):
+        data, head = file.read_bytes(), b"\x28\0\x08\0IS\2\0"
+        file.write_bytes(data.replace(head + b"6 ", head + count))
+        with pytest.raises(FileFormatError, match=r"enhanced.*cannot be decoded"):
+            read_volume(file, frame=0)
+
     def test_a_group_too_few(self, file):
         content = pydicom.dcmread(file)
         del content.PerFrameFunctionalGroupsSequence[-1]

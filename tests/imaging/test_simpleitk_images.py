@@ -1,5 +1,6 @@
 """NRRD and MetaImage: what SimpleITK wrote comes back in the world; what is cut, NaN or of another kind is refused."""
 
+import re
 import sys
 
 import numpy as np
@@ -189,6 +190,12 @@ class TestMeta:
             (b"ElementDataFile = LOCAL", b"ElementDataFile = LIST", FileFormatError, "several files"),
             (b"ElementDataFile", b"NoData", FileFormatError, "ElementDataFile"),
             (b"MET_SHORT", b"MET_NOTHING", FileFormatError, "cannot be read"),
+            (b"NDims = 3", b"NDims =-3", FileFormatError, "expected NDims from 1 to 10, found '-3'"),
+            (b"NDims = 3", b"NDims = 33", FileFormatError, "expected NDims from 1 to 10, found '33'"),
+            (b"NDims = 3\n", b"NDims = 3\nNDims = -3\n", FileFormatError, "line 3: expected `key = value`"),
+            (b"NDims = 3\n", b"NDims = 3\nNDims : -3\n", FileFormatError, "line 3: expected `key = value`"),
+            (b"NDims = 3\n", b"", FileFormatError, "NDims"),
+            (b"NDims = 3\n", b"NDims\x0b= 3\n", FileFormatError, "line 2: expected `key = value`"),
         ],
     )
     def test_what_cannot_be_is_refused(self, tmp_path, values, old, new, error, said):
@@ -204,6 +211,22 @@ class TestMeta:
         lines = path.read_bytes().split(b"\n")
         path.write_bytes(b"\n".join(line for line in lines if not line.startswith(b"TransformMatrix")))
         assert read_volume(path).space == "unknown"
+
+    def test_a_compressed_size_that_comes_first_is_refused(self, tmp_path, values):
+        """SimpleITK passes over it, and leaves the voxels to chance."""
+        path = write(tmp_path / "a.mha", values, compressed=True)
+        head, size, rest = re.split(rb"(CompressedDataSize = \d+\n)", path.read_bytes(), maxsplit=1)
+        path.write_bytes(size + head + rest)
+        refused(path, FileFormatError, "expected CompressedData before CompressedDataSize")
+
+    @pytest.mark.parametrize("off", [-1, 1])
+    def test_another_compressed_size_is_refused(self, tmp_path, values, off):
+        """SimpleITK would read so many bytes, and leave what they do not give to chance."""
+        path = write(tmp_path / "a.mha", values, compressed=True)
+        data = path.read_bytes()
+        size = int(re.search(rb"CompressedDataSize = (\d+)", data)[1])
+        path.write_bytes(data.replace(b"CompressedDataSize = %d" % size, b"CompressedDataSize = %d" % (size + off)))
+        refused(path, FileFormatError, f"promises {size + off} compressed bytes, found {size}")
 
     def test_a_flipped_byte_in_compressed_voxels_is_found(self, tmp_path, values):
         path = write(tmp_path / "a.mha", values, compressed=True)

@@ -164,3 +164,12 @@ def test_the_frame_that_is_wrong_is_named():
     frames[3] = {"epi": frames[0]["epi"], "endo": np.full((100, 3), np.nan)}
     with pytest.raises(PointsError, match="frame 3"):
         qf.track(frames)
+
+
+@pytest.mark.parametrize("strategy", ["cycle", "alone"])
+def test_digits_that_a_frame_had_lost_are_said_with_its_number(strategy):
+    """As they came: once they are checked all are double precision."""
+    far = [frame["endo"] + 1e6 for frame in heart()[:2]]
+    found = qf.track([far[0], far[1].astype(np.float32)], strategy=strategy, box=BOX)
+    assert found.status == "warned"
+    assert found.warnings["PRECISION_LOSS"].startswith("frame 1: neighbouring float32 numbers at 1e+06")

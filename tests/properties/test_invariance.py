@@ -7,12 +7,14 @@ which may be its own, and of models by its method; the default's models hold 1e-
 import os
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from shapes_made import even_directions, lumpy, made, turned, two_walls
 
 import quadriform as qf
+from quadriform.heart.wall import Wall
 from quadriform.points import Frame
 
 CLOUD = lumpy(300)
@@ -123,12 +125,42 @@ def test_names_of_surfaces_and_their_order_do_not_matter(method):
         assert np.abs(other.model.distance(vertices, name)).max() < 1e-6 * Frame.of(clouds["epi"]).scale
 
 
-def test_measures_scale_by_their_dimension():
+@pytest.fixture(scope="module")
+def wall():
+    """A deformed model of two surfaces."""
+    surfaces = {"epi": made(exponents=(1.0, 1.0), semi_axes=(20, 18, 30))}
+    surfaces["endo"] = replace(surfaces["epi"], semi_axes=(14, 12.6, 21), exponents=(0.8, 1.1))
+    box = qf.ControlBox.around(surfaces["epi"], (4, 4, 4))
+    moved = np.random.default_rng(3).normal(size=box.control_points.shape)
+    return qf.DeformableModel(surfaces, box.with_control_points(box.control_points + moved))
+
+
+def measures(model):
+    """Volumes and areas of both surfaces, and the wall's thickness along its lines, in no order."""
+    thickness = Wall.between(model.surfaces["endo"], model.surfaces["epi"], 8).thickness(model.box)
+    names = list(model.surfaces)
+    return [model.volume(n) for n in names], [model.area(n) for n in names], np.sort(thickness)
+
+
+@pytest.mark.parametrize("change", [change for change in CHANGES if change.startswith(("M1", "M5", "M6"))])
+def test_measures_do_not_see_where_a_model_lies(wall, change):
+    """M26. The mirror image of a superellipsoid is one whose own first axis points the other way."""
+    matrix, offset = CHANGES[change]
+    own = np.diag([np.linalg.det(matrix), 1, 1])
+    surfaces = {
+        n: replace(s, rotation=matrix @ s.rotation @ own, translation=matrix @ s.translation + offset)
+        for n, s in wall.surfaces.items()
+    }
+    moved = qf.DeformableModel(surfaces, wall.box.turned(matrix).placed(1, np.array(offset)))
+    for found, plain in zip(measures(moved), measures(wall)):
+        np.testing.assert_allclose(found, plain, rtol=1e-9)
+
+
+def test_measures_scale_by_their_dimension(wall):
     """M26."""
-    model = qf.fit(CLOUD, method="paper", iterations=2).model
-    large = model.placed(10.0, np.array([1e3, 0, 0]))
-    assert large.volume() == pytest.approx(1e3 * model.volume(), rel=1e-9)
-    assert large.area() == pytest.approx(1e2 * model.area(), rel=1e-9)
+    large = wall.placed(10.0, np.array([1e3, 0, 0]))
+    for dimension, found, plain in zip((3, 2, 1), measures(large), measures(wall)):
+        np.testing.assert_allclose(found, 10.0**dimension * np.array(plain), rtol=1e-9)
 
 
 SCRIPT = """

@@ -4,24 +4,40 @@ import csv
 import json
 import re
 import struct
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import nibabel
 import numpy as np
+import pydicom
+from dicom_made import write_enhanced, write_slice
 
 import quadriform as qf
 from quadriform.files.guide_points import read_guide_points
 from quadriform.files.meshes import read_mesh
 from quadriform.files.points import read_points, write_points
 from quadriform.imaging.reading import read_volume
+from quadriform.shapes.splines import TimeBasis
 
 POINTS = np.random.default_rng(0).normal(size=(40, 3)) * 30
 BOX = qf.ControlBox.around(qf.Superquadric(semi_axes=(30, 20, 15)), (3, 3, 3))
 MODEL = qf.DeformableModel({"surface": qf.Superquadric(semi_axes=(30, 20, 15))}, BOX, "LPS", "mm")
+MOVING = qf.MovingModel(
+    MODEL.surfaces,
+    BOX.origin,
+    BOX.edges,
+    TimeBasis(np.arange(3.0), 4.0),
+    np.stack([BOX.control_points] * 3),
+    "LPS",
+    "mm",
+)
+SURFACE = ("kind", "semi_axes", "exponents", "rotation", "translation")
+BOX_KEYS = ("origin", "edges", "control_points")
 VOXELS = np.random.default_rng(1).integers(0, 2000, (5, 6, 7)).astype(np.int16)
 AFFINE = np.array([[1.5, 0.1, 0, 3], [0, 2, 0, -4], [0, 0, 2.5, 5], [0, 0, 0, 1.0]])
 
@@ -39,7 +55,8 @@ class Kind:
 
     def sample(self, folder: Path) -> tuple[Path, bytes]:
         """A path to write to, and the bytes of a whole file; what reading that gives is kept."""
-        path = folder / f"{self.name.replace(' ', '_')}{self.suffix}"
+        path = folder / self.name / f"sample{self.suffix}"
+        path.parent.mkdir()
         self.write(path)
         self.whole = plain(self.read(path))
         return path, path.read_bytes()
@@ -72,7 +89,7 @@ def rows_of_text(path: Path) -> np.ndarray:
     columns = [0, 1, 2]
     if not _number(cells[0][0]):
         names = [name.lower() for name in cells.pop(0)]
-        columns = [names.index(axis) for axis in "xyz"]
+        columns = [names.index(axis) for axis in "xyz"] if set("xyz") <= set(names) or len(names) != 3 else [0, 1, 2]
     return np.array([[float(row[column]) for column in columns] for row in cells])
 
 
@@ -132,8 +149,19 @@ def obj(path: Path) -> tuple[np.ndarray, np.ndarray]:
         if word == "v":
             vertices.append([float(cell) for cell in rest[:3]])
         elif word == "f":
-            faces.append([int(cell.split("/")[0]) - 1 for cell in rest])
-    return np.array(vertices), np.array(faces)
+            corners = [int(cell.split("/")[0]) for cell in rest]
+            if 0 in corners:
+                raise ValueError("vertices count from 1")
+            first, *others = [corner - 1 if corner > 0 else len(vertices) + corner for corner in corners]
+            faces += [[first, *pair] for pair in pairwise(others)]
+    return in_order((np.array(vertices), np.array(faces)))
+
+
+def in_order(mesh: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Triangles with their lowest corner first, sorted: polygons may be cut in any order."""
+    vertices, faces = mesh
+    starts = faces.argmin(axis=1)[:, None] + np.arange(3)
+    return vertices, np.array(sorted(np.take_along_axis(faces, starts % 3, axis=1).tolist()))
 
 
 def vtp(path: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -152,25 +180,26 @@ def vtp(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def json_model(path: Path) -> list:
-    """The numbers and words of a model, in the order in which they are compared."""
+    """The numbers and words of a model, in the order in which they are compared; of one that moves its times too."""
     document = json.loads(path.read_text(encoding="utf-8"))
-    surfaces = {s["name"]: s for s in document["surfaces"]}
-    keys = ("kind", "semi_axes", "exponents", "rotation", "translation")
-    return _numbers(document, {n: [s[k] for k in keys] for n, s in surfaces.items()})
+    surfaces = {s["name"]: [_array(s[key]) for key in SURFACE] for s in document["surfaces"]}
+    box = [_array(document["box"][key]) for key in BOX_KEYS]
+    time = [_array(document["time"][key]) for key in ("knots", "period", "frames")] if "time" in document else []
+    return [surfaces, box, document["space"], document["unit"], document["input_sha256"], *time]
 
 
-def _numbers(document: dict, surfaces: dict) -> list:
-    box = [np.array(document["box"][key], dtype=float) for key in ("origin", "edges", "control_points")]
-    flat = {name: [np.array(v, dtype=float) if isinstance(v, list) else v for v in s] for name, s in surfaces.items()}
-    return [flat, box, document["space"], document["unit"], document["input_sha256"]]
+def _array(value: object) -> object:
+    return np.array(value, dtype=float) if isinstance(value, list | float | int) else value
 
 
 def model_numbers(path: Path) -> list:
     model = qf.load(path)
-    keys = ("kind", "semi_axes", "exponents", "rotation", "translation")
-    surfaces = {name: [getattr(s, key) for key in keys] for name, s in model.surfaces.items()}
-    box = [model.box.origin, model.box.edges, model.box.control_points]
-    return [surfaces, box, model.space, model.unit, model.input_sha256]
+    surfaces = {name: [_array(getattr(s, key)) for key in SURFACE] for name, s in model.surfaces.items()}
+    if isinstance(model, qf.MovingModel):
+        box, time = model, [model.basis.knots, _array(model.basis.period), model.frame_times]
+    else:
+        box, time = model.box, []
+    return [surfaces, [getattr(box, key) for key in BOX_KEYS], model.space, model.unit, model.input_sha256, *time]
 
 
 def voxels_and_world(path: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -181,9 +210,12 @@ def voxels_and_world(path: Path) -> tuple[np.ndarray, np.ndarray]:
 def by_nibabel(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """NIfTI by nibabel, turned to LPS and millimetres."""
     image = nibabel.load(path)
-    metres = {"meter": 1000.0, "mm": 1.0, "micron": 0.001, "unknown": 1.0}[image.header.get_xyzt_units()[0]]
+    metres = {1: 1000.0, 3: 0.001}.get(int(image.header["xyzt_units"]) & 7, 1.0)
     world = np.diag([-metres, -metres, metres, 1]) @ image.affine
-    return np.asarray(image.get_fdata(dtype=np.float64)), world
+    values = np.asarray(image.get_fdata(dtype=np.float64))
+    while values.ndim > 3 and values.shape[-1] == 1:  # dimensions that are none
+        values = values[..., 0]
+    return values, world
 
 
 def write_simpleitk(path: Path, compressed: bool) -> None:
@@ -203,6 +235,60 @@ def by_simpleitk(path: Path) -> tuple[np.ndarray, np.ndarray]:
     world[:3, :3] = np.reshape(image.GetDirection(), (3, 3)) * image.GetSpacing()
     world[:3, 3] = image.GetOrigin()
     return SimpleITK.GetArrayFromImage(image).astype(np.float64).transpose(2, 1, 0), world
+
+
+TURN = np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])
+"""Columns: along a row, down a column, from slice to slice."""
+
+
+def write_series(path: Path) -> None:
+    """Four slices beside each other, the second of them at the path."""
+    for k in range(4):
+        file = path if k == 1 else path.with_name(f"slice{k}.dcm")
+        place = {"position": TURN[:, 2] * 5.0 * k, "along_row": TURN[:, 0], "along_column": TURN[:, 1]}
+        write_slice(file, VOXELS[k], **place, spacing=(1.5, 2.0), InstanceNumber=k + 1)
+
+
+def write_many_images(path: Path) -> None:
+    """The same in one file, scaled."""
+    positions = [TURN[:, 2] * 5.0 * k for k in range(4)]
+    write_enhanced(path, VOXELS[:4], positions, TURN[:, 0], TURN[:, 1], (1.5, 2.0), [0] * 4, [2, 3, 4, 5])
+
+
+def by_pydicom(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """All slices beside a path by their positions, from what pydicom says of each file."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        slices = [each for file in sorted(path.parent.iterdir()) for each in slices_of(pydicom.dcmread(file))]
+    normal = np.cross(*slices[0][1])
+    slices.sort(key=lambda one: one[0] @ normal)
+    (origin, steps, _), *_, (end, _, _) = slices
+    world = np.eye(4)
+    world[:3] = np.column_stack([*steps, (end - origin) / (len(slices) - 1), origin])
+    return np.stack([values.T for _, _, values in slices], axis=-1), world
+
+
+def slices_of(data: pydicom.Dataset) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Of each image of a file where it begins, its steps along a row and down a column, and its values."""
+    shared = data.get("SharedFunctionalGroupsSequence", [data])[0]
+    found = []
+    for k, own in enumerate(data.get("PerFrameFunctionalGroupsSequence", [data])):
+        place, orientation, measures, scale = (
+            inner_of(own, name) or inner_of(shared, name) or data
+            for name in ("PlanePosition", "PlaneOrientation", "PixelMeasures", "PixelValueTransformation")
+        )
+        down, along = (float(value) for value in measures.PixelSpacing)
+        cosines = np.array(orientation.ImageOrientationPatient, dtype=float).reshape(2, 3)
+        pixels = data.pixel_array.reshape(-1, data.Rows, data.Columns)[k].astype(float)
+        slope, intercept = scale.get("RescaleSlope"), scale.get("RescaleIntercept")  # None where they are empty, too
+        values = pixels * float(1 if slope is None else slope) + float(0 if intercept is None else intercept)
+        steps = cosines * [[along], [down]]
+        found.append((np.array(place.ImagePositionPatient, dtype=float), steps, values))
+    return found
+
+
+def inner_of(group: pydicom.Dataset, name: str) -> pydicom.Dataset | None:
+    return (group.get(f"{name}Sequence") or [None])[0]
 
 
 def write_guide_points(path: Path) -> None:
@@ -239,8 +325,8 @@ def saved(thing: Any) -> Callable[[Path], object]:
     return lambda path: qf.save(thing, path)
 
 
-def mesh_kind(suffix: str, independent: Callable[[Path], Any]) -> Kind:
-    return Kind(f"mesh {suffix}", suffix, saved(MESH), lambda p: vertices_and_faces(read_mesh(p)), independent)
+def mesh_kind(suffix: str, independent: Callable[[Path], Any], order: Callable = lambda mesh: mesh) -> Kind:
+    return Kind(f"mesh {suffix}", suffix, saved(MESH), lambda p: order(vertices_and_faces(read_mesh(p))), independent)
 
 
 KINDS = [
@@ -250,9 +336,10 @@ KINDS = [
     Kind("points .npz", ".npz", lambda p: write_points(POINTS, p), read_points),
     mesh_kind(".ply", ply),
     mesh_kind(".stl", stl),
-    mesh_kind(".obj", obj),
+    mesh_kind(".obj", obj, in_order),
     mesh_kind(".vtp", vtp),
     Kind("model .json", ".json", saved(MODEL), model_numbers, json_model),
+    Kind("moving model .json", ".json", saved(MOVING), model_numbers, json_model),
     Kind("model .npz", ".npz", saved(MODEL), model_numbers),
     Kind(
         "image .nii", ".nii", lambda p: nibabel.Nifti1Image(VOXELS, AFFINE).to_filename(p), voxels_and_world, by_nibabel
@@ -261,5 +348,13 @@ KINDS = [
     Kind("image .mha", ".mha", lambda p: write_simpleitk(p, False), voxels_and_world, by_simpleitk),
     Kind("image .mha, compressed", ".mha", lambda p: write_simpleitk(p, True), voxels_and_world, by_simpleitk),
     Kind("image .nrrd, compressed", ".nrrd", lambda p: write_simpleitk(p, True), voxels_and_world, by_simpleitk),
+    Kind(
+        "image .dcm, a slice of a series",
+        ".dcm",
+        write_series,
+        lambda p: voxels_and_world(p.parent),
+        by_pydicom,
+    ),
+    Kind("image .dcm, many images", ".dcm", write_many_images, voxels_and_world, by_pydicom),
     Kind("guide points", ".txt", write_guide_points, guide_points, guide_rows),
 ]

@@ -12,6 +12,8 @@ import sys
 import tempfile
 import traceback
 from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,6 +23,7 @@ import numpy as np
 from quadriform.errors import QuadriformError
 
 SECONDS, ROOM = 10, 1024**3
+MARKS = b'0123456789-+. =:\n,;e#"[]{}\0'
 TYPED, SAME, INDEPENDENT = "typed error", "identical", "as an independent reader"
 
 
@@ -35,8 +38,8 @@ class Fault:
 
 
 def mutated(data: bytes, rng: np.random.Generator) -> tuple[bytes, str]:
-    """Cut, flipped, doubled, dropped or recounted; and how, in words."""
-    how = rng.choice(["cut", "flip", "head", "lines", "digit", "several"])
+    """Cut, flipped, doubled, dropped, moved, put in, taken out or recounted; and how, in words."""
+    how = rng.choice(["cut", "flip", "head", "lines", "swap", "insert", "delete", "digit", "several"])
     place = int(rng.integers(len(data)))
     if how == "cut":
         return data[:place], f"cut at {place}"
@@ -48,6 +51,16 @@ def mutated(data: bytes, rng: np.random.Generator) -> tuple[bytes, str]:
         lines = data.splitlines(keepends=True)
         line, twice = int(rng.integers(len(lines))), bool(rng.integers(2))
         return b"".join([*lines[:line], *[lines[line]] * 2 * twice, *lines[line + 1 :]]), f"line {line}, {twice=}"
+    if how == "swap":
+        lines = data.splitlines(keepends=True)
+        one, other = (int(line) for line in rng.integers(min(30, len(lines)), size=2))
+        lines[one], lines[other] = lines[other], lines[one]
+        return b"".join(lines), f"lines {one} and {other} swapped"
+    if how in ("insert", "delete"):
+        place = int(rng.integers(min(512, len(data)))) if rng.integers(2) else place
+        more = bytes([int(rng.choice(list(MARKS)))]) * int(rng.integers(1, 4)) if how == "insert" else b""
+        left = data[place + (0 if more else int(rng.integers(1, 5))) :]
+        return data[:place] + more + left, f"{how} at {place} {more!r}"
     if how == "digit":
         digits = [i for i, byte in enumerate(data[:2000]) if chr(byte).isdigit()]
         if not digits:
@@ -112,8 +125,13 @@ def run(count: int, seed: int, processes: int) -> tuple[Counter, list[Fault]]:
     each = max(1, min(500, count // processes))
     jobs = [(start, min(each, seed + count - start)) for start in range(seed, seed + count, each)]
     tally, faults = Counter(), list[Fault]()
-    with multiprocessing.get_context("spawn").Pool(processes) as pool:
-        for some, broken in pool.imap(batch, jobs):
+    with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool:  # a pool would wait for the dead
+        for (first, number), done in [(job, pool.submit(batch, job)) for job in jobs]:
+            try:
+                some, broken = done.result()
+            except BrokenProcessPool:
+                broken = [Fault("all", first, f"one of {number} files", "its reader took the whole process down")]
+                return tally, faults + broken
             tally += some
             faults += broken
     return tally, faults

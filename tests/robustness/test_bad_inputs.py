@@ -1,9 +1,8 @@
 """Rows 1 to 34 of docs/reliability.md: point clouds that are not what they should be. The ids are the rows."""
 
-import hashlib
-
 import numpy as np
 import pytest
+from fitters_made import FITTERS
 from shapes_made import even_directions, lumpy, made, turned
 
 import quadriform as qf
@@ -51,16 +50,6 @@ def with_strangers(share):
     return np.vstack([CLOUD, np.random.default_rng(0).uniform(-70, 70, (count, 3))])
 
 
-class Table:
-    """What a table of another library offers to NumPy."""
-
-    def __init__(self, values):
-        self.values = values
-
-    def __array__(self, dtype=None, copy=None):
-        return np.array(self.values, dtype=dtype)
-
-
 def structured():
     return np.zeros(20, dtype=[("x", float), ("y", float), ("z", float)])
 
@@ -105,11 +94,12 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("row", REFUSED)
-@pytest.mark.parametrize("door", [fit, qf.fit_superquadric], ids=["fit", "superquadric"])
-def test_what_cannot_be_fitted_is_refused(row, door):
+@pytest.mark.parametrize("fitter", FITTERS)
+def test_what_cannot_be_fitted_is_refused(row, fitter):
+    """Where there are several clouds, of the last one."""
     points, error, message = REFUSED[row]
     with pytest.raises(error, match=message):
-        door(points())
+        FITTERS[fitter].fit([*FITTERS[fitter].clouds[:-1], points()])
 
 
 WARNED = {
@@ -183,32 +173,11 @@ def test_row_17_whole_numbers_are_what_they_say(kind):
     np.testing.assert_array_equal(fit(whole.astype(kind)).residuals, fit(whole).residuals)
 
 
-@pytest.mark.parametrize(
-    ("row", "dress"),
-    [
-        ("18 longdouble", lambda points: points.astype(np.longdouble)),
-        ("19 list", lambda points: points.tolist()),
-        ("19 __array__", Table),
-        ("21 Fortran order", np.asfortranarray),
-        ("21 negative strides", lambda points: points[::-1, ::-1].copy()[::-1, ::-1]),
-        ("21 every second row", lambda points: np.repeat(points, 2, axis=0)[::2]),
-        ("22 big endian", lambda points: points.astype(">f8")),
-    ],
-)
-def test_the_same_numbers_in_another_dress(plain, row, dress):
-    np.testing.assert_array_equal(fit(dress(CLOUD)).model.box.control_points, plain.model.box.control_points)
-
-
-@pytest.mark.parametrize("door", [fit, qf.fit_superquadric], ids=["fit", "superquadric"])
-def test_row_21_input_is_never_written_to(door, tmp_path):
+def test_row_21_a_memory_map_is_never_written_to(tmp_path):
     np.save(tmp_path / "cloud.npy", CLOUD)
     mapped = np.load(tmp_path / "cloud.npy", mmap_mode="r+")
-    before = hashlib.sha256(mapped.tobytes()).hexdigest()
-    door(mapped)
-    assert hashlib.sha256(mapped.tobytes()).hexdigest() == before
-    held = CLOUD.copy()
-    held.setflags(write=False)
-    door(held)
+    fit(mapped)
+    assert mapped.tobytes() == CLOUD.tobytes() == np.load(tmp_path / "cloud.npy").tobytes()
 
 
 def test_row_23_one_gross_outlier_moves_nothing(plain):
@@ -262,9 +231,3 @@ def test_weights_that_mean_nothing_are_refused(weights, message):
 def test_options_that_are_none(options, message):
     with pytest.raises(OptionError, match=message):
         qf.fit(CLOUD, **options)
-
-
-def test_row_78_a_caller_that_raises_on_everything(plain):
-    with np.errstate(all="raise"):
-        found = fit(CLOUD)
-    np.testing.assert_array_equal(found.model.box.control_points, plain.model.box.control_points)

@@ -1,6 +1,8 @@
 """A part of `make fuzz`, and that it would find what it looks for."""
 
 import sys
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 import numpy as np
@@ -17,12 +19,13 @@ from quadriform.errors import FileFormatError
 
 @pytest.mark.slow
 def test_mutated_files_end_as_promised():
-    tally, faults = fuzzing.run(1600, seed=0, processes=1)
+    each = 85
+    tally, faults = fuzzing.run(each * len(fuzzed_kinds.KINDS), seed=0, processes=1)
     assert faults == []
     for kind in fuzzed_kinds.KINDS:
         assert tally[kind.name, fuzzing.TYPED] > 10
         found = sum(tally[kind.name, how] for how in (fuzzing.TYPED, fuzzing.SAME, fuzzing.INDEPENDENT))
-        assert found == 1600 // len(fuzzed_kinds.KINDS)
+        assert found == each
 
 
 def test_formats_with_checksums_never_give_anything_else():
@@ -60,7 +63,31 @@ def test_every_kind_of_change_is_made():
     data = b"1 2 3\n4 5 6\n7 8 9\n" * 40
     made = [fuzzing.mutated(data, np.random.default_rng(seed)) for seed in range(200)]
     words = {how.split()[0] for _, how in made}
-    assert words == {"cut", "bit", "line", "digit", "several"}
+    assert words == {"cut", "bit", "line", "lines", "insert", "delete", "digit", "several"}
     assert all(isinstance(changed, bytes) for changed, _ in made)
-    lengths = {len(changed) - len(data) for changed, how in made if how.startswith("line")}
+    lengths = {len(changed) - len(data) for changed, how in made if how.startswith("line ")}
     assert lengths == {6, -6}
+
+
+class Dead:
+    """Processes that are gone before they answer."""
+
+    def __init__(self, *words):
+        pass
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *words):
+        pass
+
+    def submit(self, *words):
+        gone = Future()
+        gone.set_exception(BrokenProcessPool())
+        return gone
+
+
+def test_a_reader_that_takes_its_process_down_is_a_fault(monkeypatch):
+    monkeypatch.setattr(fuzzing, "ProcessPoolExecutor", Dead)
+    _, (fault,) = fuzzing.run(20, seed=7, processes=1)
+    assert fault.seed == 7 and "took the whole process down" in fault.what

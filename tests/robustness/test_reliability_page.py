@@ -3,15 +3,20 @@
 import ast
 import re
 import runpy
+import sys
 from pathlib import Path
 
 import pytest
+from fitter_checks import DRESSES
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from mutants import MUTANTS
 
 TESTS = Path(__file__).resolve().parents[1]
 PAGE = (TESTS.parent / "docs" / "reliability.md").read_text(encoding="utf-8")
 WANTED = [str(n) for n in range(1, 81)] + [f"M{n}" for n in range(1, 28)]
 ROWS = dict(re.findall(r"^\| (M?\d+) \| (.*) \|$", PAGE, re.MULTILINE))
-DOORS = ("fit", "superquadric")
 HELD = {row: re.findall(r"`([\w/]+\.py)::([\w:]+)`", cells.split(" | ")[-1]) for row, cells in ROWS.items()}
 
 
@@ -60,12 +65,25 @@ def test_few_rows_are_argued_away_each_with_its_reason():
 def test_ids_of_bad_inputs_are_rows():
     """Those of the tables, and those that parametrised tests give."""
     names = runpy.run_path(str(Path(__file__).with_name("test_bad_inputs.py")))
-    ids = [*names["REFUSED"], *names["WARNED"]]
+    ids = [*names["REFUSED"], *names["WARNED"], *DRESSES]
     for function in names.values():
         for mark in getattr(function, "pytestmark", ()):
             names_rows = mark.args[0][:1] == ("row",)
             ids += [values[0] for values in mark.args[1]] if names_rows else []
             ids += mark.kwargs.get("ids", []) if isinstance(mark.kwargs.get("ids"), list) else []
-    ids = [each for each in ids if each not in DOORS]
     assert len(ids) > 60
     assert [each for each in ids if each.split()[0] not in WANTED] == []
+
+
+def test_the_page_has_the_table_of_every_guard():
+    """As `make mutants` printed it."""
+    rows = re.findall(r"^\| ([^|]+) \| `([\w/.]+)` \| (?:`([\w/.]+)::([\w:]+)`) \|$", section("Guards taken out"), re.M)
+    assert [row[:2] for row in rows] == [(mutant.guard, mutant.file) for mutant in MUTANTS]
+    for _, _, path, name in rows:
+        assert name in names_in(TESTS / path), name
+
+
+def test_every_guard_stands_once_in_its_file():
+    for mutant in MUTANTS:
+        text = (TESTS.parent / "src" / "quadriform" / mutant.file).read_text(encoding="utf-8")
+        assert text.count(mutant.old) == 1, mutant.guard

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -13,6 +14,7 @@ from shapes_made import lumpy
 
 import quadriform as qf
 from quadriform.files.atomic import write_bytes
+from quadriform.points import Frame
 
 OLD, NEW = b"0" * 500_000, b"1" * 700_000
 WRITER = (
@@ -53,6 +55,13 @@ LIMITED = (
     "import resource, signal, sys\n"
     "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
     "resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n"
+    "from quadriform.cli.main import main\n"
+    "sys.exit(main(sys.argv[1:]))\n"
+)
+WITH_COMMAS = (
+    "import locale, sys\n"
+    "locale.setlocale(locale.LC_ALL, '')\n"
+    "if locale.format_string('%.1f', 1.5) != '1,5': sys.exit('this locale has no commas')\n"
     "from quadriform.cli.main import main\n"
     "sys.exit(main(sys.argv[1:]))\n"
 )
@@ -125,6 +134,16 @@ def test_row_69_stopped_at_fifty_instants(tmp_path):
 
 
 @pytest.mark.slow
+def test_row_69_whole_fits_that_are_stopped():
+    """Fourteen of them; fifty by `make kill`."""
+    here = Path(__file__)
+    paths = os.pathsep.join([str(here.parents[1]), os.environ.get("PYTHONPATH", "")])
+    done = python(here.with_name("killed_fits.py"), 14, PYTHONPATH=paths)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.splitlines()[-1] == "14 of 14 as promised"
+
+
+@pytest.mark.slow
 def test_row_70_two_writers_of_one_file(tmp_path):
     """Each 200 times; whoever reads meanwhile sees one of the two files, whole."""
     path, seen = tmp_path / "a", set()
@@ -139,14 +158,49 @@ def test_row_70_two_writers_of_one_file(tmp_path):
     assert os.listdir(tmp_path) == ["a"]
 
 
-@pytest.mark.parametrize("names", [{"LC_ALL": "C", "TERM": "dumb"}, {"LC_ALL": "de_DE.UTF-8", "TERM": ""}])
-def test_row_71_numbers_have_a_point_in_every_locale(cloud, names):
-    done = quadriform("info", cloud, "--json", **names)
+@pytest.fixture(scope="module")
+def german(tmp_path_factory):
+    """Environment of a terminal that writes commas; few machines have such a locale, so it is made."""
+    maker, folder = shutil.which("localedef"), tmp_path_factory.mktemp("locales")
+    if maker is None:
+        pytest.skip("no localedef here to make a locale with decimal commas")
+    made = subprocess.run([maker, "-i", "de_DE", "-f", "UTF-8", folder / "de_DE.UTF-8"], capture_output=True)
+    if made.returncode:
+        pytest.skip(f"localedef cannot make a German locale: {made.stderr!r}")
+    return {"LOCPATH": str(folder), "LC_ALL": "de_DE.UTF-8"}
+
+
+def same_numbers(cloud, run, names):
+    """What a terminal says of a cloud has points in its numbers."""
+    done = run("info", cloud, "--json", **names)
     assert done.returncode == 0 and done.stderr == ""
     assert json.loads(done.stdout)["extent"]["lowest"] == lumpy(300).min(axis=0).tolist()
-    table = quadriform("info", cloud, **names)
+    table = run("info", cloud, **names)
     assert table.returncode == 0 and "\x1b" not in table.stdout
     assert f"{lumpy(300)[:, 0].min():.4g}"[:5] in table.stdout
+
+
+def test_row_71_numbers_have_a_point_on_a_poor_terminal(cloud):
+    same_numbers(cloud, quadriform, {"LC_ALL": "C", "TERM": "dumb"})
+
+
+def test_row_71_numbers_have_a_point_where_others_write_commas(cloud, saved, tmp_path, german):
+    """A program that has taken over the locale of its user, and what it writes."""
+
+    def run(*words, **names):
+        return python("-c", WITH_COMMAS, *words, **names)
+
+    same_numbers(cloud, run, german)
+    for suffix in ("xyz", "csv"):
+        done = run("deform", saved, cloud, "-o", tmp_path / f"a.{suffix}", **german)
+        assert done.returncode == 0, done.stderr
+        plain = quadriform("deform", saved, cloud, "-o", tmp_path / f"b.{suffix}")
+        assert plain.returncode == 0, plain.stderr
+        assert (tmp_path / f"a.{suffix}").read_bytes() == (tmp_path / f"b.{suffix}").read_bytes()
+    assert run("export", saved, "--to", "obj,vtp", "-o", tmp_path / "commas", **german).returncode == 0
+    assert quadriform("export", saved, "--to", "obj,vtp", "-o", tmp_path / "points").returncode == 0
+    for name in ("surface.obj", "surface.vtp"):
+        assert (tmp_path / "commas" / name).read_bytes() == (tmp_path / "points" / name).read_bytes()
 
 
 @pytest.mark.slow
@@ -160,7 +214,7 @@ def test_row_72_the_number_of_threads_does_not_matter(tmp_path):
         assert done.returncode == 0, done.stderr
         found.append(np.load(out))
     for other in found[1:]:
-        np.testing.assert_allclose(other, found[0], rtol=0, atol=1e-7 * np.linalg.norm(found[0], axis=1).max())
+        np.testing.assert_allclose(other, found[0], rtol=0, atol=1e-7 * Frame.of(found[0]).scale)
 
 
 @pytest.mark.slow

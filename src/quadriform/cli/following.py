@@ -129,10 +129,11 @@ def _record(inputs: Sequence[Path], targets: Sequence[Path], found: "Track", sec
 
 
 def _csv(frames: Sequence[Mapping[str, Any]]) -> bytes:
+    """A row a frame, each with the number of all rows: a table that was cut shows it."""
     stream = io.StringIO(newline="")
-    writer = csv.DictWriter(stream, list(frames[0]), lineterminator="\n")
+    writer = csv.DictWriter(stream, [*frames[0], "rows"], lineterminator="\n")
     writer.writeheader()
-    writer.writerows(frames)
+    writer.writerows({**frame, "rows": len(frames)} for frame in frames)
     return stream.getvalue().encode()
 
 

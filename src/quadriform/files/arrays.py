@@ -3,6 +3,7 @@
 import io
 import struct
 import tokenize
+import warnings
 import zipfile
 from pathlib import PurePosixPath
 from typing import Any
@@ -29,7 +30,7 @@ def parse_npy(data: bytes, where: str) -> NDArray[Any]:
     """
     stream = io.BytesIO(data)
     shape, fortran_order, dtype = _npy_header(stream, data, where)
-    if dtype.hasobject or dtype.names is not None or dtype.kind not in "biufcSU":
+    if dtype.kind not in "biufcSU":
         raise FileFormatError(f"{where}: expected an array of plain numbers, found type {dtype}")
     if any(length < 0 for length in shape):
         raise FileFormatError(f"{where}: the header has a negative length in shape {shape}")
@@ -48,7 +49,9 @@ def _npy_header(stream: io.BytesIO, data: bytes, where: str) -> tuple[tuple[int,
     try:
         version = np.lib.format.read_magic(stream)
         readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
-        return readers[version](stream)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # that Python 2 wrote its lengths with an L is no fault
+            return readers[version](stream)
     except DAMAGED as error:
         raise FileFormatError(f"{where}: expected a .npy array, found {signature(data)} ({_first(error)})") from error
 

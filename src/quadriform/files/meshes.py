@@ -18,8 +18,10 @@ from quadriform.shapes.mesh import Mesh
 
 MESH_SUFFIXES = (".ply", ".stl", ".obj", ".vtp")
 
+OBJ_WORDS = ("v", "vt", "vn", "vp", "f")
 OBJ_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
-OBJ_CORNER = re.compile(r"-?\d+(/-?\d*){0,2}")
+OBJ_CORNER = re.compile(r"-?0*[1-9]\d*(/-?\d*){0,2}")
+"""Counted from 1, or backwards from -1; of 0 trimesh makes the first vertex."""
 HEAD = 4096
 """Bytes in which the marks stand, when there are any."""
 SINGLE = 1e-5
@@ -165,13 +167,16 @@ def _load(data: bytes, suffix: str, where: str) -> Any:
 
 
 def _check_obj(data: bytes, where: str) -> None:
-    """What trimesh leaves out without a word: vertices and faces whose lines are not whole."""
+    """What trimesh leaves out or guesses without a word: vertices and faces whose lines are not whole."""
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise FileFormatError(f"{where}: expected text in UTF-8, found {signature(data)}") from error
     for number, line in enumerate(text.splitlines(), 1):
         word, *rest = line.partition("#")[0].split() or [""]
+        if word.startswith(("v", "f")) and (word not in OBJ_WORDS or line[0].isspace()):
+            words = ", ".join(OBJ_WORDS)
+            raise FileFormatError(f"{where}, line {number}: expected to begin with one of {words}, found {line[:60]!r}")
         whole = {"v": OBJ_NUMBER, "f": OBJ_CORNER}.get(word)
         if whole is not None and (len(rest) < 3 or not all(map(whole.fullmatch, rest))):
             raise FileFormatError(f"{where}, line {number}: expected three numbers or more, found {line[:60]!r}")

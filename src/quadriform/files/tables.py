@@ -9,6 +9,8 @@ from quadriform.errors import FileFormatError
 from quadriform.files.reading import signature
 from quadriform.points import Array
 
+COUNT = re.compile(r"#\s*points:\s*(\d+)\s*")
+QUOTED = re.compile(r'^"([^"]*)"$')
 DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 
 
@@ -17,24 +19,43 @@ def parse_table(data: bytes, where: str) -> Array:
 
     Accepted: UTF-8 with or without BOM, any line end, comments after `#`, blank lines, one header row, and comma,
     semicolon, tab or spaces between the fields. Three columns are x, y, z; with more, a header must name x, y and z.
+    A first line `# points: 40` must be the number of rows, and the last line must then end: only so is a file that was
+    cut no shorter one.
 
     Args:
         data: the bytes of the file.
         where: how error messages name the file.
 
     Raises:
-        FileFormatError: not text, decimal commas, ragged rows or words among the numbers, with the line number.
+        FileFormatError: not text, decimal commas, ragged rows or words among the numbers, with the line number; other
+            rows than the first line promises.
     """
-    rows = _rows(data, where)
+    lines = _lines(data, where)
+    rows = _rows(lines, where)
     separator = _separator(rows[0][1])
     header = _split(rows[0][1], separator, where, rows[0][0])
     has_names = not any(_is_number(field) for field in header)
     columns = _columns(header if has_names else [], len(header), f"{where}, line {rows[0][0]}")
+    if promised := COUNT.fullmatch(lines[0]):
+        _check_count(int(promised[1]), len(rows) - has_names, data, where)
     return np.array([_numbers(row, separator, len(header), columns, where) for row in rows[has_names:]]).reshape(-1, 3)
 
 
-def _rows(data: bytes, where: str) -> list[tuple[int, str]]:
-    """Line numbers and contents of the lines that hold something."""
+def counted(rows: int) -> str:
+    """The first line of a table of points of so many rows, a comment to other readers."""
+    return f"# points: {rows}\n"
+
+
+def _check_count(promised: int, found: int, data: bytes, where: str) -> None:
+    if promised != found:
+        raise FileFormatError(f"{where}: the first line promises {promised} points, found {found}")
+    if not data.endswith((b"\n", b"\r")):
+        raise FileFormatError(
+            f"{where}: the last line has no end: its last number may be cut; add a line end if it is not"
+        )
+
+
+def _lines(data: bytes, where: str) -> list[str]:
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -43,8 +64,13 @@ def _rows(data: bytes, where: str) -> list[tuple[int, str]]:
         ) from error
     if "\0" in text:
         raise FileFormatError(f"{where}: expected a text table, found {signature(data)}")
-    lines = ((number, line.split("#", 1)[0].strip()) for number, line in enumerate(text.splitlines(), 1))
-    rows = [(number, line) for number, line in lines if line]
+    return text.splitlines() or [""]
+
+
+def _rows(lines: list[str], where: str) -> list[tuple[int, str]]:
+    """Line numbers and contents of the lines that hold something."""
+    bare = ((number, line.split("#", 1)[0].strip()) for number, line in enumerate(lines, 1))
+    rows = [(number, line) for number, line in bare if line]
     if not rows:
         raise FileFormatError(f"{where}: the table has no rows; expected x y z on each line")
     return rows
@@ -58,7 +84,7 @@ def _separator(line: str) -> str | None:
 
 
 def _split(line: str, separator: str | None, where: str, number: int) -> list[str]:
-    fields = [field.strip().strip('"') for field in line.split(separator)]
+    fields = [QUOTED.sub(r"\1", field.strip()) for field in line.split(separator)]
     if "," in line:
         # Between "1, 2, 3" and "1,5 2,5 3,5" the blanks decide: in the second they stand inside the fields.
         blanks_inside = any(len(field.split()) > 1 for field in fields)

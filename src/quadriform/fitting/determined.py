@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from quadriform.fitting.descent import EXPONENT_SPREAD
 from quadriform.fitting.residuals import AXES, HOLE, POWERS, SHIFT, TURN, Candidates
 from quadriform.points import Array
+from quadriform.shapes.superellipse import quiet
 
 UNDETERMINED = 1e4
 """A singular value this many times below the largest counts as undetermined."""
@@ -38,6 +39,7 @@ class Determined:
         return float(np.sqrt(max(np.linalg.eigvalsh(self.covariance[TURN, TURN])[-1], 0)))
 
 
+@quiet
 def determined(
     candidate: Candidates,
     derivatives: Array,

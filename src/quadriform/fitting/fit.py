@@ -73,7 +73,7 @@ def fit(
         said = named_texts({name: s.warnings for name, s in starts.items()})
         return replace(refined, warnings=said | refined.warnings)
 
-    return _with(_lost(points, clouds), _few_first(clouds, counted, chosen, whole))
+    return _with(lost(points, clouds), _few_first(clouds, counted, chosen, whole))
 
 
 @one_blas_thread
@@ -121,15 +121,15 @@ def refine(
     def whole(few: dict[str, Array], counts: dict[str, Array]) -> Fit:
         return _refine(surfaces, few, counts, chosen, None, progress, start)
 
-    return _with(_lost(points, clouds), _few_first(clouds, counted, chosen, whole))
+    return _with(lost(points, clouds), _few_first(clouds, counted, chosen, whole))
 
 
 def _with(warnings: Warnings, found: Fit) -> Fit:
     return replace(found, warnings=warnings | found.warnings)
 
 
-def _lost(points: Clouds, clouds: dict[str, Array]) -> Warnings:
-    """What clouds had lost before they came."""
+def lost(points: Clouds, clouds: dict[str, Array]) -> Warnings:
+    """What clouds had lost before they came, a warning or none, from the same checked."""
     given = points if isinstance(points, Mapping) else {ALONE: points}
     return named_texts({str(name): precision(each, clouds[str(name)]) for name, each in given.items()})
 

@@ -87,6 +87,8 @@ class Measures:
 def write_measures(measures: Measures, path: str | os.PathLike[str], force: bool = False) -> None:
     """Write the table as .csv, or everything as .json, all or nothing.
 
+    Each row of a .csv has the number of all rows: a table that was cut shows it.
+
     Args:
         measures: what to write.
         path: where to; its suffix chooses.
@@ -106,7 +108,8 @@ def write_measures(measures: Measures, path: str | os.PathLike[str], force: bool
 def _csv(measures: Measures) -> str:
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(["quantity", "value", "unit", "how", "observed"])
+    writer.writerow(["quantity", "value", "unit", "how", "observed", "rows"])
     for row in measures.rows:
-        writer.writerow([row.quantity, repr(row.value), row.unit, row.how, "yes" if row.observed else "no"])
+        observed = "yes" if row.observed else "no"
+        writer.writerow([row.quantity, repr(row.value), row.unit, row.how, observed, len(measures.rows)])
     return stream.getvalue()

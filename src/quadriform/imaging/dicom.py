@@ -163,6 +163,7 @@ def _header(file: Path) -> "Dataset":
         header = pydicom.dcmread(file, stop_before_pixels=True, specific_tags=TAGS)
         for keyword in TAGS:
             header.get(keyword)  # values are decoded when asked for
+        n_images(header)  # so that a count that is none is met here
         return header
 
 

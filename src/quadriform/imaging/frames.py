@@ -21,7 +21,10 @@ def choose_frame(frame: int | None, shape: Size, path: Path) -> int:
     """
     n = shape[3]
     if frame is None and n > 1:
-        raise MaskError(f"{str(path)!r}: a four-dimensional image of shape {shape}; choose frame=0 to frame={n - 1}")
+        raise MaskError(
+            f"{str(path)!r}: a four-dimensional image of shape {shape}; choose frame=0 to frame={n - 1}, or follow "
+            "them all with track"
+        )
     if frame is not None and not (isinstance(frame, (int, np.integer)) and 0 <= frame < n):
         raise OptionError(f"option frame={frame!r}: {str(path)!r} has frames 0 to {n - 1}")
     return int(frame or 0)

@@ -21,6 +21,8 @@ from quadriform.points import Array
 MAX_HEADER = 1 << 20
 """Bytes; a header has a few hundred."""
 CHUNK = 1 << 20
+MOST_DIMENSIONS = 10
+"""MetaImage has no more."""
 WITH_ZLIB_OR_GZIP = 47
 """Window of 32 kB, and either kind of header is recognised."""
 NRRD_SPACES = {
@@ -146,7 +148,7 @@ def _meta(block: bytes, path: Path) -> TextHeader:
     end = block.find(b"\n", at) + 1
     if at < 0 or end == 0:
         raise FileFormatError(f"{quoted(path)}: not a MetaImage: no line ElementDataFile; it begins {block[:16]!r}")
-    fields = _fields(block[:end], "=")
+    fields = _meta_fields(block[:end], path)
     if fields.get("BinaryData", "true").lower() != "true":
         raise FileFormatError(f"{quoted(path)}: voxels as text; expected BinaryData = True")
     name, compressed = fields.get("ElementDataFile", ""), fields.get("CompressedData", "false").lower() == "true"
@@ -167,6 +169,30 @@ def _meta(block: bytes, path: Path) -> TextHeader:
         "",
         _whole(fields.get("CompressedDataSize", ""), path) if compressed else None,
     )
+
+
+def _meta_fields(block: bytes, path: Path) -> dict[str, str]:
+    """Keys and values, each line one and none of them twice.
+
+    Where they are not, or `CompressedDataSize` comes first, SimpleITK makes something else of them and leaves voxels to
+    chance; where the number of dimensions is none it writes beyond its own memory, which ends the whole process.
+    """
+    fields: dict[str, str] = {}
+    for number, line in enumerate(block.decode("latin-1").rstrip("\r\n").split("\n"), 1):
+        key, found, value = line.partition("=")
+        key = key.strip(" ")
+        if not found or not key or not key.isprintable() or key in fields:
+            raise FileFormatError(
+                f"{quoted(path)}, line {number}: expected `key = value` with a key of its own, found {line[:60]!r}"
+            )
+        fields[key] = value.strip()
+    dimensions = fields.get("NDims", "")
+    if not dimensions.isdecimal() or not 1 <= int(dimensions) <= MOST_DIMENSIONS:
+        raise FileFormatError(f"{quoted(path)}: expected NDims from 1 to {MOST_DIMENSIONS}, found {dimensions!r}")
+    order = [key for key in fields if key in ("CompressedData", "CompressedDataSize")]
+    if order[:1] == ["CompressedDataSize"]:
+        raise FileFormatError(f"{quoted(path)}: expected CompressedData before CompressedDataSize")
+    return fields
 
 
 def _fields(block: bytes, separator: str) -> dict[str, str]:

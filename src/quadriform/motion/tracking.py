@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from quadriform.errors import OptionError, PointsError, WarningKind, Warnings, choose
 from quadriform.fitting.candidates import ellipsoids
-from quadriform.fitting.fit import ALONE, Clouds, fit, named, refine
+from quadriform.fitting.fit import ALONE, Clouds, fit, lost, named, refine
 from quadriform.fitting.options import check_box, check_strength
 from quadriform.fitting.outcome import Fit, Progress, flat
 from quadriform.fitting.tangent_fit import common_box
@@ -141,7 +141,8 @@ def track(
         {"box": box, "regularity": regularity, "strength": strength, "robust": robust},
         progress,
     )
-    return STRATEGIES[strategy](task)
+    found = STRATEGIES[strategy](task)
+    return replace(found, warnings=found.warnings | _by_frame([lost(*each) for each in zip(frames, clouds)]))
 
 
 @dataclass(frozen=True)

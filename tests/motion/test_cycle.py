@@ -1,0 +1,162 @@
+"""A cycle of small clouds: what is doubtful in a frame is said of it, slices that say nothing stay, no step goes up."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from shapes_made import gap, lumpy
+
+import quadriform as qf
+from quadriform.errors import OptionError
+from quadriform.fitting.candidates import ellipsoids
+from quadriform.fitting.tangent_fit import common_box
+from quadriform.motion import cycle as cycle_module
+from quadriform.motion.cycle import DESCENT, MOST_ROUNDS, ROUNDS, SMALLEST_STEP, Cycle
+from quadriform.motion.cycle_equations import CycleEvidence
+from quadriform.motion.slice_shifts import FEWEST
+from quadriform.points import Frame
+from quadriform.shapes.splines import TimeBasis
+
+FRAMES = [lumpy(100, seed=t) * [1 - 0.05 * t, 1 - 0.05 * t, 1] for t in range(3)]
+RADIUS = Frame.of(FRAMES[0]).scale
+LOCAL = [{"surface": Frame.of(np.concatenate(FRAMES)).to_local(cloud)} for cloud in FRAMES]
+
+
+def tracked(frames=FRAMES, **options):
+    return qf.track(frames, **{"box": (3, 3, 3), "strength": 1e-4} | options)
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return tracked()
+
+
+@pytest.fixture
+def cycle():
+    surfaces, basis = ellipsoids(LOCAL[0]), TimeBasis(np.arange(3.0), 3.0)
+    box = common_box(surfaces, (3, 3, 3))
+    return Cycle(surfaces, box, LOCAL, basis.values(np.arange(3.0)), basis, "bending", True, None)
+
+
+def with_one_far(frame):
+    return [np.vstack([cloud, [[10 * RADIUS, 0, 0]]]) if n == frame else cloud for n, cloud in enumerate(FRAMES)]
+
+
+def test_a_stranger_is_said_of_its_frame_and_moves_little(plain):
+    found = tracked(with_one_far(1))
+    assert found.warnings["OUTLIERS"] == "frame 1: 1 points are not of the surface"
+    assert max(gap(one, other) for one, other in zip(found.models, plain.models)) < 1e-2
+
+
+def test_where_strangers_are_not_sought_one_pulls(plain):
+    found = tracked(with_one_far(1), robust=False)
+    assert "OUTLIERS" not in found.warnings and "frame 1" in found.warnings["POOR_FIT"]
+    assert max(gap(one, other) for one, other in zip(found.models, plain.models)) > 0.1
+
+
+def filled(seed):
+    return np.cbrt(np.random.default_rng(seed).uniform(size=(100, 1))) * FRAMES[seed]
+
+
+def test_filled_bodies_are_a_poor_fit():
+    found = tracked([filled(frame) for frame in range(3)])
+    assert [text.split(":")[0] for text in found.warnings["POOR_FIT"].split("; ")] == ["frame 0", "frame 1", "frame 2"]
+
+
+def test_a_filled_body_among_surfaces_has_strangers():
+    found = tracked([FRAMES[0], filled(1), FRAMES[2]])
+    assert found.warnings["OUTLIERS"].startswith("frame 1: ")
+
+
+def test_what_is_not_proven_to_be_free_of_folds_is_said_of_its_frame(monkeypatch, plain):
+    boxes = []
+
+    def all_but_the_second(box, surfaces):
+        boxes.append(box)
+        return len(boxes) % 3 != 2
+
+    monkeypatch.setattr(cycle_module, "certified", all_but_the_second)
+    found = tracked()
+    assert found.warnings["FOLDING"] == "frame 1: the map is not proven to be free of folds"
+    assert "FOLDING" not in plain.warnings
+    assert len(boxes) == 3 * (MOST_ROUNDS - ROUNDS + 1)  # as often as it may try
+
+
+@pytest.mark.parametrize("strategy", ["cycle", "previous", "alone"])
+def test_progress_is_told_to_its_end(strategy):
+    told = []
+    tracked(strategy=strategy, progress=lambda done, total: told.append((done, total)))
+    assert [done for done, _ in told] == sorted(done for done, _ in told)
+    assert told[-1][0] == told[-1][1] == (DESCENT + ROUNDS if strategy == "cycle" else 3)
+
+
+def test_the_rms_of_the_frames_is_that_of_all(plain):
+    counts = np.array([len(cloud) for cloud in FRAMES])
+    assert np.sqrt(np.average(plain.frame_rms**2, weights=counts)) == pytest.approx(plain.rms)
+
+
+@pytest.mark.parametrize("strategy", ["cycle", "alone"])
+def test_in_the_other_frame_of_the_world_x_and_y_change_their_signs(strategy):
+    numbers = [np.arange(100) // 50] * 3 if strategy == "cycle" else None
+    found = tracked(strategy=strategy, slices=numbers)
+    models = tuple(replace(model, space="LPS") for model in found.models)
+    moving = None if found.moving is None else replace(found.moving, space="LPS")
+    turned = replace(found, models=models, moving=moving).in_space("RAS")
+    for one, other in zip(models, turned.models):
+        np.testing.assert_allclose(other.mesh().vertices, one.mesh().vertices * [-1, -1, 1], atol=1e-9 * RADIUS)
+    assert (turned.moving is None) == (strategy == "alone")
+    assert list(turned.shifts) == list(found.shifts) == ([0, 1] if strategy == "cycle" else [])
+    for number, shift in found.shifts.items():
+        np.testing.assert_allclose(turned.shifts[number], shift * [-1, -1, 1])
+
+
+def test_a_motion_that_does_not_repeat_has_a_knot_at_either_end():
+    found = tracked(times=[2, 3, 5], period=None)
+    assert found.moving.basis.period is None
+    np.testing.assert_array_equal(found.moving.basis.knots[[0, -1]], [2, 5])
+
+
+def test_points_of_no_slice_and_slices_of_few_points_are_not_moved(plain):
+    few = np.full(100, -1)
+    few[: FEWEST - 1] = 7
+    for numbers in (np.full(100, -1), few):
+        found = tracked(slices=[numbers, *[np.full(100, -1)] * 2])
+        assert found.shifts == {}
+        assert max(gap(one, other) for one, other in zip(found.models, plain.models)) < 1e-6
+
+
+def test_a_slice_may_be_missing_in_a_frame():
+    numbers = [np.arange(100) // 34] * 3
+    numbers[1] = np.where(numbers[1] == 2, -1, numbers[1])
+    found = tracked(slices=numbers)
+    assert list(found.shifts) == [0, 1, 2]
+    assert np.isfinite(list(found.shifts.values())).all()
+
+
+def test_strengths_of_nothing_leave_control_points_undetermined(cycle):
+    with pytest.raises(OptionError, match=r"0 in space and 0 in time leave control points undetermined"):
+        cycle._evidence().solve(0.0, 0.0)
+
+
+def test_no_strength_in_time_is_found_where_none_in_space_holds(cycle):
+    """Criteria that are infinite are no reason to fail: the search ends at a strength all the same."""
+    assert np.isfinite(cycle._evidence().best_in_time(0.0, 1e-300))
+
+
+@pytest.mark.parametrize("too_far", [1.0, 4.0, -1.0], ids=["right", "too far", "uphill"])
+def test_no_step_goes_far_up(monkeypatch, cycle, too_far):
+    """A step too far is cut rather than left out; where the direction itself leads up next to nothing is gone."""
+    steps, sums, solve, total = [], [], CycleEvidence.solve, Cycle._total
+
+    def proposed(self, alpha, gamma):
+        solution = solve(self, alpha, gamma)
+        steps.append(too_far * (solution.displacement - cycle.displacement))
+        return replace(solution, displacement=cycle.displacement + steps[-1])
+
+    monkeypatch.setattr(CycleEvidence, "solve", proposed)
+    monkeypatch.setattr(Cycle, "_total", lambda *words: sums.append(total(*words)) or sums[-1])
+    cycle._round((1e-4, 1e-4))
+    if too_far > 0:
+        assert sums[-1] < sums[0] and np.abs(cycle.displacement).max() > 1e-3
+    else:
+        assert np.abs(cycle.displacement).max() < 2 * SMALLEST_STEP * np.abs(steps[0]).max()
