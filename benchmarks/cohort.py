@@ -308,7 +308,8 @@ def modes(folder, subjects):
         moved = {name: one.turned(turn).placed(1, shift) for name, one in shape.surfaces.items()}
         return DeformableModel(moved, shape.box.turned(turn).placed(1, shift), "LPS", "mm")
 
-    clouds = [shape.mesh(resolution=8).vertices + 0.3 * rng.normal(size=(386, 3)) for shape in shapes[: subjects // 2]]
+    points = [shape.mesh(resolution=8).vertices for shape in shapes[: subjects // 2]]
+    clouds = [{"endo": each + 0.3 * rng.normal(size=each.shape)} for each in points]
     for name, given in (
         ("models as they lie", shapes),
         ("models turned and moved anyhow", [turned(shape, seed) for seed, shape in enumerate(shapes)]),

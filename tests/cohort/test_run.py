@@ -142,7 +142,7 @@ def test_dask_gives_the_same_bytes_although_a_worker_is_killed(cohort, serial, t
 def test_a_cluster_that_is_there_is_found_by_its_address(tmp_path):
     distributed = pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
     cohort = listed(tmp_path, 3)
-    with distributed.LocalCluster(1, threads_per_worker=1, dashboard_address=None) as there:
+    with distributed.LocalCluster(1, threads_per_worker=1, dashboard_address=engines.LOCAL) as there:
         summary = run(cohort, tmp_path / "out", partial(engines.cluster, there.scheduler_address, 0), CHOICES)
     assert summary.counts == {"fitted": 3}
 

@@ -16,6 +16,8 @@ from quadriform.errors import InputError
 
 AHEAD = 3
 """Units on the way for each worker: one at work, and the next ones at hand."""
+LOCAL = "127.0.0.1:0"
+"""Where a cluster of our own shows its status: any free port, and to this machine alone."""
 GLANCE = 10.0
 """Seconds after which the number of a cluster's workers is asked for again."""
 
@@ -116,7 +118,7 @@ def cluster(address: str | None, workers: int) -> Iterator[Engine]:
     if address is None:
         quiet = logging.ERROR
         with (
-            LocalCluster(workers, threads_per_worker=1, dashboard_address=None, silence_logs=quiet) as local,
+            LocalCluster(workers, threads_per_worker=1, dashboard_address=LOCAL, silence_logs=quiet) as local,
             Client(local) as client,
         ):
             yield _Cluster(client)
