@@ -6,7 +6,7 @@ point; the model's own box carries these points on to its surface. Procrustes' m
 and least squares give the control points over the reference that do the same.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import permutations, product
@@ -28,10 +28,10 @@ CELLS = 8
 HOLD = 1e-8
 """Bending energy per square of displacement: enough for what the surface does not see, nothing for what it does."""
 WEAK = 0.05
-"""Semi-axes that differ by a smaller share of their mean say little about the orientation: the start is kept there."""
+"""Semi-axes that differ by a smaller share of their mean say nothing about the orientation."""
+ALIKE = 0.5
+"""Bodies lie alike in the world when the mean of their stretches is longer than wide by this share of what they are."""
 STEPS = 20
-ALIKE = np.radians(30)
-"""Bodies whose median turn from each other is less lie alike in the world."""
 FAR = 0.25
 """An orientation is given up only for one that leaves less than this share of the distance.
 
@@ -46,15 +46,12 @@ class Reference:
     Attributes:
         surfaces: name -> ellipsoid.
         box: undeformed, around them.
+        doubt: of a length; axes whose lengths differ by less are not turned after the reference's.
     """
 
     surfaces: dict[str, Superquadric]
     box: ControlBox
-
-    @classmethod
-    def around(cls, surfaces: Mapping[str, Superquadric], shape: tuple[int, int, int]) -> "Reference":
-        """With so many control points along each axis."""
-        return cls(dict(surfaces), common_box(surfaces, shape))
+    doubt: float
 
     @cached_property
     def origins(self) -> Array:
@@ -139,7 +136,7 @@ def aligned(model: DeformableModel, reference: Reference, target: Array, in_worl
     starts = [np.eye(3)] if in_world else [own.rotation @ signed @ axes.T for signed in _cube_turns()]
     chosen, least = (target, np.eye(3)), np.inf
     for start in starts:
-        turn = _along(stretch(model.surfaces[name]), stretch(own), start)
+        turn = _along(stretch(model.surfaces[name]), stretch(own), start, reference.doubt)
         points = placed(corresponding(model, reference, turn), target)
         miss = float(np.linalg.norm(points - target))
         if miss < FAR * least:
@@ -147,12 +144,12 @@ def aligned(model: DeformableModel, reference: Reference, target: Array, in_worl
     return chosen
 
 
-def _along(matrix: Array, reference: Array, start: Array) -> Array:
+def _along(matrix: Array, reference: Array, start: Array, doubt: float) -> Array:
     """The turn next to a start that brings a stretch onto the reference's, as far as their axes tell (Gauss-Newton).
 
-    Without the second term a heart, which is nearly round about its long axis, would be spun about it by its noise.
+    Without doubt a heart, which is nearly round about its long axis, would be spun about it by its noise.
     """
-    weak = (WEAK * np.trace(reference) / 3) ** 2
+    weak = doubt**2
     spins = np.cross(np.eye(3)[:, None], np.eye(3)).transpose(0, 2, 1)
     turn, total = start, np.zeros(3)
     for _ in range(STEPS):
@@ -191,7 +188,7 @@ def reference_of(
         InputError: the models have different surfaces.
     """
     check_alike(models, tuple(models[0].surfaces))
-    in_world = _alike_in_world(models, _mean_reference(models[:1], [np.eye(3)], shape))
+    in_world = _alike_in_world(models)
     first = models if in_world else models[:1]
     reference = _mean_reference(first, [np.eye(3)] * len(first), shape)
     mean = np.mean([_centred(corresponding(model, reference, np.eye(3))) for model in first], axis=0)
@@ -202,11 +199,17 @@ def reference_of(
     return reference, mean, in_world
 
 
-def _alike_in_world(models: Sequence[DeformableModel], reference: Reference) -> bool:
-    """Whether models lie as the reference does, and not anyhow: decided once, for all together."""
-    name, own = next(iter(reference.surfaces.items()))
-    turns = [_along(stretch(model.surfaces[name]), stretch(own), np.eye(3)) for model in models]
-    return bool(np.median([np.linalg.norm(Rotation.from_matrix(turn).as_rotvec()) for turn in turns]) < ALIKE)
+def _alike_in_world(models: Sequence[DeformableModel]) -> bool:
+    """Whether models lie alike, and not anyhow; balls do, for nothing speaks against it."""
+    name = next(iter(models[0].surfaces))
+    each = np.array([stretch(model.surfaces[name]) for model in models])
+    longer = np.mean([_deviation(one) for one in each])
+    return bool(longer < WEAK * np.trace(each.mean(axis=0)) / 3 or _deviation(each.mean(axis=0)) > ALIKE * longer)
+
+
+def _deviation(matrix: Array) -> float:
+    """How far a stretch is from a ball's."""
+    return float(np.linalg.norm(matrix - np.trace(matrix) / 3 * np.eye(3)))
 
 
 def check_alike(models: Sequence[DeformableModel], names: tuple[str, ...]) -> None:
@@ -227,18 +230,16 @@ def _centred(points: Array) -> Array:
 def _mean_reference(
     models: Sequence[DeformableModel], turns: Sequence[Array], shape: tuple[int, int, int]
 ) -> Reference:
-    surfaces = {}
+    surfaces, doubts = {}, []
     outer = next(iter(models[0].surfaces))
     for name in models[0].surfaces:
-        pairs = [(model.surfaces[name], turn) for model, turn in zip(models, turns)]
-        mean = np.mean([turn @ stretch(s) @ turn.T for s, turn in pairs], axis=0)
-        axes = _along(np.diag(pairs[0][0].semi_axes), mean, turns[0] @ pairs[0][0].rotation)
+        each = np.array([turn @ stretch(model.surfaces[name]) @ turn.T for model, turn in zip(models, turns)])
+        mean, first = each.mean(axis=0), models[0].surfaces[name]
+        floor = WEAK * float(np.trace(mean)) / 3
+        axes = _along(np.diag(first.semi_axes), mean, turns[0] @ first.rotation, floor)
+        lengths = np.einsum("ji,njk,ki->ni", axes, each, axes)
+        doubts.append(max(floor, float(lengths.std(axis=0).max())))
         gaps = [m.surfaces[name].translation - m.surfaces[outer].translation for m in models]
-        semi_axes = np.diag(axes.T @ mean @ axes)
-        surfaces[name] = Superquadric(
-            "ellipsoid",
-            semi_axes,
-            rotation=axes,
-            translation=np.mean([turn @ gap for turn, gap in zip(turns, gaps)], axis=0),
-        )
-    return Reference.around(surfaces, shape)
+        centre = np.mean([turn @ gap for turn, gap in zip(turns, gaps)], axis=0)
+        surfaces[name] = Superquadric("ellipsoid", lengths.mean(axis=0), rotation=axes, translation=centre)
+    return Reference(surfaces, common_box(surfaces, shape), doubts[0])
