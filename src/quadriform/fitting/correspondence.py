@@ -5,23 +5,20 @@ from scipy.spatial import cKDTree
 
 from quadriform.fitting.sheet import FacingCloud
 from quadriform.points import Array
-from quadriform.shapes.closest import surface_normals
+from quadriform.shapes.closest import surface_points
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superquadric import Superquadric
 
-CANDIDATES = 40
 FACING = 0.4
 """A point that faces the other way counts as if it were this much farther, times the square root of two (RMS radii)."""
 MODEL_RESOLUTION = 14
 
 
 def match_facing(superquadric: Superquadric, box: ControlBox, cloud: FacingCloud) -> Array:
-    """For each data point the origin (n, 3) of the best of its 40 nearest model points."""
+    """For each data point the origin (n, 3) of the best of the model points."""
     origins, _ = superquadric.grid(MODEL_RESOLUTION)
-    model, normals = box.deform(origins), surface_normals(superquadric, box, origins)
-    distance, near = _nearest(model, cloud.points)
-    facing = np.einsum("nki,ni->nk", normals[near], cloud.normals)
-    return origins[_best(distance, near, facing, cloud.flatness[:, None])]
+    best: Array = origins[_cost(superquadric, box, cloud, origins).argmin(axis=1)]
+    return best
 
 
 def match_unclaimed(
@@ -46,17 +43,18 @@ def match_unclaimed(
     origins = origins[free]
     if not len(origins):
         return origins, origins
-    model, normals = box.deform(origins), surface_normals(superquadric, box, origins)
-    distance, near = _nearest(cloud.points, model)
-    facing = np.einsum("nki,ni->nk", cloud.normals[near], normals)
-    return origins, cloud.points[_best(distance, near, facing, cloud.flatness[near])]
+    return origins, cloud.points[_cost(superquadric, box, cloud, origins).argmin(axis=0)]
 
 
-def _nearest(among: Array, of: Array) -> tuple[Array, Array]:
-    distance, near = cKDTree(among).query(of, k=np.arange(1, min(CANDIDATES, len(among)) + 1))
-    return distance, near
+def _cost(superquadric: Superquadric, box: ControlBox, cloud: FacingCloud, origins: Array) -> Array:
+    """Cost (n, m) of bringing each data point and each model point together: |x - y|^2 + FACING^2 trust (1 - cos).
 
-
-def _best(distance: Array, near: Array, facing: Array, trust: Array) -> Array:
-    cost = distance**2 + FACING**2 * trust * (1 - facing)
-    return near[np.arange(len(near)), cost.argmin(axis=1)]
+    One product of matrices: few points against few are done before a tree of them stands.
+    """
+    model, normals = surface_points(superquadric, box, origins)
+    trust = FACING**2 * cloud.flatness
+    by_data = np.concatenate([-2 * cloud.points, -trust[:, None] * cloud.normals], axis=1)
+    cost: Array = by_data @ np.concatenate([model, normals], axis=1).T
+    cost += ((cloud.points**2).sum(axis=1) + trust)[:, None]
+    cost += (model**2).sum(axis=1)
+    return cost

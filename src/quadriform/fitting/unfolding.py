@@ -13,7 +13,6 @@ import numpy as np
 from quadriform.errors import WarningKind, Warnings
 from quadriform.fitting.coarse_to_fine import Refined, Rounds
 from quadriform.fitting.normal_equations import NormalEquations
-from quadriform.fitting.sheet import Sheet
 from quadriform.points import Array
 from quadriform.shapes.certificate import determinant_rows, jacobian_bound, lattice_inside
 from quadriform.shapes.closest import closest_on
@@ -86,17 +85,19 @@ def fair_price(refined: Refined) -> float:
 def cures(rounds: Rounds, refined: Refined, surfaces: dict[str, Superquadric], most: float) -> Iterator[Refined]:
     """What is certified not to fold inside the surfaces, with a noise of at most `most`.
 
-    The given refinement itself if that is so; else with its folds pressed out, from where it is and from rest, for a
-    tangled surface leads its own foot points astray: that of less noise first.
+    The given refinement itself if that is so; else with its folds pressed out, from where it is and from rest: the rest
+    first where it is tangled, for then its foot points lead astray.
     """
     weight = FIRST_PRESS * sum(len(sheet.points) for sheet in refined.sheets) * (refined.solution.noise / FLOOR) ** 2
     floor = Floor.under(refined.box, surfaces, weight)
     fair = refined.solution.noise <= most
     if fair and floor.lowest(refined.box) > NEAR_FLOOR and certified(refined.box, surfaces):
         yield refined
-    begun = (replace(refined, sheets=_copies(refined)), _at_rest(refined))
-    cured = [found for each in begun if (found := _descended(rounds, each, floor, surfaces, most)) is not None]
-    yield from sorted(cured, key=lambda found: found.solution.noise)
+    ways = (_at_rest, _copied) if refined.tangled else (_copied, _at_rest)
+    for way in ways:
+        cured = _descended(rounds, way(refined), floor, surfaces, most)
+        if cured is not None:
+            yield cured
 
 
 def folding(refined: Refined, surfaces: dict[str, Superquadric]) -> Warnings:
@@ -123,7 +124,7 @@ def _descended(
             if unfolded := floor.lowest(refined.box) > NEAR_FLOOR:
                 break
         if unfolded and refined.solution.noise <= most and certified(refined.box, surfaces):
-            found = replace(refined, sheets=_copies(refined))
+            found = _copied(refined)
         if harder == STRONGEST:
             most = min(most, refined.solution.noise)
     for _ in range(MOST_PRESSES):
@@ -138,17 +139,17 @@ def _descended(
     return found
 
 
-def _copies(refined: Refined) -> tuple[Sheet, ...]:
-    """Sheets whose foot points can slide without those of the given ones."""
-    return tuple(copy(sheet) for sheet in refined.sheets)
+def _copied(refined: Refined) -> Refined:
+    """The same with sheets whose foot points can slide without those of the given ones."""
+    return replace(refined, sheets=tuple(copy(sheet) for sheet in refined.sheets))
 
 
 def _at_rest(refined: Refined) -> Refined:
     """The undeformed box, and the foot points of the undeformed surfaces."""
-    sheets, rest = _copies(refined), refined.box.with_control_points(refined.box.rest)
-    for sheet in sheets:
-        sheet.origins = closest_on(sheet.superquadric, rest, sheet.points).origins
-    return replace(refined, box=rest, sheets=sheets)
+    rest = _copied(replace(refined, box=refined.box.with_control_points(refined.box.rest)))
+    for sheet in rest.sheets:
+        sheet.origins = closest_on(sheet.superquadric, rest.box, sheet.points).origins
+    return rest
 
 
 def certified(box: ControlBox, surfaces: Mapping[str, Superquadric]) -> bool:
