@@ -9,16 +9,7 @@ from typing import Any
 import numpy as np
 
 from quadriform.cli.exit_codes import complain
-from quadriform.cli.inputs import (
-    ImageOptions,
-    Source,
-    files_of,
-    kind_of,
-    naming,
-    read_source,
-    refuse,
-    space_to_write,
-)
+from quadriform.cli.inputs import naming, refuse
 from quadriform.cli.options import stem, surface_file
 from quadriform.cli.reporting import REPORT, fit_options, page_of_fit
 from quadriform.cli.screen import emit_json, emit_table, progress_bar, say, warn
@@ -27,6 +18,7 @@ from quadriform.files import save, sha256_of, write_mesh
 from quadriform.files.atomic import check_folder, check_writable, make_folder, write_bytes
 from quadriform.fitting.fit import ALONE, fit
 from quadriform.fitting.outcome import Fit, flat
+from quadriform.imaging.sources import ImageOptions, Source, files_of, kind_of, read_source, space_to_write
 
 Record = dict[str, Any]
 

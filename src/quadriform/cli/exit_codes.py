@@ -8,7 +8,7 @@ import traceback
 from quadriform import __version__
 from quadriform.errors import QuadriformError
 
-USAGE, NO_MEMORY, INTERNAL, INTERRUPTED = 2, 6, 70, 130
+USAGE, NO_MEMORY, SOME_FAILED, INTERNAL, INTERRUPTED = 2, 6, 7, 70, 130
 
 
 def complain(error: Exception, about: str = "") -> int:

@@ -18,10 +18,11 @@ def info(
     as_json: Json = False,
 ) -> None:
     """Say what a file is: counts, extents, frame, unit and hash."""
-    from quadriform.cli.inputs import kind_of, naming
+    from quadriform.cli.inputs import naming
     from quadriform.cli.screen import emit_json, emit_table, warn
     from quadriform.files import sha256_of
     from quadriform.files.models import holds_model
+    from quadriform.imaging.sources import kind_of
 
     with naming(file):
         suffix = file.suffix.lower()

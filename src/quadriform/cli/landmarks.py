@@ -4,10 +4,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from quadriform.cli.inputs import Marks, marks_of, turn_to_model
+from quadriform.cli.inputs import turn_to_model
 from quadriform.errors import InputError, OptionError
 from quadriform.files import read_points
 from quadriform.files.guide_points import FRAME_FILE, GuidePoints, guide_point_files, read_guide_points
+from quadriform.imaging.sources import Marks, marks_of
 from quadriform.points import Array
 
 if TYPE_CHECKING:

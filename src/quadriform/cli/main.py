@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from quadriform import __version__
-from quadriform.cli import compare, deform, demo, export, fit, info, measure, paper, report, segment, track
+from quadriform.cli import cohort, compare, deform, demo, export, fit, info, measure, paper, report, segment, track
 from quadriform.cli.exit_codes import INTERRUPTED, USAGE, complain, one_line
 
 # typer carries its own copy of click in some versions: its errors are found through a name that it does export.
@@ -29,6 +29,7 @@ for verb in (
     export.export,
     info.info,
     report.report,
+    cohort.cohort,
     demo.demo,
     paper.paper,
 ):
@@ -61,7 +62,8 @@ def run() -> None:
 def main(arguments: Sequence[str]) -> int:
     """Run one verb and return its exit code.
 
-    0 done, 2 usage, 3 quality refused, 4 bad input, 5 output cannot be written, 6 beyond a limit, 70 internal error,
+    0 done, 2 usage, 3 quality refused, 4 bad input, 5 output cannot be written, 6 beyond a limit, 7 some
+    subjects of a cohort failed, 70 internal error,
     130 interrupted.
     """
     try:

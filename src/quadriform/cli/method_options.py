@@ -5,8 +5,8 @@ from typing import Annotated, Any
 
 import typer
 
-from quadriform.cli.options import numbers
 from quadriform.errors import OptionError
+from quadriform.words import numbers
 
 METHOD = "Method"
 TANGENT = "Method tangent"

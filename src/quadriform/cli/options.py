@@ -44,37 +44,6 @@ Border = Annotated[
 Frame = Annotated[int | None, typer.Option(help="Which volume of a 4-D image, from 0.", rich_help_panel=IMAGE)]
 
 
-def numbers(text: str, count: int, option: str) -> tuple[int, ...]:
-    """Whole numbers between commas.
-
-    Raises:
-        OptionError: not `count` of them.
-    """
-    parts = text.split(",")
-    try:
-        values = tuple(int(part) for part in parts)
-    except ValueError:
-        values = ()
-    if len(values) != count:
-        raise OptionError(f"option {option}={text!r}: expected {count} whole numbers between commas")
-    return values
-
-
-def ranges(text: str, option: str) -> tuple[tuple[int, int], ...]:
-    """Three voxel ranges i0:i1,j0:j1,k0:k1.
-
-    Raises:
-        OptionError: something else.
-    """
-    try:
-        found = tuple((int(low), int(high)) for low, high in (part.split(":") for part in text.split(",")))
-    except ValueError:
-        found = ()
-    if len(found) != 3 or any(not 0 <= low < high for low, high in found):
-        raise OptionError(f"option {option}={text!r}: expected i0:i1,j0:j1,k0:k1 with 0 <= i0 < i1 and so on")
-    return found
-
-
 def check_space(text: str | None) -> str | None:
     """The frame of the world that --space names, or None.
 

@@ -27,11 +27,12 @@ def segment(
     as_json: shared.Json = False,
 ) -> None:
     """Write the object of an image as a mask of 0 and 1 on the image's own grid."""
-    from quadriform.cli.inputs import NIFTI_SUFFIXES, ImageOptions, kept_note, naming, read_object, refuse
+    from quadriform.cli.inputs import naming, refuse
     from quadriform.cli.screen import emit_json, emit_table, say, warn
     from quadriform.errors import OptionError
     from quadriform.files.atomic import check_writable, write_bytes
     from quadriform.imaging.segmentation import segment as segment_volume
+    from quadriform.imaging.sources import NIFTI_SUFFIXES, ImageOptions, kept_note, read_object
 
     if not output.name.lower().endswith(NIFTI_SUFFIXES):
         raise OptionError(f"option --output={str(output)!r}: a mask is written as {' or '.join(NIFTI_SUFFIXES)}")

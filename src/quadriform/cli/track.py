@@ -54,12 +54,13 @@ def track(
 ) -> None:
     """Fit a moving model to the frames of a cycle: model.json, frames.csv, and a table of what came out."""
     from quadriform.cli.following import follow
+    from quadriform.words import numbers
 
     options: dict[str, Any] = {"strategy": strategy, "period": _period(period)}
     if times is not None:
         options["times"] = _times(times)
     if box is not None:
-        options["box"] = shared.numbers(box, 3, "--box")
+        options["box"] = numbers(box, 3, "--box")
     if strength is not None:
         options["strength"] = strength
     wanted = shared.check_space(space)

@@ -95,6 +95,36 @@ def write_bytes(path: PathLike, data: bytes, force: bool = False) -> None:
         raise OutputError(f"{str(target)!r}: writing failed, nothing was changed: {_reason(error)}") from error
 
 
+def create_bytes(path: PathLike, data: bytes) -> bool:
+    """Write `data` to a new file, all or nothing; of several processes that try at once one does.
+
+    Returns:
+        Whether it was this one. A file that exists already is left as it is.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    target = Path(path)
+    temporary = ""
+    try:
+        descriptor, temporary = tempfile.mkstemp(prefix=".quadriform-", suffix=".tmp", dir=target.parent)
+        with os.fdopen(descriptor, "wb") as stream:
+            stream.write(data)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.chmod(temporary, _mode(target))
+        os.link(temporary, target)  # unlike a rename, refuses to replace
+    except FileExistsError:
+        return False
+    except OSError as error:
+        raise OutputError(f"{str(target)!r}: writing failed, nothing was changed: {_reason(error)}") from error
+    finally:
+        with contextlib.suppress(OSError):
+            os.unlink(temporary)
+    _sync_folder(target.parent)
+    return True
+
+
 def _replace(target: Path, data: bytes) -> None:
     descriptor, temporary = tempfile.mkstemp(prefix=".quadriform-", suffix=".tmp", dir=target.parent)
     try:

@@ -122,6 +122,7 @@ numbers();
 const named = (name) => data.surfaces.find((s) => s.name === name);
 window.quadriform = {
   renderer, camera, draw, setTime, moveControlPoint,
+  displace: (by) => { edits.set(by); moving(); edited(); },
   volume: (name, t = state.time) => volumeOf(named(name), t),
   vertices: (name, cells, t = state.time) => [...carried(gridOf(named(name), cells).prepared, controlAt(t))],
 };

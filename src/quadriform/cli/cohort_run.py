@@ -1,0 +1,162 @@
+"""The work behind `quadriform cohort`: which engine, what is told on the way, and the closing table."""
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from quadriform.cli.screen import emit_json, emit_table, say
+from quadriform.cohort import engines, failures, modes, page, stores
+from quadriform.cohort.run import Choices, Summary, Told, run
+from quadriform.cohort.running import Engine
+from quadriform.cohort.subject import FAILED, FITTED, KEPT, Outcome
+from quadriform.errors import OptionError
+
+EVERY = 30.0
+"""Seconds between two lines where no bar can be drawn."""
+MOST_LINES = 20
+"""Failures that are told one by one; all are in the table."""
+Asked = tuple[int | None, int | None, str | None]
+
+
+def run_and_show(manifest: Path, output: Path, choices: Choices, asked: Asked, show_ids: bool, as_json: bool) -> int:
+    """Run, show what came of it, and return how many subjects of the share failed.
+
+    Args:
+        manifest: the list.
+        output: folder for the results.
+        choices: how.
+        asked: processes, workers of a local cluster, and address of a scheduler; at most one of them.
+        show_ids: whether subjects are named on the screen.
+        as_json: on stdout.
+
+    Raises:
+        QuadriformError: nothing could be begun, or the results cannot be written.
+    """
+    start = _engine(asked)
+    with _telling(show_ids) as told:
+        summary = run(manifest, output, start, choices, told)
+    record = _record(output, summary)
+    if as_json:
+        emit_json(record)
+    else:
+        emit_table(_rows(record), title=str(manifest))
+    return summary.counts[FAILED]
+
+
+def _engine(asked: Asked) -> Callable[[], AbstractContextManager[Engine]]:
+    processes, workers, scheduler = asked
+    if sum(one is not None for one in asked) > 1:
+        raise OptionError("options --processes, --workers and --scheduler exclude each other; give one")
+    if workers is None and scheduler is None:
+        return partial(engines.processes, processes or engines.cores())
+    stores.needs("distributed")
+    return partial(engines.cluster, scheduler, workers or 0)
+
+
+# --- on the way --------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def _telling(show_ids: bool) -> Iterator[Told]:
+    """A bar with rate and time left on a terminal, a line now and then elsewhere; the first failures by line."""
+    lines = 0
+    with _bar() if sys.stderr.isatty() else _log() as show:
+
+        def told(outcome: Outcome, done: int, total: int) -> None:
+            nonlocal lines
+            if outcome.failure is not None:
+                lines += 1
+                if lines <= MOST_LINES:
+                    say(_failure(outcome, show_ids))
+                if lines == MOST_LINES:
+                    say(f"further failures are told in {failures.TABLE} alone")
+            show(done, total)
+
+        yield told
+
+
+def _failure(outcome: Outcome, show_ids: bool) -> str:
+    """One line; messages of errors hold paths, and these hold ids, so without leave only the kind is told."""
+    kind, error = (outcome.failure.kind, outcome.failure.error) if outcome.failure else ("", "")
+    return f"failed: {outcome.id}: {kind}: {error}" if show_ids else f"failed: subject {outcome.number + 1}: {kind}"
+
+
+@contextmanager
+def _bar() -> Iterator[Callable[[int, int], None]]:
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    rate = TextColumn("{task.fields[rate]}")
+    columns = (BarColumn(), MofNCompleteColumn(), rate, TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
+    begin = time.monotonic()
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=None, rate="")
+
+        def show(done: int, total: int) -> None:
+            bar.update(task, completed=done, total=total, rate=f"{done / (time.monotonic() - begin):.3g}/s")
+
+        yield show
+
+
+@contextmanager
+def _log() -> Iterator[Callable[[int, int], None]]:
+    begin = last = time.monotonic()
+
+    def show(done: int, total: int) -> None:
+        nonlocal last
+        now = time.monotonic()
+        if now - last >= EVERY:
+            last, rate = now, done / (now - begin)
+            say(f"{done} of {total} subjects, {rate:.3g} a second, about {_duration((total - done) / rate)} left")
+
+    yield show
+
+
+def _duration(seconds: float) -> str:
+    minutes = round(seconds / 60)
+    return f"{minutes // 60} h {minutes % 60:02d} min" if minutes else f"{seconds:.0f} s"
+
+
+# --- at the end --------------------------------------------------------------------------------------------------
+
+
+def _record(output: Path, summary: Summary) -> dict[str, Any]:
+    layout = summary.layout
+    written = [output / name for name in ("subjects", stores.STORE, stores.TABLE, failures.TABLE)]
+    written += [output / name for name in (modes.FOLDER, page.NAME) if (output / name).exists()]
+    return {
+        "subjects": summary.subjects,
+        **{how: summary.counts[how] for how in (FITTED, KEPT, FAILED)},
+        "cohort": {"subjects": layout.subjects, "complete": summary.complete, "failed": summary.failed},
+        "frames": layout.frames,
+        "surfaces": list(layout.surfaces),
+        "space": layout.space,
+        "unit": layout.unit,
+        "outputs": [str(path) for path in written],
+        "seconds": round(summary.seconds, 3),
+    }
+
+
+def _rows(record: dict[str, Any]) -> list[tuple[str, str]]:
+    whole = record["cohort"]
+    state = "complete" if whole["complete"] else "other shards are not done"
+    return [
+        ("subjects", str(record["subjects"])),
+        *((how, str(record[how])) for how in (FITTED, KEPT, FAILED)),
+        ("whole cohort", f"{whole['subjects']} subjects, {whole['failed']} failed, {state}"),
+        ("frames, surfaces", f"{record['frames']}, {', '.join(record['surfaces'])}"),
+        ("frame, unit", f"{record['space']}, {record['unit']}"),
+        ("time", f"{record['seconds']:.1f} s, {record['subjects'] / max(record['seconds'], 1e-9):.3g} a second"),
+        ("written", "\n".join(record["outputs"])),
+    ]

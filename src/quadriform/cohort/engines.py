@@ -1,0 +1,133 @@
+"""The engines: processes of this machine, dask.distributed, or whatever executor the caller has."""
+
+import logging
+import multiprocessing
+import os
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+from typing import Any
+
+from quadriform.cohort.running import Engine
+from quadriform.errors import InputError
+
+AHEAD = 3
+"""Units on the way for each worker: one at work, and the next ones at hand."""
+LOCAL = "127.0.0.1:0"
+"""Where a cluster of our own shows its status: any free port, and to this machine alone."""
+GLANCE = 10.0
+"""Seconds after which the number of a cluster's workers is asked for again."""
+
+
+def cores() -> int:
+    """The cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+class _Given:
+    """An executor of the caller's."""
+
+    def __init__(self, executor: Executor, workers: int) -> None:
+        self.executor, self.workers = executor, workers
+
+    def capacity(self) -> int:
+        return AHEAD * self.workers
+
+    def renew(self) -> None:
+        raise BrokenExecutor("the executor broke, and there is no other; resume the run")
+
+
+class _Processes:
+    """Processes of this machine, begun anew when one of them dies."""
+
+    def __init__(self, workers: int) -> None:
+        self.workers = workers
+        self.executor: Executor = self._begun()
+
+    def _begun(self) -> Executor:
+        fresh = multiprocessing.get_context("spawn")  # a fork would copy the threads' locks as they are
+        return ProcessPoolExecutor(self.workers, mp_context=fresh, initializer=_in_a_worker)
+
+    def capacity(self) -> int:
+        return AHEAD * self.workers
+
+    def renew(self) -> None:
+        self.executor.shutdown(wait=True, cancel_futures=True)
+        self.executor = self._begun()
+
+
+class _Cluster:
+    """Workers of dask.distributed; their number may change. A unit whose worker died is given to another by dask."""
+
+    def __init__(self, client: Any) -> None:
+        self.client = client
+        self.executor: Executor = client.get_executor(pure=False)
+        self._workers, self._asked = 1, -GLANCE
+
+    def capacity(self) -> int:
+        if time.monotonic() - self._asked > GLANCE:
+            self._workers, self._asked = max(1, sum(self.client.nthreads().values())), time.monotonic()
+        return AHEAD * self._workers
+
+    def renew(self) -> None:
+        raise BrokenExecutor("the cluster is gone; resume the run with another")
+
+
+def _in_a_worker() -> None:
+    """One thread a worker; an interrupt is for the driver; and no worker outlives it."""
+    os.environ["OMP_NUM_THREADS"] = "1"
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_die_with, args=(parent,), daemon=True).start()
+
+
+def _die_with(parent: Any) -> None:
+    parent.join()
+    os._exit(1)
+
+
+@contextmanager
+def given(executor: Executor, workers: int) -> Iterator[Engine]:
+    """Any executor with so many workers; it stays open."""
+    yield _Given(executor, workers)
+
+
+@contextmanager
+def processes(workers: int) -> Iterator[Engine]:
+    """So many processes of this machine."""
+    engine = _Processes(workers)
+    try:
+        yield engine
+    finally:
+        engine.executor.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def cluster(address: str | None, workers: int) -> Iterator[Engine]:
+    """A cluster of dask.distributed: the one at an address, or a local one of so many workers.
+
+    Raises:
+        InputError: nobody answers at the address.
+    """
+    from distributed import Client, LocalCluster
+
+    if address is None:
+        quiet = logging.ERROR
+        with (
+            LocalCluster(workers, threads_per_worker=1, dashboard_address=LOCAL, silence_logs=quiet) as local,
+            Client(local) as client,
+        ):
+            yield _Cluster(client)
+        return
+    try:
+        client = Client(address, timeout=30)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise InputError(
+            f"option --scheduler={address!r}: no scheduler of dask.distributed answers: {error}"
+        ) from error
+    with client:
+        yield _Cluster(client)

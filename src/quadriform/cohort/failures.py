@@ -1,0 +1,81 @@
+"""The subjects without a result: one row each with the error and its kind."""
+
+import csv
+import io
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from quadriform.cohort.stores import part_name
+from quadriform.cohort.subject import Outcome
+from quadriform.files.atomic import make_folder, write_bytes
+
+TABLE = "failures.csv"
+PARTS = "failures"
+HEADER = ("id", "error", "kind")
+
+
+def write_part(results: Path, block: int, outcomes: Sequence[Outcome]) -> None:
+    """The failures of a block; a block without any has no part, and loses one that an earlier run left.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    failed = [(each.id, each.failure.error, each.failure.kind) for each in outcomes if each.failure is not None]
+    path = results / PARTS / part_name(block, ".csv")
+    if failed:
+        make_folder(path.parent)
+        write_bytes(path, _encoded(failed), force=True)
+    else:
+        with suppress(FileNotFoundError):
+            path.unlink()
+
+
+def parts(results: Path) -> list[Path]:
+    """The parts that are there, in order."""
+    return sorted((results / PARTS).glob("*.csv"))
+
+
+def gather(results: Path) -> int:
+    """Write the one table of all parts that are there, and return its number of rows.
+
+    Another process may end while this one writes: whoever writes last looks again, so that no row is missing.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    while True:
+        before = _state(results)
+        rows = [row for part in before for row in _rows(part)]
+        write_bytes(results / TABLE, _encoded(rows), force=True)
+        if _state(results) == before:
+            return len(rows)
+
+
+def rows(results: Path) -> list[tuple[str, ...]]:
+    """The rows of the one table, without its header; empty where there is none."""
+    return _rows(results / TABLE)
+
+
+def _state(results: Path) -> dict[Path, int]:
+    found = {}
+    for part in parts(results):
+        with suppress(FileNotFoundError):
+            found[part] = part.stat().st_mtime_ns
+    return found
+
+
+def _rows(part: Path) -> list[tuple[str, ...]]:
+    try:
+        with open(part, encoding="utf-8", newline="") as stream:
+            return [tuple(row) for row in csv.reader(stream)][1:]
+    except FileNotFoundError:
+        return []  # its block was done again meanwhile, without failures
+
+
+def _encoded(rows: Sequence[Sequence[str]]) -> bytes:
+    stream = io.StringIO(newline="")
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(HEADER)
+    writer.writerows(rows)
+    return stream.getvalue().encode("utf-8", "backslashreplace")

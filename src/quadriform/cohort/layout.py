@@ -1,0 +1,149 @@
+"""What all results of a cohort share, settled once by whoever begins: sizes, surfaces, frame, unit, blocks of subjects.
+
+A block is as many subjects as one part of the store and of the table holds. It has one writer, so that several
+processes write into one store without a lock.
+"""
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from quadriform.cohort.manifest import Manifest
+from quadriform.cohort.sources import Sight, sight
+from quadriform.errors import InputError, OptionError, QuadriformError
+from quadriform.files.atomic import create_bytes
+from quadriform.files.models import parse_json
+from quadriform.files.reading import quoted, read_bytes
+from quadriform.files.strict import Field
+
+NAME = "cohort.json"
+FORMAT = "quadriform-cohort"
+VERSION = 1
+LARGEST_BLOCK = 100
+CHUNK = 10
+"""Subjects of a block, and of what a reader of the store unpacks at once."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What the results of all subjects have in common.
+
+    Attributes:
+        subjects: how many.
+        sha256: of their ids in order.
+        frames: the most that a subject has; others are filled up with "not a number".
+        surfaces: names in order.
+        box: control points along each axis.
+        space: frame of the world.
+        unit: of lengths.
+        block: subjects a block.
+        chunk: subjects a chunk of a block.
+    """
+
+    subjects: int
+    sha256: str
+    frames: int
+    surfaces: tuple[str, ...]
+    box: tuple[int, int, int]
+    space: str
+    unit: str
+    block: int
+    chunk: int
+
+    @property
+    def blocks(self) -> int:
+        """How many blocks."""
+        return -(-self.subjects // self.block)
+
+    def members(self, block: int) -> range:
+        """The numbers of the subjects of a block."""
+        return range(block * self.block, min((block + 1) * self.block, self.subjects))
+
+    def share(self, part: int, parts: int) -> range:
+        """The blocks of part 1, 2 ... of several, all of about the same size."""
+        return range((part - 1) * self.blocks // parts, part * self.blocks // parts)
+
+
+def settle(folder: Path, manifest: Manifest, space: str | None, parts: int) -> Layout:
+    """The layout in the folder of the results, made where there is none yet; several processes get the same one.
+
+    Args:
+        folder: exists.
+        manifest: the subjects.
+        space: frame of the world to write in, or None for that of the first subject.
+        parts: how many processes share the work, so that there is a block for each.
+
+    Raises:
+        InputError: no subject can be read, or the folder holds the results of other subjects or of another box.
+    """
+    path = folder / NAME
+    if not path.exists():
+        create_bytes(path, _encoded(_planned(manifest, space, parts)))
+    found = read_layout(folder)
+    if (found.subjects, found.sha256, found.box) != (manifest.subjects, manifest.sha256, manifest.box):
+        raise InputError(
+            f"{quoted(folder)}: holds the results of other subjects, or of another box; take another folder"
+        )
+    if space is not None and space != found.space:
+        raise OptionError(f"option --space={space!r}: {quoted(folder)} holds results in {found.space}")
+    return found
+
+
+def _planned(manifest: Manifest, space: str | None, parts: int) -> Layout:
+    seen = list(islice(_sights(manifest), 1))
+    if not seen:
+        raise InputError(f"{quoted(manifest.path)}: no subject has files that can be read; paths are relative to it")
+    first = seen[0]
+    frames = max(each.frames for each in _sights(manifest))
+    block = max(1, min(LARGEST_BLOCK, -(-manifest.subjects // parts)))
+    chunk = max(count for count in range(1, CHUNK + 1) if block % count == 0)  # whole chunks alone make a block
+    return Layout(
+        subjects=manifest.subjects,
+        sha256=manifest.sha256,
+        frames=frames,
+        surfaces=first.surfaces,
+        box=manifest.box,
+        space=first.space if space is None else space,
+        unit=first.unit,
+        block=block,
+        chunk=chunk,
+    )
+
+
+def _sights(manifest: Manifest) -> Iterator[Sight]:
+    """What each subject's files show; those that show nothing fail later, and are then counted."""
+    for row in manifest.rows():
+        try:
+            yield sight(row, manifest.folder)
+        except (QuadriformError, OSError):
+            continue
+
+
+def _encoded(layout: Layout) -> bytes:
+    document = {"format": FORMAT, "version": VERSION} | asdict(layout)
+    return (json.dumps(document, indent=1, allow_nan=False) + "\n").encode()
+
+
+def read_layout(folder: Path) -> Layout:
+    """The layout of a folder of results.
+
+    Raises:
+        InputError, FileFormatError: there is none, or it is damaged.
+    """
+    path = folder / NAME
+    root = Field(parse_json(read_bytes(path), quoted(path)), "", quoted(path))
+    root.member("format").choice((FORMAT,))
+    if root.member("version").whole() != VERSION:
+        root.member("version").refuse(f"version {VERSION}")
+    names = tuple(Layout.__dataclass_fields__)
+    root.only(("format", "version", *names))
+    values: dict[str, Any] = {name: root.member(name).whole() for name in ("subjects", "frames", "block", "chunk")}
+    values |= {name: root.member(name).text() for name in ("sha256", "space", "unit")}
+    box = tuple(item.whole() for item in root.member("box").items())
+    surfaces = tuple(item.text() for item in root.member("surfaces").items())
+    if len(box) != 3 or not surfaces or min(values["subjects"], values["frames"], values["block"], values["chunk"]) < 1:
+        root.refuse("counts above 0, three sides of a box and a surface")
+    return Layout(surfaces=surfaces, box=(box[0], box[1], box[2]), **values)

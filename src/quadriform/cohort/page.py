@@ -1,0 +1,137 @@
+"""The page of a cohort: verdict, mean and modes of shape in the viewer, and a table of subjects that sorts."""
+
+import base64
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+from markupsafe import Markup
+
+from quadriform.cohort import failures
+from quadriform.cohort.gates import SHOWN, Overview, Verdict, overview
+from quadriform.cohort.layout import Layout
+from quadriform.cohort.modes import Modes
+from quadriform.files.atomic import write_bytes
+from quadriform.report.page import Section, page, rendered, source
+from quadriform.report.parts import table
+from quadriform.report.viewer import Scene, viewer
+
+NAME = "cohort.html"
+MOST_SUBJECTS = 2000
+"""On the page: the most troubled ones. All are in the table of measures."""
+MOST_FAILURES = 200
+LEAD = "Every subject's model lies in its folder beside this page; everything else on it is in this one file."
+
+
+def write_page(results: Path, layout: Layout, modes: Modes | None) -> None:
+    """Write the page beside the results.
+
+    Raises:
+        InputError, OutputError: a part of the table cannot be read, or the page cannot be written.
+    """
+    found = overview(results, MOST_SUBJECTS)
+    parts = [_verdict(results, layout, found)]
+    if modes is not None:
+        parts.append(_shape(modes))
+    parts += [_subjects(found, layout), _failed(results)]
+    style = source("viewer/viewer.css") + source("cohort/cohort.css")
+    write_bytes(results / NAME, page("Cohort", LEAD, parts, style), force=True)
+
+
+def _verdict(results: Path, layout: Layout, found: Overview) -> Section:
+    done, failed = len(found.rms), len(failures.rows(results))
+    middle = f" The median RMS distance is {np.median(found.rms):.4g} {_unit(layout)}." if done else ""
+    sentence = (
+        f"{done} of {layout.subjects} subjects have a model, {failed} failed; {found.warned} of the models carry "
+        f"warnings.{middle}"
+    )
+    body = Markup('<div class="verdict{}"><p>{}</p></div>').format(" warned" if failed else "", sentence)
+    if found.kinds:
+        counted = [(kind, count, f"{100 * count / done:.1f} %") for kind, count in found.kinds.most_common()]
+        body += table(("warning", "subjects", "share"), counted)
+    return Section("Verdict", body)
+
+
+def _unit(layout: Layout) -> str:
+    return layout.unit.replace("unknown", "units")
+
+
+# --- shape -------------------------------------------------------------------------------------------------------
+
+
+def _shape(modes: Modes) -> Section:
+    unit = modes.mean.unit.replace("unknown", "units")
+    words = [
+        f"one sigma moves the surface by {sigma:.3g} {unit} (RMS), {100 * share:.1f} % of the variance"
+        for sigma, share in zip(modes.deviations, modes.shares)
+    ]
+    data = {
+        "modes": base64.b64encode(np.ascontiguousarray(modes.displacements, dtype="<f4").tobytes()).decode(),
+        "shares": modes.shares.tolist(),
+    }
+    body = rendered(
+        "cohort/modes.html.j2",
+        modes=words,
+        viewer=viewer(modes.mean, Scene("mean shape")),
+        payload=Markup(json.dumps(data, separators=(",", ":"))),
+        script=source("cohort/modes.js"),
+    )
+    text = (
+        f"Mean and principal modes of {modes.subjects} subjects in their first frame, brought to one frame and one "
+        "reference, so that control points correspond; place and orientation are taken away, size is not."
+    )
+    return Section("Shape", Markup('<p class="note">{}</p>').format(text) + body)
+
+
+# --- subjects ----------------------------------------------------------------------------------------------------
+
+
+def _subjects(found: Overview, layout: Layout) -> Section:
+    shown = [name for name in SHOWN if any(name in verdict.values for verdict in found.worst)]
+    header = ["subject", "status", "warnings", "frames"]
+    header += [f"{name} {_of(found, name)}".rstrip() for name in shown]
+    header += [f"volume {name} {end} {_unit(layout)}^3" for name in layout.surfaces for end in ("from", "to")]
+    rows = [_row(verdict, shown, layout.surfaces) for verdict in found.worst]
+    numeric = [False, False, False, *[True] * (len(header) - 3)]
+    body = rendered(
+        "cohort/subjects.html.j2", header=header, rows=rows, numeric=numeric, script=source("cohort/subjects.js")
+    )
+    left = len(found.rms) - len(found.worst)
+    if left:
+        body = (
+            Markup('<p class="note">{}</p>').format(
+                f"The {len(found.worst)} most troubled ones; the {left} others are in metrics/*.parquet."
+            )
+            + body
+        )
+    return Section("Subjects", body)
+
+
+def _of(found: Overview, quantity: str) -> str:
+    return found.units.get(quantity, "").replace("unknown", "units").removeprefix("1")
+
+
+def _row(verdict: Verdict, shown: Sequence[str], surfaces: Sequence[str]) -> dict[str, Any]:
+    status = "warned" if verdict.warnings else "ok"
+    cells: list[tuple[str, Any]] = [(status, status), (", ".join(verdict.warnings), len(verdict.warnings))]
+    cells.append((str(verdict.frames), verdict.frames))
+    cells += [_number(verdict.values.get(name)) for name in shown]
+    cells += [_number(end) for name in surfaces for end in verdict.volumes.get(name, (None, None))]
+    return {"id": verdict.id, "link": f"subjects/{quote(verdict.id)}/model.json", "status": status, "cells": cells}
+
+
+def _number(value: float | None) -> tuple[str, Any]:
+    return ("", "") if value is None else (f"{value:.4g}", repr(value))
+
+
+def _failed(results: Path) -> Section:
+    rows = failures.rows(results)
+    if not rows:
+        return Section("Failures", Markup("<p>None.</p>"))
+    body = table(failures.HEADER, rows[:MOST_FAILURES])
+    if len(rows) > MOST_FAILURES:
+        body += Markup("<p>{}</p>").format(f"The first {MOST_FAILURES} of {len(rows)}; all are in {failures.TABLE}.")
+    return Section("Failures", body)

@@ -1,0 +1,108 @@
+"""The files of a subject: found by pattern, looked at without reading them whole, and read."""
+
+import glob
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from quadriform.cohort.manifest import Row, is_label
+from quadriform.errors import InputError
+from quadriform.files.guide_points import FRAME_FILE
+from quadriform.fitting.fit import ALONE
+from quadriform.imaging.frame_sources import Frames, frame_files, read_frames
+from quadriform.imaging.sources import ImageOptions, files_of, kind_of, marks_of, read_source
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What the files of a subject show before they are read.
+
+    Attributes:
+        frames: how many.
+        surfaces: their names.
+        space: frame of the world.
+        unit: of lengths.
+    """
+
+    frames: int
+    surfaces: tuple[str, ...]
+    space: str
+    unit: str
+
+
+def files_by_surface(row: Row, folder: Path) -> dict[str, list[Path]]:
+    """For each surface, or for all together under the name "", the files of its frames in order.
+
+    Raises:
+        InputError: no such files, or surfaces with different numbers of them.
+    """
+    if row.input:
+        return {"": frame_files(_found(row.input, folder))}
+    found = {name: frame_files(_found((rule,), folder)) for name, rule in row.surfaces}
+    counts = {name: len(files) for name, files in found.items()}
+    if len(set(counts.values())) > 1:
+        raise InputError(f"expected as many files for each surface, found {counts}")
+    return found
+
+
+def sight(row: Row, folder: Path) -> Sight:
+    """Frames, surfaces and marks of a subject.
+
+    Raises:
+        QuadriformError: the files are not there, or the header of an image cannot be read.
+    """
+    from quadriform.imaging.reading import frame_count
+
+    found = files_by_surface(row, folder)
+    files = next(iter(found.values()))
+    image = kind_of(files[0]) == "image"
+    contours = bool(FRAME_FILE.fullmatch(files[0].name))
+    count = sum(frame_count(file) for file in files) if image and "" in found else len(files)
+    names = tuple(name for name, _ in row.surfaces) or (("endo", "epi") if contours else (ALONE,))
+    marks = ("LPS", "mm") if image or contours else marks_of(files[0])
+    return Sight(count, names, *marks)
+
+
+def read_subject(row: Row, folder: Path) -> tuple[Frames, list[Path]]:
+    """The points of all frames, and the files that were read.
+
+    Raises:
+        QuadriformError: a file is not there or gives no points.
+    """
+    found = files_by_surface(row, folder)
+    if "" in found:
+        labels = [f"{name}={rule}" for name, rule in row.surfaces if is_label(rule)]
+        frames = read_frames(found[""], labels)
+    else:
+        frames = _read_by_surface(found)
+    every = [file for files in found.values() for path in files for file in files_of(path)]
+    return frames, list(dict.fromkeys(every))
+
+
+def _read_by_surface(found: dict[str, list[Path]]) -> Frames:
+    frames = Frames()
+    for files in zip(*found.values()):
+        sources = {name: read_source(file, ImageOptions()) for name, file in zip(found, files)}
+        marks = {(source.space, source.unit) for source in sources.values()}
+        if len(marks) > 1:
+            raise InputError(f"the surfaces differ in frame of the world or unit: {sorted(marks)}")
+        notes = [note for source in sources.values() for note in source.notes]
+        frames.add({name: source.points for name, source in sources.items()}, marks.pop(), notes=notes)
+        for source in sources.values():
+            frames.add_warnings(source.warnings)
+    if len(frames.marks) > 1:
+        raise InputError(f"the frames differ in frame of the world or unit: {sorted(frames.marks)}")
+    return frames
+
+
+def _found(patterns: Sequence[str], folder: Path) -> list[Path]:
+    """The files of patterns, those of each in the order of their names."""
+    result: list[Path] = []
+    for pattern in patterns:
+        path = str(folder / pattern)
+        matches = sorted(glob.glob(path)) if glob.has_magic(pattern) else [path]
+        missing = not matches or not Path(matches[0]).exists()
+        if missing:
+            raise InputError(f"{pattern!r}: there is no such file beside the list of subjects")
+        result += map(Path, matches)
+    return result

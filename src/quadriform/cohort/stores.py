@@ -1,0 +1,252 @@
+"""The results of all subjects in stores that others read: parameters in Zarr, measures in Parquet.
+
+Both come in parts, one a block of subjects, each written once and by one process: a shard of every Zarr array, a file
+of the table. Models, one file a subject, are the source of truth; all of this can be made from them again.
+"""
+
+import io
+import os
+import shutil
+import tempfile
+import warnings
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import groupby
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from quadriform import __version__
+from quadriform.cohort.layout import Layout
+from quadriform.cohort.subject import Numbers, Outcome
+from quadriform.errors import InputError, OutputError
+from quadriform.files.atomic import make_folder, write_bytes
+from quadriform.files.reading import quoted
+from quadriform.points import Array
+from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.model import DeformableModel
+from quadriform.shapes.superquadric import Superquadric
+
+if TYPE_CHECKING:
+    import pyarrow
+    import zarr
+
+STORE, TABLE = "parameters.zarr", "metrics"
+SUPERQUADRIC = ("a1", "a2", "a3", "e1", "e2", "phi", "theta", "psi", "tx", "ty", "tz")
+AXES = ("x", "y", "z")
+SIDES = ("s", "t", "u")
+
+
+def needs(library: str) -> None:
+    """See that a library of the extra is there, before any work.
+
+    Raises:
+        InputError: it is not installed; the message has the command that does it.
+    """
+    from importlib.util import find_spec
+
+    if find_spec(library) is None:
+        extra = "cluster" if library in ("dask", "distributed") else "cohort"
+        raise InputError(f"a cohort needs {library}; pip install 'quadriform[{extra}]'")
+
+
+# --- parameters --------------------------------------------------------------------------------------------------
+
+
+def make_store(results: Path, layout: Layout) -> None:
+    """The empty store, unless it is there; it appears as a whole, and of several processes one makes it.
+
+    Raises:
+        OutputError: it cannot be made.
+    """
+    target = results / STORE
+    if target.exists():
+        return
+    try:
+        draft = tempfile.mkdtemp(prefix=".quadriform-", dir=results)
+        try:
+            _create(Path(draft) / STORE, layout)
+            os.rename(Path(draft) / STORE, target)
+        except OSError:
+            if not target.exists():  # else another process was first
+                raise
+        finally:
+            shutil.rmtree(draft, ignore_errors=True)
+    except OSError as error:
+        raise OutputError(f"{quoted(target)}: cannot be made: {error.strerror}") from error
+
+
+def _create(path: Path, layout: Layout) -> None:
+    import zarr
+
+    root = zarr.create_group(path, zarr_format=3)
+    root.attrs.update({"software": f"quadriform {__version__}", "frame": layout.space, "units": layout.unit})
+    sizes = {"subject": layout.subjects, "frame": layout.frames, "surface": len(layout.surfaces)}
+    sizes |= dict(zip("ijk", layout.box)) | {"parameter": len(SUPERQUADRIC), "axis": 3, "side": 3}
+    length = {"units": layout.unit, "frame": layout.space}
+    mixed = length | {"parameters": "a1 a2 a3 and tx ty tz in units, e1 e2 without, phi theta psi in radians"}
+    for name, dims, attributes in (
+        ("control_points", ("subject", "frame", "i", "j", "k", "axis"), length),
+        ("superquadrics", ("subject", "frame", "surface", "parameter"), mixed),
+        ("origin", ("subject", "frame", "axis"), length),
+        ("edges", ("subject", "frame", "side", "axis"), length),
+        ("time", ("subject", "frame"), {}),
+    ):
+        _add(root, name, dims, sizes, layout, "float64", np.nan, attributes)
+    _add(root, "subject", ("subject",), sizes, layout, "string", "", {})
+    for dim, names in (("surface", layout.surfaces), ("parameter", SUPERQUADRIC), ("axis", AXES), ("side", SIDES)):
+        array = root.create_array(dim, shape=(len(names),), dtype="string", dimension_names=(dim,), compressors=None)
+        array[:] = np.array(names, dtype=np.dtypes.StringDType())
+    with warnings.catch_warnings():  # zarr warns that others may not know it yet; xarray looks for it first
+        warnings.simplefilter("ignore")
+        zarr.consolidate_metadata(path)
+
+
+def _add(
+    root: "zarr.Group",
+    name: str,
+    dims: Sequence[str],
+    sizes: Mapping[str, int],
+    layout: Layout,
+    dtype: str,
+    fill: Any,
+    attributes: Mapping[str, str],
+) -> None:
+    rest = tuple(sizes[dim] for dim in dims[1:])
+    root.create_array(
+        name,
+        shape=(layout.subjects, *rest),
+        dtype=dtype,
+        chunks=(layout.chunk, *rest),
+        shards=(layout.block, *rest),
+        dimension_names=tuple(dims),
+        fill_value=fill,
+        attributes=dict(attributes),
+    )
+
+
+def write_parameters(results: Path, layout: Layout, block: int, outcomes: Sequence[Outcome]) -> None:
+    """The shard of a block in every array; subjects without a result are "not a number".
+
+    Args:
+        results: folder.
+        layout: of the cohort.
+        block: its number.
+        outcomes: of all its subjects, in order.
+
+    Raises:
+        OutputError: the disk fails.
+    """
+    import zarr
+
+    members = layout.members(block)
+    where = slice(members.start, members.stop)
+    try:
+        root = zarr.open_group(results / STORE, mode="r+")
+        root["subject"][where] = np.array([each.id for each in outcomes], dtype=np.dtypes.StringDType())  # type: ignore[index]
+        for name in Numbers.__dataclass_fields__:
+            array: Any = root[name]
+            values = np.full((len(members), *array.shape[1:]), np.nan)
+            for place, each in enumerate(outcomes):
+                if each.numbers is not None:
+                    own = getattr(each.numbers, name)
+                    values[place, : len(own)] = own
+            array[where] = values
+    except OSError as error:
+        raise OutputError(f"{quoted(results / STORE)}: writing failed: {error.strerror}") from error
+
+
+def models(
+    results: Path, layout: Layout, subjects: Iterable[int], frame: int = 0
+) -> Iterator[tuple[str, DeformableModel]]:
+    """Ids and models of subjects, from the store, each in one frame; those without a result are left out.
+
+    Args:
+        results: folder.
+        layout: of the cohort.
+        subjects: their numbers, in order; neighbours are read together.
+        frame: which.
+
+    Raises:
+        InputError: there is no store, or no such frame.
+    """
+    import zarr
+
+    if not 0 <= frame < layout.frames:
+        raise InputError(f"frame {frame}: expected 0 to {layout.frames - 1}")
+    try:
+        root = zarr.open_group(results / STORE, mode="r")
+    except FileNotFoundError as error:
+        raise InputError(f"{quoted(results / STORE)}: there is no such store") from error
+    arrays: dict[str, Any] = {name: root[name] for name in ("origin", "edges", "control_points", "superquadrics")}
+    names: Any = root["subject"]
+    for chunk, numbers in groupby(subjects, key=lambda number: number // layout.chunk):
+        where = slice(chunk * layout.chunk, (chunk + 1) * layout.chunk)
+        ids, held = names[where], {name: array[where, frame] for name, array in arrays.items()}
+        for place in (number - where.start for number in numbers):
+            if np.isfinite(held["origin"][place]).all():
+                box = ControlBox(*(held[name][place] for name in ("origin", "edges", "control_points")))
+                surfaces = {name: _ellipsoid(row) for name, row in zip(layout.surfaces, held["superquadrics"][place])}
+                yield str(ids[place]), DeformableModel(surfaces, box, layout.space, layout.unit)
+
+
+def _ellipsoid(row: Array) -> Superquadric:
+    return Superquadric("ellipsoid", row[:3]).with_parameters(row)
+
+
+# --- measures ----------------------------------------------------------------------------------------------------
+
+
+def part_name(block: int, suffix: str) -> str:
+    """File name of the part of a block."""
+    return f"{block:06d}{suffix}"
+
+
+def write_measures(results: Path, block: int, outcomes: Sequence[Outcome]) -> None:
+    """The part of a block in the table: one number a row.
+
+    Raises:
+        OutputError: it cannot be written; what stood there is untouched.
+    """
+    from pyarrow import parquet
+
+    stream = io.BytesIO()
+    parquet.write_table(_table(outcomes), stream, compression="zstd")
+    folder = make_folder(results / TABLE)
+    write_bytes(folder / part_name(block, ".parquet"), stream.getvalue(), force=True)
+
+
+def _table(outcomes: Sequence[Outcome]) -> "pyarrow.Table":
+    import pyarrow as pa
+
+    rows = [(each.id, m) for each in outcomes for m in each.measures]
+    return pa.table(
+        {
+            "subject": pa.array([name for name, _ in rows], pa.string()),
+            "frame": pa.array([m.frame for _, m in rows], pa.int32()),
+            "quantity": pa.array([m.quantity for _, m in rows], pa.string()).dictionary_encode(),
+            "value": pa.array([m.value for _, m in rows], pa.float64()),
+            "unit": pa.array([m.unit for _, m in rows], pa.string()).dictionary_encode(),
+        }
+    )
+
+
+def parts(results: Path) -> list[Path]:
+    """The parts of the table that are there, in order."""
+    return sorted((results / TABLE).glob("*.parquet"))
+
+
+def read_measures(part: Path) -> Iterator[dict[str, Any]]:
+    """The rows of a part: subject, frame, quantity, value and unit.
+
+    Raises:
+        InputError: the file is missing or damaged.
+    """
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    try:
+        table = parquet.read_table(part)
+    except (OSError, pa.ArrowException) as error:
+        raise InputError(f"{quoted(part)}: cannot be read: {error}") from error
+    yield from table.to_pylist()

@@ -1,0 +1,313 @@
+"""The unit of work: one subject is read, fitted or followed, measured and written; doing it twice is doing it once.
+
+A subject's folder holds `model.json`, which is the source of truth, and `record.json` with what the model does not
+tell: its measures, its warnings, and the key by which a later run knows that nothing has changed since.
+"""
+
+import hashlib
+import json
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from quadriform import __version__
+from quadriform.cohort.layout import Layout
+from quadriform.cohort.manifest import Row
+from quadriform.cohort.measures import Measure, measures_of
+from quadriform.cohort.sources import files_by_surface, read_subject
+from quadriform.errors import FitError, InputError, OutputError, QuadriformError, Warnings
+from quadriform.files import load, save, sha256_of
+from quadriform.files.atomic import make_folder, write_bytes
+from quadriform.files.models import parse_json
+from quadriform.files.reading import quoted, read_bytes
+from quadriform.files.strict import Field
+from quadriform.fitting.fit import ALONE, fit
+from quadriform.imaging.frame_sources import Frames, keep_slices
+from quadriform.imaging.sources import files_of
+from quadriform.motion.tracking import track
+from quadriform.points import Array
+from quadriform.shapes.mesh import Mesh
+from quadriform.shapes.model import DeformableModel
+from quadriform.shapes.moving_model import MovingModel
+from quadriform.shapes.spaces import turn_between
+
+MODEL, RECORD = "model.json", "record.json"
+FORMAT = "quadriform-cohort-record"
+VERSION = 1
+ONE_FRAME = ("method", "iterations")
+SEVERAL_FRAMES = ("strategy", "period", "shift_slices")
+"""Options that only subjects of one frame, or of several, can have."""
+FITTED, KEPT, FAILED = "fitted", "kept", "failed"
+AnyModel = DeformableModel | MovingModel
+
+
+@dataclass(frozen=True)
+class Task:
+    """What a worker is sent.
+
+    Attributes:
+        row: of the list.
+        folder: to which its paths are relative.
+        results: where the subject's folder is made.
+        layout: of the cohort.
+        resume: keep what an earlier run left, when nothing has changed since.
+        strict: refuse a result with warnings.
+    """
+
+    row: Row
+    folder: Path = field(repr=False)
+    results: Path = field(repr=False)
+    layout: Layout = field(repr=False)
+    resume: bool = False
+    strict: bool = False
+
+    @property
+    def target(self) -> Path:
+        """The subject's own folder."""
+        return subject_folder(self.results, self.row.id)
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """The parameters of a subject, (F, ...) over its frames.
+
+    Attributes:
+        superquadrics: (F, S, 11), surfaces in the order of the layout, numbers as `Superquadric.parameters`.
+        origin: (F, 3), corner of the undeformed box.
+        edges: (F, 3, 3), its sides.
+        control_points: (F, l+1, m+1, n+1, 3).
+        time: (F,).
+    """
+
+    superquadrics: Array
+    origin: Array
+    edges: Array
+    control_points: Array
+    time: Array
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why a subject has no result.
+
+    Attributes:
+        kind: name of the error.
+        error: its sentence.
+    """
+
+    kind: str
+    error: str
+
+    @classmethod
+    def of(cls, error: BaseException, folder: Path) -> "Failure":
+        """From what was raised, in one line; paths are those of the list, as everywhere in the results."""
+        text = str(error) if isinstance(error, QuadriformError) else f"internal error: {error!r}"
+        return cls(type(error).__name__, " ".join(text.replace(f"{folder}{os.sep}", "").split()))
+
+    @classmethod
+    def lost(cls, error: BaseException) -> "Failure":
+        """From what an engine says of a unit that never came back; it may name the unit, and is left out."""
+        return cls(type(error).__name__, "no result came back; the worker may have died of this subject")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What comes back from a worker: numbers and measures, or a failure.
+
+    Attributes:
+        number: of the subject in the list.
+        id: its name.
+        how: "fitted", "kept" from an earlier run, or "failed".
+        numbers: None when it failed.
+        measures: likewise empty.
+        failure: None when it did not.
+    """
+
+    number: int
+    id: str = field(repr=False)
+    how: str
+    numbers: Numbers | None = field(default=None, repr=False)
+    measures: tuple[Measure, ...] = field(default=(), repr=False)
+    failure: Failure | None = field(default=None, repr=False)
+
+
+def subject_folder(results: Path, name: str) -> Path:
+    """Where the results of a subject lie."""
+    return results / "subjects" / name
+
+
+def work(task: Task) -> Outcome:
+    """Do one subject; every error becomes a row of the table of failures, none is raised.
+
+    What a worker raises is printed by some engines together with its arguments, and a subject's id with them.
+    """
+    try:
+        with threadpool_limits(1):  # one subject a core: threads that share tiny matrices only wait for each other
+            return _work(task)
+    except Exception as error:
+        return Outcome(task.row.number, task.row.id, FAILED, failure=Failure.of(error, task.folder))
+
+
+def _work(task: Task) -> Outcome:
+    files = [path for many in files_by_surface(task.row, task.folder).values() for path in many]
+    key = _key(task, [file for path in files for file in files_of(path)])
+    kept = _kept(task, key) if task.resume else None
+    if kept is not None:
+        return kept
+    _remove(task)  # it is out of date: if this fails, it would be taken for this one's
+    frames, read = read_subject(task.row, task.folder)
+    model, measures, warnings = _modelled(frames, task)
+    if task.strict and warnings:
+        raise FitError("refused for its warnings: " + "; ".join(f"{k}: {text}" for k, text in warnings.items()))
+    model = replace(model, input_sha256=sha256_of(read[0], *read[1:]))
+    numbers = numbers_of(model, task.layout)
+    make_folder(task.target)
+    write_bytes(task.target / RECORD, _record(key, measures, warnings), force=True)
+    save(model, task.target / MODEL, force=True)  # the last: where it lies, the subject is done
+    return Outcome(task.row.number, task.row.id, FITTED, numbers, measures)
+
+
+# --- model -------------------------------------------------------------------------------------------------------
+
+
+def _modelled(frames: Frames, task: Task) -> tuple[AnyModel, tuple[Measure, ...], Warnings]:
+    options = dict(task.row.options)
+    several = len(frames.clouds) > 1
+    unfit = [name for name in (ONE_FRAME if several else SEVERAL_FRAMES) if name in options]
+    for name in unfit:
+        del options[name]  # of the whole cohort, where subjects of one frame and of several are together
+    make = _followed if several else _fitted
+    return make(frames, task, options)
+
+
+def _fitted(frames: Frames, task: Task, options: dict[str, Any]) -> tuple[AnyModel, tuple[Measure, ...], Warnings]:
+    clouds = frames.clouds[0]
+    found = fit(clouds[ALONE] if clouds.keys() == {ALONE} else clouds, **options)
+    model = _marked(found.model, frames, task.layout)
+    warnings = frames.warnings | found.warnings
+    about = {"points": found.n_points, "rms": found.rms, "noise": found.noise}
+    return model, measures_of([model], np.zeros(1), [found.rms], about, warnings), warnings
+
+
+def _followed(frames: Frames, task: Task, options: dict[str, Any]) -> tuple[AnyModel, tuple[Measure, ...], Warnings]:
+    if options.pop("shift_slices", False):
+        keep_slices(frames)
+        options["slices"] = frames.slices
+    if frames.times is not None and len(frames.times) == len(frames.clouds):
+        options["times"] = frames.times
+    found = track(frames.clouds, **options)
+    if found.moving is None:
+        raise InputError("expected a strategy that gives one moving model")
+    model = _marked(found.moving, frames, task.layout)
+    warnings = frames.warnings | found.warnings
+    count = sum(len(values) for frame in found.residuals for values in frame.values())
+    about = {"points": count, "rms": found.rms, "noise": found.noise}
+    models = [model.at(time) for time in found.times]
+    return model, measures_of(models, found.times, found.frame_rms, about, warnings), warnings
+
+
+def _marked(model: Any, frames: Frames, layout: Layout) -> Any:
+    """The model with its marks, in the frame of the cohort.
+
+    Raises:
+        InputError: in another unit, or in a frame that cannot be brought to that of the cohort.
+    """
+    space, unit = next(iter(frames.marks))
+    if unit != layout.unit:
+        raise InputError(f"lengths in {unit}; expected {layout.unit} as in the rest of the cohort")
+    marked = replace(model, space=space, unit=unit)
+    if space == layout.space:
+        return marked
+    turn_between(space, layout.space)  # refuses the unknown
+    return marked.in_space(layout.space)
+
+
+def numbers_of(model: AnyModel, layout: Layout) -> Numbers:
+    """The parameters of a model, in the order of the cohort.
+
+    Raises:
+        InputError: other surfaces, another box, or more frames than the store has.
+    """
+    times = model.frame_times if isinstance(model, MovingModel) else np.zeros(1)
+    models = [model.at(time) for time in times] if isinstance(model, MovingModel) else [model]
+    if set(model.surfaces) != set(layout.surfaces) or len(times) > layout.frames:
+        raise InputError(
+            f"surfaces {', '.join(model.surfaces)} in {len(times)} frames; expected {', '.join(layout.surfaces)} in "
+            f"{layout.frames} frames at most, as in the rest of the cohort"
+        )
+    shape = models[0].box.control_points.shape[:3]
+    if shape != layout.box or any(surface.kind != "ellipsoid" for surface in model.surfaces.values()):
+        raise InputError(f"box {shape}; expected {layout.box} around ellipsoids, as in the rest of the cohort")
+    return Numbers(
+        superquadrics=np.array([[m.surfaces[name].parameters for name in layout.surfaces] for m in models]),
+        origin=np.array([m.box.origin for m in models]),
+        edges=np.array([m.box.edges for m in models]),
+        control_points=np.array([m.box.control_points for m in models]),
+        time=times,
+    )
+
+
+# --- record ------------------------------------------------------------------------------------------------------
+
+
+def _key(task: Task, files: list[Path]) -> str:
+    """A hash of all that the result depends on: options, version, and name, size and time of each file."""
+    row, layout = task.row, task.layout
+    about = [repr(part) for part in (__version__, row.options, row.surfaces, layout.space, layout.unit, task.strict)]
+    for file in files:
+        try:
+            status = file.stat()
+        except OSError as error:
+            raise InputError(f"{quoted(file)}: cannot be read: {error.strerror}") from error
+        about.append(f"{file.name} {status.st_size} {status.st_mtime_ns}")
+    return hashlib.sha256("\n".join(about).encode()).hexdigest()
+
+
+def _record(key: str, measures: tuple[Measure, ...], warnings: Warnings) -> bytes:
+    document = {
+        "format": FORMAT,
+        "version": VERSION,
+        "key": key,
+        "warnings": {str(kind): text for kind, text in warnings.items()},
+        "measures": [[m.quantity, m.frame, m.value, m.unit] for m in measures],
+    }
+    return (json.dumps(document, allow_nan=False, separators=(",", ":")) + "\n").encode()
+
+
+def _kept(task: Task, key: str) -> Outcome | None:
+    """What an earlier run left of the same work; None when there is nothing, or it cannot be used."""
+    try:
+        record = Field(_document(task.target / RECORD), "", "record")
+        if record.member("key").text() != key:
+            return None
+        model = load(task.target / MODEL)
+        if isinstance(model, Mesh):
+            return None
+        measures = tuple(_measures(record.member("measures")))
+        return Outcome(task.row.number, task.row.id, KEPT, numbers_of(model, task.layout), measures)
+    except QuadriformError:
+        return None
+
+
+def _document(path: Path) -> Mapping[str, Any]:
+    return parse_json(read_bytes(path), quoted(path))
+
+
+def _measures(field: Field) -> Iterator[Measure]:
+    for item in field.items():
+        quantity, frame, value, unit = item.items()
+        yield Measure(quantity.text(), None if frame.value is None else frame.whole(), value.number(), unit.text())
+
+
+def _remove(task: Task) -> None:
+    """The model before its record: never a model with the record of another run."""
+    for name in (MODEL, RECORD):
+        try:
+            (task.target / name).unlink(missing_ok=True)
+        except OSError as error:
+            raise OutputError(f"{quoted(task.target / name)}: cannot be replaced: {error.strerror}") from error

@@ -1,0 +1,225 @@
+"""From a file of any kind to points, with everything that was assumed on the way said."""
+
+import re
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadriform.errors import OptionError, Warnings
+from quadriform.files.meshes import MESH_SUFFIXES, read_marks
+from quadriform.files.points import POINT_SUFFIXES, read_points
+from quadriform.points import Array
+from quadriform.shapes.spaces import turn_between
+from quadriform.words import numbers, ranges
+
+if TYPE_CHECKING:
+    from quadriform.imaging.segmentation import Segmentation
+    from quadriform.imaging.volume import Volume
+
+Marks = tuple[str, str]
+"""Frame of the world and unit, each maybe "unknown"."""
+
+NIFTI_SUFFIXES = (".nii", ".nii.gz")
+SLICE_SUFFIXES = (".dcm", ".ima")
+IMAGE_SUFFIXES = (*NIFTI_SUFFIXES, ".nrrd", ".nhdr", ".mha", ".mhd", *SLICE_SUFFIXES)
+FEW = 32
+"""A whole-numbered image with no more distinct values is taken as labels."""
+PERCENTILE = re.compile(r"(?:(\d+(?:\.\d+)?)%)?p(\d+(?:\.\d+)?)")
+
+
+@dataclass(frozen=True)
+class ImageOptions:
+    """How an image becomes an object; None leaves a choice to the image or to the library.
+
+    Attributes:
+        labels: values of a label image, taken together.
+        threshold: a value, "otsu", or (share, percentile).
+        frame: of a four-dimensional image.
+        segment: arguments for `segment` as they are: region, component, closing, fill_holes.
+        border: "open" or "close".
+    """
+
+    labels: tuple[int, ...] | None = None
+    threshold: float | str | tuple[float, float] | None = None
+    frame: int | None = None
+    segment: dict[str, Any] = field(default_factory=dict)
+    border: str | None = None
+
+    @classmethod
+    def parse(
+        cls,
+        label: str | None,
+        threshold: str | None,
+        region: str | None,
+        seed: str | None,
+        closing: int | None,
+        fill_holes: bool,
+        border: str | None,
+        frame: int | None,
+    ) -> "ImageOptions":
+        """From the words on the command line.
+
+        Raises:
+            OptionError: a word that cannot be read, or a label and a threshold at once.
+        """
+        if label is not None and threshold is not None:
+            raise OptionError("options --label and --threshold exclude each other; give one")
+        segment: dict[str, Any] = {"fill_holes": fill_holes}
+        if region is not None:
+            segment["region"] = ranges(region, "--region")
+        if seed is not None:
+            segment["component"] = numbers(seed, 3, "--seed")
+        if closing is not None:
+            segment["closing"] = closing
+        return cls(_labels(label), _threshold(threshold), frame, segment, border)
+
+    def with_label(self, label: str) -> "ImageOptions":
+        """The same with other labels."""
+        return replace(self, labels=_labels(label))
+
+
+def _labels(text: str | None) -> tuple[int, ...] | None:
+    return None if text is None else numbers(text, text.count(",") + 1, "--label")
+
+
+def _threshold(text: str | None) -> float | str | tuple[float, float] | None:
+    if text is None or text == "otsu":
+        return text
+    if found := PERCENTILE.fullmatch(text):
+        return float(found[1] or 100) / 100, float(found[2])
+    try:
+        return float(text)
+    except ValueError as error:
+        raise OptionError(
+            f"option --threshold={text!r}: expected a number, otsu, or a percentile as p99 or 50%p99.9"
+        ) from error
+
+
+@dataclass(frozen=True)
+class Source:
+    """Points and what is known about them.
+
+    Attributes:
+        points: (n, 3), in `unit` and `space`.
+        space: "LPS", "RAS" or "unknown".
+        unit: "mm", "m" or "unknown".
+        warnings: of the reading.
+        notes: what was assumed, one sentence each.
+        slices: (n,) the slice of each point of an image, as `slice_numbers` counts them.
+        image: from which the points came.
+    """
+
+    points: Array
+    space: str = "unknown"
+    unit: str = "unknown"
+    warnings: Warnings = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    slices: NDArray[np.int64] | None = None
+    image: "Volume | None" = None
+
+
+def kind_of(path: Path) -> Literal["image", "mesh", "points"] | None:
+    """What a file is by its name; None for anything that `fit` does not read. A folder of DICOM slices is an image."""
+    name = path.name.lower()
+    if path.is_dir():
+        return "image" if any(file.suffix.lower() in SLICE_SUFFIXES for file in path.iterdir()) else None
+    if name.endswith(IMAGE_SUFFIXES):
+        return "image"
+    if name.endswith(MESH_SUFFIXES):
+        return "mesh"
+    return "points" if name.endswith(POINT_SUFFIXES) else None
+
+
+def files_of(path: Path) -> list[Path]:
+    """The file itself, or the files of a folder of slices in the order of their names."""
+    return sorted(file for file in path.iterdir() if file.is_file()) if path.is_dir() else [path]
+
+
+def read_source(path: Path, options: ImageOptions) -> Source:
+    """Read points from a table, an array, a mesh or an image.
+
+    Raises:
+        InputError, FileFormatError, FileLimitError, DegenerateError: the file gives no points.
+    """
+    if kind_of(path) == "image":
+        return _from_image(path, options)
+    return Source(read_points(path), *marks_of(path))  # refuses unknown suffixes
+
+
+def read_object(path: Path, options: ImageOptions) -> tuple["Volume", dict[str, Any], tuple[str, ...]]:
+    """An image, the arguments that choose the object in it, and what was assumed."""
+    from quadriform.imaging.reading import read_volume
+
+    volume = read_volume(path, options.frame)
+    select, note = _select(volume, options)
+    return volume, {"select": select, **options.segment}, note
+
+
+def kept_note(segmentation: "Segmentation") -> tuple[str, ...]:
+    """What is said when components of the object were left out."""
+    found, kept = len(segmentation.component_voxels), segmentation.components_kept
+    return (f"kept {kept} of {found} connected components; --seed chooses another",) if found > kept else ()
+
+
+def marks_of(path: Path) -> Marks:
+    """Frame of the world and unit that a file of points or a mesh is marked with; tables are not."""
+    return read_marks(path) if kind_of(path) == "mesh" else ("unknown", "unknown")
+
+
+def space_to_write(asked: str | None, found: str) -> str:
+    """The frame of the world to write in: the one that was asked for, else that of the input.
+
+    Raises:
+        InputError: one was asked for, and that of the input is unknown.
+    """
+    if asked is None:
+        return found
+    turn_between(found, asked)  # refuses
+    return asked
+
+
+def _from_image(path: Path, options: ImageOptions) -> Source:
+    from quadriform.imaging.image_points import points_from_image
+    from quadriform.imaging.slice_numbers import slice_numbers
+
+    volume, arguments, notes = read_object(path, options)
+    if options.border is not None:
+        arguments["border"] = options.border
+    found = points_from_image(volume, **arguments)
+    notes = tuple(f"{path}: {note}" for note in notes + kept_note(found.segmentation))
+    numbers = slice_numbers(volume, found.points)
+    return Source(found.points, volume.space, volume.unit, found.warnings, notes, numbers, volume)
+
+
+def _select(volume: "Volume", options: ImageOptions) -> tuple[Any, tuple[str, ...]]:
+    """How the object is chosen, as `segment` takes it, and what was assumed where nothing was said."""
+    from quadriform.imaging.segmentation import Labels, Percentile
+
+    if options.labels is not None:
+        return Labels(options.labels), ()
+    if isinstance(options.threshold, tuple):
+        return Percentile(*options.threshold), ()
+    if options.threshold is not None:
+        return options.threshold, ()
+    labels = _few_labels(volume.values)
+    if labels is None:
+        return "otsu", (
+            "taken as a grey image, thresholded by Otsu's method; --threshold or --label chooses otherwise",
+        )
+    if len(labels) == 0:
+        return 0.5, ()  # refused there as an empty mask, with the values listed
+    together = (
+        f"labels {', '.join(map(str, labels))} together; --label chooses" if len(labels) > 1 else f"label {labels[0]}"
+    )
+    return Labels(labels), (f"taken as a label image, the object is {together}",)
+
+
+def _few_labels(values: np.ndarray) -> tuple[int, ...] | None:
+    """The values other than 0 of a whole-numbered image that has few of them, else None."""
+    present = np.unique(values)
+    if len(present) > FEW or not np.array_equal(present, np.round(present)):
+        return None
+    return tuple(int(value) for value in present if value != 0)

@@ -1,0 +1,121 @@
+"""The page of a cohort: what it says of each subject, how it sorts, and modes of shape that move the model."""
+
+import re
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+
+import numpy as np
+import pytest
+from cohort_made import TINY, listed
+
+from quadriform.cohort import engines
+from quadriform.cohort.gates import overview
+from quadriform.cohort.layout import read_layout
+from quadriform.cohort.modes import write_modes
+from quadriform.cohort.page import write_page
+from quadriform.cohort.run import Choices, run
+from quadriform.files import load
+
+for library in ("zarr", "pyarrow", "sklearn"):
+    pytest.importorskip(library, reason="the extra 'cohort' is not installed")
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """Seven subjects, one of them broken, one warned for its strangers."""
+    folder = tmp_path_factory.mktemp("page")
+    cohort = listed(folder, 7, broken=(2,))
+    run(cohort, folder / "out", partial(engines.given, ThreadPoolExecutor(1), 1), Choices(TINY))
+    return folder / "out"
+
+
+def words(page):
+    return re.sub(
+        r"\s+", " ", re.sub(r"<(script|style).*?</\1>|<[^>]*>", " ", page.read_text(encoding="utf-8"), flags=re.S)
+    )
+
+
+def test_the_page_tells_of_every_subject(results):
+    text = words(results / "cohort.html")
+    assert "6 of 7 subjects have a model, 1 failed" in text
+    assert all(f"person{number:02d}" in text for number in range(7))
+    assert "PointsError" in text and str(results.parent) not in text
+
+
+def test_its_links_lead_to_the_models(results):
+    links = re.findall(r'<a href="(subjects/[^"]+)"', (results / "cohort.html").read_text(encoding="utf-8"))
+    assert len(links) == 6
+    for link in links:
+        assert load(results / link).frame_times.size == 2
+
+
+def test_the_worst_come_first_and_any_number_has_room(results):
+    every = overview(results, 100)
+    assert len(every.worst) == len(every.rms) == 6
+    assert [(v.trouble, v.rms) for v in every.worst] == sorted(((v.trouble, v.rms) for v in every.worst), reverse=True)
+    assert [verdict.id for verdict in overview(results, 2).worst] == [verdict.id for verdict in every.worst[:2]]
+
+
+def test_the_mean_and_its_modes_are_written(results):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    mean = load(results / "modes" / "mean.json")
+    with np.load(results / "modes" / "modes.npz") as arrays:
+        assert np.array_equal(arrays["mean"], mean.box.control_points)
+        assert arrays["displacements"].shape == (5, 2, 2, 2, 3) and (np.diff(arrays["deviations"]) <= 0).all()
+    scores = parquet.read_table(results / "modes" / "scores.parquet").to_pylist()
+    assert len(scores) == 6 * 5 and {row["mode"] for row in scores} == {1, 2, 3, 4, 5}
+    first = [row["score"] for row in scores if row["mode"] == 1]
+    assert np.mean(first) == pytest.approx(0, abs=1e-9) and np.std(first, ddof=1) == pytest.approx(1)
+
+
+def test_ids_cannot_break_the_page(results, tmp_path):
+    """Ids are letters, digits and three signs; errors are anything, and escaped."""
+    page = results / "cohort.html"
+    before = page.read_bytes()
+    table = results / "failures.csv"
+    rows = table.read_bytes()
+    table.write_bytes(rows + b"x,<script>alert(1)</script>,InputError\n")
+    try:
+        write_page(results, read_layout(results), None)
+        assert "<script>alert" not in page.read_text(encoding="utf-8")
+    finally:
+        table.write_bytes(rows)
+        page.write_bytes(before)
+
+
+def test_columns_sort_both_ways_and_rows_are_chosen(browser, results):
+    browser.open(results / "cohort.html")
+    column = """return [...document.querySelectorAll('#subjects tbody tr')].filter((r) => !r.hidden)
+        .map((r) => arguments[0] ? Number(r.cells[arguments[0]].dataset.value) : r.cells[0].textContent)"""
+    click = "document.querySelectorAll('#subjects thead button')[arguments[0]].click()"
+    browser.run(click, 4)
+    up = browser.run(column, 4)
+    assert up == sorted(up) and len(set(up)) == 6
+    browser.run(click, 4)
+    assert browser.run(column, 4) == up[::-1]
+    browser.run(click, 0)
+    assert browser.run(column, 0) == [f"person{number:02d}" for number in (0, 1, 3, 4, 5, 6)]
+    browser.run("const s = document.getElementById('search'); s.value = '04'; s.dispatchEvent(new Event('input'))")
+    assert browser.run(column, 0) == ["person04"]
+    browser.check()
+
+
+def test_a_slider_moves_the_mean_as_python_says(browser, results):
+    browser.open(results / "cohort.html")
+    modes = write_modes(results, read_layout(results))
+    before = browser.picture()
+    assert browser.run("return quadriform.volume('surface')") == pytest.approx(modes.mean.volume(), rel=1e-5)
+    slide = (
+        "const s = document.getElementById(arguments[0]); s.value = arguments[1]; s.dispatchEvent(new Event('input'))"
+    )
+    browser.run(slide, "mode-1", 2)
+    browser.run(slide, "mode-3", -1.5)
+    moved = 2 * modes.displacements[0] - 1.5 * modes.displacements[2]
+    box = modes.mean.box.with_control_points(modes.mean.box.control_points + moved)
+    there = box.deform(modes.mean.superquadric().grid(6)[0])
+    seen = np.reshape(browser.run("return quadriform.vertices('surface', 6)"), (-1, 3))
+    assert np.abs(seen - there).max() < 1e-5 * np.ptp(there)
+    assert browser.text("sigma-1") == "2" and browser.picture() != before
+    browser.run("document.getElementById('to-mean').click()")
+    assert browser.run("return quadriform.volume('surface')") == pytest.approx(modes.mean.volume(), rel=1e-5)
+    browser.check()

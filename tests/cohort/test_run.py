@@ -1,0 +1,260 @@
+"""Whole runs: the same bytes by any engine, after any accident, and in any number of parts."""
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+from cohort_made import TINY, differences, listed
+
+from quadriform.cohort import engines
+from quadriform.cohort.run import Choices, run
+from quadriform.cohort.stores import models
+from quadriform.errors import InputError, OptionError, OutputError
+from quadriform.files import load
+
+zarr = pytest.importorskip("zarr", reason="the extra 'cohort' is not installed")
+parquet = pytest.importorskip("pyarrow.parquet", reason="the extra 'cohort' is not installed")
+SUBJECTS, BROKEN = 12, (3, 8)
+CHOICES = Choices(options=TINY)
+WORDS = ("--set", "box=2,2,2", "--set", "robust=no", "--set", "strength=1e-4")
+
+
+def one_thread():
+    return engines.given(ThreadPoolExecutor(1), 1)
+
+
+@pytest.fixture(scope="module")
+def cohort(tmp_path_factory):
+    return listed(tmp_path_factory.mktemp("cohort"), SUBJECTS, broken=BROKEN)
+
+
+@pytest.fixture(scope="module")
+def serial(cohort, tmp_path_factory):
+    """Results of one worker, and what was told."""
+    out = tmp_path_factory.mktemp("serial") / "out"
+    told = []
+    summary = run(cohort, out, one_thread, CHOICES, lambda *words: told.append(words))
+    return out, summary, told
+
+
+def test_a_run_says_what_it_did(serial):
+    _, summary, told = serial
+    assert summary.counts == {"fitted": SUBJECTS - len(BROKEN), "failed": len(BROKEN)}
+    assert summary.complete and summary.failed == len(BROKEN)
+    assert [(done, total) for _, done, total in told] == [(k + 1, SUBJECTS) for k in range(SUBJECTS)]
+    assert {outcome.number for outcome, _, _ in told if outcome.failure} == set(BROKEN)
+    assert "person" not in repr(told)
+
+
+def test_each_failure_is_a_row_and_leaves_no_model(serial):
+    out = serial[0]
+    rows = (out / "failures.csv").read_text(encoding="utf-8").splitlines()
+    assert rows[0] == "id,error,kind" and len(rows) == 1 + len(BROKEN)
+    assert all("person" in row and "not finite" in row and row.endswith("PointsError") for row in rows[1:])
+    assert str(out.parent) not in rows[1]  # paths as in the list
+    assert len(list((out / "subjects").glob("*/model.json"))) == SUBJECTS - len(BROKEN)
+
+
+def test_the_store_opens_with_xarray_and_holds_the_models_to_the_last_bit(serial):
+    xarray = pytest.importorskip("xarray")
+    out = serial[0]
+    store = xarray.open_zarr(out / "parameters.zarr")
+    assert store.control_points.dims == ("subject", "frame", "i", "j", "k", "axis")
+    assert store.control_points.attrs == {"units": "unknown", "frame": "unknown"}
+    assert store.control_points.shape == (SUBJECTS, 2, 2, 2, 2, 3)
+    assert list(store.subject.values) == [f"person{number:02d}" for number in range(SUBJECTS)]
+    missing = np.isnan(store.control_points.values).all(axis=(1, 2, 3, 4, 5))
+    assert set(np.flatnonzero(missing)) == set(BROKEN)
+    moving = load(out / "subjects" / "person05" / "model.json")
+    for frame, at in enumerate(moving.frame_times):
+        here = store.sel(subject="person05").isel(frame=frame)
+        model = moving.at(at)
+        assert np.array_equal(here.control_points, model.box.control_points) and float(here.time) == at
+        assert np.array_equal(here.superquadrics.sel(surface="surface"), model.superquadric().parameters)
+        assert np.array_equal(here.origin, model.box.origin) and np.array_equal(here.edges, model.box.edges)
+
+
+def test_models_come_back_from_the_store(serial):
+    out, summary, _ = serial
+    found = dict(models(out, summary.layout, range(SUBJECTS), frame=1))
+    assert len(found) == SUBJECTS - len(BROKEN)
+    moving = load(out / "subjects" / "person05" / "model.json")
+    there = moving.at(moving.frame_times[1]).mesh(resolution=4).vertices
+    assert np.abs(found["person05"].mesh(resolution=4).vertices - there).max() < 1e-9
+
+
+def test_measures_are_one_number_a_row(serial):
+    table = parquet.read_table(serial[0] / "metrics").to_pylist()
+    assert set(table[0]) == {"subject", "frame", "quantity", "value", "unit"}
+    mine = [row for row in table if row["subject"] == "person05"]
+    moving = load(serial[0] / "subjects" / "person05" / "model.json")
+    volumes = [row["value"] for row in mine if row["quantity"] == "volume surface"]
+    assert volumes == [moving.at(at).volume() for at in moving.frame_times]
+    assert {row["quantity"] for row in mine if row["frame"] is None} >= {"rms", "noise", "points", "min det J"}
+
+
+def test_processes_give_the_same_bytes(cohort, serial, tmp_path):
+    run(cohort, tmp_path / "out", partial(engines.processes, 2), CHOICES)
+    assert differences(serial[0], tmp_path / "out") == []
+
+
+@pytest.mark.slow
+def test_dask_gives_the_same_bytes_although_a_worker_is_killed(cohort, serial, tmp_path):
+    pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
+    done = threading.Event()
+    killed = []
+
+    def told(_outcome, count, _total):
+        if count == 3:
+            done.set()
+
+    def killing(client):
+        done.wait(120)
+        pids = list(client.run(os.getpid).values())
+        os.kill(pids[0], signal.SIGKILL)
+        killed.append(pids[0])
+
+    @contextlib.contextmanager
+    def with_an_accident():
+        with engines.cluster(None, 2) as started:
+            thread = threading.Thread(target=killing, args=(started.client,))
+            thread.start()
+            yield started
+            thread.join()
+
+    summary = run(cohort, tmp_path / "out", with_an_accident, CHOICES, told)
+    assert len(killed) == 1
+    assert summary.counts == {"fitted": SUBJECTS - len(BROKEN), "failed": len(BROKEN)}
+    assert differences(serial[0], tmp_path / "out") == []
+
+
+@pytest.mark.slow
+def test_a_cluster_that_is_there_is_found_by_its_address(tmp_path):
+    distributed = pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
+    cohort = listed(tmp_path, 3)
+    with distributed.LocalCluster(1, threads_per_worker=1, dashboard_address=engines.LOCAL) as there:
+        summary = run(cohort, tmp_path / "out", partial(engines.cluster, there.scheduler_address, 0), CHOICES)
+    assert summary.counts == {"fitted": 3}
+
+
+@pytest.mark.slow
+def test_a_run_that_was_killed_goes_on_without_doing_again_what_was_done(cohort, serial, tmp_path):
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "quadriform.cli.main", "cohort", cohort, "-o", out, "--processes", "1", *WORDS]
+    process = subprocess.Popen(command, start_new_session=True, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+    while len(list((out / "subjects").glob("*/model.json"))) < 4 and process.poll() is None:
+        time.sleep(0.05)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    time.sleep(0.5)
+    before = {path: path.stat().st_mtime_ns for path in (out / "subjects").glob("*/model.json")}
+    assert 4 <= len(before) < SUBJECTS - len(BROKEN)
+    summary = run(cohort, out, one_thread, replace(CHOICES, resume=True))
+    assert summary.counts == {
+        "kept": len(before),
+        "fitted": SUBJECTS - len(BROKEN) - len(before),
+        "failed": len(BROKEN),
+    }
+    assert {path: path.stat().st_mtime_ns for path in before} == before
+    assert differences(serial[0], out) == []
+
+
+def test_shards_at_the_same_time_make_the_same_store(cohort, serial, tmp_path):
+    out, summaries = tmp_path / "out", []
+
+    def part(number):
+        summaries.append(run(cohort, out, one_thread, replace(CHOICES, shard=(number, 2))))
+
+    threads = [threading.Thread(target=part, args=(number,)) for number in (1, 2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert sorted(summary.subjects for summary in summaries) == [6, 6]
+    assert any(summary.complete for summary in summaries)
+    # two blocks, not one: the parts are others, their content is the same
+    assert {name.split(os.sep)[0] for name in differences(serial[0], out)} <= {
+        "cohort.json",
+        "parameters.zarr",
+        "metrics",
+        "failures",
+        "modes",
+    }
+    assert (out / "failures.csv").read_bytes() == (serial[0] / "failures.csv").read_bytes()
+    assert parquet.read_table(out / "metrics").equals(parquet.read_table(serial[0] / "metrics"))
+    for name in ("control_points", "superquadrics", "origin", "edges", "time", "subject"):
+        one, other = (zarr.open_array(root / "parameters.zarr" / name, mode="r")[:] for root in (serial[0], out))
+        assert np.array_equal(one, other, equal_nan=one.dtype.kind == "f")
+
+
+def test_a_changed_option_or_file_is_done_again(tmp_path):
+    cohort, out = listed(tmp_path, 3), tmp_path / "out"
+    run(cohort, out, one_thread, CHOICES)
+    again = replace(CHOICES, resume=True)
+    assert run(cohort, out, one_thread, again).counts == {"kept": 3}
+    cloud = tmp_path / "clouds" / "person01" / "0.npy"
+    np.save(cloud, 1.01 * np.load(cloud))
+    assert run(cohort, out, one_thread, again).counts == {"kept": 2, "fitted": 1}
+    other = replace(again, options=TINY | {"strength": 1e-3})
+    assert run(cohort, out, one_thread, other).counts == {"fitted": 3}
+    (out / "subjects" / "person02" / "model.json").write_bytes(b"{")
+    assert run(cohort, out, one_thread, other).counts == {"kept": 2, "fitted": 1}
+    np.save(cloud, np.full((24, 3), np.nan))
+    assert run(cohort, out, one_thread, other).counts == {"kept": 2, "failed": 1}
+    assert not (out / "subjects" / "person01" / "model.json").exists()
+
+
+def test_results_are_not_replaced_unasked(cohort, serial):
+    with pytest.raises(OutputError, match="--resume"):
+        run(cohort, serial[0], one_thread, CHOICES)
+
+
+def test_a_folder_holds_one_cohort(serial, tmp_path):
+    with pytest.raises(InputError, match="other subjects"):
+        run(listed(tmp_path, 2), serial[0], one_thread, replace(CHOICES, resume=True))
+
+
+def test_a_list_without_a_file_that_can_be_read_is_refused(tmp_path):
+    path = tmp_path / "list.csv"
+    path.write_text("id,input\na,nothing.ply\n", encoding="utf-8")
+    with pytest.raises(InputError, match="no subject has files"):
+        run(path, tmp_path / "out", one_thread, Choices())
+
+
+@pytest.mark.parametrize("shard", [(0, 2), (3, 2)])
+def test_shards_are_counted_from_one(shard):
+    with pytest.raises(OptionError, match="shard"):
+        Choices(shard=shard)
+
+
+def test_on_a_terminal(tmp_path, capsys, monkeypatch):
+    """Exit code 7, the record as data, and no id on the screen unless asked."""
+    from quadriform.cli.main import main
+
+    cohort = listed(tmp_path, 3, broken=(1,))
+    monkeypatch.chdir(tmp_path)
+    words = ["cohort", str(cohort), "-o", "out", "--processes", "1", *WORDS]
+    assert main([*words, "--json"]) == 7
+    shown = capsys.readouterr()
+    record = json.loads(shown.out)
+    assert (record["fitted"], record["failed"], record["cohort"]["complete"]) == (2, 1, True)
+    assert "person" not in shown.out + shown.err
+    assert "failed: subject 2: PointsError" in shown.err
+    assert main([*words, "--resume", "--show-ids"]) == 7
+    assert "person01" in capsys.readouterr().err
+    np.save(tmp_path / "clouds" / "person01" / "1.npy", np.load(tmp_path / "clouds" / "person01" / "0.npy"))
+    assert main([*words, "--resume"]) == 0
+    assert not list((tmp_path / "out" / "failures").iterdir())
+    assert (tmp_path / "out" / "failures.csv").read_text(encoding="utf-8") == "id,error,kind\n"
+    assert main([*words, "--workers", "2"]) == 2
+    assert "exclude each other" in capsys.readouterr().err
