@@ -219,13 +219,13 @@ def test_row_72_the_number_of_threads_does_not_matter(tmp_path):
 
 @pytest.mark.slow
 def test_rows_32_and_73_a_million_points_in_one_gib():
-    """Of addresses, libraries included. A hundred thousand such points would leave an error of a fiftieth of noise."""
+    """Of addresses, libraries included. The sample of 30,000 alone would leave an error of a twentieth of the noise."""
     done = python("-c", LITTLE_ROOM)
     assert done.returncode == 0, done.stderr
     status, told, count, noise, off = done.stdout.split()
     assert (status, told, count) == ("ok", "True", "1000000")
     assert float(noise) == pytest.approx(0.05, rel=0.02)
-    assert float(off) < 0.05 / 50
+    assert float(off) < 0.05 / 30
 
 
 @pytest.mark.slow
