@@ -1,10 +1,13 @@
 """Fixtures every test may use."""
 
+import signal
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as in a background job, whose children would not be interrupted
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 
 

@@ -88,9 +88,7 @@ MUTANTS = [
         "np.log(np.abs(u))",
         "shapes",
     ),
-    Mutant(
-        "flush to the disk", "files/atomic.py", "            os.fsync(stream.fileno())\n", "", "files/test_atomic.py"
-    ),
+    Mutant("flush to the disk", "files/atomic.py", "        os.fsync(stream.fileno())\n", "", "files/test_atomic.py"),
     Mutant(
         "replace at once",
         "files/atomic.py",
@@ -101,8 +99,8 @@ MUTANTS = [
     Mutant(
         "no trace of an interrupt",
         "files/atomic.py",
-        "            os.unlink(temporary)",
-        "            pass",
+        "            os.unlink(temporary)\n        raise",
+        "            pass\n        raise",
         "files/test_atomic.py",
     ),
     Mutant(

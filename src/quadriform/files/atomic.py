@@ -108,10 +108,7 @@ def create_bytes(path: PathLike, data: bytes) -> bool:
     temporary = ""
     try:
         descriptor, temporary = tempfile.mkstemp(prefix=".quadriform-", suffix=".tmp", dir=target.parent)
-        with os.fdopen(descriptor, "wb") as stream:
-            stream.write(data)
-            stream.flush()
-            os.fsync(stream.fileno())
+        _fill(descriptor, data)
         os.chmod(temporary, _mode(target))
         os.link(temporary, target)  # unlike a rename, refuses to replace
     except FileExistsError:
@@ -128,10 +125,7 @@ def create_bytes(path: PathLike, data: bytes) -> bool:
 def _replace(target: Path, data: bytes) -> None:
     descriptor, temporary = tempfile.mkstemp(prefix=".quadriform-", suffix=".tmp", dir=target.parent)
     try:
-        with os.fdopen(descriptor, "wb") as stream:
-            stream.write(data)
-            stream.flush()
-            os.fsync(stream.fileno())
+        _fill(descriptor, data)
         os.chmod(temporary, _mode(target))
         os.replace(temporary, target)
     except BaseException:  # an interrupt must not leave the temporary file either
@@ -148,6 +142,14 @@ def _mode(target: Path) -> int:
     umask = os.umask(0)
     os.umask(umask)
     return 0o666 & ~umask
+
+
+def _fill(descriptor: int, data: bytes) -> None:
+    """Write all of it, down to the disk."""
+    with os.fdopen(descriptor, "wb") as stream:
+        stream.write(data)
+        stream.flush()
+        os.fsync(stream.fileno())
 
 
 def _sync_folder(folder: Path) -> None:
