@@ -4,7 +4,7 @@ BIN := .venv/bin
 READY := .venv/ready
 BENCH := .venv-bench
 
-.PHONY: demo test check bench fuzz mutants kill coverage docs docs-figures clean
+.PHONY: demo test check bench fuzz mutants kill large coverage docs docs-figures clean
 
 demo: $(READY)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/quadriform demo -o out/demo --force
@@ -37,6 +37,10 @@ fuzz: $(READY)
 # Fifty whole fits stopped at random instants; a smaller part of it is among the tests.
 kill: $(READY)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTHONPATH=tests $(BIN)/python tests/robustness/killed_fits.py
+
+# Ten million points in one GiB of addresses; the tests take a million.
+large: $(READY)
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/robustness/little_room.py 10000000
 
 # Each guard taken out in a copy, for a test to notice.
 mutants: $(READY)

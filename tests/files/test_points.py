@@ -114,8 +114,10 @@ def test_a_header_chooses_the_columns_whatever_their_order(write):
         ('1,2,3"\n', "line 1: expected numbers, found '3\"'"),
         ("1 1_000 3\n", "line 1: expected numbers, found '1_000'"),
         ("# only a comment\n", "no rows"),
-        ("# points: 3\n1 2 3\n4 5 6\n", "the first line promises 3 points, found 2"),
-        ("\ufeff#points:1 \r\nx,y,z\r\n1,2,3\r\n4,5,6\r\n", "the first line promises 1 points, found 2"),
+        ("# points: 3\n1 2 3\n4 5 6\n", "says that it has 3 points, found 2"),
+        ("x,y,z,rows\n1,2,3,2\n4,5,6,3\n", "says that it has 3 points, found 2"),
+        ("X;Y;Z;Rows\n1;2;3;nan\n", "says that it has nan points, found 1"),
+        ("\ufeff#points:1 \r\nx,y,z\r\n1,2,3\r\n4,5,6\r\n", "says that it has 1 points, found 2"),
         (b"\xff\xfe1\x00 \x00", "expected a text table"),
         (b"\x1f\x8b\x08\x00\x00\x00", "found gzip"),
         (b"1 2 3\n\x00\x00\n", "found binary data"),
@@ -272,13 +274,13 @@ def test_written_points_come_back_to_the_last_bit(tmp_path, rng, suffix):
     assert read_points(tmp_path / f"p{suffix}").tobytes() == points.tobytes()
 
 
-@pytest.mark.parametrize("suffix", [".xyz", ".txt"])
+@pytest.mark.parametrize("suffix", [".xyz", ".txt", ".csv"])
 def test_written_text_cut_anywhere_is_refused(write, tmp_path, suffix):
     """In the middle of the last number too."""
     write_points(ROWS, tmp_path / f"p{suffix}")
     whole = (tmp_path / f"p{suffix}").read_bytes()
     for length in range(1, len(whole)):
-        with pytest.raises(FileFormatError):
+        with pytest.raises((FileFormatError, PointsError)):  # a header alone is a table without points
             read_points(write("cut" + suffix, whole[:length]))
 
 
@@ -290,7 +292,10 @@ def test_the_count_is_a_comment_to_others(tmp_path):
 
 def test_a_csv_is_a_table_and_nothing_else(tmp_path):
     write_points(ROWS, tmp_path / "p.csv")
-    assert (tmp_path / "p.csv").read_text().splitlines()[0] == "x,y,z"
+    assert (tmp_path / "p.csv").read_text().splitlines()[:2] == [
+        "x,y,z,rows",
+        ",".join(map(repr, ROWS[0].tolist())) + ",3",
+    ]
     np.testing.assert_array_equal(np.genfromtxt(tmp_path / "p.csv", delimiter=",", names=True)["y"], ROWS[:, 1])
 
 

@@ -50,12 +50,12 @@ def apart(a, b):
 
 
 @pytest.mark.parametrize("how", ["shift", "flip", "mirror", "transpose"])
-@pytest.mark.parametrize("surface, tolerance", [("mask", 1e-9), ("grey", 1e-4)])
-def test_the_grid_does_not_matter_only_the_world_does(blob, how, surface, tolerance):
+@pytest.mark.parametrize("surface", ["mask", "grey"])
+def test_the_grid_does_not_matter_only_the_world_does(blob, how, surface):
     options = {"select": 2.0, "closing": 1, "surface": surface}
     here, there = points_from_image(blob, **options), points_from_image(moved(blob, how), **options)
     assert len(here.points) == len(there.points) > 500
-    assert apart(here.points, there.points) < tolerance
+    assert apart(here.points, there.points) < 1e-9
     assert here.mesh.volume() == pytest.approx(there.mesh.volume(), rel=2e-3)  # diagonals of squares may differ
     assert here.mesh.volume() > 0
 

@@ -59,6 +59,7 @@ def test_units_become_millimetres(save_nifti, values, oblique, code, scale, unit
     expected[:3] *= scale
     assert_allclose(volume.world_from_voxel, expected, rtol=1e-6)
     assert volume.unit == unit
+    assert ("UNKNOWN_UNIT" in volume.warnings) == (unit == "unknown")
 
 
 def test_the_qform_is_used_without_an_sform(tmp_path, values):

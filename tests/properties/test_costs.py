@@ -2,6 +2,8 @@
 
 import numpy as np
 from clouds_made import noisy_egg
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 from shapes_made import lumpy, made
 
 import quadriform as qf
@@ -26,6 +28,26 @@ def test_fewer_points_cost_no_more():
     whole = best(CLOUD)
     assert max(map(best, halves)) <= whole * (1 + 1e-9)
     assert sum(map(best, halves)) <= whole * (1 + 1e-9)
+
+
+def plainer(points, kept):
+    """Least P3 of the spheres (4 numbers) or ellipsoids (9) near the cloud's moments, by SciPy."""
+    centre, spread = points.mean(axis=0), np.sqrt(3 * points.var(axis=0).mean())
+
+    def surface(numbers):
+        turn = Rotation.from_rotvec(numbers[6:]).as_matrix() if kept == 9 else np.eye(3)
+        axes = np.exp(numbers[3:6]) if kept == 9 else np.exp(np.repeat(numbers[3], 3))
+        return qf.Superquadric(semi_axes=spread * axes, rotation=turn, translation=centre + spread * numbers[:3])
+
+    found = least_squares(lambda numbers: surface(numbers).implicit(points) - 1, np.zeros(kept), xtol=1e-12, ftol=1e-12)
+    return cost(surface(found.x), points)
+
+
+def test_a_superquadric_costs_no_more_than_an_ellipsoid_nor_that_than_a_sphere():
+    """M16: the same criterion, P3."""
+    costs = [plainer(CLOUD, 4), plainer(CLOUD, 9), best(CLOUD)]
+    assert costs[1] <= costs[0] * (1 + 1e-9) and costs[2] <= costs[1] * (1 + 1e-9)
+    assert costs[2] < 0.99 * costs[1] < 0.9 * costs[0]
 
 
 def test_a_finer_box_costs_no_more():

@@ -46,8 +46,7 @@ def test_another_clock(plain):
     assert apart(found, tracked(FRAMES, **options | {"times": 30.0 * TIMES + 100, "period": period})) < SAME
 
 
-@pytest.mark.parametrize("strategy", ["cycle", "alone"])
+@pytest.mark.parametrize("strategy", ["cycle", "previous", "alone"])
 def test_the_same_frame_again_and_again_has_the_same_model(strategy):
-    """Not so for "previous", where each frame goes on from the box before."""
     found = tracked([FRAMES[0]] * 4, strategy=strategy)
     assert max(gap(found.models[0], model) for model in found.models[1:]) < SAME

@@ -45,9 +45,14 @@ def ball():
     return points * (rng.uniform(size=1500) ** (1 / 3) / np.linalg.norm(points, axis=1))[:, None]
 
 
+def strangers(share, others, seed=0):
+    """Points anywhere, as many as make up a share of all."""
+    count = int(others * share / (1 - share))
+    return np.random.default_rng(seed).uniform(-70, 70, (count, 3))
+
+
 def with_strangers(share):
-    count = int(len(CLOUD) * share / (1 - share))
-    return np.vstack([CLOUD, np.random.default_rng(0).uniform(-70, 70, (count, 3))])
+    return np.vstack([CLOUD, strangers(share, len(CLOUD))])
 
 
 def structured():
@@ -186,10 +191,15 @@ def test_row_23_one_gross_outlier_moves_nothing(plain):
     assert found.warnings["OUTLIERS"].endswith("400")
 
 
-@pytest.mark.parametrize(("share", "tolerance"), [(0.1, 2e-2), (0.3, 5e-2)])
-def test_row_24_strangers_move_little(plain, share, tolerance):
-    distances = fit(with_strangers(share)).model.distance(plain.model.mesh(resolution=8).vertices)
-    assert np.sqrt((distances**2).mean()) < tolerance * RADIUS
+@pytest.mark.parametrize(
+    ("count", "share", "seed", "tolerance"), [(400, 0.1, 0, 2e-2), (400, 0.1, 1, 2e-2), (2000, 0.3, 0, 5e-2)]
+)
+def test_row_24_strangers_move_little(count, share, seed, tolerance):
+    """With 30 % of strangers 400 points are too few for the box, which is warned of: see `WARNED`."""
+    cloud = lumpy(count)
+    found = qf.fit(np.vstack([cloud, strangers(share, count, seed)]))
+    same_surface(found, qf.fit(cloud), tolerance=tolerance)
+    assert "OUTLIERS" in found.warnings
 
 
 def test_row_28_points_on_axes_planes_and_at_the_centre_have_finite_distances():

@@ -44,6 +44,12 @@ def test_row_35_nothing_that_holds_the_box_is_refused():
         qf.fit(lumpy(40), strength=0)
 
 
+@pytest.mark.parametrize(("count", "strength", "vague"), [(40, 1e-12, True), (40, "auto", False), (400, 1e-12, False)])
+def test_row_35_a_strength_that_leaves_control_points_to_rounding_is_named(count, strength, vague):
+    found = qf.fit(lumpy(count), strength=strength)
+    assert ("ILL_CONDITIONED" in found.warnings) == vague
+
+
 def side_by_side():
     u = even_directions(300)
     return {"large": u * [3, 2, 4], "small": u * [1, 1.2, 0.8] + [8, 0, 0]}

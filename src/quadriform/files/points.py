@@ -12,7 +12,7 @@ from quadriform.files.arrays import parse_npy, parse_npz
 from quadriform.files.atomic import write_bytes
 from quadriform.files.meshes import MESH_SUFFIXES, parse_vertices
 from quadriform.files.reading import quoted, read_bytes, suffix_of
-from quadriform.files.tables import counted, parse_table
+from quadriform.files.tables import parse_table, written_table
 from quadriform.points import Array, check_points
 
 TABLE_SUFFIXES = (".xyz", ".csv", ".txt")
@@ -46,10 +46,10 @@ def read_points(path: str | os.PathLike[str]) -> Array:
 
 
 def write_points(points: ArrayLike, path: str | os.PathLike[str], force: bool = False) -> None:
-    """Write points (n, 3) as .xyz or .txt (blanks), .csv (with the header x,y,z), .npy or .npz, all or nothing.
+    """Write points (n, 3) as .xyz or .txt (blanks), .csv (with the header x,y,z,rows), .npy or .npz, all or nothing.
 
-    Text has the fewest digits that give back the very same float64. A .xyz or .txt begins with `# points: 40`, which
-    `read_points` holds it to; a .csv does not, for to spreadsheets a comment is a row.
+    Text has the fewest digits that give back the very same float64. It says how many points it has, which `read_points`
+    holds it to: a .xyz or .txt in its first line, `# points: 40`, a .csv in each row, as spreadsheets know no comments.
 
     Raises:
         PointsError: not (n, 3), or not finite.
@@ -63,9 +63,7 @@ def write_points(points: ArrayLike, path: str | os.PathLike[str], force: bool = 
     elif suffix == ".npz":
         np.savez(stream, points=rows)
     else:
-        separator, head = (",", "x,y,z\n") if suffix == ".csv" else (" ", counted(len(rows)))
-        lines = (separator.join(map(repr, row)) + "\n" for row in rows.tolist())
-        stream.write((head + "".join(lines)).encode())
+        stream.write(written_table(rows, suffix).encode())
     write_bytes(path, stream.getvalue(), force)
 
 

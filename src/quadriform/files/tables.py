@@ -10,6 +10,7 @@ from quadriform.files.reading import signature
 from quadriform.points import Array
 
 COUNT = re.compile(r"#\s*points:\s*(\d+)\s*")
+WITH_COUNT = ["x", "y", "z", "rows"]
 QUOTED = re.compile(r'^"([^"]*)"$')
 DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 
@@ -19,8 +20,8 @@ def parse_table(data: bytes, where: str) -> Array:
 
     Accepted: UTF-8 with or without BOM, any line end, comments after `#`, blank lines, one header row, and comma,
     semicolon, tab or spaces between the fields. Three columns are x, y, z; with more, a header must name x, y and z.
-    A first line `# points: 40` must be the number of rows, and the last line must then end: only so is a file that was
-    cut no shorter one.
+    A first line `# points: 40` must be the number of rows, and so must each value of a fourth column `rows`; the last
+    line must then end: only so is a file that was cut no shorter one.
 
     Args:
         data: the bytes of the file.
@@ -38,17 +39,26 @@ def parse_table(data: bytes, where: str) -> Array:
     columns = _columns(header if has_names else [], len(header), f"{where}, line {rows[0][0]}")
     if promised := COUNT.fullmatch(lines[0]):
         _check_count(int(promised[1]), len(rows) - has_names, data, where)
-    return np.array([_numbers(row, separator, len(header), columns, where) for row in rows[has_names:]]).reshape(-1, 3)
+    with_count = [field.lower() for field in header] == WITH_COUNT
+    chosen = [*columns, WITH_COUNT.index("rows")] if with_count else columns
+    numbers = [_numbers(row, separator, len(header), chosen, where) for row in rows[has_names:]]
+    table = np.array(numbers).reshape(-1, len(chosen))
+    for promise in np.unique(table[:, 3:]):
+        _check_count(promise, len(table), data, where)
+    return np.ascontiguousarray(table[:, :3])
 
 
-def counted(rows: int) -> str:
-    """The first line of a table of points of so many rows, a comment to other readers."""
-    return f"# points: {rows}\n"
+def written_table(points: Array, suffix: str) -> str:
+    """The text of points (n, 3): .csv with commas and a column `rows`, else blanks and the count as a comment."""
+    if suffix != ".csv":
+        return f"# points: {len(points)}\n" + "".join(" ".join(map(repr, row)) + "\n" for row in points.tolist())
+    lines = (",".join(map(repr, row)) + f",{len(points)}\n" for row in points.tolist())
+    return ",".join(WITH_COUNT) + "\n" + "".join(lines)
 
 
-def _check_count(promised: int, found: int, data: bytes, where: str) -> None:
+def _check_count(promised: float, found: int, data: bytes, where: str) -> None:
     if promised != found:
-        raise FileFormatError(f"{where}: the first line promises {promised} points, found {found}")
+        raise FileFormatError(f"{where}: the table says that it has {promised:.15g} points, found {found}")
     if not data.endswith((b"\n", b"\r")):
         raise FileFormatError(
             f"{where}: the last line has no end: its last number may be cut; add a line end if it is not"

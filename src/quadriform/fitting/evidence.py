@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg import cho_factor, cho_solve, lapack, solve_triangular
 from scipy.optimize import minimize_scalar
 
 from quadriform.errors import OptionError
@@ -53,6 +53,13 @@ class Solution:
     def independent_noise(self) -> float:
         """The noise that independent points, as many as there are, would have to tell no more than these do."""
         return float(self.noise / np.sqrt(self.share))
+
+    @property
+    def condition(self) -> float:
+        """Of A + lambda K in the 1-norm: numbers that only the strength tells apart lose so much of their precision."""
+        largest = np.abs(self.factor @ self.factor.T).sum(axis=0).max()
+        reciprocal, _ = lapack.dpocon(self.factor, largest, uplo="L")
+        return float(1 / max(reciprocal, np.finfo(float).tiny))
 
     def variance(self, rows: Array) -> Array:
         """Posterior variance of linear functions (n, 3 k) of the displacement."""

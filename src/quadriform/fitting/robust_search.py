@@ -30,8 +30,9 @@ from quadriform.shapes.superquadric import Superquadric
 
 CLOUD, FINE, COARSE, COARSE_WIDE = 1500, 500, 160, 320
 """Points that density is taken from, that the best are compared on, and that all are tried on, narrowly and widely."""
-OWN_STEPS, COOLING_STEPS, FREE_STEPS, COMPARE_STEPS = 4, 8, 6, 8
-"""Steps on the part that a start came from, while sigma is forced down, with sigma free, and in comparison."""
+OWN_STEPS, COOLING_STEPS, FREE_STEPS, COMPARE_STEPS, CLEAN_STEPS = 4, 8, 6, 8, 16
+"""Steps on the part that a start came from, while sigma is forced down, with sigma free, in comparison, and where all
+points count."""
 GROWTH = 16
 """From one sample to the next, until all points are in it."""
 KEPT, KEPT_WIDE = 4, 8
@@ -142,7 +143,11 @@ def solve(problem: Problem) -> Solution:
     if problem.kind == "ellipsoid" and not convinces[np.argmax(best.scores())]:
         best = race.widened(np.concatenate([parts, sides(cloud.points, core)]), best)
         convinces = convincing(best)
-    problem = _crowded(problem, best, convinces, longest)
+    winner = np.array([int(np.argmax(_ranking(best, convinces)))])
+    if best.mixture.share[winner[0]] < LARGEST_SHARE:
+        if clean := race.met_by_all():
+            return _to_rest(problem, clean, 0, longest)
+        problem = _crowded(problem, best.picked(winner), longest)
     if problem.odds.any():
         contest = problem.sample(CLOUD).descent(*best.picked(distinct(best, _ranking(best, convinces), KEPT)), longest)
         contest.run(COMPARE_STEPS, NEAR, em)
@@ -163,12 +168,9 @@ def nearby(problem: Problem, starts: list[Superquadric]) -> Superquadric:
     return descent.candidates.superquadric(int(np.argmax(descent.scores())))
 
 
-def _crowded(problem: Problem, best: Descent, convinces: NDArray[np.bool_], longest: float) -> Problem:
+def _crowded(problem: Problem, winner: tuple[Candidates, Mixture], longest: float) -> Problem:
     """The problem with the odds that crowding gives, when the best candidate leaves outliers."""
-    index = np.array([int(np.argmax(_ranking(best, convinces)))])
-    if best.mixture.share[index[0]] >= LARGEST_SHARE:
-        return problem
-    inliers = problem.descent(*best.picked(index), longest).inliers[0]
+    inliers = problem.descent(*winner, longest).inliers[0]
     return replace(problem, odds=crowding_odds(reach(problem.points, problem.sample(CLOUD).points), inliers))
 
 
@@ -192,6 +194,27 @@ class Race:
         inliers = self.cloud.descent(winners, mixture, self.longest).inliers
         second = self.raced(inliers, winners.rotations[:, None] @ FRAMES, COARSE_WIDE)
         return self.compared(second, KEPT_WIDE, earlier)
+
+    def met_by_all(self) -> tuple[Candidates, Mixture] | None:
+        """An ellipsoid that meets every point of a sample exactly, if one is found.
+
+        The race may take points of a clean but uneven sample for strangers; here all count, from the axes of the whole
+        cloud and then, twice, from those of what the best starts come to.
+        """
+        if self.cloud.kind != "ellipsoid":
+            return None
+        few = self.cloud.sample(COARSE)
+        frames = self.frames(np.ones((1, len(self.cloud.points))), FRAMES)
+        for _ in range(3):
+            starts = few.with_fixed(ellipsoids(few.points, np.tile(few.weights, (len(frames), 1)), frames))
+            spread = Mixture(np.full(len(starts), LARGEST_SHARE), np.full(len(starts), HOTTEST))
+            descent = few.descent(starts, spread, self.longest)
+            descent.run(CLEAN_STEPS, 0, lambda d: everyone(d.distances, d.weights))
+            best = distinct(descent, -descent.mixture.sigma, KEPT_WIDE)
+            if descent.mixture.sigma[best[0]] < NOISE_FREE:
+                return descent.picked(best[:1])
+            frames = descent.candidates.rotations[best, None] @ FRAMES
+        return None
 
     def raced(self, parts: Array, rotations: Array, most: int) -> Descent:
         """Starts from weighted parts (H, n) of the cloud, cooled and then let go, on `most` points.

@@ -27,6 +27,8 @@ from quadriform.shapes.superquadric import Superquadric
 AUTO_SIDES = (3, 5, 7)
 MORE = 2
 """Control points a side that the finer box of the uncertainty has besides: the next step of the ladder 3, 5, 7."""
+VAGUE = 1e12
+"""Condition above which less than four digits of the control points are sure."""
 HalfSpace = tuple[Array, Array]
 
 
@@ -224,11 +226,21 @@ def _result(task: _Task, trial: _Trial, refined: Refined, warnings: Warnings) ->
         covariance=refined.solution.covariance(),
         finer=_finer(refined, task.options.regularity),
         inliers=_all_inliers(task, refined),
-        warnings=warnings,
+        warnings=warnings | _vague(refined.solution),
         beyond=task.beyond,
         covered=trial.coarse.covered and task.beyond is None,
         ends=tuple(name for name, sheet in zip(task.clouds, trial.coarse.sheets) if sheet.ends()),
     )
+
+
+def _vague(solution: Solution) -> Warnings:
+    if solution.condition < VAGUE:
+        return {}
+    text = (
+        f"at strength {solution.strength:g} the points leave control points to rounding, condition "
+        f"{solution.condition:.1e}; try a larger strength, or fewer control points"
+    )
+    return {WarningKind.ILL_CONDITIONED: text}
 
 
 def _all_inliers(task: _Task, refined: Refined) -> dict[str, Array]:

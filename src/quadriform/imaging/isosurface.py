@@ -36,7 +36,7 @@ class Isosurface:
 def isosurface(volume: Volume, level: float = 0.5, *, border: Border = "open") -> Isosurface:
     """Marching cubes on an image: inside is above `level`.
 
-    Vertices lie between voxel centres: exactly halfway for a mask, in single precision for a grey image.
+    Vertices lie between voxel centres: exactly halfway for a mask, where the height is zero for a grey image.
 
     Args:
         volume: a mask of 0 and 1, or a grey image.
@@ -92,4 +92,16 @@ def _marching_cubes(height: Array) -> tuple[Array, NDArray[np.int64]]:
 
     # its "descent" is what we call inward: skimage turns by the left hand
     vertices, faces, _, _ = marching_cubes(height, 0.0, gradient_direction="ascent")
-    return vertices.astype(np.float64), faces.astype(np.int64)
+    return _in_double(vertices.astype(np.float64), height), faces.astype(np.int64)
+
+
+def _in_double(vertices: Array, height: Array) -> Array:
+    """Vertices on edges between two voxels, moved to where the height is zero: skimage's have single precision."""
+    below = np.floor(vertices).astype(np.int64)
+    between = vertices != below
+    on_edge = between.sum(axis=1) == 1  # those within a cube stay
+    axis = between[on_edge].argmax(axis=1)
+    start = below[on_edge]
+    low, high = height[tuple(start.T)], height[tuple((start + np.eye(3, dtype=np.int64)[axis]).T)]
+    vertices[on_edge, axis] = start[np.arange(len(start)), axis] + low / (low - high)
+    return vertices

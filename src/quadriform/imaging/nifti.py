@@ -190,7 +190,7 @@ def _scaled(values: NDArray[Any], slope: float, intercept: float) -> NDArray[Any
 
 
 def _world(header: "Nifti1Header", shape: Size, path: Path) -> tuple[Array, str, Warnings]:
-    """World LPS mm from voxels, the unit, and whether the two forms disagree."""
+    """World LPS mm from voxels, the unit, and what is doubtful: two forms that disagree, no unit."""
     stored = {"sform": header.get_sform(), "qform": _qform(header)}
     codes = {name: int(header[f"{name}_code"]) for name in stored}
     if not all(0 <= code <= KNOWN_CODES for code in codes.values()):
@@ -209,6 +209,8 @@ def _world(header: "Nifti1Header", shape: Size, path: Path) -> tuple[Array, str,
     warnings: Warnings = {}
     if used == "sform" and codes["qform"] > 0 and (difference := _difference(stored, shape)):
         warnings[WarningKind.AFFINE_REPAIRED] = difference
+    if not scale:
+        warnings[WarningKind.UNKNOWN_UNIT] = "the image names no unit of length (xyzt_units): its lengths are as stored"
     return to_lps @ stored[used], "mm" if scale else "unknown", warnings
 
 

@@ -54,8 +54,8 @@ def read_volume(path: PathLike, frame: int | None = None) -> Volume:
         frame: which frame of a four-dimensional image, counted from 0.
 
     Returns:
-        The image; `unit` is "unknown" where the file does not say, and `warnings` has AFFINE_REPAIRED where
-        sform and qform disagree.
+        The image; `unit` is "unknown" where the file does not say, as `warnings` tell by UNKNOWN_UNIT, and by
+        AFFINE_REPAIRED that sform and qform disagree.
 
     Raises:
         InputError: no such file, not readable, a library is missing, or a DICOM series that is ragged or one of many.

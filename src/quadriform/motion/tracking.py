@@ -184,14 +184,20 @@ def _previous(task: _Task) -> Track:
     options = {name: value for name, value in task.options.items() if name != "box"}
     for order, before in ((range(task.first + 1, len(task.clouds)), -1), (range(task.first - 1, -1, -1), 1)):
         for frame in order:
-            start = fits[frame + before].model.box
-            fits[frame] = refine(surfaces, task.clouds[frame], start=start, **options)
+            done = fits[frame + before]
+            fits[frame] = done  # the same points have the same model
+            if not _equal(task.clouds[frame], task.clouds[frame + before]):
+                fits[frame] = refine(surfaces, task.clouds[frame], start=done.model.box, **options)
             task.told(len(fits))
     ordered = [fits[frame] for frame in range(len(task.clouds))]
     box = ordered[0].model.box
     every = TimeBasis(task.times, task.basis.period)
     control = np.stack([found.model.box.control_points for found in ordered])
     return _of_fits("previous", task, ordered, MovingModel(surfaces, box.origin, box.edges, every, control))
+
+
+def _equal(one: Mapping[str, Array], other: Mapping[str, Array]) -> bool:
+    return one.keys() == other.keys() and all(np.array_equal(one[name], other[name]) for name in one)
 
 
 def _of_fits(strategy: str, task: _Task, fits: Sequence[Fit], moving: MovingModel | None) -> Track:
