@@ -97,3 +97,13 @@ def test_a_loop_is_the_plane_through_it():
     below = TangentOptions(base=2 * CLOUD.mean(axis=0) - ring).beyond({"surface": CLOUD}, frame)
     np.testing.assert_allclose(below[1], -direction, atol=1e-12)
     assert TangentOptions().beyond({"surface": CLOUD}, frame) is None
+
+
+def test_a_box_to_go_on_from_is_not_the_papers():
+    with pytest.raises(OptionError, match=r"start .*method='paper'"):
+        qf.refine(made(), CLOUD, method="paper", start=qf.refine(made(), CLOUD, box=(2, 2, 2)).model.box)
+
+
+def test_weights_have_the_names_of_the_points():
+    with pytest.raises(OptionError, match=r"weights \['epi'\] and points \['endo'\]"):
+        qf.fit({"endo": CLOUD}, weights={"epi": np.ones(len(CLOUD))})

@@ -364,6 +364,10 @@ class TestEnhanced:
         content.save_as(file)
         refused(file, FileFormatError, "6 images", "5 functional groups")
 
+    def test_two_files_of_one_series(self, file):
+        shutil.copy(file, file.with_name("again.dcm"))
+        refused(file.parent, InputError, "2 files of many images", "again.dcm, enhanced.dcm")
+
     def test_cut_short(self, file):
         file.write_bytes(file.read_bytes()[:-100])
         refused(file, FileFormatError, "enhanced.dcm", frame=0)
@@ -399,6 +403,14 @@ class TestNuclear:
         path = tmp_path / "nm.dcm"
         write_nuclear(path, values[:, :, :4, 0].transpose(2, 1, 0), (5, 6, 7), 4.0, [1, 2, 3, 4], [1] * 4, **tags)
         refused(path, error, said)
+
+    def test_two_detectors_have_no_one_place(self, tmp_path, values):
+        path, places = tmp_path / "nm.dcm", [pydicom.Dataset(), pydicom.Dataset()]
+        for place in places:
+            place.ImagePositionPatient, place.ImageOrientationPatient = [5, 6, 7], [1, 0, 0, 0, 1, 0]
+        images = values[:, :, :4, 0].transpose(2, 1, 0)
+        write_nuclear(path, images, (5, 6, 7), 4.0, [1, 2, 3, 4], [1] * 4, DetectorInformationSequence=places)
+        refused(path, AffineError, "2 detectors with ImagePositionPatient")
 
     def test_images_without_places(self, tmp_path, values):
         path = tmp_path / "movie.dcm"

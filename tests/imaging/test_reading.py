@@ -73,6 +73,17 @@ def test_the_qform_is_used_without_an_sform(tmp_path, values):
     assert_allclose(read_volume(tmp_path / "q.nii").world_from_voxel, LPS_FROM_RAS @ affine, atol=1e-6)
 
 
+def test_a_qform_that_cannot_be_is_named_and_the_sform_used(tmp_path, values):
+    image = nibabel.Nifti1Image(values, np.diag([2.0, 2, 2, 1]))
+    image.set_sform(np.diag([2.0, 2, 2, 1]), code=1)
+    image.header["qform_code"] = 1
+    image.header["quatern_b"] = image.header["quatern_c"] = 1.0  # longer than one
+    nibabel.save(image, tmp_path / "two.nii")
+    volume = read_volume(tmp_path / "two.nii")
+    assert_allclose(volume.world_from_voxel, np.diag([-2.0, -2, 2, 1]))
+    assert "the qform is unusable" in volume.warnings["AFFINE_REPAIRED"]
+
+
 @pytest.mark.parametrize("degrees, apart", [(0, "5 ("), (30, None)])
 def test_a_qform_that_disagrees_is_named_and_the_sform_used(tmp_path, values, degrees, apart):
     image = nibabel.Nifti1Image(values, np.diag([2.0, 2, 2, 1]))

@@ -266,3 +266,18 @@ def test_a_missing_library_is_said_with_the_command(tmp_path, values, monkeypatc
     path = write(tmp_path / "a.mha", values)
     monkeypatch.setitem(sys.modules, "SimpleITK", None)
     refused(path, InputError, "pip install 'quadriform[images]'")
+
+
+def test_complex_voxels_are_refused(tmp_path):
+    path = tmp_path / "complex.nrrd"
+    SimpleITK.WriteImage(SimpleITK.Image([4, 4, 4], SimpleITK.sitkComplexFloat32), str(path))
+    refused(path, MaskError, "expected one real number a voxel, found complex")
+
+
+@pytest.mark.parametrize("suffix", [".mha", ".nrrd"])
+def test_axes_of_space_and_time_that_are_mixed_are_refused(tmp_path, suffix):
+    image, turn = SimpleITK.Image([4, 4, 4, 3], SimpleITK.sitkInt16), np.eye(4)
+    turn[2:, 2:] = [[0.8, 0.6], [-0.6, 0.8]]
+    image.SetDirection(turn.ravel().tolist())
+    SimpleITK.WriteImage(image, str(tmp_path / f"mixed{suffix}"))
+    refused(tmp_path / f"mixed{suffix}", AffineError, "space and time are mixed", frame=0)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from quadriform.errors import MaskError, OptionError, WarningKind
 from quadriform.imaging.blood_pool import blood_pool
@@ -130,6 +131,26 @@ def test_a_solid_body_has_no_cavity():
     at, affine = grid()
     with pytest.raises(MaskError, match="cavity"):
         ventricle_from_perfusion(Volume(1.0 * inside(at, (14, 13, 22)), affine))
+
+
+def test_walls_that_enclose_nothing_or_everything_are_refused():
+    at, affine = grid()
+    with pytest.raises(MaskError, match="is convex: it has no cavity"):
+        ventricle_from_perfusion(Volume(1.0 * (np.abs(at) < 12).all(axis=-1), affine))
+    shell = inside(at, (22, 21, 30)) & ~inside(at, (14, 13, 22))
+    with pytest.raises(MaskError, match="closed all around"):
+        ventricle_from_perfusion(Volume(1.0 * shell, affine))
+
+
+def test_a_hole_within_the_wall_is_wall():
+    volume = horseshoe()
+    values = volume.values.copy()
+    depth = ndimage.distance_transform_edt(values)
+    values[np.unravel_index(depth.argmax(), depth.shape)] = 0
+    pricked = ventricle_from_perfusion(Volume(values, volume.world_from_voxel))
+    plain = ventricle_from_perfusion(volume)
+    for name in plain.clouds:
+        assert np.array_equal(in_order(plain.clouds[name]), in_order(pricked.clouds[name]))
 
 
 def test_blood_is_found_where_the_coil_fades_and_papillaries_stand():

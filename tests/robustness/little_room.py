@@ -1,7 +1,7 @@
-"""A large noisy cloud fitted in 1 GiB of addresses, libraries included: python little_room.py COUNT (`make large`: 10^7).
+"""A large noisy cloud fitted in 1 GiB of addresses, libraries included: python little_room.py COUNT (`make large`).
 
 Prints the status, how many residuals there are, the noise, and the RMS distance of the surface to the true one in units
-of the noise; exits with 1 where the noise or the surface is wrong, or no progress was told. COUNT points know the surface
+of the noise; exits with 1 where one of them is wrong, or no progress was told. COUNT points know the surface
 about sqrt(COUNT / 30,000) times better than the sample that the fit begins with, which leaves a twentieth of the noise.
 """
 

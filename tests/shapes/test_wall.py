@@ -48,5 +48,8 @@ def test_what_cannot_be_a_wall_is_refused():
         wall_mesh(model(), "epi", "endo")
     with pytest.raises(OptionError, match="layers"):
         wall_mesh(model(), layers=0)
+    ring = Superquadric("toroid", (5, 5, 5), hole_radius=2.0)
+    with pytest.raises(OptionError, match="expected a superellipsoid, found kind='toroid'"):
+        wall_mesh(model(inner=ring))
     with pytest.raises(InputError, match="folded"):
         wall_mesh(model(30.0))

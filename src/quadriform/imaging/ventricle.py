@@ -128,7 +128,8 @@ def ventricle_from_perfusion(
         shown = height_of(shown, inner, level)
     points, ends = _vertices(shown, level, tissue)
     facing = ends.max(axis=1) == CAVITY
-    surfaces = {"endo": points[facing], "epi": points[~facing]}
+    outer = (ends == BACKGROUND).any(axis=1) & ~facing  # a dark spot within the wall is neither
+    surfaces = {"endo": points[facing], "epi": points[outer]}
     result = _finish(surfaces, plane, warnings, tissue, inner, apart)
     if base is None:
         lost = sum(result.record["beyond_base"].values())
