@@ -139,10 +139,21 @@ def test_dask_gives_the_same_bytes_although_a_worker_is_killed(cohort, serial, t
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("workers", [1, 3])
+def test_a_cluster_has_as_many_workers_as_were_asked_for(workers):
+    """Whatever the number of cores; once the number was taken for the cluster's name."""
+    pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
+    with engines.cluster(None, workers) as begun:
+        assert len(begun.client.nthreads()) == workers
+        kept = begun.client.run(os.environ.get, "MALLOC_TRIM_THRESHOLD_")
+    assert all(int(least) > 1e8 for least in kept.values())
+
+
+@pytest.mark.slow
 def test_a_cluster_that_is_there_is_found_by_its_address(tmp_path):
     distributed = pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
     cohort = listed(tmp_path, 3)
-    with distributed.LocalCluster(1, threads_per_worker=1, dashboard_address=engines.LOCAL) as there:
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=engines.LOCAL) as there:
         summary = run(cohort, tmp_path / "out", partial(engines.cluster, there.scheduler_address, 0), CHOICES)
     assert summary.counts == {"fitted": 3}
 

@@ -18,6 +18,13 @@ AHEAD = 3
 """Units on the way for each worker: one at work, and the next ones at hand."""
 LOCAL = "127.0.0.1:0"
 """Where a cluster of our own shows its status: any free port, and to this machine alone."""
+BUSY = {
+    "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": 1 << 30,
+    "distributed.nanny.pre-spawn-environ.MALLOC_MMAP_THRESHOLD_": 1 << 30,
+    "distributed.worker.profile.enabled": False,
+}
+"""Workers for fits: they keep freed memory, for the next fit needs as much (by dask's own settings they give every
+array back at once, and a third of the time goes into that), and nobody looks at them a hundred times a second."""
 GLANCE = 10.0
 """Seconds after which the number of a cluster's workers is asked for again."""
 
@@ -113,13 +120,15 @@ def cluster(address: str | None, workers: int) -> Iterator[Engine]:
     Raises:
         InputError: nobody answers at the address.
     """
+    import dask
     from distributed import Client, LocalCluster
 
     if address is None:
-        quiet = logging.ERROR
+        local = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": LOCAL}
         with (
-            LocalCluster(workers, threads_per_worker=1, dashboard_address=LOCAL, silence_logs=quiet) as local,
-            Client(local) as client,
+            dask.config.set(BUSY),
+            LocalCluster(**local, silence_logs=logging.ERROR) as begun,
+            Client(begun) as client,
         ):
             yield _Cluster(client)
         return
