@@ -11,7 +11,7 @@ demo: $(READY)
 
 # A process for each core and a thread for each process: threads that share tiny matrices cost more than they bring.
 test: $(READY)
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
 check: $(READY)
 	$(BIN)/ruff check src tests benchmarks docs
@@ -48,7 +48,7 @@ mutants: $(READY)
 
 # Lines and branches that the tests run, and the functions with lines that none runs; slower than the tests alone.
 coverage: $(READY)
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile \
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder \
 		--cov=quadriform --cov-branch --cov-report=json:out/coverage.json --cov-report=
 	$(BIN)/python tests/robustness/uncovered.py out/coverage.json
 

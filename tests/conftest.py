@@ -11,6 +11,12 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as in a background job,
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 
 
+def pytest_collection_modifyitems(items):
+    """Files with slow tests first: at the end short ones fill the gap between the workers."""
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: item.path not in slow)
+
+
 @pytest.fixture(scope="session")
 def shared() -> Path:
     """Folder of real data beside the repository; the test is skipped where it is missing."""

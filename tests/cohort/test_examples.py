@@ -20,6 +20,9 @@ def test_an_array_job_does_a_cohort_in_parts(tmp_path):
     if shutil.which("bash") is None or not (Path(sys.executable).parent / "quadriform").exists():
         pytest.skip("bash or the installed command is not there")
     cohort = listed(tmp_path, 4, frames=1)
+    rows = cohort.read_text(encoding="utf-8").splitlines()
+    tiny = [rows[0] + ",box,robust,strength", *(row + ',"2,2,2",no,1e-4' for row in rows[1:])]
+    cohort.write_text("\n".join(tiny) + "\n", encoding="utf-8")
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     for task in (1, 2):
         array = {"SLURM_ARRAY_TASK_ID": str(task), "SLURM_ARRAY_TASK_COUNT": "2", "PATH": path}

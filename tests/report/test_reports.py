@@ -165,20 +165,31 @@ def test_show_opens_a_file(egg, monkeypatch):
     path.unlink()
 
 
-def test_the_terminal_writes_the_page_of_a_model(browser, cycle, tmp_path, capsys):
-    qf.save(cycle[0].moving, tmp_path / "model.json")
-    words = ["report", str(tmp_path / "model.json"), "-o", str(tmp_path / "page.html"), "--base", "0.9"]
+@pytest.fixture(scope="session")
+def page_of_a_model(cycle, tmp_path_factory):
+    """What the terminal writes of a model, and the words for it."""
+    folder = tmp_path_factory.mktemp("page")
+    qf.save(cycle[0].moving, folder / "model.json")
+    words = ["report", str(folder / "model.json"), "-o", str(folder / "page.html"), "--base", "0.9"]
     assert main(words) == 0
+    return folder, words
+
+
+def test_the_terminal_writes_the_page_of_a_model(browser, cycle, page_of_a_model):
+    browser.open(page_of_a_model[0] / "page.html")
+    measured = qf.measure(cycle[0].models, cycle[0].times, base=0.9)
+    assert browser.number("ejection") == float(f"{measured['ejection fraction']:.4g}")
+
+
+def test_the_terminal_writes_no_page_over_another_nor_of_nothing(page_of_a_model, tmp_path, capsys):
+    folder, words = page_of_a_model
     assert main(words) == 5  # exists already
     assert main([*words, "--force"]) == 0
     assert main(["report", str(tmp_path / "none.json"), "-o", str(tmp_path / "other.html")]) == 4
-    assert main(["report", str(tmp_path / "model.json"), "-o", str(tmp_path / "page.pdf")]) == 4
-    both = [str(tmp_path / "model.json"), "-o", str(tmp_path / "other.html"), "--base", "0.9", "--contours", "x"]
+    assert main(["report", str(folder / "model.json"), "-o", str(tmp_path / "page.pdf")]) == 4
+    both = [str(folder / "model.json"), "-o", str(tmp_path / "other.html"), "--base", "0.9", "--contours", "x"]
     assert main(["report", *both]) == 2
-    assert not (tmp_path / "other.html").exists() and not (tmp_path / "page.pdf").exists()
-    browser.open(tmp_path / "page.html")
-    measured = qf.measure(cycle[0].models, cycle[0].times, base=0.9)
-    assert browser.number("ejection") == float(f"{measured['ejection fraction']:.4g}")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_image_is_shown_in_the_frame_that_was_asked_for(tmp_path, capsys):

@@ -1,6 +1,6 @@
 """Fits in worker processes and in threads, all at once; prints whether each is the serial one, and how near it is.
 
-A program of its own (`python -O at_once.py`), so that spawned workers can import it. Its name keeps it from pytest.
+A program of its own (`python -O at_once.py COUNT`), so that spawned workers can import it. Its name hides it from pytest.
 """
 
 import multiprocessing
@@ -29,12 +29,12 @@ def report(name, found, wanted):
 
 
 if __name__ == "__main__":
-    seeds = [1, 2, 3, 4]
+    seeds = range(1, 1 + int(sys.argv[1]))
     wanted = [fitted(seed) for seed in seeds]
     for way in ("spawn", "fork"):
-        with ProcessPoolExecutor(4, multiprocessing.get_context(way)) as pool:
+        with ProcessPoolExecutor(len(seeds), multiprocessing.get_context(way)) as pool:
             report(way, list(pool.map(fitted, seeds)), wanted)
-    with ThreadPoolExecutor(4) as pool:
+    with ThreadPoolExecutor(len(seeds)) as pool:
         report("threads", list(pool.map(fitted, seeds)), wanted)
     print("matplotlib", "matplotlib" in sys.modules)
     print(wanted[0].tobytes().hex())

@@ -51,6 +51,8 @@ ENOUGH_PAIRS = (4 / (1 - PATTERN)) ** 2
 PATTERN_COST = 0.1
 """Log likelihood per point that a pattern in the distances is held against a candidate."""
 NOISE_FREE = 1e-6
+CLEAN = 0.02
+"""With no surface as near as this share of the RMS radius, points are taken to be no clean sample."""
 RIVAL = 0.01
 """Surfaces whose cost, sigma squared, is within this share of the best are rivals."""
 HOTTEST = 0.5
@@ -213,6 +215,8 @@ class Race:
             best = distinct(descent, -descent.mixture.sigma, KEPT_WIDE)
             if descent.mixture.sigma[best[0]] < NOISE_FREE:
                 return descent.picked(best[:1])
+            if descent.mixture.sigma[best[0]] > CLEAN:
+                break
             frames = descent.candidates.rotations[best, None] @ FRAMES
         return None
 

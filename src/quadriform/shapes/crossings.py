@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.points import Array
+from quadriform.shapes.different import different
 from quadriform.shapes.mesh import Mesh
 
 CELL = 1.5
@@ -76,7 +77,7 @@ def _pairs(code: Index, owner: Index, n: int) -> tuple[Index, Index]:
     later = end - np.arange(len(code)) - 1
     a = np.repeat(np.arange(len(code)), later)
     b = a + 1 + np.arange(len(a)) - np.repeat(np.cumsum(later) - later, later)
-    return np.divmod(np.unique(owner[a] * n + owner[b]), n)
+    return np.divmod(different(owner[a] * n + owner[b]), n)
 
 
 def _neighbours(a: Index, b: Index) -> NDArray[np.bool_]:

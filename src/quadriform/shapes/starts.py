@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.different import different
 from quadriform.shapes.superquadric import Superquadric
 from quadriform.shapes.threads import threads_for
 
@@ -77,7 +78,7 @@ class Net:
         owner, column = np.nonzero(room <= self.cell[vertex] ** 2 + nearest * slack[vertex])
         crowded = np.flatnonzero(room[:, -1] <= self.cell.max() ** 2 + nearest[:, 0] * slack.max())
         codes = [owner * n + vertex[owner, column], *self._among_all(crowded, targets, nearest[:, 0])]
-        return self._local_minima(targets, *np.divmod(np.unique(np.concatenate(codes)), n))
+        return self._local_minima(targets, *np.divmod(different(np.concatenate(codes)), n))
 
     def _among_all(self, crowded: Index, targets: Array, nearest: Array) -> list[Index]:
         """For crowded targets all vertices that qualify, as target * n + vertex."""
@@ -117,7 +118,7 @@ class Net:
 def _neighbours(quads: Index, n: int) -> Index:
     """For each of n vertices the other vertices of its cells, (n, k), padded with itself."""
     pairs = np.concatenate([quads[:, [i, j]] for i in range(4) for j in range(4) if i != j])
-    one, other = np.divmod(np.unique(pairs[:, 0] * n + pairs[:, 1]), n)
+    one, other = np.divmod(different(pairs[:, 0] * n + pairs[:, 1]), n)
     first = np.searchsorted(one, np.arange(n))
     column = np.arange(len(one)) - first[one]
     table = np.tile(np.arange(n)[:, None], (1, int(column.max()) + 1))
