@@ -8,6 +8,7 @@ import quadriform as qf
 from quadriform.fitting import fit as doors
 from quadriform.fitting import large
 
+pytestmark = pytest.mark.slow
 NOISE = 0.5
 TRUTH = lumpy(30_000)
 

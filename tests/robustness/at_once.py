@@ -1,6 +1,6 @@
 """Fits in worker processes and in threads, all at once; prints whether each is the serial one, and how near it is.
 
-A program of its own (`python -O at_once.py COUNT`), so that spawned workers can import it. Its name hides it from pytest.
+A program of its own (`python -O at_once.py COUNT`), for spawned workers must import it. Its name hides it from pytest.
 """
 
 import multiprocessing
