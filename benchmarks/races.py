@@ -133,6 +133,8 @@ def main() -> None:
         if rate:
             rate_distortion.draw(rate)
         every = replaced(table_of(earlier, "Results"), rows)
+        if len(rows) < len(every):
+            before += f". Only these races were run then, the other rows are older: {', '.join(chosen.only)}"
         chosen.output.write_text(report(every, distortion, before, repeats), encoding="utf-8")
 
 
