@@ -8,6 +8,7 @@ import io
 import os
 import shutil
 import tempfile
+import threading
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import groupby
@@ -35,6 +36,8 @@ STORE, TABLE = "parameters.zarr", "metrics"
 SUPERQUADRIC = ("a1", "a2", "a3", "e1", "e2", "phi", "theta", "psi", "tx", "ty", "tz")
 AXES = ("x", "y", "z")
 SIDES = ("s", "t", "u")
+QUIET = threading.Lock()
+"""Warnings are silenced for the whole process: two threads that do it at once give them back in the wrong order."""
 
 
 def needs(library: str) -> None:
@@ -97,7 +100,7 @@ def _create(path: Path, layout: Layout) -> None:
     for dim, names in (("surface", layout.surfaces), ("parameter", SUPERQUADRIC), ("axis", AXES), ("side", SIDES)):
         array = root.create_array(dim, shape=(len(names),), dtype="string", dimension_names=(dim,), compressors=None)
         array[:] = np.array(names, dtype=np.dtypes.StringDType())
-    with warnings.catch_warnings():  # zarr warns that others may not know it yet; xarray looks for it first
+    with QUIET, warnings.catch_warnings():  # zarr warns that others may not know it yet; xarray looks for it first
         warnings.simplefilter("ignore")
         zarr.consolidate_metadata(path)
 
