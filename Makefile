@@ -38,7 +38,7 @@ fuzz: $(READY)
 kill: $(READY)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTHONPATH=tests $(BIN)/python tests/robustness/killed_fits.py
 
-# Ten million points in one GiB of addresses; the tests take a million.
+# Ten million points in one GiB of addresses; the tests take 200,000.
 large: $(READY)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/robustness/little_room.py 10000000
 

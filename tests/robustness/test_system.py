@@ -123,7 +123,7 @@ def test_row_69_stopped_at_fifty_instants(tmp_path):
 
 @pytest.mark.slow
 def test_row_69_whole_fits_that_are_stopped():
-    """Fourteen of them; fifty by `make kill`."""
+    """Eight of them; fifty by `make kill`."""
     here = Path(__file__)
     paths = os.pathsep.join([str(here.parents[1]), os.environ.get("PYTHONPATH", "")])
     done = python(here.with_name("killed_fits.py"), 8, PYTHONPATH=paths)

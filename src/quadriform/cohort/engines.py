@@ -24,7 +24,7 @@ BUSY = {
     "distributed.worker.profile.enabled": False,
 }
 """Workers for fits: they keep freed memory, for the next fit needs as much (by dask's own settings they give every
-array back at once, and a fifth of the time goes into that), and nobody looks at them a hundred times a second."""
+array back at once, which takes its time), and nobody looks at them a hundred times a second."""
 GLANCE = 10.0
 """Seconds after which the number of a cluster's workers is asked for again."""
 
