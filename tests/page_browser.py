@@ -6,8 +6,6 @@ from pathlib import Path
 
 import pytest
 
-FLAGS = {"as it is": (), "without 3-D": ("--disable-3d-apis",)}
-
 
 class Browser:
     """Chromium without a window, a network or a GPU."""
@@ -84,9 +82,24 @@ class Browser:
         )
 
 
-@pytest.fixture(scope="session", params=FLAGS.values(), ids=FLAGS.keys())
-def browser(request):
-    """With WebGL as the machine has it, and with all of it switched off."""
-    one = Browser(*request.param)
+def _opened(*flags):
+    one = Browser(*flags)
     yield one
     one.driver.quit()
+
+
+@pytest.fixture(scope="session")
+def browser():
+    """With WebGL as the machine has it."""
+    yield from _opened()
+
+
+@pytest.fixture(scope="session")
+def browser_without_3d():
+    yield from _opened("--disable-3d-apis")
+
+
+@pytest.fixture(params=["browser", "browser_without_3d"], ids=["as it is", "without 3-D"])
+def every_browser(request):
+    """Both, for what is painted; numbers are the same code in either."""
+    return request.getfixturevalue(request.param)

@@ -24,7 +24,7 @@ from quadriform.files import load
 
 zarr = pytest.importorskip("zarr", reason="the extra 'cohort' is not installed")
 parquet = pytest.importorskip("pyarrow.parquet", reason="the extra 'cohort' is not installed")
-SUBJECTS, BROKEN = 12, (3, 8)
+SUBJECTS, BROKEN = 10, (3, 8)
 CHOICES = Choices(options=TINY)
 WORDS = ("--set", "box=2,2,2", "--set", "robust=no", "--set", "strength=1e-4")
 
@@ -191,7 +191,7 @@ def test_shards_at_the_same_time_make_the_same_store(cohort, serial, tmp_path):
         thread.start()
     for thread in threads:
         thread.join()
-    assert sorted(summary.subjects for summary in summaries) == [6, 6]
+    assert sorted(summary.subjects for summary in summaries) == [5, 5]
     assert any(summary.complete for summary in summaries)
     # two blocks, not one: the parts are others, their content is the same
     assert {name.split(os.sep)[0] for name in differences(serial[0], out)} <= {

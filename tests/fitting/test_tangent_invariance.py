@@ -60,33 +60,11 @@ def test_a_refinement_moves_with_its_points(change, start, refined):
     assert found.strength == pytest.approx(refined.strength, rel=1e-6)
 
 
-def test_the_order_of_points_does_not_matter(start, refined, rng):
-    """M3."""
-    order = rng.permutation(len(CLOUD))
-    found = qf.refine(start, CLOUD[order])
-    assert gap(refined.model, found.model) < 1e-7
-    np.testing.assert_allclose(found.residuals, refined.residuals[order], atol=1e-6 * Frame.of(CLOUD).scale)
-    np.testing.assert_allclose(found.inliers, refined.inliers[order], atol=1e-5)
-
-
-@pytest.mark.parametrize("change", [*EXACT, *TURNS])
-def test_a_whole_fit_moves_with_its_points(change):
-    matrix, scale, offset = (EXACT | TURNS)[change]
+def test_a_whole_fit_moves_with_its_points():
+    """In a box of five a side; the other motions, of a smaller one, are among the properties."""
+    matrix, scale, offset = TURNS["turn"]
     plain, found = qf.fit(CLOUD), qf.fit(scale * CLOUD @ matrix.T + offset)
     assert moved(plain.model, found.model, matrix, scale, offset) < 1e-7
-
-
-def test_two_runs_are_the_same_bytes(start, refined):
-    again = qf.refine(start, CLOUD)
-    assert again.model.box.control_points.tobytes() == refined.model.box.control_points.tobytes()
-    assert again.covariance.tobytes() == refined.covariance.tobytes()
-
-
-def test_the_input_is_left_alone(start):
-    cloud, weights = CLOUD.copy(), np.ones(len(CLOUD))
-    for array in (cloud, weights):
-        array.setflags(write=False)
-    qf.refine(start, cloud, weights=weights, box=(3, 3, 3))
 
 
 def test_weights_of_one_are_no_weights(start, refined):

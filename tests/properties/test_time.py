@@ -8,8 +8,8 @@ from shapes_made import gap, lumpy
 
 import quadriform as qf
 
-TIMES = np.arange(5)
-FRAMES = [lumpy(150, seed=t) * [1 - 0.05 * np.sin(t), 1 - 0.08 * np.sin(t), 1] for t in TIMES]
+TIMES = np.arange(4)
+FRAMES = [lumpy(100, seed=t) * [1 - 0.05 * np.sin(t), 1 - 0.08 * np.sin(t), 1] for t in TIMES]
 SAME = 1e-6
 
 
@@ -42,11 +42,11 @@ def test_backwards(plain):
 def test_another_clock(plain):
     """Milliseconds from 100 on."""
     options, found = plain
-    period = 150.0 if options["period"] else None
+    period = 120.0 if options["period"] else None
     assert apart(found, tracked(FRAMES, **options | {"times": 30.0 * TIMES + 100, "period": period})) < SAME
 
 
 @pytest.mark.parametrize("strategy", ["cycle", "previous", "alone"])
 def test_the_same_frame_again_and_again_has_the_same_model(strategy):
-    found = tracked([FRAMES[0]] * 4, strategy=strategy)
+    found = tracked([FRAMES[0]] * 3, strategy=strategy)
     assert max(gap(found.models[0], model) for model in found.models[1:]) < SAME

@@ -1,5 +1,5 @@
 """A real browser for the pages."""
 
-from page_browser import browser
+from page_browser import browser, browser_without_3d, every_browser
 
-__all__ = ["browser"]
+__all__ = ["browser", "browser_without_3d", "every_browser"]

@@ -33,14 +33,14 @@ def written(folder, model, scene=None, title="model"):
 
 
 @pytest.mark.parametrize("kind", SHAPES)
-def test_every_vertex_is_where_python_has_it(browser, tmp_path, kind):
+def test_every_vertex_is_where_python_has_it(every_browser, tmp_path, kind):
     model = bent({"surface": SHAPES[kind]}, unit="mm")
-    browser.open(written(tmp_path, model))
+    every_browser.open(written(tmp_path, model))
     size = np.ptp(model.mesh().vertices, axis=0).max()
     for cells in (5, 8):
-        seen = np.reshape(browser.run("return quadriform.vertices('surface', arguments[0])", cells), (-1, 3))
+        seen = np.reshape(every_browser.run("return quadriform.vertices('surface', arguments[0])", cells), (-1, 3))
         assert np.abs(seen - model.mesh(resolution=cells).vertices).max() < 1e-6 * size  # control points in 32 bits
-    assert browser.colours() > 5
+    assert every_browser.colours() > 5
 
 
 @pytest.mark.parametrize("kind", ["ellipsoid", "toroid"])
@@ -68,13 +68,13 @@ def test_a_moved_control_point_changes_the_volume_as_python_says(browser, tmp_pa
     browser.check()
 
 
-def test_a_control_point_is_dragged_by_the_mouse(browser, tmp_path):
+def test_a_control_point_is_dragged_by_the_mouse(every_browser, tmp_path):
     from selenium.webdriver.common.action_chains import ActionChains
 
-    browser.open(written(tmp_path, bent({"surface": SHAPES["ellipsoid"]}, unit="mm")))
-    volume = browser.run("document.getElementById('show-box').click(); return quadriform.volume('surface')")
-    canvas = browser.driver.find_element("id", "scene")
-    x, y = browser.run(
+    every_browser.open(written(tmp_path, bent({"surface": SHAPES["ellipsoid"]}, unit="mm")))
+    volume = every_browser.run("document.getElementById('show-box').click(); return quadriform.volume('surface')")
+    canvas = every_browser.driver.find_element("id", "scene")
+    x, y = every_browser.run(
         """const c = quadriform.camera, [l, m, n] = JSON.parse(document.getElementById('model').textContent).box.shape;
         const data = JSON.parse(document.getElementById('model').textContent);
         const raw = new Float32Array(Uint8Array.from(atob(data.control), (b) => b.charCodeAt(0)).buffer);
@@ -82,11 +82,11 @@ def test_a_control_point_is_dragged_by_the_mouse(browser, tmp_path):
         const scale = document.getElementById('scene').clientHeight / 2 / c.reach;
         return [scale * p[0], -scale * p[1]]"""
     )
-    ActionChains(browser.driver).move_to_element_with_offset(
+    ActionChains(every_browser.driver).move_to_element_with_offset(
         canvas, round(x), round(y)
     ).click_and_hold().move_by_offset(-40, 25).release().perform()
-    assert abs(browser.run("return quadriform.volume('surface')") / volume - 1) > 1e-3
-    browser.check()
+    assert abs(every_browser.run("return quadriform.volume('surface')") / volume - 1) > 1e-3
+    every_browser.check()
 
 
 def test_time_moves_surface_and_volume(browser, tmp_path):
@@ -130,40 +130,40 @@ def test_the_base_cuts_the_cavity_as_in_python(browser, tmp_path):
     assert browser.number("ejection") == float(f"{measured['ejection fraction']:.4g}")
 
 
-def test_every_colour_and_switch_draws_something_else(browser, tmp_path):
+def test_every_colour_and_switch_draws_something_else(every_browser, tmp_path):
     model = bent({"inner part": SHAPES["ellipsoid"], "outer": made(semi_axes=(4.0, 3.0, 5.0))}, unit="mm")
     places = {name: model.box.deform(s.grid(FIELD_CELLS)[0]) for name, s in model.surfaces.items()}
     values = {name: [np.where(x[:, 0] > x[:, 0].mean(), np.nan, x[:, 1])] for name, x in places.items()}
     points = {name: [x[::3]] for name, x in places.items()}
     off = {name: [np.sin(x[::3, 2])] for name, x in places.items()}
-    browser.open(written(tmp_path, model, Scene("both", points, off, [1.0], [Field("residual", "mm", values)])))
-    pictures = [browser.picture()]
+    every_browser.open(written(tmp_path, model, Scene("both", points, off, [1.0], [Field("residual", "mm", values)])))
+    pictures = [every_browser.picture()]
     for colour in ("residual", "displacement", "jacobian"):
-        browser.run(
+        every_browser.run(
             """const choice = document.getElementById('colour'); choice.value = arguments[0];
             choice.dispatchEvent(new Event('input'))""",
             colour,
         )
-        assert browser.text("legend-name") == colour and browser.text("high")
-        pictures.append(browser.picture())
+        assert every_browser.text("legend-name") == colour and every_browser.text("high")
+        pictures.append(every_browser.picture())
     for switch in ("show-points", "show-box", "show-arrows", "show-outer"):
-        browser.run("document.getElementById(arguments[0]).click()", switch)
-        pictures.append(browser.picture())
+        every_browser.run("document.getElementById(arguments[0]).click()", switch)
+        pictures.append(every_browser.picture())
     assert len(set(pictures)) == len(pictures)
-    browser.check()
+    every_browser.check()
 
 
-def test_keys_turn_zoom_and_reset(browser, tmp_path):
+def test_keys_turn_zoom_and_reset(every_browser, tmp_path):
     from selenium.webdriver.common.keys import Keys
 
-    browser.open(written(tmp_path, bent({"surface": SHAPES["ellipsoid"]})))
-    browser.driver.execute_async_script("setTimeout(arguments[0], 50)")
-    first, canvas = browser.picture(), browser.driver.find_element("id", "scene")
+    every_browser.open(written(tmp_path, bent({"surface": SHAPES["ellipsoid"]})))
+    every_browser.driver.execute_async_script("setTimeout(arguments[0], 50)")
+    first, canvas = every_browser.picture(), every_browser.driver.find_element("id", "scene")
     seen = []
     for key in (Keys.ARROW_LEFT, Keys.ARROW_UP, "+", "0"):
         canvas.send_keys(key)
-        browser.driver.execute_async_script("setTimeout(arguments[0], 300)")
-        seen.append(browser.picture())
+        every_browser.driver.execute_async_script("setTimeout(arguments[0], 300)")
+        seen.append(every_browser.picture())
     assert len({first, *seen[:3]}) == 4
     assert seen[3] == first
 
