@@ -122,7 +122,7 @@ WARNED = {
     "25 octant": (lambda: BODY[(BODY > 0).all(axis=1)], {"PARTIAL_COVERAGE"}),
     "29": (tube, {"PARTIAL_COVERAGE"}),
     "30": (ball, {"POOR_FIT"}),
-    "31": (lambda: np.vstack([SPHERE[::2], SPHERE[1::2] + [6, 0, 0]]), set()),
+    "31": (lambda: np.vstack([SPHERE[::2], np.add(SPHERE[1::2], [6, 0, 0])]), set()),
 }
 
 

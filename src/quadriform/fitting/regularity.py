@@ -1,6 +1,7 @@
 """Step 2 of the iteration: the control points that the displacements ask for, kept regular (paper 3.2.3, 4)."""
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -48,9 +49,11 @@ class Bending:
     Affine displacements cost nothing, and raising the degree of a box changes nothing.
     """
 
-    def matrix(self, shape: tuple[int, int, int]) -> Array:
-        """Sum over the six second derivatives, the mixed ones twice."""
-        along = [self._one_axis(count - 1) for count in shape]
+    @staticmethod
+    @lru_cache(maxsize=8)  # asked for in every round of a fit
+    def matrix(shape: tuple[int, int, int]) -> Array:
+        """Sum over the six second derivatives, the mixed ones twice; not to be written to."""
+        along = [Bending._one_axis(count - 1) for count in shape]
         result = np.zeros((int(np.prod(shape)),) * 2)
         for orders, times in (
             ((2, 0, 0), 1),
@@ -62,6 +65,7 @@ class Bending:
         ):
             first, second, third = (along[axis][order] for axis, order in enumerate(orders))
             result += times * np.kron(np.kron(first, second), third)
+        result.setflags(write=False)
         return result
 
     @staticmethod

@@ -4,6 +4,9 @@ Two triangles cross exactly where an edge of one passes through the other, so ed
 candidates share a cell of a grid. Touching counts as crossing; triangles that share a vertex are skipped.
 """
 
+from functools import reduce
+from itertools import product
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,11 +34,17 @@ def crossings(mesh: Mesh, other: Mesh | None = None) -> Array:
         seen by the edges of their neighbours only.
     """
     triangles, faces, side = _together(mesh, other)
-    low, high = triangles.min(axis=1), triangles.max(axis=1)
+    corners = [triangles[:, corner] for corner in range(3)]
+    low, high = reduce(np.minimum, corners), reduce(np.maximum, corners)
     a, b = _sharing_a_cell(low, high)
-    kept = (low[a] <= high[b]).all(axis=1) & (low[b] <= high[a]).all(axis=1)
-    kept &= side[a] != side[b] if other is not None else ~_neighbours(faces[a], faces[b])
-    a, b = a[kept], b[kept]
+    if other is not None:
+        across = side[a] != side[b]
+        a, b = a[across], b[across]
+    a, b = _overlapping(low, high, a, b)
+    if other is None:
+        apart = ~_neighbours(faces, a, b)
+        a, b = a[apart], b[apart]
+    a, b = np.divmod(different(a * len(faces) + b), len(faces))
     found = [np.empty((0, 3))]
     for start in range(0, len(a), BLOCK):
         part = slice(start, start + BLOCK)
@@ -55,34 +64,45 @@ def _together(mesh: Mesh, other: Mesh | None) -> tuple[Array, Index, NDArray[np.
 
 
 def _sharing_a_cell(low: Array, high: Array) -> tuple[Index, Index]:
-    """Pairs a < b of boxes that enter the same cell of a grid, each once."""
+    """Pairs a < b of boxes that enter the same cell of a grid, once for each such cell."""
     size = max(CELL * float((high - low).mean()), float((high - low).max()) / 30, 1e-300)
     first = np.floor((low - low.min(axis=0)) / size).astype(np.int64)
     last = np.floor((high - low.min(axis=0)) / size).astype(np.int64)
-    counts = last - first + 1
-    total = counts.prod(axis=1)
-    owner = np.repeat(np.arange(len(low)), total)
-    rank = np.arange(len(owner)) - np.repeat(np.cumsum(total) - total, total)
-    along_yz, z = counts[owner, 1] * counts[owner, 2], counts[owner, 2]
-    cell = first[owner] + np.stack([rank // along_yz, rank // z % counts[owner, 1], rank % z], axis=1)
     shape = last.max(axis=0) + 1
-    code = (cell[:, 0] * shape[1] + cell[:, 1]) * shape[2] + cell[:, 2]
-    order = np.lexsort((owner, code))
-    return _pairs(code[order], owner[order], len(low))
+    owner, code = np.arange(len(low)), np.zeros(len(low), dtype=np.int64)
+    for axis in range(3):  # a box stands in the list once for each cell along this axis
+        counts = (last[:, axis] - first[:, axis] + 1)[owner]
+        rank = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+        owner, code = np.repeat(owner, counts), np.repeat(code, counts)
+        code = code * shape[axis] + first[owner, axis] + rank
+    order = np.argsort(code, kind="stable")  # owners rise within a cell, as they do before
+    return _pairs(code[order], owner[order])
 
 
-def _pairs(code: Index, owner: Index, n: int) -> tuple[Index, Index]:
+def _pairs(code: Index, owner: Index) -> tuple[Index, Index]:
     """Pairs of owners within each run of equal codes."""
     end = np.searchsorted(code, code, side="right")
     later = end - np.arange(len(code)) - 1
     a = np.repeat(np.arange(len(code)), later)
     b = a + 1 + np.arange(len(a)) - np.repeat(np.cumsum(later) - later, later)
-    return np.divmod(different(owner[a] * n + owner[b]), n)
+    return owner[a], owner[b]
 
 
-def _neighbours(a: Index, b: Index) -> NDArray[np.bool_]:
-    """Which pairs of triangles, vertex numbers (k, 3) each, share a vertex."""
-    return (a[:, :, None] == b[:, None, :]).any(axis=(1, 2))
+def _overlapping(low: Array, high: Array, a: Index, b: Index) -> tuple[Index, Index]:
+    """Those of the pairs whose boxes overlap; axis by axis, for most are apart along the first."""
+    for lowest, highest in zip(low.T.copy(), high.T.copy()):
+        met = (lowest[a] <= highest[b]) & (lowest[b] <= highest[a])
+        a, b = a[met], b[met]
+    return a, b
+
+
+def _neighbours(faces: Index, a: Index, b: Index) -> NDArray[np.bool_]:
+    """Which pairs of triangles, of vertex numbers (m, 3), share a vertex."""
+    shared = np.zeros(len(a), dtype=bool)
+    ones, others = ([column[side] for column in faces.T.copy()] for side in (a, b))
+    for one, other in product(ones, others):
+        shared |= one == other
+    return shared
 
 
 def _pierced(edges_of: Array, triangles: Array) -> Array:
