@@ -7,8 +7,8 @@ import quadriform as qf
 
 SMALL = {"box": (3, 3, 3)}
 CLOUD = lumpy(150)
-WALLS = {"epi": lumpy(100), "endo": 0.7 * lumpy(100, seed=8)}
-BEAT = [lumpy(120, seed=t) * [1 - 0.05 * t, 1 - 0.08 * t, 1] for t in range(3)]
+WALLS = {"epi": lumpy(80), "endo": 0.7 * lumpy(80, seed=8)}
+BEAT = [lumpy(80, seed=t) * [1 - 0.05 * t, 1 - 0.08 * t, 1] for t in range(3)]
 
 
 def at_rest(superquadric):

@@ -126,17 +126,17 @@ def test_the_kind_of_array_does_not_matter(kind):
 
 def test_the_input_is_left_alone():
     """Row A21: read-only arrays are accepted, and nothing is written anywhere."""
-    clouds = two_walls(400)
+    clouds = two_walls(150)
     for cloud in clouds.values():
         cloud.setflags(write=False)
     before = [hashlib.sha256(cloud.tobytes()).digest() for cloud in clouds.values()]
     starts = {name: qf.fit_superquadric(cloud).superquadric for name, cloud in clouds.items()}
     for regularity in ("svd", "springs", "springs-paper", "svd-position"):
         qf.refine(starts, clouds, regularity=regularity, **QUICK)
-    weights = {name: np.arange(400.0) for name in clouds}
+    weights = {name: np.arange(150.0) for name in clouds}
     loop = clouds["epi"][:20] + 0.0
     qf.refine(starts, clouds, weights=weights, base=loop, **SMALL)
-    assert [weights[name].tolist() for name in clouds] == 2 * [list(range(400))]
+    assert [weights[name].tolist() for name in clouds] == 2 * [list(range(150))]
     assert loop.tolist() == clouds["epi"][:20].tolist()
     assert [hashlib.sha256(cloud.tobytes()).digest() for cloud in clouds.values()] == before
 
@@ -217,24 +217,24 @@ def test_a_box_grows_until_the_error_is_reached():
 
 
 def test_two_surfaces_share_a_box():
-    clouds = two_walls(400)
+    clouds = two_walls(150)
     fit = qf.fit(clouds, **QUICK)
     assert fit.model.n_parameters == 397
     assert list(fit.residuals) == list(fit.model.surfaces) == ["epi", "endo"]
-    assert fit.compression_ratio == pytest.approx(3 * 800 / 397)
+    assert fit.compression_ratio == pytest.approx(3 * 300 / 397)
     assert fit.model.contains(fit.model.mesh("endo", 6).vertices, "epi").all()
     np.testing.assert_allclose(fit.residuals["endo"], fit.model.distance(clouds["endo"], "endo"), atol=1e-6)
 
 
 def test_two_surfaces_share_a_box_by_default():
-    clouds = two_walls(400)
+    clouds = two_walls(150)
     starts = {name: qf.fit_superquadric(cloud).superquadric for name, cloud in clouds.items()}
     fit = qf.refine(starts, clouds, **SMALL)
     assert fit.model.n_parameters == 22 + 81
     assert list(fit.residuals) == list(fit.inliers) == list(fit.model.surfaces) == ["epi", "endo"]
     assert fit.model.nesting() == {("epi", "endo"): "around"}
     assert fit.rms < fit.superquadric_rms and fit.model.min_jacobian() > 0
-    assert fit.uncertainty(clouds["endo"], "endo").shape == (400,)
+    assert fit.uncertainty(clouds["endo"], "endo").shape == (150,)
 
 
 @pytest.mark.parametrize("options", [QUICK, SMALL], ids=["paper", "tangent"])

@@ -56,6 +56,7 @@ def slices_png(
             _draw_outline(axes, mesh, float(k), colour)
         axes.set_title(f"slice {k}", fontsize=8, pad=2)
         axes.set_axis_off()
+        axes.set(xticks=[], yticks=[])  # what is not shown would still be laid out
     _legend(figure, outlines)
     figure.tight_layout(rect=(0, 0.03, 1, 1))
     stream = io.BytesIO()
