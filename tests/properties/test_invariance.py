@@ -100,15 +100,15 @@ def test_a_weight_counts_copies_and_zero_is_absent(rng):
 
 
 @pytest.mark.parametrize("kind", ["ellipsoid", "toroid", "hyperboloid1", "hyperboloid2"])
-@pytest.mark.parametrize("offset", [0.0, 1e6])
 @pytest.mark.parametrize("method", ["robust", "paper"])
-def test_superquadric_fits_move_with_their_points(kind, offset, method):
+def test_superquadric_fits_move_with_their_points(kind, method):
     """M1 and M9 for all kinds."""
     s = made(kind, (0.7, 1.2))
     points = s.surface(even_directions(500)) if kind == "ellipsoid" else s.grid(8)[0]
     plain = qf.fit_superquadric(points, kind, method=method).superquadric
-    found = qf.fit_superquadric(points @ TURN.T + offset, kind, method=method).superquadric
-    np.testing.assert_allclose(found.implicit(plain.grid(6)[0] @ TURN.T + offset), 1, atol=1e-5)
+    for offset in (0.0, 1e6):
+        found = qf.fit_superquadric(points @ TURN.T + offset, kind, method=method).superquadric
+        np.testing.assert_allclose(found.implicit(plain.grid(6)[0] @ TURN.T + offset), 1, atol=1e-5)
 
 
 @pytest.mark.parametrize("method", ["tangent", "paper"])

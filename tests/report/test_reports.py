@@ -120,12 +120,19 @@ def cycle():
     return found, clouds, qf.measure(models, times)
 
 
-def test_the_page_of_a_ventricle_says_what_python_says(browser, cycle, tmp_path):
+@pytest.fixture(scope="session")
+def page_of_a_heart(cycle, tmp_path_factory):
     found, clouds, measures = cycle
-    page = track_report(found, clouds, title="a heart", record={}, measures=measures)
+    path = tmp_path_factory.mktemp("heart") / "heart.html"
+    path.write_bytes(track_report(found, clouds, title="a heart", record={}, measures=measures))
+    return path
+
+
+def test_the_page_of_a_ventricle_says_what_python_says(browser, cycle, page_of_a_heart):
+    found, _, measures = cycle
+    page = page_of_a_heart.read_bytes()
     assert len(page) < MOST_BYTES
-    (tmp_path / "heart.html").write_bytes(page)
-    browser.open(tmp_path / "heart.html")
+    browser.open(page_of_a_heart)
     assert browser.number("ejection") == float(f"{measures['ejection fraction']:.4g}")
     assert browser.number("volume-endo") == float(f"{measures['end-diastolic volume']:.4g}")
     assert browser.number("error") == float(f"{found.frame_rms[0]:.4g}")
@@ -232,14 +239,11 @@ def test_a_hostile_file_name_runs_nothing(browser, egg, tmp_path, capsys):
     assert browser.run("return [document.images.length, document.scripts.length]") == [0, 2]
 
 
-def test_no_page_is_wider_than_a_phone(browser, cycle, tmp_path):
-    found, clouds, measures = cycle
-    path = tmp_path / "heart.html"
-    path.write_bytes(track_report(found, clouds, title="a heart", record={}, measures=measures))
+def test_no_page_is_wider_than_a_phone(browser, page_of_a_heart):
     metrics = {"width": 390, "height": 844, "deviceScaleFactor": 1, "mobile": True}
     browser.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
     try:
-        browser.open(path)
+        browser.open(page_of_a_heart)
         assert browser.run("return document.documentElement.scrollWidth") == 390
     finally:
         browser.driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
