@@ -9,7 +9,7 @@ BENCH := .venv-bench
 demo: $(READY)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/quadriform demo -o out/demo --force
 
-# A process for each core and a thread for each process: threads that share tiny matrices cost more than they bring.
+# Processes, and a thread for each of them: threads that share tiny matrices cost more than they bring.
 test: $(READY)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
@@ -38,7 +38,7 @@ fuzz: $(READY)
 kill: $(READY)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTHONPATH=tests $(BIN)/python tests/robustness/killed_fits.py
 
-# Ten million points in one GiB of addresses; the tests take 200,000.
+# Ten million points in one GiB of addresses; the tests take 100,000.
 large: $(READY)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/robustness/little_room.py 10000000
 

@@ -135,5 +135,5 @@ def test_weights_of_one_surface_against_another_are_kept(small, monkeypatch):
         return made(model, name, cloud, weights, index, frame)
 
     monkeypatch.setattr(large, "_surface", watched)
-    qf.fit(points, weights=weights, box=(3, 3, 3))
+    qf.fit(points, weights=weights, box=(3, 3, 3), strength=1e-4)
     assert seen["inner"].mean() / seen["outer"].mean() == pytest.approx(50)

@@ -9,7 +9,7 @@ from shapes_made import even_directions, lumpy, turned
 import quadriform as qf
 from quadriform.points import Frame
 
-CLOUD = lumpy(300)
+CLOUD = lumpy(150)
 RADIUS = Frame.of(CLOUD).scale
 FRAMES = [np.eye(3)[list(order)] * signs for order in permutations(range(3)) for signs in product((1, -1), repeat=3)]
 TURNS = [matrix for matrix in FRAMES if np.linalg.det(matrix) > 0]

@@ -124,12 +124,12 @@ def test_row_69_stopped_at_fifty_instants(tmp_path):
 
 @pytest.mark.slow
 def test_row_69_whole_fits_that_are_stopped():
-    """Six of them; fifty by `make kill`."""
+    """Three of them, a signal each; fifty by `make kill`."""
     here = Path(__file__)
     paths = os.pathsep.join([str(here.parents[1]), os.environ.get("PYTHONPATH", "")])
-    done = python(here.with_name("killed_fits.py"), 6, PYTHONPATH=paths)
+    done = python(here.with_name("killed_fits.py"), 3, PYTHONPATH=paths)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert done.stdout.splitlines()[-1] == "6 of 6 as promised"
+    assert done.stdout.splitlines()[-1] == "3 of 3 as promised"
 
 
 @pytest.mark.slow
@@ -224,7 +224,7 @@ def test_row_76_two_runs_write_the_same_bytes(cloud, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("optimised", "count"), [((), 3), (("-O",), 1)], ids=["77 plain", "77 python -O"])
+@pytest.mark.parametrize(("optimised", "count"), [((), 2), (("-O",), 1)], ids=["77 plain", "77 python -O"])
 def test_fits_in_processes_and_threads_at_once(optimised, count):
     """Workers, spawned, forked, and as threads of one process: the bytes of fits one after the other."""
     program = Path(__file__).with_name("at_once.py")
