@@ -103,11 +103,6 @@ def test_a_slab_is_fitted_and_warned_of():
 
 
 KINDS_OF_ARRAY = {
-    "list": lambda p: p.tolist(),
-    "fortran": np.asfortranarray,
-    "backwards twice": lambda p: p[::-1][::-1],
-    "every second row of two": lambda p: np.repeat(p, 2, axis=0)[::2],
-    "big endian": lambda p: p.astype(">f8"),
     "unmasked": np.ma.masked_array,
     "float32": lambda p: p.astype(np.float32),
     "whole numbers": lambda p: p.astype(np.int32),
@@ -117,7 +112,7 @@ KINDS_OF_ARRAY = {
 
 @pytest.mark.parametrize("kind", KINDS_OF_ARRAY)
 def test_the_kind_of_array_does_not_matter(kind):
-    """Rows A17, A19, A21, A22: the same bytes as its contiguous float64 copy."""
+    """Rows A17 and A19: the same bytes as its contiguous float64 copy; other dresses are among the common checks."""
     rounded = np.round(CLOUD) + 0.0  # whole numbers know no negative zero
     found, plain = (qf.fit(p, **QUICK).model for p in (KINDS_OF_ARRAY[kind](rounded), rounded))
     assert found.box.control_points.tobytes() == plain.box.control_points.tobytes()

@@ -44,7 +44,6 @@ def moved(model, found, matrix, scale, offset):
 EXACT = {
     "shift": (np.eye(3), 1.0, np.array([5.0, -30, 12])),
     "scale 1e6": (np.eye(3), 1e6, np.zeros(3)),
-    "scale 1e-6": (np.eye(3), 1e-6, np.zeros(3)),
     "offset 1e6": (np.eye(3), 1.0, np.array([1e6, -1e6, 1e6])),
 }
 TURNS = {"quarter": (QUARTER, 1.0, np.zeros(3)), "turn": (turned(1), 1.0, np.array([5.0, -30, 12]))}

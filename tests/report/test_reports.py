@@ -43,16 +43,16 @@ def demo(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_the_page_of_the_demo_says_what_the_model_says(every_browser, demo):
+def test_the_page_of_the_demo_says_what_the_model_says(browser, demo):
     model = qf.load(demo / "model.json")
     path = demo / "report.html"
-    every_browser.open(path)
+    browser.open(path)
     assert path.stat().st_size < MOST_BYTES
-    assert every_browser.number("volume-surface") == float(f"{model.volume() / 1000:.4g}")
+    assert browser.number("volume-surface") == float(f"{model.volume() / 1000:.4g}")
     error = re.search(r"lies ([\d.]+) mm \(RMS\) from 18047", path.read_text(encoding="utf-8"))
-    assert every_browser.number("error") == float(error[1])
-    assert every_browser.colours() > 20
-    assert every_browser.run("return document.querySelectorAll('img').length") == 3
+    assert browser.number("error") == float(error[1])
+    assert browser.colours() > 20
+    assert browser.run("return document.querySelectorAll('img').length") == 3
 
 
 def test_a_report_begins_with_the_verdict_and_holds_the_fit(egg):

@@ -33,14 +33,14 @@ def written(folder, model, scene=None, title="model"):
 
 
 @pytest.mark.parametrize("kind", SHAPES)
-def test_every_vertex_is_where_python_has_it(every_browser, tmp_path, kind):
+def test_every_vertex_is_where_python_has_it(browser, tmp_path, kind):
     model = bent({"surface": SHAPES[kind]}, unit="mm")
-    every_browser.open(written(tmp_path, model))
+    browser.open(written(tmp_path, model))
     size = np.ptp(model.mesh().vertices, axis=0).max()
     for cells in (5, 8):
-        seen = np.reshape(every_browser.run("return quadriform.vertices('surface', arguments[0])", cells), (-1, 3))
+        seen = np.reshape(browser.run("return quadriform.vertices('surface', arguments[0])", cells), (-1, 3))
         assert np.abs(seen - model.mesh(resolution=cells).vertices).max() < 1e-6 * size  # control points in 32 bits
-    assert every_browser.colours() > 5
+    assert browser.colours() > 5
 
 
 @pytest.mark.parametrize("kind", ["ellipsoid", "toroid"])
