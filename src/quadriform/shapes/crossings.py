@@ -75,7 +75,7 @@ def _sharing_a_cell(low: Array, high: Array) -> tuple[Index, Index]:
         rank = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
         owner, code = np.repeat(owner, counts), np.repeat(code, counts)
         code = code * shape[axis] + first[owner, axis] + rank
-    order = np.argsort(code, kind="stable")  # owners rise within a cell, as they do before
+    order = np.argsort(code, kind="stable")  # stable: owners rise within a cell
     return _pairs(code[order], owner[order])
 
 
