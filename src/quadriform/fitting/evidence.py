@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, lapack, solve_triangular
+from scipy.linalg import cho_solve, cholesky, lapack, solve_triangular
 from scipy.optimize import minimize_scalar
 
 from quadriform.errors import OptionError
@@ -108,10 +108,9 @@ class Evidence:
         """
         held = strength * self.count
         try:
-            factor, _ = cho_factor(self.equations.matrix + held * self.penalty, lower=True)
+            factor = cholesky(self.equations.matrix + held * self.penalty, lower=True)
         except np.linalg.LinAlgError as error:
             raise OptionError(f"strength={strength:g} leaves control points undetermined; try a larger one") from error
-        factor = np.tril(factor)
         displacement = cho_solve((factor, True), self.equations.right)
         rows = max(self.count - self.free, 1.0)
         misfit = self.equations.constant - self.equations.right @ displacement  # RSS + lambda p' K p
@@ -132,7 +131,7 @@ class Evidence:
             near = float(min(np.geomspace(*WIDEST, 17), key=self._criterion))
         low, high = _nearby(near)
         x = float(np.clip(np.log(near), low, high))
-        root = self._root((x, min(x + NEAR, high)), (low, high), ROUNDING)
+        root = self._root(x, min(x + NEAR, high), (low, high), ROUNDING)
         if root is None:
             with np.errstate(invalid="ignore"):  # a parabola through an infinite criterion: it halves instead
                 found = minimize_scalar(
@@ -142,7 +141,7 @@ class Evidence:
                     options={"xatol": NEAR},
                 )
             x, reach = float(found.x), 3 * NEAR
-            root = self._root((x, x + NEAR), (x - reach, x + reach), ROUNDING) or (x, 0.0)
+            root = self._root(x, x + NEAR, (x - reach, x + reach), ROUNDING) or (x, 0.0)
         return replace(self.solve(float(np.exp(root[0]))), bend=root[1])
 
     def after(self, before: Solution) -> Solution:
@@ -150,31 +149,32 @@ class Evidence:
         x = float(np.log(before.strength))
         if before.bend <= 0:
             return self.best(before.strength)
-        step = x - self._slope(x) / before.bend
+        slope = self._slope(x)
+        step = x - slope / before.bend
         root: tuple[float, float] | None = (step, before.bend)
         if abs(step - x) >= BESIDE:
-            root = self._root((x, step), _nearby(before.strength), BESIDE)
+            root = self._root(x, step, _nearby(before.strength), BESIDE, slope)
         if root is None:
             return self.best(before.strength)
         return replace(self.solve(float(np.exp(root[0]))), bend=root[1])
 
     def _root(
-        self, start: tuple[float, float], within: tuple[float, float], enough: float
+        self, one: float, other: float, within: tuple[float, float], enough: float, slope: float | None = None
     ) -> tuple[float, float] | None:
         """Where the criterion is least, by secant steps on its slope until one is short enough, and its bend there.
 
-        None where the steps leave the range or climb.
+        None where the steps leave the range or climb. `slope` is the one at `one`, where it is known.
         """
         try:
-            return self._secant(start, within, enough)
+            first = self._slope(one) if slope is None else slope
+            return self._secant((one, other), (first, self._slope(other)), within, enough)
         except OptionError:  # a step to where control points are undetermined
             return None
 
     def _secant(
-        self, start: tuple[float, float], within: tuple[float, float], enough: float
+        self, places: tuple[float, float], slopes: tuple[float, float], within: tuple[float, float], enough: float
     ) -> tuple[float, float] | None:
-        one, other = start
-        slopes = self._slope(one), self._slope(other)
+        one, other = places
         for _ in range(STEPS):
             if (slopes[1] - slopes[0]) * (other - one) <= 0:
                 return None
