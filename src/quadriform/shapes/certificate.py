@@ -7,6 +7,7 @@ split first, and leaves that lie outside the surfaces are dropped.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import product as every
 
 import numpy as np
@@ -68,10 +69,7 @@ class _Leaves:
             half = leaves.side * np.where(np.arange(3) == axis, 0.5, 1)
             step = half * (np.arange(3) == axis)
             degree = leaves.coefficients.shape[axis + 1] - 1
-            first, second = (
-                bernstein.along(axis + 1, bernstein.restriction(degree, *ends), leaves.coefficients)
-                for ends in ((0, 0.5), (0.5, 1))
-            )
+            first, second = (bernstein.along(axis + 1, matrix, leaves.coefficients) for matrix in _halves(degree))
             leaves = _Leaves(first, leaves.low, half).joined(_Leaves(second, leaves.low + step, half))
         return leaves
 
@@ -80,6 +78,12 @@ class _Leaves:
         ends = np.array(list(every((0, 1), repeat=3)))
         values = self.coefficients[:, -ends[:, 0], -ends[:, 1], -ends[:, 2]]
         return self.low[:, None] + ends * self.side[:, None], values
+
+
+@lru_cache(maxsize=32)
+def _halves(degree: int) -> tuple[Array, Array]:
+    """To the coefficients over either half; of the same few degrees again and again."""
+    return bernstein.restriction(degree, 0, 0.5), bernstein.restriction(degree, 0.5, 1)
 
 
 def jacobian_bound(

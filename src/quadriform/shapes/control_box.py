@@ -1,6 +1,7 @@
 """The free-form deformation: a box of control points that carries the space inside it (paper 3.1, appendix B)."""
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -63,9 +64,7 @@ class ControlBox:
     @classmethod
     def undeformed(cls, origin: Array, edges: Array, shape: tuple[int, int, int]) -> "ControlBox":
         """The box whose control points stand in their even places, so that nothing moves."""
-        steps = [np.linspace(0, 1, count) for count in shape]
-        lattice = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1)
-        return cls(origin, edges, origin + lattice @ edges)  # P17
+        return cls(origin, edges, origin + _lattice(*shape) @ edges)  # P17
 
     def placed(self, scale: float, offset: Array) -> "ControlBox":
         """The same deformation after `scale` x + `offset`: from a centred, scaled frame back to the world."""
@@ -231,6 +230,15 @@ class ControlBox:
         for axis, (low, high) in enumerate(zip(self.degrees, degrees)):
             raised = np.moveaxis(np.tensordot(bernstein.elevation(low, high), raised, (1, axis)), 0, axis)
         return replace(self, control_points=raised)
+
+
+@lru_cache(maxsize=16)
+def _lattice(l: int, m: int, n: int) -> Array:
+    """Even places (l, m, n, 3) in the unit cube; every round of a fit compares with those at rest."""
+    steps = [np.linspace(0, 1, count) for count in (l, m, n)]
+    lattice = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1)
+    lattice.setflags(write=False)
+    return lattice
 
 
 def _solve_each(matrices: Array, right: Array) -> Array:
