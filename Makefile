@@ -9,9 +9,10 @@ BENCH := .venv-bench
 demo: $(READY)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/quadriform demo -o out/demo --force
 
-# Processes, and a thread for each of them: threads that share tiny matrices cost more than they bring.
+# Processes, and a thread for each of them: threads that share tiny matrices cost more than they bring. Byte code is kept,
+# as Python does unless told otherwise, for nearly a hundred processes start on the way.
 test: $(READY)
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
 check: $(READY)
 	$(BIN)/ruff check src tests benchmarks docs

@@ -11,6 +11,7 @@ from quadriform.files import load, read_model, read_points, sha256_of
 from quadriform.files.meshes import read_marks, write_mesh
 from quadriform.shapes.mesh import Mesh
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
 QUICK = ("--method", "paper", "--iterations", "4")
 
 

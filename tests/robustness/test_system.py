@@ -60,11 +60,11 @@ LIMITED = (
     "sys.exit(main(sys.argv[1:]))\n"
 )
 WITH_COMMAS = (
-    "import locale, sys\n"
+    "import json, locale, sys\n"
     "locale.setlocale(locale.LC_ALL, '')\n"
     "if locale.format_string('%.1f', 1.5) != '1,5': sys.exit('this locale has no commas')\n"
     "from quadriform.cli.main import main\n"
-    "sys.exit(main(sys.argv[1:]))\n"
+    "sys.exit(max(main(words) for words in json.loads(sys.argv[1])))\n"
 )
 FIT = (
     "import sys, numpy as np, quadriform as qf\n"
@@ -177,17 +177,23 @@ def test_row_71_numbers_have_a_point_where_others_write_commas(cloud, saved, tmp
     """A program that has taken over the locale of its user, and what it writes."""
 
     def run(*words, **names):
-        return python("-c", WITH_COMMAS, *words, **names)
+        return commanded([words], **names)
+
+    def commanded(lines, **names):
+        return python("-c", WITH_COMMAS, json.dumps([list(map(str, words)) for words in lines]), **names)
+
+    def lines(folder):
+        out = tmp_path / folder
+        out.mkdir()
+        deformed = [("deform", saved, cloud, "-o", out / f"a.{suffix}") for suffix in ("xyz", "csv")]
+        return [*deformed, ("export", saved, "--to", "obj,vtp", "-o", out)]
 
     same_numbers(cloud, run, german)
-    for suffix in ("xyz", "csv"):
-        done = run("deform", saved, cloud, "-o", tmp_path / f"a.{suffix}", **german)
-        assert done.returncode == 0, done.stderr
-        assert main(["deform", str(saved), str(cloud), "-o", str(tmp_path / f"b.{suffix}")]) == 0
-        assert (tmp_path / f"a.{suffix}").read_bytes() == (tmp_path / f"b.{suffix}").read_bytes()
-    assert run("export", saved, "--to", "obj,vtp", "-o", tmp_path / "commas", **german).returncode == 0
-    assert main(["export", str(saved), "--to", "obj,vtp", "-o", str(tmp_path / "points")]) == 0
-    for name in ("surface.obj", "surface.vtp"):
+    done = commanded(lines("commas"), **german)
+    assert done.returncode == 0, done.stderr
+    for words in lines("points"):
+        assert main(list(map(str, words))) == 0
+    for name in ("a.xyz", "a.csv", "surface.obj", "surface.vtp"):
         assert (tmp_path / "commas" / name).read_bytes() == (tmp_path / "points" / name).read_bytes()
 
 
