@@ -54,6 +54,7 @@ print(json.dumps(seen))
 """
 LIMITED = (
     "import resource, signal, sys\n"
+    "sys.dont_write_bytecode = True\n"  # Python would keep byte code cut off at the limit, and fail on it ever after
     "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
     "resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n"
     "from quadriform.cli.main import main\n"
