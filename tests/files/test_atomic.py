@@ -95,6 +95,20 @@ def test_an_interrupt_leaves_no_temporary_file(tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
+def test_what_cannot_be_created_is_told_and_leaves_nothing(tmp_path, monkeypatch):
+    """Unlike one more than there may be: that is left as it is."""
+    assert atomic.create_bytes(tmp_path / "a", b"first") and not atomic.create_bytes(tmp_path / "a", b"second")
+    assert (tmp_path / "a").read_bytes() == b"first"
+
+    def full(_descriptor):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(atomic.os, "fsync", full)
+    with pytest.raises(OutputError, match="nothing was changed: No space left"):
+        atomic.create_bytes(tmp_path / "b", b"third")
+    assert os.listdir(tmp_path) == ["a"]
+
+
 def test_a_killed_writer_leaves_one_of_the_two_files(tmp_path):
     path = tmp_path / "a"
     old, new = b"0" * 500_000, b"1" * 700_000
