@@ -69,7 +69,7 @@ def test_the_input_is_known_by_any_name(tmp_path):
     check_writable(tmp_path / "out", force=True, inputs=[source])
 
 
-@pytest.mark.parametrize("step", ["fsync", "replace", "chmod", "fdopen"])
+@pytest.mark.parametrize("step", ["fsync", "replace", "chmod", "open"])
 def test_a_disk_that_fails_leaves_the_old_file_alone(tmp_path, monkeypatch, step):
     path = tmp_path / "a"
     path.write_bytes(b"old")
@@ -93,6 +93,36 @@ def test_an_interrupt_leaves_no_temporary_file(tmp_path, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         write_bytes(tmp_path / "a", b"new")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("write", [write_bytes, atomic.create_bytes])
+def test_an_interrupt_as_the_temporary_file_is_made_leaves_none(tmp_path, monkeypatch, write):
+    """The file was there before its name was known: one Ctrl-C in some hundreds left it behind."""
+    made = os.open
+
+    def interrupted(path, flags, *mode, **more):
+        descriptor = made(path, flags, *mode, **more)
+        if ".quadriform-" in str(path):
+            os.close(descriptor)
+            raise KeyboardInterrupt
+        return descriptor
+
+    monkeypatch.setattr(atomic.os, "open", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write(tmp_path / "a", b"new")
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_temporary_file_is_for_nobody_else(tmp_path, monkeypatch):
+    seen, synced = [], os.fsync
+
+    def watched(descriptor):
+        seen.append(os.fstat(descriptor).st_mode & 0o777)
+        synced(descriptor)
+
+    monkeypatch.setattr(atomic.os, "fsync", watched)
+    write_bytes(tmp_path / "a", b"new")
+    assert seen[0] == 0o600
 
 
 def test_what_cannot_be_created_is_told_and_leaves_nothing(tmp_path, monkeypatch):

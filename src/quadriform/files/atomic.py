@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import secrets
 import stat
 import tempfile
 from collections.abc import Sequence
@@ -105,10 +106,9 @@ def create_bytes(path: PathLike, data: bytes) -> bool:
         OutputError: it cannot be written.
     """
     target = Path(path)
-    temporary = ""
+    temporary = _beside(target)
     try:
-        descriptor, temporary = tempfile.mkstemp(prefix=".quadriform-", suffix=".tmp", dir=target.parent)
-        _fill(descriptor, data)
+        _fill(temporary, data)
         os.chmod(temporary, _mode(target))
         os.link(temporary, target)  # unlike a rename, refuses to replace
     except FileExistsError:
@@ -123,9 +123,9 @@ def create_bytes(path: PathLike, data: bytes) -> bool:
 
 
 def _replace(target: Path, data: bytes) -> None:
-    descriptor, temporary = tempfile.mkstemp(prefix=".quadriform-", suffix=".tmp", dir=target.parent)
+    temporary = _beside(target)
     try:
-        _fill(descriptor, data)
+        _fill(temporary, data)
         os.chmod(temporary, _mode(target))
         os.replace(temporary, target)
     except BaseException:  # an interrupt must not leave the temporary file either
@@ -133,6 +133,14 @@ def _replace(target: Path, data: bytes) -> None:
             os.unlink(temporary)
         raise
     _sync_folder(target.parent)
+
+
+def _beside(target: Path) -> Path:
+    """A name in the same folder that no other file has.
+
+    It is known before there is a file: an interrupt can fall between the making of one and the return of its name.
+    """
+    return target.parent / f".quadriform-{secrets.token_hex(8)}.tmp"
 
 
 def _mode(target: Path) -> int:
@@ -144,9 +152,13 @@ def _mode(target: Path) -> int:
     return 0o666 & ~umask
 
 
-def _fill(descriptor: int, data: bytes) -> None:
-    """Write all of it, down to the disk."""
-    with os.fdopen(descriptor, "wb") as stream:
+def _private(path: str, flags: int) -> int:
+    return os.open(path, flags, 0o600)
+
+
+def _fill(path: Path, data: bytes) -> None:
+    """Write all of it to a new file, down to the disk; nobody else may read it meanwhile."""
+    with open(path, "xb", opener=_private) as stream:
         stream.write(data)
         stream.flush()
         os.fsync(stream.fileno())
