@@ -8,6 +8,10 @@ from shapes_made import even_directions, made, turned
 
 from quadriform import fit_superquadric
 from quadriform.errors import OptionError
+from quadriform.fitting.inliers import Mixture
+from quadriform.fitting.residuals import Candidates
+from quadriform.fitting.robust_search import MOST_STEPS, NEARLY, Problem, em
+from quadriform.points import Frame
 from quadriform.shapes.superquadric import Superquadric
 
 EXACT, SAME, NEAR = 1e-9, 1e-7, 0.02
@@ -227,3 +231,18 @@ def test_the_input_stays_as_it_was_and_the_answer_repeats(rng):
 def test_wrong_options_are_named(options, said, rng):
     with pytest.raises(OptionError, match=said):
         fit_superquadric(cloud(rng)[1], **options)
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_a_descent_ends_where_shorter_steps_gain_nothing_either(seed):
+    """On a body that is nearly one of revolution it once tried ever shorter ones, up to the last it was allowed."""
+    rng = np.random.default_rng(seed)
+    around = rng.normal(size=(1000, 3))
+    around /= np.linalg.norm(around, axis=1, keepdims=True)
+    egg = around * [1.4, 1, 1] * (1 + 0.1 * around[:, :1]) + 0.02 * rng.normal(size=(1000, 3))
+    points = Frame.of(egg).to_local(egg)
+    best = Candidates.of([fit_superquadric(points).superquadric])
+    problem = Problem(points, np.ones(1000), "ellipsoid", {}, np.zeros(1000))
+    descent = problem.descent(best, Mixture(np.array([0.99]), np.array([0.02])), longest=10.0)
+    descent.run(MOST_STEPS, NEARLY, em)
+    assert len(descent.history) < MOST_STEPS / 2
