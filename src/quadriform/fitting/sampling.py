@@ -18,4 +18,10 @@ def outwards(points: Array) -> NDArray[np.int64]:
     far = np.linalg.norm(points, axis=1)
     points, far = points / far.max(), far / far.max()
     heavier = far @ points / far.sum()
-    return np.lexsort(np.round([*points.T, points @ heavier, far], TIE))
+    keys = np.round([*points.T, points @ heavier, far], TIE)
+    order = np.argsort(keys[-1], kind="stable")
+    same = np.diff(keys[-1, order], prepend=-1.0, append=2.0) == 0
+    tied = same[1:] | same[:-1]  # few, but on a lattice: only they need the other keys
+    there = np.sort(order[tied])
+    order[tied] = there[np.lexsort(keys[:, there])]
+    return order
