@@ -52,7 +52,8 @@ PATTERN_COST = 0.1
 """Log likelihood per point that a pattern in the distances is held against a candidate."""
 NOISE_FREE = 1e-6
 CLEAN = 0.02
-"""With no surface as near as this share of the RMS radius, points are taken to be no clean sample."""
+"""With no surface as near as this share of the RMS radius, or one that convinces and leaves more, points are no clean
+sample: where the race convinces and is wrong on a clean one it leaves less."""
 RIVAL = 0.01
 """Surfaces whose cost, sigma squared, is within this share of the best are rivals."""
 HOTTEST = 0.5
@@ -147,7 +148,8 @@ def solve(problem: Problem) -> Solution:
         convinces = convincing(best)
     winner = np.array([int(np.argmax(_ranking(best, convinces)))])
     if best.mixture.share[winner[0]] < LARGEST_SHARE:
-        if clean := race.met_by_all():
+        noisy = convinces[winner[0]] and best.mixture.sigma[winner[0]] > CLEAN
+        if not noisy and (clean := race.met_by_all()):
             return _to_rest(problem, clean, 0, longest)
         problem = _crowded(problem, best.picked(winner), longest)
     if problem.odds.any():
