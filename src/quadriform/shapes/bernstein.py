@@ -1,5 +1,6 @@
 """Bernstein polynomials (paper, appendix B) and the tensor product of three of them."""
 
+from functools import lru_cache
 from math import comb
 
 import numpy as np
@@ -12,11 +13,23 @@ CHUNK = 2048
 
 def basis(s: Array, degree: int) -> Array:
     """B_i(s) = C(l, i) (1 - s)^(l - i) s^i for i = 0 .. l, shape (n, l + 1)."""
-    up, down = np.ones((degree + 1, len(s))), np.ones((degree + 1, len(s)))
+    result, rest = np.ones((degree + 1, len(s))), 1 - s
     for k in range(degree):
-        up[k + 1], down[k + 1] = up[k] * s, down[k] * (1 - s)
-    binomials = np.array([comb(degree, k) for k in range(degree + 1)], dtype=np.float64)
-    return (binomials[:, None] * up * down[::-1]).T  # P19
+        np.multiply(result[k], s, out=result[k + 1])
+    result *= _choices(degree)[:, None]
+    power = rest.copy()
+    for k in range(degree - 1, -1, -1):
+        result[k] *= power
+        power *= rest
+    return result.T  # P19
+
+
+@lru_cache(maxsize=32)  # asked for in every round of a fit
+def _choices(degree: int) -> Array:
+    """C(l, i) for i = 0 .. l; not to be written to."""
+    result = np.array([comb(degree, i) for i in range(degree + 1)], dtype=np.float64)
+    result.setflags(write=False)
+    return result
 
 
 def basis_derivative(s: Array, degree: int) -> Array:
@@ -82,7 +95,7 @@ def _laid_out(coefficients: Array, shape: tuple[int, ...]) -> Array:
 
 def _binomials(shape: tuple[int, ...]) -> Array:
     """C(l, i) C(m, j) C(n, k) for an array of that shape."""
-    s, t, u = (np.array([comb(count - 1, i) for i in range(count)], dtype=np.float64) for count in shape)
+    s, t, u = (_choices(count - 1) for count in shape)
     return s[:, None, None] * t[:, None] * u
 
 
