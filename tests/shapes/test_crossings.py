@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from shapes_made import KINDS, SKEW, made, single
 
+from quadriform.shapes import crossings as module
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.crossings import crossings
 from quadriform.shapes.mesh import Mesh
@@ -75,6 +76,38 @@ def test_a_surface_bent_through_itself_is_found():
     np.testing.assert_allclose(model.distance(points), 0, atol=0.05)
     # the body is a mirror image of itself in z, so both ends meet around that plane
     assert np.abs(np.median(points[:, 2])) < 0.5
+
+
+def test_where_rays_meet_a_surface_once_the_long_way_finds_nothing_either(monkeypatch):
+    surface = made(exponents=(1.0, 1.0))
+    plain, rng, seen = ControlBox.around(surface, (4, 4, 4)), np.random.default_rng(0), []
+    for scale in np.linspace(0, 5, 25):
+        shifts = rng.normal(scale=scale, size=plain.control_points.shape)
+        mesh = single(surface, plain.with_control_points(plain.control_points + shifts)).mesh()
+        with monkeypatch.context() as patch:
+            once, short = module._seen_whole(mesh), crossings(mesh)
+            patch.setattr(module, "_seen_whole", lambda mesh: False)
+            np.testing.assert_array_equal(short, crossings(mesh))
+        seen.append((once, len(short) > 0))
+    assert set(seen) == {(True, False), (False, False), (False, True)}
+
+
+def test_a_sphere_around_another_is_not_one_seen_once():
+    small, large = Superquadric().mesh(12), Superquadric(semi_axes=(1.2, 0.9, 1.2)).mesh(12)
+    both = Mesh(np.concatenate([small.vertices, large.vertices]), np.concatenate([small.faces, large.faces + 866]))
+    assert len(crossings(both)) > 50
+
+
+def test_two_open_halves_that_fill_the_view_are_no_closed_surface():
+    """Both are the upper half; vertices of no triangle put the middle on their rim."""
+    halves = []
+    for semi_axes in ((1, 1, 1), (1.2, 0.9, 1)):
+        mesh = Superquadric(semi_axes=semi_axes).mesh(12)
+        halves.append(Mesh(mesh.vertices, mesh.faces[(mesh.vertices[mesh.faces, 2] > -1e-9).all(axis=1)]))
+    both = Mesh(
+        np.concatenate([half.vertices for half in halves]), np.concatenate([halves[0].faces, halves[1].faces + 866])
+    )
+    assert len(crossings(both)) > 20
 
 
 def pair(inner_at=(0.0, 0, 0), inner=0.6, outer=1.0):

@@ -24,6 +24,8 @@ SAMPLES = 20_000
 """Points on each surface."""
 NEAREST = 16
 """Nearest points of the other surface to whose triangles a distance is taken exactly; 8 can miss slivers at an edge."""
+AT_ONCE = 1000
+"""Points whose triangles are held at the same time: what they take stays in the cache."""
 VOXELS = 128
 """Of the common grid, along its longest side."""
 HALF_TURNS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
@@ -150,9 +152,8 @@ def enclosed_volume(shape: Surface) -> float | None:
 
 def is_closed(mesh: Mesh) -> bool:
     """Whether every edge is run through as often one way as the other; vertices in the same place count as one."""
-    vertex = np.unique(mesh.vertices, axis=0, return_inverse=True)[1].reshape(-1)[mesh.faces]
-    start, stop, count = vertex.reshape(-1), np.roll(vertex, -1, axis=1).reshape(-1), len(mesh.vertices)
-    return bool(np.array_equal(np.sort(start * count + stop), np.sort(stop * count + start)))
+    place = np.unique(mesh.vertices, axis=0, return_inverse=True)[1].reshape(-1)
+    return Mesh(mesh.vertices, place[mesh.faces]).is_closed()
 
 
 def parameter_difference(a: DeformableModel, b: DeformableModel) -> ParameterDifference | None:
@@ -202,8 +203,8 @@ def _sampled(mesh: Mesh) -> _Samples:
 def _to_surface(source: _Samples, target: _Samples) -> Distances:
     """Distances of one surface's points to the triangles of the other's nearest points."""
     points, tree, found = source.points[: source.n_outer], cKDTree(target.points), []
-    for start in range(0, len(points), SAMPLES):
-        part = points[start : start + SAMPLES]
+    for start in range(0, len(points), AT_ONCE):
+        part = points[start : start + AT_ONCE]
         nearest = target.triangle[tree.query(part, k=NEAREST)[1]].reshape(-1)
         every = _to_triangles(np.repeat(part, NEAREST, axis=0), target.corners[nearest])
         found.append(every.reshape(-1, NEAREST).min(axis=1))
@@ -214,16 +215,28 @@ def _to_surface(source: _Samples, target: _Samples) -> Distances:
 
 def _to_triangles(points: Array, corners: Array) -> Array:
     """Distance of each point (n, 3) to its own triangle (n, 3, 3): to the plane above the triangle, else to an edge."""
-    edges = np.roll(corners, -1, axis=1) - corners
-    offsets = points[:, None] - corners
-    squared = np.einsum("nei,nei->ne", edges, edges)
-    along = np.einsum("nei,nei->ne", offsets, edges) / np.where(squared > 0, squared, 1.0)
-    to_edges = np.linalg.norm(offsets - np.clip(along, 0, 1)[..., None] * edges, axis=2).min(axis=1)
-    normal = np.cross(edges[:, 0], edges[:, 1])
-    length = np.linalg.norm(normal, axis=1)
-    above = (np.einsum("nei,ni->ne", np.cross(edges, offsets), normal) >= 0).all(axis=1) & (length > 0)
-    to_plane = np.abs(np.einsum("ni,ni->n", offsets[:, 0], normal)) / np.where(length > 0, length, 1.0)
-    return np.where(above, to_plane, to_edges)
+    place = np.ascontiguousarray(points.T)  # each coordinate in one piece: three times faster than rows
+    first, second, third = np.ascontiguousarray(corners.transpose(1, 2, 0))
+    normal = _cross(second - first, third - first)
+    squared = _dot(normal, normal)
+    above, to_edges = squared > 0, np.full(len(points), np.inf)
+    for start, stop in ((first, second), (second, third), (third, first)):
+        edge, offset = stop - start, place - start
+        length = _dot(edge, edge)
+        along = _dot(offset, edge) / np.where(length > 0, length, 1.0)
+        aside = offset - np.clip(along, 0, 1) * edge
+        to_edges = np.minimum(to_edges, _dot(aside, aside))
+        above &= _dot(_cross(edge, offset), normal) >= 0
+    to_plane = np.abs(_dot(place - first, normal)) / np.sqrt(np.where(squared > 0, squared, 1.0))
+    return np.where(above, to_plane, np.sqrt(to_edges))
+
+
+def _dot(u: Array, v: Array) -> Array:
+    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
+
+
+def _cross(u: Array, v: Array) -> Array:
+    return np.stack([u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]])
 
 
 def _rms(values: Array) -> float:

@@ -1,6 +1,7 @@
 """Where a search for the nearest surface point has to begin: a net over the surface that knows how coarse it is."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +10,7 @@ from scipy.spatial import cKDTree
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.different import different
+from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.superquadric import Superquadric
 from quadriform.shapes.threads import threads_for
 
@@ -33,8 +35,8 @@ class Net:
     Attributes:
         origins: (n, 3), before deformation.
         points: (n, 3), after.
-        around: (n, k), the vertices of the adjoining cells that face nearly the same way, padded with the vertex
-            itself: across an edge there may be a second minimum.
+        around: (k, n), for each the vertices of the adjoining cells that face nearly the same way, padded with the
+            vertex itself: across an edge there may be a second minimum.
         cell: (n,), the farthest that a surface point of its own cell can be.
         curvature: (n,), how strongly the surface bends within it, 1 / radius.
     """
@@ -50,15 +52,15 @@ class Net:
         """The net of a surface carried by a box."""
         origins, quads = superquadric.grid(RESOLUTION)
         points = box.deform(origins)
-        around = _neighbours(quads, len(points))
-        chords = points[around] - points[:, None]
-        lengths = np.linalg.norm(chords, axis=2)
-        normals = _vertex_normals(points, quads)
-        alike = np.einsum("nki,ni->nk", normals[around], normals) > SAME_FACE
-        sag = np.abs(np.einsum("nki,ni->nk", chords, normals))
-        bend = 2 * sag / np.maximum(lengths**2, 1e-300)
-        around = np.where(alike, around, np.arange(len(points))[:, None])
-        return cls(origins, points, around, 1.1 * lengths.max(axis=1) / 2, SAFETY * bend.max(axis=1))
+        around = _neighbours(superquadric.kind)
+        places, normals = np.ascontiguousarray(points.T), np.ascontiguousarray(_vertex_normals(points, quads).T)
+        chords = np.take(places, around, axis=1) - places[:, None]  # coordinate, neighbour, vertex
+        squared = np.einsum("ikn,ikn->kn", chords, chords)
+        sag = np.abs(np.einsum("ikn,in->kn", chords, normals))
+        alike = np.einsum("ikn,in->kn", np.take(normals, around, axis=1), normals) > SAME_FACE
+        bend = (2 * sag / np.maximum(squared, 1e-300)).max(axis=0)
+        around = np.where(alike, around, np.arange(len(points)))
+        return cls(origins, points, around, 1.1 * np.sqrt(squared.max(axis=0)) / 2, SAFETY * bend)
 
     @property
     def _slack(self) -> Array:
@@ -102,9 +104,9 @@ class Net:
         o, v = owner[several], vertex[several]
         own = np.linalg.norm(targets[o] - self.points[v], axis=1)
         lowest = np.ones(len(o), dtype=bool)
-        for k in range(self.around.shape[1]):
+        for neighbour in self.around:
             left = np.flatnonzero(lowest)
-            ring = np.linalg.norm(targets[o[left]] - self.points[self.around[v[left], k]], axis=1)
+            ring = np.linalg.norm(targets[o[left]] - self.points[neighbour[v[left]]], axis=1)
             lowest[left] = own[left] <= ring * (1 + 1e-12)
         kept = ~several
         kept[several] = lowest
@@ -115,14 +117,16 @@ class Net:
         return owner[thinned], vertex[thinned]
 
 
-def _neighbours(quads: Index, n: int) -> Index:
-    """For each of n vertices the other vertices of its cells, (n, k), padded with itself."""
+@lru_cache(maxsize=len(KINDS))
+def _neighbours(kind: str) -> Index:
+    """For each of n vertices the others of its cells, (k, n), padded with itself; alike for all surfaces of a kind."""
+    vertices, quads = KINDS[kind].grid(RESOLUTION, np.ones(2), 2.0, 2.0)
+    n = len(vertices)
     pairs = np.concatenate([quads[:, [i, j]] for i in range(4) for j in range(4) if i != j])
     one, other = np.divmod(different(pairs[:, 0] * n + pairs[:, 1]), n)
-    first = np.searchsorted(one, np.arange(n))
-    column = np.arange(len(one)) - first[one]
-    table = np.tile(np.arange(n)[:, None], (1, int(column.max()) + 1))
-    table[one, column] = other
+    place = np.arange(len(one)) - np.searchsorted(one, np.arange(n))[one]
+    table = np.tile(np.arange(n), (int(place.max()) + 1, 1))
+    table[place, one] = other
     return table
 
 

@@ -139,7 +139,8 @@ class Superquadric:
         d = self._shape.derivatives(q, self.exponents, self._hole)
         by_local = d.point / self.semi_axes
         turns = pose.euler_derivatives(pose.euler_from_rotation(self.rotation))
-        by_euler = np.einsum("nj,aij,ni->na", by_local, turns, world - self.translation)
+        moved = (world - self.translation) @ turns.transpose(1, 0, 2).reshape(3, 9)
+        by_euler = np.einsum("naj,nj->na", moved.reshape(-1, 3, 3), by_local)
         by_translation = -by_local @ self.rotation.T
         columns = [-q * by_local, d.exponents, by_euler, by_translation]
         if self.hole_radius is not None:
