@@ -14,7 +14,7 @@ from quadriform.errors import WarningKind, Warnings
 from quadriform.fitting.coarse_to_fine import Refined, Rounds
 from quadriform.fitting.normal_equations import NormalEquations
 from quadriform.points import Array
-from quadriform.shapes.certificate import determinant_rows, jacobian_bound, lattice_inside
+from quadriform.shapes.certificate import determinant_rows, jacobian_bound, lattice_inside, never_folds
 from quadriform.shapes.closest import closest_on
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.model import DeformableModel
@@ -154,8 +154,7 @@ def _at_rest(refined: Refined) -> Refined:
 
 def certified(box: ControlBox, surfaces: Mapping[str, Superquadric]) -> bool:
     """Whether the map provably does not fold inside the surfaces and no mesh of them crosses."""
-    model = DeformableModel(dict(surfaces), box)
-    return model.min_jacobian() > 0 and not model.crossings()
+    return never_folds(box, surfaces.values()) and not DeformableModel(dict(surfaces), box).crossings()
 
 
 def low_places(box: ControlBox, surfaces: Mapping[str, Superquadric]) -> Array:

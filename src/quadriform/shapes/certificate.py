@@ -25,6 +25,8 @@ BATCH = 32
 """So many of the worst leaves are split at once, or a quarter of all if that is more."""
 SLACK = 1e-9
 """Share of its size by which a surface counts as larger, so that rounding drops no leaf or point that touches it."""
+LOOSE = 0.5
+"""Tolerance where only the sign of the bound is asked for."""
 LATTICE = 25
 """Points along each axis among which `folds` looks."""
 
@@ -119,6 +121,11 @@ def jacobian_bound(
     return Bound(float(lower - rounding * (1 + rounds)), float(sampled), where)
 
 
+def never_folds(box: ControlBox, used: Iterable[Superquadric]) -> bool:
+    """Whether the determinant is provably positive all over the inside of surfaces."""
+    return jacobian_bound(box, used, tolerance=LOOSE).lower > 0
+
+
 def folds(box: ControlBox, used: Iterable[Superquadric]) -> Array:
     """Points (n, 3) before deformation, inside the surfaces, where the determinant is not positive.
 
@@ -127,7 +134,7 @@ def folds(box: ControlBox, used: Iterable[Superquadric]) -> Array:
         point met; that one alone may be positive, where the proof did not succeed.
     """
     surfaces = tuple(used)
-    bound = jacobian_bound(box, surfaces, tolerance=0.5)
+    bound = jacobian_bound(box, surfaces, tolerance=LOOSE)
     if bound.lower > 0:
         return np.empty((0, 3))
     points = lattice_inside(box, surfaces)
