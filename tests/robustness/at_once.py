@@ -13,7 +13,7 @@ import quadriform as qf
 
 
 def cloud(seed):
-    u = np.random.default_rng(seed).normal(size=(200, 3))
+    u = np.random.default_rng(seed).normal(size=(100, 3))
     u /= np.linalg.norm(u, axis=1, keepdims=True)
     return u * [3, 2, 4] + 0.1 * np.sin(3 * u[:, [1, 2, 0]])
 

@@ -89,7 +89,7 @@ def test_a_model_with_itself():
 
 
 def test_the_order_only_swaps():
-    a, b = deformed(), deformed(4)
+    a, b = deformed().mesh(16), deformed(4).mesh(16)
     assert surface_distances(a, b) == surface_distances(b, a)[::-1]
     assert dice(a, b) == dice(b, a)
 
@@ -104,7 +104,8 @@ def test_a_model_is_its_mesh_also_wound_the_other_way():
 
 
 def test_everything_grows_with_the_scale():
-    small, large = ([model.placed(scale, np.zeros(3)) for model in (deformed(), deformed(4))] for scale in (1, 1e-6))
+    models = deformed(), deformed(4)
+    small, large = ([model.placed(scale, np.zeros(3)).mesh(16) for model in models] for scale in (1, 1e-6))
     one, two = surface_distances(*small)[0], surface_distances(*large)[0]
     assert two.rms == pytest.approx(1e-6 * one.rms, rel=1e-6)
     assert dice(*large) == pytest.approx(dice(*small), abs=1e-4)
