@@ -89,7 +89,7 @@ def test_a_model_with_itself():
 
 
 def test_the_order_only_swaps():
-    a, b = deformed().mesh(16), deformed(4).mesh(16)
+    a, b = (deformed(seed).mesh(resolution=16) for seed in (3, 4))
     assert surface_distances(a, b) == surface_distances(b, a)[::-1]
     assert dice(a, b) == dice(b, a)
 
@@ -105,7 +105,7 @@ def test_a_model_is_its_mesh_also_wound_the_other_way():
 
 def test_everything_grows_with_the_scale():
     models = deformed(), deformed(4)
-    small, large = ([model.placed(scale, np.zeros(3)).mesh(16) for model in models] for scale in (1, 1e-6))
+    small, large = ([model.placed(scale, np.zeros(3)).mesh(resolution=16) for model in models] for scale in (1, 1e-6))
     one, two = surface_distances(*small)[0], surface_distances(*large)[0]
     assert two.rms == pytest.approx(1e-6 * one.rms, rel=1e-6)
     assert dice(*large) == pytest.approx(dice(*small), abs=1e-4)
