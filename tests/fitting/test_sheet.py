@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from shapes_made import even_directions, lumpy, made, turned
 
-from quadriform.fitting.correspondence import MODEL_RESOLUTION, match_facing, match_unclaimed
+from quadriform.fitting.correspondence import MODEL_RESOLUTION, Correspondence
 from quadriform.fitting.sheet import FacingCloud, Sheet
 from quadriform.fitting.tangent import data_rows
 from quadriform.points import Frame
@@ -82,6 +82,11 @@ def test_half_of_a_sphere_is_covered_only_with_its_base():
 PLATE = Superquadric("ellipsoid", (1.0, 1.0, 0.05), (1.0, 1.0), np.eye(3), (0.0, 0.0, 0.0))
 
 
+def facing(superquadric, cloud):
+    pairs = Correspondence.between(superquadric, cloud)
+    return pairs.facing(pairs.costs(ControlBox.around(superquadric)))
+
+
 def crossed_over(flatness):
     """Points just below the middle of a thin plate that face up."""
     points = np.column_stack([0.5 * even_directions(200)[:, :2], np.full(200, -0.02)])
@@ -89,24 +94,23 @@ def crossed_over(flatness):
 
 
 def test_a_point_belongs_to_the_side_that_faces_as_it_does():
-    box = ControlBox.around(PLATE)
-    assert (match_facing(PLATE, box, crossed_over(1.0))[:, 2] > 0).all()
+    assert (facing(PLATE, crossed_over(1.0))[:, 2] > 0).all()
 
 
 def test_a_normal_without_trust_does_not_count():
-    box = ControlBox.around(PLATE)
-    assert (match_facing(PLATE, box, crossed_over(0.0))[:, 2] < 0).all()
+    assert (facing(PLATE, crossed_over(0.0))[:, 2] < 0).all()
 
 
 def test_the_surface_that_nobody_claims_asks_for_data():
     """Upper half claimed: the lower half's model points choose data points below, near and facing alike."""
     cloud = FacingCloud(even_directions(600), even_directions(600), np.ones(600))
-    box = ControlBox.around(BALL)
     grid, _ = BALL.grid(MODEL_RESOLUTION)
-    origins, targets = match_unclaimed(BALL, box, cloud, grid[grid[:, 2] > 0])
+    pairs = Correspondence.between(BALL, cloud)
+    costs = pairs.costs(ControlBox.around(BALL))
+    origins, targets = pairs.unclaimed(costs, grid[grid[:, 2] > 0])
     assert len(origins) == (grid[:, 2] <= 0).sum()
     assert np.linalg.norm(origins - targets, axis=1).max() < 0.2
-    nobody, nothing = match_unclaimed(BALL, box, cloud, grid)
+    nobody, nothing = pairs.unclaimed(costs, grid)
     assert len(nobody) == len(nothing) == 0
 
 
@@ -138,5 +142,5 @@ def test_toroids_are_matched_too():
     ring = made("toroid", (1, 1))
     grid, _ = ring.grid(12)
     normals = ring.gradient(grid) / np.linalg.norm(ring.gradient(grid), axis=1, keepdims=True)
-    found = match_facing(ring, ControlBox.around(ring), FacingCloud(grid, normals, np.ones(len(grid))))
+    found = facing(ring, FacingCloud(grid, normals, np.ones(len(grid))))
     assert np.linalg.norm(found - grid, axis=1).max() < 0.15 * np.linalg.norm(np.ptp(grid, axis=0))

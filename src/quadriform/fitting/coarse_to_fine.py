@@ -6,13 +6,13 @@ from typing import Protocol
 
 import numpy as np
 
-from quadriform.fitting.correspondence import MODEL_RESOLUTION, match_facing, match_unclaimed
+from quadriform.fitting.correspondence import Correspondence
 from quadriform.fitting.evidence import Solution
 from quadriform.fitting.neighbourhood import nearest
 from quadriform.fitting.normal_equations import NormalEquations
 from quadriform.fitting.outcome import Iteration, Progress
 from quadriform.fitting.regularity import Regulariser
-from quadriform.fitting.sheet import FacingCloud, Few, Sheet
+from quadriform.fitting.sheet import Few, Sheet
 from quadriform.fitting.tangent import Pull, evidence_of, independent_of, moved, record
 from quadriform.points import Array
 from quadriform.shapes.closest import closest_on, settle
@@ -79,6 +79,7 @@ class Rounds:
 
     Args:
         box: undeformed, around the outermost surface, with the wanted number of control points.
+        probes: (n, 3) points of all surfaces before deformation, to tell their motion by.
         regularity: name or object.
         strength: alpha per data point; None for the evidence's.
         robust: whether strangers are told from inliers.
@@ -88,13 +89,14 @@ class Rounds:
     def __init__(
         self,
         box: ControlBox,
+        probes: Array,
         regularity: str | Regulariser = "bending",
         strength: float | None = None,
         robust: bool = True,
         progress: Progress | None = None,
     ) -> None:
         self.target, self.regularity, self.strength, self.robust = box, regularity, strength, robust
-        self.progress = progress or (lambda done, total: None)
+        self.probes, self.progress = probes, progress or (lambda done, total: None)
         self.history: list[Iteration] = []
         self.near: Solution | None = None
         self.share = 1.0
@@ -126,8 +128,9 @@ class Rounds:
 
     def _stage(self, box: ControlBox, few: Few) -> tuple[ControlBox, Solution]:
         self.near = None
+        pairs = [Correspondence.between(sheet.superquadric, cloud) for sheet, cloud in zip(few.sheets, few.clouds)]
         for _ in range(COARSE_ROUNDS):
-            pulls = [self._match(box, *each) for each in zip(few.sheets, few.clouds, few.covered)]
+            pulls = [self._match(box, *each) for each in zip(few.sheets, pairs, few.covered)]
             box, solution = self._step(box, few.sheets, pulls)
             if self.history[-1].surface_motion < COARSE_REST * solution.noise:
                 break
@@ -200,20 +203,19 @@ class Rounds:
         while total(after) > before and share > SMALLEST_STEP:
             share /= 2
             after = box.with_control_points(box.control_points + share * (whole.control_points - box.control_points))
-        self._note(box, after, sheets, solution)
+        self._note(box, after, solution)
         return replace(refined, box=after, solution=solution, history=tuple(self.history))
 
-    def _match(self, box: ControlBox, sheet: Sheet, cloud: FacingCloud, covered: bool) -> Pull | None:
-        matched = match_facing(sheet.superquadric, box, cloud)
-        sheet.origins = settle(sheet.superquadric, box, sheet.points, matched, SLIDES)
+    def _match(self, box: ControlBox, sheet: Sheet, pairs: Correspondence, covered: bool) -> Pull | None:
+        costs = pairs.costs(box)
+        sheet.origins = settle(sheet.superquadric, box, sheet.points, pairs.facing(costs), SLIDES)
         if not covered:
             return None
-        origins, targets = match_unclaimed(sheet.superquadric, box, cloud, sheet.origins)
+        origins, targets = pairs.unclaimed(costs, sheet.origins)
         wanted = ~sheet.missing(box.deform(origins)) if len(origins) else np.zeros(0, dtype=bool)
         if not wanted.any():
             return None
-        weight = float(sheet.weights.sum()) / len(sheet.superquadric.grid(MODEL_RESOLUTION)[0])
-        return Pull(origins[wanted], targets[wanted], weight)
+        return Pull(origins[wanted], targets[wanted], float(sheet.weights.sum()) / len(pairs.origins))
 
     def _slide(self, box: ControlBox, sheets: Sequence[Sheet]) -> None:
         for sheet in sheets:
@@ -237,12 +239,11 @@ class Rounds:
             solution = evidence.best() if self.near is None else evidence.after(self.near)
         self.near = solution
         after = moved(box, solution)
-        self._note(box, after, sheets, solution)
+        self._note(box, after, solution)
         return after, solution
 
-    def _note(self, box: ControlBox, after: ControlBox, sheets: Sequence[Sheet], solution: Solution) -> None:
-        probes = np.concatenate([sheet.superquadric.grid(8)[0] for sheet in sheets])
-        self.history.append(record(box, after, probes, solution.noise))
+    def _note(self, box: ControlBox, after: ControlBox, solution: Solution) -> None:
+        self.history.append(record(box, after, self.probes, solution.noise))
         self.progress(len(self.history), COARSE_ROUNDS * len(self.ladder) + FINE_ROUNDS)
 
 

@@ -1,5 +1,7 @@
 """Where on the surface a data point belongs when sliding would not find it: near, and facing the same way."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -14,47 +16,57 @@ FACING = 0.4
 MODEL_RESOLUTION = 14
 
 
-def match_facing(superquadric: Superquadric, box: ControlBox, cloud: FacingCloud) -> Array:
-    """For each data point the origin (n, 3) of the best of the model points."""
-    origins, _ = superquadric.grid(MODEL_RESOLUTION)
-    best: Array = origins[_cost(superquadric, box, cloud, origins).argmin(axis=1)]
-    return best
+@dataclass(frozen=True)
+class Correspondence:
+    """A cloud and the model points of a surface, for pairs of them to be sought anew in each round.
 
-
-def match_unclaimed(
-    superquadric: Superquadric, box: ControlBox, cloud: FacingCloud, claimed: Array
-) -> tuple[Array, Array]:
-    """Model points that no data point chose, and the data point that each would choose: matching the other way.
-
-    Without it a part of the surface that the data has left behind hangs in empty space.
-
-    Args:
+    Attributes:
         superquadric: of the surface.
-        box: that carries it.
-        cloud: the data.
-        claimed: (n, 3) origins that data points chose.
-
-    Returns:
-        Origins (m, 3) of the unclaimed model points and the data points (m, 3) they are drawn to.
+        cloud: n data points.
+        origins: (m, 3) model points before deformation.
+        tree: of the origins.
     """
-    origins, _ = superquadric.grid(MODEL_RESOLUTION)
-    free = np.ones(len(origins), dtype=bool)
-    free[cKDTree(origins).query(claimed)[1]] = False
-    origins = origins[free]
-    if not len(origins):
-        return origins, origins
-    return origins, cloud.points[_cost(superquadric, box, cloud, origins).argmin(axis=0)]
 
+    superquadric: Superquadric
+    cloud: FacingCloud
+    origins: Array
+    tree: cKDTree
 
-def _cost(superquadric: Superquadric, box: ControlBox, cloud: FacingCloud, origins: Array) -> Array:
-    """Cost (n, m) of bringing each data point and each model point together: |x - y|^2 + FACING^2 trust (1 - cos).
+    @classmethod
+    def between(cls, superquadric: Superquadric, cloud: FacingCloud) -> "Correspondence":
+        """Of the cloud and an even grid of the surface."""
+        origins, _ = superquadric.grid(MODEL_RESOLUTION)
+        return cls(superquadric, cloud, origins, cKDTree(origins))
 
-    One product of matrices: few points against few are done before a tree of them stands.
-    """
-    model, normals = surface_points(superquadric, box, origins)
-    trust = FACING**2 * cloud.flatness
-    by_data = np.concatenate([-2 * cloud.points, -trust[:, None] * cloud.normals], axis=1)
-    cost: Array = by_data @ np.concatenate([model, normals], axis=1).T
-    cost += ((cloud.points**2).sum(axis=1) + trust)[:, None]
-    cost += (model**2).sum(axis=1)
-    return cost
+    def costs(self, box: ControlBox) -> Array:
+        """Cost (n, m) of bringing each data point and each model point together: |x - y|^2 + FACING^2 trust (1 - cos).
+
+        One product of matrices: few points against few are done before a tree of them stands.
+        """
+        model, normals = surface_points(self.superquadric, box, self.origins)
+        trust = FACING**2 * self.cloud.flatness
+        by_data = np.concatenate([-2 * self.cloud.points, -trust[:, None] * self.cloud.normals], axis=1)
+        costs: Array = by_data @ np.concatenate([model, normals], axis=1).T
+        costs += ((self.cloud.points**2).sum(axis=1) + trust)[:, None]
+        costs += (model**2).sum(axis=1)
+        return costs
+
+    def facing(self, costs: Array) -> Array:
+        """For each data point the origin (n, 3) of the best of the model points."""
+        return self.origins[costs.argmin(axis=1)]
+
+    def unclaimed(self, costs: Array, claimed: Array) -> tuple[Array, Array]:
+        """Model points that no data point chose, and the data point that each would choose: matching the other way.
+
+        Without it a part of the surface that the data has left behind hangs in empty space.
+
+        Args:
+            costs: (n, m).
+            claimed: (n, 3) origins that data points chose.
+
+        Returns:
+            Origins (k, 3) of the unclaimed model points and the data points (k, 3) they are drawn to.
+        """
+        free = np.ones(len(self.origins), dtype=bool)
+        free[self.tree.query(claimed)[1]] = False
+        return self.origins[free], self.cloud.points[costs[:, free].argmin(axis=0)]

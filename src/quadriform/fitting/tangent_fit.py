@@ -27,6 +27,8 @@ from quadriform.shapes.superquadric import Superquadric
 AUTO_SIDES = (3, 5, 7)
 MORE = 2
 """Control points a side that the finer box of the uncertainty has besides: the next step of the ladder 3, 5, 7."""
+PROBES = 8
+"""Resolution of the points by which a round's motion of the surfaces is told."""
 VAGUE = 1e12
 """Condition above which less than four digits of the control points are sure."""
 HalfSpace = tuple[Array, Array]
@@ -101,7 +103,8 @@ class _Task:
         """Fresh rounds in the box around the surfaces."""
         strength = check_strength(self.options.strength)
         box = common_box(surfaces, shape)
-        return Rounds(box, self.options.regularity, strength, self.options.robust, self.progress)
+        probes = np.concatenate([surfaces[name].grid(PROBES)[0] for name in self.clouds])
+        return Rounds(box, probes, self.options.regularity, strength, self.options.robust, self.progress)
 
 
 def fit_tangent(

@@ -74,7 +74,7 @@ class Floor:
         return replace(self, places=np.concatenate([self.places, places]))
 
     def _determinants(self, box: ControlBox) -> Array:
-        return np.linalg.det(box.jacobian(self.places))
+        return box.stretch(self.places)
 
 
 def fair_price(refined: Refined) -> float:
@@ -161,7 +161,7 @@ def low_places(box: ControlBox, surfaces: Mapping[str, Superquadric]) -> Array:
     """More places to be watched: low ones of finer lattices, and some around the lowest that the proof met."""
     inside = [lattice_inside(box, list(surfaces.values()), FINE_LATTICE)]
     fine = np.concatenate([*inside, *(surface.grid(FINE_GRID)[0] for surface in surfaces.values())])
-    low = fine[np.linalg.det(box.jacobian(fine)) < NEAR_FLOOR]
+    low = fine[box.stretch(fine) < NEAR_FLOOR]
     steps = np.linspace(-1, 1, 5) / FINE_LATTICE
     cluster = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3) @ box.edges
     return np.concatenate([jacobian_bound(box, surfaces.values()).where + cluster, low])

@@ -88,8 +88,7 @@ class Wall:
         columns = []
         for depth, weight in zip(NODES, WEIGHTS):
             reach = self.start + depth * span
-            stretch = np.linalg.det(box.jacobian(self.at(depth)))
-            columns.append(self.cells * reach**2 * span * weight * stretch)
+            columns.append(self.cells * reach**2 * span * weight * box.stretch(self.at(depth)))
         return np.where(self.crossing[:, None], 0.0, np.stack(columns, axis=1))
 
 

@@ -118,6 +118,11 @@ class ControlBox:
         _kernel.jacobian(self.compiled(), given, result, threads_for(len(given)))
         return result
 
+    def stretch(self, points: ArrayLike) -> Array:
+        """Determinant of `jacobian` at world points (n, 3), (n,): how much space grows; negative where it folds."""
+        a, b, c = np.ascontiguousarray(self.jacobian(points).transpose(1, 2, 0))
+        return (a * np.cross(b, c, axis=0)).sum(axis=0)
+
     def compiled(self) -> _kernel.Box:
         """The box as the compiled loops take it."""
         return _kernel.Box(self.origin, self._local_by_point, self.control_points)

@@ -26,15 +26,10 @@ def euler_from_rotation(rotation: Array) -> Array:
     return np.array([first, second, third])
 
 
-def euler_derivatives(angles: Array) -> Array:
-    """Derivatives of the rotation matrix by each Euler angle, (3 angles, 3, 3)."""
-    turns = [Rotation.from_euler(axis, angle).as_matrix() for axis, angle in zip("xyz", angles)]
-    result = np.empty((3, 3, 3))
-    for k in range(3):
-        spin = np.cross(np.eye(3)[k], np.eye(3)).T  # generator of turns about axis k
-        parts = [turn @ spin if axis == k else turn for axis, turn in enumerate(turns)]
-        result[k] = parts[0] @ parts[1] @ parts[2]
-    return result
+def euler_axes(rotation: Array) -> Array:
+    """World axes (3 angles, 3) about which the three Euler angles of a rotation turn: dR / d angle = axis x R."""
+    first, _, _ = euler_from_rotation(rotation)
+    return np.array([[1, 0, 0], [0, np.cos(first), np.sin(first)], rotation[:, 2]])
 
 
 def to_local(points_world: Array, rotation: Array, translation: Array) -> Array:

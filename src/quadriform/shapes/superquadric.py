@@ -16,6 +16,8 @@ from quadriform.shapes.superellipse import quiet
 
 EXPONENTS = (0.01, 2.0)
 """The range of both exponents: nearly a box, to flat bevels."""
+ORTHOGONAL = 1e-9
+"""Largest error of the products of a rotation's columns."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,8 @@ class Superquadric:
             raise OptionError(f"semi_axes: expected lengths above 0, found {self.semi_axes.tolist()}")
         if (self.exponents < EXPONENTS[0]).any() or (self.exponents > EXPONENTS[1]).any():
             raise OptionError(f"exponents: expected numbers in {EXPONENTS}, found {self.exponents.tolist()}")
-        if not np.allclose(self.rotation @ self.rotation.T, np.eye(3), atol=1e-9) or np.linalg.det(self.rotation) < 0:
+        skewness = np.abs(self.rotation @ self.rotation.T - np.eye(3)).max()
+        if skewness > ORTHOGONAL or np.linalg.det(self.rotation) < 0:
             raise OptionError("rotation: expected an orthogonal matrix with determinant +1")
         hole, height = self.hole_radius, self.height
         if (hole is not None) != (self.kind == "toroid") or (hole is not None and not 1 < hole < np.inf):
@@ -138,11 +141,9 @@ class Superquadric:
         q = self._scaled(world)
         d = self._shape.derivatives(q, self.exponents, self._hole)
         by_local = d.point / self.semi_axes
-        turns = pose.euler_derivatives(pose.euler_from_rotation(self.rotation))
-        moved = (world - self.translation) @ turns.transpose(1, 0, 2).reshape(3, 9)
-        by_euler = np.einsum("naj,nj->na", moved.reshape(-1, 3, 3), by_local)
-        by_translation = -by_local @ self.rotation.T
-        columns = [-q * by_local, d.exponents, by_euler, by_translation]
+        by_world = by_local @ self.rotation.T
+        by_turn = np.cross(by_world, world - self.translation)  # of a turn w: dF = (by_world x arm) . w
+        columns = [-q * by_local, d.exponents, by_turn @ pose.euler_axes(self.rotation).T, -by_world]
         if self.hole_radius is not None:
             columns.append(d.hole[:, None])
         return d.value, np.concatenate(columns, axis=1)
