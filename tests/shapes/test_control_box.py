@@ -106,9 +106,8 @@ def test_jacobian(shape):
     np.testing.assert_allclose(box.jacobian(points), np.stack(wanted, axis=2), atol=1e-8)
 
 
-@pytest.mark.parametrize("shape", SHAPES)
-def test_space_grows_by_the_determinant(shape):
-    box, points = bulged(shape, size=2.0)
+def test_space_grows_by_the_determinant():
+    box, points = bulged(size=2.0)
     wanted = np.linalg.det(box.jacobian(points))
     assert wanted.min() < 0 < wanted.max()
     np.testing.assert_allclose(box.stretch(points), wanted, rtol=1e-12, atol=1e-12)
