@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from shapes_made import even_directions, lumpy, made, turned, two_walls
+from shapes_made import even_directions, gap, lumpy, made, turned, two_walls
 
 import quadriform as qf
 from quadriform.heart.wall import Wall
@@ -79,6 +79,19 @@ def test_the_order_of_points_does_not_matter(plain, rng):
     assert_same_surface(found, fit, lambda points: points, tolerance)
     np.testing.assert_allclose(found.residuals, fit.residuals[order], atol=1e-6 * Frame.of(CLOUD).scale)
     np.testing.assert_allclose(found.inliers, fit.inliers[order], atol=1e-4)
+
+
+@pytest.mark.parametrize("exponents", [(1.9, 1.0), (2.0, 1.0)])
+def test_a_shape_with_edges_moves_with_its_points_too(exponents, rng):
+    """M1 and M3. Old bug: rounding chose to which side model points on an edge face, and fits were 0.1 radii apart."""
+    points = qf.Superquadric(semi_axes=(30, 20, 15), exponents=exponents).surface(even_directions(200))
+    points = points + 3 * np.sin(points[:, [1, 2, 0]] / 9) + 0.5 * rng.normal(size=points.shape)
+    plain = qf.fit(points, box=(3, 3, 3))
+    assert plain.model.superquadric().exponents.max() > 1.5
+    assert gap(plain.model, qf.fit(rng.permutation(points), box=(3, 3, 3)).model) < 1e-7
+    found = qf.fit(points @ TURN.T, box=(3, 3, 3))
+    vertices = plain.model.mesh(resolution=8).vertices @ TURN.T
+    assert np.abs(found.model.distance(vertices)).max() < 1e-7 * Frame.of(vertices).scale
 
 
 def test_a_weight_counts_copies_and_zero_is_absent(rng):

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial import cKDTree
 from shapes_made import SKEW, made, turned
 
-from quadriform.shapes.closest import closest_on, settle
+from quadriform.shapes.closest import closest_on, settle, surface_points
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superquadric import Superquadric
 
@@ -168,3 +168,20 @@ def test_settle_never_leads_away_and_few_slides_come_near(rng):
     assert (few <= before + 1e-12).all()
     assert np.quantile(few - rest, 0.99) < 1e-4
     np.testing.assert_array_equal(settle(surface, box, targets, origins, 0), origins)
+
+
+@pytest.mark.parametrize("exponents", [(1.9, 1.0), (1.0, 1.9), (1.95, 1.95)])
+def test_rounding_chooses_no_side_of_an_edge(exponents, rng):
+    """Grid points stand on the edges; their normals halve the angle between both sides, wherever the surface lies."""
+    plain = Superquadric(semi_axes=(3.0, 2.0, 4.0), exponents=exponents)
+    grid, _ = plain.grid(8)
+    _, wanted = surface_points(plain, ControlBox.around(plain), grid)
+    assert np.abs(wanted[np.abs(grid) < 1e-12]).max() < 1e-12
+    for seed in range(5):
+        rotation, translation = turned(seed), rng.normal(size=3)
+        placed = Superquadric("ellipsoid", plain.semi_axes, exponents, rotation, translation)
+        points = grid @ rotation.T + translation
+        _, normals = surface_points(placed, ControlBox.around(placed), points)
+        np.testing.assert_allclose(normals, wanted @ rotation.T, atol=1e-9)
+        gradient = placed.gradient(points)
+        np.testing.assert_allclose(gradient, plain.gradient(grid) @ rotation.T, atol=1e-9)

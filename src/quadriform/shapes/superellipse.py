@@ -6,6 +6,8 @@ from quadriform.points import Array
 
 TINY = 1e-300
 """Stands for zero under a logarithm."""
+EDGE = 1e-12
+"""Of the norm: nearer to zero than this a coordinate is zero but for rounding, which must not choose a side of an edge."""
 quiet = np.errstate(under="ignore")
 """A share that vanishes is right as zero, also for callers who let NumPy raise."""
 
@@ -45,9 +47,9 @@ def norm_derivatives(u: Array, v: Array, exponent: float) -> tuple[Array, Array,
     small = ratio * large
     p, q = np.where(gap > 0, large, small), np.where(gap > 0, small, large)
     entropy = excess + np.abs(gap) * small
-    return n, _quotient(n * p, u), _quotient(n * q, v), n * entropy / 2
+    return n, _slope(n, p, u), _slope(n, q, v), n * entropy / 2
 
 
-def _quotient(share: Array, u: Array) -> Array:
-    """share / u, zero where u is zero: a norm has no slope to either side there."""
-    return np.divide(share, u, out=np.zeros_like(share), where=u != 0)
+def _slope(n: Array, share: Array, u: Array) -> Array:
+    """Of the norm by u, whose share of the norm it is; at u = 0, where it may have an edge, none to either side."""
+    return np.divide(n * share, u, out=np.zeros_like(share), where=np.abs(u) > EDGE * n)

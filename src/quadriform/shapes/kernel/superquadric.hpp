@@ -9,14 +9,17 @@ namespace quadriform {
 enum class Kind { ellipsoid, toroid, hyperboloid1, hyperboloid2 };
 
 constexpr double TINY = 1e-300, WAIST = 1e-50;
+constexpr double EDGE = 1e-12; // of the norm: nearer to zero than this a coordinate is zero but for rounding
 
 // The superellipse's norm of (u, v) and its derivatives by u, v and the exponent.
 struct Norm {
     Lane value, by_u, by_v, by_exponent;
 };
 
-INLINED Lane quotient(Lane share, Lane u) {
-    return u != 0 ? share / (u != 0 ? u : constant(1)) : Lane{};
+// Of the norm by u, whose share of the norm it is; at u = 0, where it may have an edge, there is no slope to either side.
+INLINED Lane slope(Lane value, Lane share, Lane u) {
+    const auto aside = size(u) > EDGE * value;
+    return aside ? value * share / (aside ? u : constant(1)) : Lane{};
 }
 
 INLINED Norm norm(Lane u, Lane v, double exponent) { // P10
@@ -29,7 +32,7 @@ INLINED Norm norm(Lane u, Lane v, double exponent) { // P10
     const Lane excess = logarithm(1 + ratio), value = larger * exponential(excess / k);
     const Lane large = 1 / (1 + ratio), small = ratio * large;
     const Lane p = u_leads ? large : small, q = u_leads ? small : large;
-    return {value, quotient(value * p, u), quotient(value * q, v), value * (excess - gap * small) / 2};
+    return {value, slope(value, p, u), slope(value, q, v), value * (excess - gap * small) / 2};
 }
 
 struct Slopes {
