@@ -7,7 +7,7 @@ from quadriform.points import Array
 TINY = 1e-300
 """Stands for zero under a logarithm."""
 EDGE = 1e-12
-"""Of the norm: nearer to zero than this a coordinate is zero but for rounding, which must not choose a side of an edge."""
+"""Of the norm: nearer to zero than this a coordinate is zero but for rounding, which must choose no side of an edge."""
 quiet = np.errstate(under="ignore")
 """A share that vanishes is right as zero, also for callers who let NumPy raise."""
 
