@@ -16,7 +16,7 @@ struct Norm {
     Lane value, by_u, by_v, by_exponent;
 };
 
-// Of the norm by u, whose share of the norm it is; at u = 0, where it may have an edge, there is no slope to either side.
+// Of the norm by u, whose share of the norm it is; at u = 0, where it may have an edge, none to either side.
 INLINED Lane slope(Lane value, Lane share, Lane u) {
     const auto aside = size(u) > EDGE * value;
     return aside ? value * share / (aside ? u : constant(1)) : Lane{};
