@@ -54,7 +54,7 @@ def rows(folder: Path) -> Iterator[tuple]:
 
 
 def orders(folder: Path, count: int = 8) -> None:
-    """The cup from the same points in other orders: rounding sends its search another way."""
+    """The cup from the same points in other orders, by which rounding must not send its search another way."""
     from metrics import evaluate
 
     data = np.load(folder / "cup.npz")
