@@ -66,7 +66,7 @@ def orders(folder: Path, count: int = 8) -> None:
                 points = np.random.default_rng(seed).permutation(data[key])
                 mesh = qf.fit(points, box=(7, 7, 7)).model.mesh(resolution=64)
                 found.append(float(evaluate(mesh.vertices, mesh.faces, data)["rms"]))
-            yield f"cup {key}", *(f"{share(found):.3f}" for share in (min, np.median, max)), RIVALS["cup", key]
+            yield f"cup {key}", *(f"{which(found):.3f}" for which in (min, np.median, max)), RIVALS["cup", key]
 
     print(f"\n## The cup, RMS over {count} orders of the same points\n")
     table(("cloud", "least", "median", "most", "best rival"), cells())

@@ -83,7 +83,7 @@ def test_the_order_of_points_does_not_matter(plain, rng):
 
 @pytest.mark.parametrize("exponents", [(1.9, 1.0), (2.0, 1.0)])
 def test_a_shape_with_edges_moves_with_its_points_too(exponents, rng):
-    """M1 and M3. Old bug: rounding chose to which side model points on an edge face, and fits were 0.1 radii apart."""
+    """M1 and M3. Old bug: rounding chose to which side model points on an edge face, and fits were far apart."""
     points = qf.Superquadric(semi_axes=(30, 20, 15), exponents=exponents).surface(even_directions(200))
     points = points + 3 * np.sin(points[:, [1, 2, 0]] / 9) + 0.5 * rng.normal(size=points.shape)
     plain = qf.fit(points, box=(3, 3, 3))

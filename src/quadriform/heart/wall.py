@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from quadriform.errors import OptionError
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
-from quadriform.shapes.directions import Faces, sphere_grid
+from quadriform.shapes.directions import Faces, solid_angles, sphere_grid
 from quadriform.shapes.superquadric import Superquadric
 from quadriform.shapes.wall import exits
 
@@ -62,7 +62,7 @@ class Wall:
                 "endocardium inside; are the names swapped?"
             )
         stop = exits(epi, endo.translation, rays)
-        cells = np.prod(endo.semi_axes) * _solid_angles(directions, quads)
+        cells = np.prod(endo.semi_axes) * _around(directions, quads)
         outer = endo.translation + stop[:, None] * rays
         normals = np.stack([_unit(endo.gradient(inner)), _unit(epi.gradient(outer))])
         return cls(endo.translation, rays, start, stop, cells, normals, quads, crossing)
@@ -92,16 +92,11 @@ class Wall:
         return np.where(self.crossing[:, None], 0.0, np.stack(columns, axis=1))
 
 
-def _solid_angles(directions: Array, quads: Faces) -> Array:
-    """Solid angle (n,) around each direction: a quarter of each quad it is a corner of.
-
-    Van Oosterom and Strackee, The solid angle of a plane triangle, IEEE Trans Biomed Eng 1983; 30: 125-126.
-    """
+def _around(directions: Array, quads: Faces) -> Array:
+    """Solid angle (n,) around each direction: a quarter of each quad it is a corner of."""
     angle = np.zeros(len(directions))
     for corners in ((0, 1, 2), (0, 2, 3)):
-        a, b, c = (directions[quads[:, k]] for k in corners)
-        dots = [np.einsum("ij,ij->i", p, q) for p, q in ((a, b), (b, c), (c, a))]
-        triangle = 2 * np.arctan2(np.einsum("ij,ij->i", a, np.cross(b, c)), 1 + sum(dots))
+        triangle = solid_angles(*(directions[quads[:, k]] for k in corners))
         np.add.at(angle, quads, triangle[:, None] / 4)
     return angle
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from quadriform.points import Array
 from quadriform.shapes.different import different
+from quadriform.shapes.directions import solid_angles
 from quadriform.shapes.mesh import Mesh
 
 CELL = 1.5
@@ -19,7 +20,7 @@ CELL = 1.5
 FILLED = 1e-6
 """Solid angle by which a view that is filled once may be off; filled twice it is off by 4 pi."""
 LEAST = 1e-12
-"""Determinant of three unit directions above which rounding does not change their sense."""
+"""Solid angle of a triangle above which rounding does not change its sign."""
 BLOCK = 200_000
 """Pairs of triangles tested at once."""
 
@@ -62,17 +63,12 @@ def crossings(mesh: Mesh, other: Mesh | None = None) -> Array:
 def _seen_whole(mesh: Mesh) -> bool:
     """Whether rays from the middle of a closed mesh meet it once each: most do, and none of these crosses itself.
 
-    Every triangle turns its inside to the middle, and all together fill the view once, by their solid angles (van
-    Oosterom and Strackee, IEEE Transactions on Biomedical Engineering 1983; 30: 125-126).
+    Every triangle turns its inside to the middle, and all together fill the view once.
     """
     rays = mesh.vertices - mesh.vertices.mean(axis=0)
     rays /= np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), 1e-300)
-    a, b, c = (np.take(rays.T.copy(), corner, axis=1) for corner in mesh.faces.T.copy())
-    volume = (a * np.cross(b, c, axis=0)).sum(axis=0)
-    if not (volume > LEAST).all():
-        return False
-    view = 2 * np.arctan2(volume, 1 + (a * b + b * c + c * a).sum(axis=0)).sum()
-    return bool(abs(view - 4 * np.pi) < FILLED) and mesh.is_closed()
+    views = solid_angles(*(rays[corner] for corner in mesh.faces.T))
+    return bool((views > LEAST).all() and abs(views.sum() - 4 * np.pi) < FILLED) and mesh.is_closed()
 
 
 def _together(mesh: Mesh, other: Mesh | None) -> tuple[Array, Index, NDArray[np.bool_]]:

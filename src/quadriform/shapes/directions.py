@@ -23,6 +23,15 @@ def split_quads(quads: Faces, vertices: Array) -> Faces:
     return np.where(first[:, None], with_ac, with_bd).reshape(-1, 3)
 
 
+def solid_angles(a: Array, b: Array, c: Array) -> Array:
+    """Signed solid angles (m,) of triangles whose corners lie in unit directions (m, 3): positive counter-clockwise.
+
+    Van Oosterom and Strackee, The solid angle of a plane triangle, IEEE Trans Biomed Eng 1983; 30: 125-126.
+    """
+    dots = [np.einsum("ij,ij->i", p, q) for p, q in ((a, b), (b, c), (c, a))]
+    return 2 * np.arctan2(np.einsum("ij,ij->i", a, np.cross(b, c)), 1 + sum(dots))
+
+
 @lru_cache(maxsize=16)
 def sphere_grid(resolution: int) -> tuple[Array, Faces]:
     """Unit directions and the quads between them.
