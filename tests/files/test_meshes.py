@@ -5,6 +5,7 @@ import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 import pytest
+import trimesh
 
 from quadriform.errors import FileFormatError, FileLimitError, OptionError, OutputError, PointsError
 from quadriform.files.meshes import MESH_SUFFIXES, encode_mesh, read_marks, read_mesh, write_mesh
@@ -174,13 +175,26 @@ def test_seams_of_a_texture_split_no_vertices(tmp_path):
     assert read_mesh(tmp_path / "m.ply").vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
 
 
-@pytest.mark.parametrize("suffix", [".ply", ".stl"])
-def test_single_precision_far_from_the_origin_is_refused(tmp_path, mesh, suffix):
+def test_single_precision_far_from_the_origin_is_refused(tmp_path, mesh):
     far = Mesh(mesh.vertices + 1e8, mesh.faces)
     with pytest.raises(OutputError, match="single precision"):
-        write_mesh(far, tmp_path / f"m{suffix}")
+        write_mesh(far, tmp_path / "m.stl")
     assert not list(tmp_path.iterdir())
     write_mesh(far, tmp_path / "m.vtp")
+
+
+@pytest.mark.parametrize(("offset", "number"), [(0, "float"), (5e6, "double"), (1e8, "double"), (1e300, "double")])
+def test_a_ply_has_double_precision_where_single_would_spoil_it(tmp_path, mesh, offset, number):
+    far = Mesh(mesh.vertices * max(1, offset / 1e290) + offset, mesh.faces)
+    write_mesh(far, tmp_path / "m.ply", "LPS", "mm")
+    header = (tmp_path / "m.ply").read_bytes().partition(b"end_header")[0].decode()
+    assert f"property {number} x" in header
+    back = read_mesh(tmp_path / "m.ply")
+    assert np.array_equal(back.faces, far.faces)
+    if number == "double":
+        assert np.array_equal(back.vertices, far.vertices)
+    independent = trimesh.load(tmp_path / "m.ply", process=False)
+    assert np.array_equal(independent.vertices, back.vertices) and np.array_equal(independent.faces, far.faces)
 
 
 def test_unknown_suffix_frame_and_unit(tmp_path, mesh):

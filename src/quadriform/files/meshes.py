@@ -33,8 +33,9 @@ def write_mesh(
 ) -> None:
     """Write a mesh as .ply, .stl, .obj or .vtp, all or nothing.
 
-    The comment (.ply, .obj), the header (.stl) or the field data (.vtp) carries `SPACE=` and `UNIT=`. PLY and STL
-    hold single precision, OBJ nine digits of the extent, VTP the very same numbers.
+    The comment (.ply, .obj), the header (.stl) or the field data (.vtp) carries `SPACE=` and `UNIT=`. STL
+    holds single precision, PLY too unless that would move vertices by more than 1e-5 of the extent (then double
+    precision), OBJ nine digits of the extent, VTP the very same numbers.
 
     Args:
         mesh: the triangles.
@@ -45,7 +46,7 @@ def write_mesh(
 
     Raises:
         FileFormatError: another suffix.
-        OutputError: the target cannot be written, or single precision would spoil the mesh.
+        OutputError: the target cannot be written, or single precision would spoil an STL.
     """
     suffix = suffix_of(path, MESH_SUFFIXES, "a mesh")
     write_bytes(path, encode_mesh(mesh, suffix, space, unit), force)
@@ -56,7 +57,7 @@ def encode_mesh(mesh: Mesh, suffix: str, space: str, unit: str) -> bytes:
 
     Raises:
         OptionError: a frame or unit that no file can carry.
-        OutputError: single precision would spoil the mesh.
+        OutputError: single precision would spoil an STL.
     """
     check_marks(space, unit)
     if suffix == ".vtp":
@@ -64,14 +65,36 @@ def encode_mesh(mesh: Mesh, suffix: str, space: str, unit: str) -> bytes:
     note = f"SPACE={space} UNIT={unit}"
     if suffix == ".obj":
         return _encode_obj(mesh, note)
-    _check_single_precision(mesh, suffix)
-    if suffix == ".stl":
-        content: bytes = _to_trimesh(mesh).export(file_type="stl")
-        return note.encode().ljust(80) + content[80:]
-    content = _to_trimesh(mesh).export(file_type="ply")
-    first, second, rest = content.split(b"\n", 2)
-    rest = re.sub(rb"^comment [^\n]*\n", b"", rest, count=1)
-    return b"\n".join([first, second, b"comment " + note.encode(), rest])
+    moved = _moved_by_single_precision(mesh)
+    fits_single = bool(moved <= SINGLE * np.ptp(mesh.vertices, axis=0).max())
+    if suffix == ".ply":
+        return _encode_ply(mesh, note, fits_single)
+    if not fits_single:
+        raise OutputError(
+            f".stl stores single precision, which would move vertices by {moved:.3g} so far from the origin; "
+            "write .ply, .vtp or .obj instead"
+        )
+    content: bytes = _to_trimesh(mesh).export(file_type="stl")
+    return note.encode().ljust(80) + content[80:]
+
+
+def _encode_ply(mesh: Mesh, note: str, fits_single: bool) -> bytes:
+    """Binary PLY with vertices in single precision where that holds them, else in double precision."""
+    number = "float" if fits_single else "double"
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        f"comment {note}",
+        f"element vertex {len(mesh.vertices)}",
+        *(f"property {number} {axis}" for axis in "xyz"),
+        f"element face {len(mesh.faces)}",
+        "property list uchar int vertex_indices",
+        "end_header",
+    ]
+    faces = np.empty(len(mesh.faces), dtype=[("corners", "u1"), ("index", "<i4", 3)])
+    faces["corners"], faces["index"] = 3, mesh.faces
+    vertices = mesh.vertices.astype("<f4" if fits_single else "<f8")
+    return ("\n".join(header) + "\n").encode() + vertices.tobytes() + faces.tobytes()
 
 
 def _to_trimesh(mesh: Mesh) -> Any:
@@ -89,14 +112,10 @@ def _encode_obj(mesh: Mesh, note: str) -> bytes:
     return (text.rstrip("\n") + "\n").encode()
 
 
-def _check_single_precision(mesh: Mesh, suffix: str) -> None:
+def _moved_by_single_precision(mesh: Mesh) -> float:
+    """The largest change of a coordinate by rounding to single precision; infinite where it overflows."""
     with np.errstate(over="ignore"):
-        moved = np.abs(mesh.vertices.astype(np.float32) - mesh.vertices).max()
-    if not moved <= SINGLE * np.ptp(mesh.vertices, axis=0).max():
-        raise OutputError(
-            f"{suffix} stores single precision, which would move vertices by {moved:.3g} so far from the origin; "
-            "write .vtp or .obj instead"
-        )
+        return float(np.abs(mesh.vertices.astype(np.float32) - mesh.vertices).max(initial=0.0))
 
 
 def read_mesh(path: str | os.PathLike[str]) -> Mesh:
