@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 import quadriform as qf
-from quadriform.report.paper.clouds import ventricle
+from quadriform.examples import ventricle
 
 COUNTS = (90, 64, 40, 20)
 STRENGTHS = (1e-8, 1e-6, 1e-4, 1e-2)

@@ -8,6 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from quadriform import examples
     from quadriform.files import load, read_points, save
     from quadriform.files.guide_points import read_guide_points
     from quadriform.fitting.fit import fit, refine
@@ -61,6 +62,7 @@ __all__ = [
     "Superquadric",
     "SuperquadricFit",
     "Track",
+    "examples",
     "fit",
     "fit_superquadric",
     "load",
@@ -81,6 +83,8 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     if name in _HOME:
         return getattr(import_module(f"quadriform.{_HOME[name]}"), name)
+    if name == "examples":
+        return import_module("quadriform.examples")
     raise AttributeError(f"module 'quadriform' has no attribute {name!r}")
 
 
