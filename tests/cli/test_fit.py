@@ -79,6 +79,8 @@ def test_options_reach_the_fit(terminal, cloud):
     assert read_model("out/model.json").box.control_points.shape == (3, 4, 5, 3)
     record = json.loads(terminal("fit", cloud, "-o", "two", "--method", "paper", "--iterations", "2", "--json").out)
     assert record["iterations"] <= 2
+    stopped = ("fit", cloud, "-o", "three", "--method", "paper", "--tolerance", "0.5", "--json")
+    assert json.loads(terminal(*stopped).out)["iterations"] == 1
 
 
 def test_the_default_method_its_options_and_what_it_reports(terminal, lump):

@@ -47,8 +47,22 @@ def test_springs_do_not_feel_a_shift_and_nothing_else():
 def test_svd_in_full_is_the_minimum_norm_least_squares():
     b, rest, wanted = system()
     step, kept = svd_step(b, None)
-    np.testing.assert_allclose(step(wanted, rest, rest), np.linalg.lstsq(b, wanted, rcond=1e-10)[0], atol=1e-7)
-    assert kept == np.linalg.matrix_rank(b, tol=1e-10 * np.linalg.norm(b, 2)) < b.shape[1]
+    np.testing.assert_allclose(step(wanted, rest, rest), np.linalg.lstsq(b, wanted, rcond=None)[0], atol=1e-7)
+    assert kept == np.linalg.matrix_rank(b) < b.shape[1]
+
+
+def test_all_singular_values_above_rounding_are_used():
+    """Near an ellipsoid the smallest is far below 1e-10 of the largest, and still no rounding."""
+    b, _, _ = system(exponents=(1 + 1e-7, 1), shape=(5, 5, 5))
+    w = np.linalg.svd(b, compute_uv=False)
+    small = (w > 400 * np.finfo(float).eps * w[0]) & (w < 1e-10 * w[0])
+    assert small.any()
+    assert truncated_svd(b, None)[1] == truncated_svd(b, 125)[1] == (w > 400 * np.finfo(float).eps * w[0]).sum() < 125
+
+
+def test_singular_values_are_counted_in_whole_numbers():
+    with pytest.raises(OptionError, match=r"strength=2.5 .*whole number of singular values"):
+        truncated_svd(system()[0], 2.5)
 
 
 @pytest.mark.parametrize(("strength", "kept"), [(1, 1), (7, 7), (20, 20), (7.0, 7)])

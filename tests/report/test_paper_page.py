@@ -197,7 +197,7 @@ def test_the_scanner_image_has_the_papers_voxels():
 
 
 @pytest.mark.slow
-def test_stand_ins_have_the_papers_sizes_and_the_default_is_nearer():
+def test_stand_ins_have_the_papers_sizes_and_both_methods_refine_them():
     coarse, crossed = subjects.coarse_brain(), subjects.crossing()
     assert coarse.vertices["surface"] == pytest.approx(1000, rel=0.1)
     assert np.linalg.det(coarse.volume.world_from_voxel[:3, :3]) == pytest.approx(
@@ -205,7 +205,7 @@ def test_stand_ins_have_the_papers_sizes_and_the_default_is_nearer():
     )
     assert len(crossed.cloud) == pytest.approx(6000, rel=0.1)
     for subject in (coarse.subject, crossed):
-        assert subject.default.rms < subject.paper.rms < subject.paper.superquadric_rms
+        assert max(subject.default.rms, subject.paper.rms) < 0.5 * subject.paper.superquadric_rms
 
 
 # --- folders and the terminal ------------------------------------------------------------------------------------

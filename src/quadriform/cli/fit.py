@@ -30,6 +30,7 @@ def fit(
     base: how.Base = None,
     matching: how.Matching = None,
     iterations: how.Iterations = None,
+    tolerance: how.Tolerance = None,
     label: shared.Label = None,
     threshold: shared.Threshold = None,
     region: shared.Region = None,
@@ -62,6 +63,7 @@ def fit(
         base=base,
         matching=matching,
         iterations=iterations,
+        tolerance=tolerance,
     )
     jobs, several = plan(inputs or [], surface or [], output, image, shared.check_space(space))
     if several:

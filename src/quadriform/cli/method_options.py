@@ -27,10 +27,18 @@ Box = Annotated[
 ]
 Regularity = Annotated[
     str | None,
-    typer.Option(help="bending or springs; for paper springs, springs-paper or svd.", rich_help_panel=METHOD),
+    typer.Option(
+        help="bending or springs; for paper svd (P7, the default), springs-paper (P9), springs (on displacements).",
+        rich_help_panel=METHOD,
+    ),
 ]
 Strength = Annotated[
-    str | None, typer.Option(help="How strongly the box is held: a number, or auto.", rich_help_panel=METHOD)
+    str | None,
+    typer.Option(
+        help="How strongly the box is regularised: a number, or auto; for svd how many singular values, or their "
+        "smallest fraction of the largest.",
+        rich_help_panel=METHOD,
+    ),
 ]
 MaxError = Annotated[
     float | None, typer.Option(help="RMS distance that --box auto must reach.", rich_help_panel=TANGENT)
@@ -50,7 +58,14 @@ Base = Annotated[
     ),
 ]
 Matching = Annotated[str | None, typer.Option(help="data-to-model or model-to-data.", rich_help_panel=PAPER)]
-Iterations = Annotated[int | None, typer.Option(help="How many.", rich_help_panel=PAPER)]
+Iterations = Annotated[int | None, typer.Option(help="At most so many. [default: 30]", rich_help_panel=PAPER)]
+Tolerance = Annotated[
+    float | None,
+    typer.Option(
+        help="Stop when the surface moves by less than this fraction of the RMS radius of the points.",
+        rich_help_panel=PAPER,
+    ),
+]
 
 
 def method_options(*, box: str | None, strength: str | None, base: str | None, **others: Any) -> dict[str, Any]:

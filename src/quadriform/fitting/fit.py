@@ -101,11 +101,11 @@ def refine(
             For "tangent": `regularity` "bending", "springs" or an object with one method `matrix(shape)`; `strength`
             alpha per data point, or "auto" from the evidence; `robust`, whether strangers are told from inliers;
             `base`, a plane (point, direction) or a loop (m, 3) where the data ends on purpose; `box="auto"` with
-            `max_error`, the RMS distance to reach. For "paper": `regularity` "springs" (on the displacement),
-            "springs-paper" (P9 to the letter), "svd" (P8), "svd-position" or an object; `strength` alpha, or for the
-            SVD a count (>= 1) or a threshold (< 1) of singular values; `matching` "data-to-model" or
-            "model-to-data"; `iterations`, 30; `tolerance`, to stop when the surface moves less than this share of
-            the cloud's RMS radius.
+            `max_error`, the RMS distance to reach. For "paper": `regularity` "svd" (default: P7 by SVD),
+            "springs-paper" (P9 as printed), or our variations "springs" and an object (on the displacement) and
+            "svd-position"; `strength`, for the SVD a count (>= 1) or a threshold (< 1) of singular values ("auto":
+            all above rounding), for springs alpha per model point; `matching` "data-to-model" or "model-to-data";
+            `iterations`, 30; `tolerance`, the stop test: the motion of the surface, a fraction of the RMS radius.
 
     Raises:
         PointsError, DegenerateError, OptionError: the input cannot be fitted.

@@ -41,20 +41,24 @@ def check_strength(strength: float | str) -> float | None:
 
 @dataclass(frozen=True)
 class PaperOptions:
-    """The choices of the paper's iteration.
+    """The choices of the paper's iteration; the defaults are the paper's own algorithm (3.3, 5).
 
     Attributes:
         box: control points along each axis.
-        regularity: "springs" (on the displacement), "springs-paper" (P9 to the letter), "svd" (P8), "svd-position" or
-            a regulariser of one's own, held on the displacement.
-        strength: for springs alpha; for the SVD a count (>= 1) or a threshold (< 1) of singular values; or "auto".
-        matching: "data-to-model" or "model-to-data".
-        iterations: how many turns.
-        tolerance: stop when the surface moves less than this share of the cloud's RMS radius; None never stops early.
+        regularity: "svd", P7 by SVD (3.2.3), truncated where `strength` says so (P8); "springs-paper", P9 as printed;
+            and three variations of ours: "springs" and a regulariser object, both on the displacement P - P0, and
+            "svd-position", the SVD on P in place of its step.
+        strength: for "svd" how many singular values are used (>= 1), or the fraction of the largest above which they
+            are (< 1); for springs alpha / N of P9, N the model points. "auto": all singular values above rounding;
+            alpha / N = 1e-7.
+        matching: "data-to-model", the paper's, or "model-to-data".
+        iterations: the largest number of iterations.
+        tolerance: the stop test (3.3): stop when the RMS of X_{n+1} - X_n is below this fraction of the RMS radius of
+            the points; None makes all iterations.
     """
 
     box: tuple[int, int, int] = (5, 5, 5)
-    regularity: str | Regulariser = "springs"
+    regularity: str | Regulariser = "svd"
     strength: float | str = "auto"
     matching: str = "data-to-model"
     iterations: int = 30

@@ -11,10 +11,8 @@ from quadriform.errors import OptionError
 from quadriform.points import Array, check_number
 from quadriform.shapes.bernstein import derivative_matrix, gram
 
-NUMERICAL_RANK = 1e-10
-"""Singular values below this share of the largest count as vanishing when no other cut is asked for."""
 SPRINGS_STRENGTH = 1e-7
-"""Holds the box by default: each spring's square counts this much, per data point."""
+"""Weight alpha of the springs, per row of B, when none is given; the paper states no value."""
 
 Step = Callable[[Array, Array, Array], Array]
 """From the wanted displacements (m, 3), the control points (k, 3) and the resting ones, the step of the former."""
@@ -82,26 +80,40 @@ class Bending:
 
 
 def truncated_svd(b: Array, strength: float | None) -> tuple[Array, int]:
-    """Pseudo-inverse of B (k, m) from its largest singular values (P8), and how many were kept.
+    """Pseudo-inverse (k, m) of B from its largest singular values (P8), and how many of them were used.
+
+    Singular values up to max(m, k) eps s1 are rounding of zero and are never used.
 
     Args:
         b: (m, k).
-        strength: a whole number keeps that many; a number below 1 keeps those above that share of the largest; None
-            keeps all that do not vanish.
+        strength: a whole number uses that many; a number below 1 uses those above that fraction of the largest; None
+            uses all above rounding.
+
+    Raises:
+        OptionError: more singular values than B has, a fraction of one, or not a number.
     """
     u, w, vt = np.linalg.svd(b, full_matrices=False)  # P8
-    if strength is None:
-        strength = NUMERICAL_RANK
-    if strength >= 1:
-        kept = int(check_number(strength, "strength", 1, len(w)))
-    else:
-        kept = int((w > check_number(strength, "strength", 0) * w[0]).sum())
-    kept = max(1, min(kept, int((w > 1e-14 * w[0]).sum())))
+    kept = min(_asked(w, strength), int((w > max(b.shape) * np.finfo(np.float64).eps * w[0]).sum()))
     return (vt[:kept].T / w[:kept]) @ u[:, :kept].T, kept
 
 
+def _asked(singular: Array, strength: float | None) -> int:
+    """How many of the singular values a strength asks for, at least one."""
+    if strength is None:
+        return len(singular)
+    number = check_number(strength, "strength", 0, len(singular))
+    if number < 1:
+        return max(1, int((singular > number * singular[0]).sum()))
+    if number != int(number):
+        raise OptionError(
+            f"option strength={number:g} is out of range; expected a whole number of singular values, or a fraction of "
+            "the largest below 1"
+        )
+    return int(number)
+
+
 def svd_step(b: Array, strength: float | None) -> tuple[Step, float]:
-    """P7 solved for the step: the smallest dP with B dP nearest to dX."""
+    """P7 solved for the step by SVD (paper 3.2.3): the smallest dP with B dP nearest to dX."""
     inverse, kept = truncated_svd(b, strength)
     return lambda wanted, control, rest: inverse @ wanted, float(kept)  # P6, P7
 

@@ -43,7 +43,7 @@ def measure_trade_off(
         counts,
         strengths,
         tuple(fit(points, method="paper", regularity="svd", strength=count) for count in counts),
-        tuple(fit(points, method="paper", strength=strength) for strength in strengths),
+        tuple(fit(points, method="paper", regularity="springs", strength=strength) for strength in strengths),
         tuple(fit(points, strength=strength) for strength in strengths),
         fit(points),
     )
