@@ -12,7 +12,7 @@ from quadriform.files.meshes import read_marks, write_mesh
 from quadriform.shapes.mesh import Mesh
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
-QUICK = ("--method", "paper", "--iterations", "4")
+QUICK = ("--method", "paper", "--iterations", "4", "--strength", "1e-6")
 
 
 @pytest.fixture

@@ -103,6 +103,17 @@ def test_the_stop_test_ends_early_and_progress_is_told():
     assert qf.refine(s, cloud, method="paper", iterations=4).iterations == 4
 
 
+def test_control_points_at_the_mercy_of_rounding_are_named():
+    """Of points of an ellipsoid, where 27 of the 125 deformations do not move the surface."""
+    cloud = made(exponents=(1, 1)).surface(even_directions(400))
+    fit = qf.fit(cloud, method="paper", iterations=2)
+    assert fit.history[-1].box_displacement > 1e6 * Frame.of(cloud).scale
+    assert "strength=1e-6" in fit.warnings["ILL_CONDITIONED"]
+    fewer = qf.fit(cloud, method="paper", iterations=2, strength=1e-6)
+    assert fewer.strength == 98
+    assert "ILL_CONDITIONED" not in fewer.warnings
+
+
 PAPER = [
     ({"matching": "nearest"}, "matching='nearest'.*data-to-model"),
     ({"regularity": "spring"}, "regularity='spring'.*springs-paper"),

@@ -14,7 +14,7 @@ from quadriform.fitting.large import MANY, on_all, sampled
 from quadriform.fitting.options import METHODS, PaperOptions, TangentOptions, options_for
 from quadriform.fitting.outcome import Fit, Progress, rms
 from quadriform.fitting.precision import precision
-from quadriform.fitting.refinement import two_step
+from quadriform.fitting.refinement import ill_conditioned, two_step
 from quadriform.fitting.superquadric_fit import fit_superquadric
 from quadriform.fitting.tangent_fit import Result, fit_tangent
 from quadriform.fitting.threads import one_blas_thread
@@ -169,7 +169,8 @@ def _refine(
         frame = Frame.of(np.concatenate(list(clouds.values())))
         local, starts = _local(clouds, frame), _placed(surfaces, frame)
         box, history, strength = two_step(starts, local, options, progress)
-        return _in_world(Result(DeformableModel(starts, box), history, strength), clouds, frame)
+        result = Result(DeformableModel(starts, box), history, strength, warnings=ill_conditioned(box))
+        return _in_world(result, clouds, frame)
     parts = {name: Distinct.of(cloud, weights[name]) for name, cloud in clouds.items()}
     frame = Frame.of(np.concatenate([part.points for part in parts.values()]))
     local = _local({name: part.points for name, part in parts.items()}, frame)

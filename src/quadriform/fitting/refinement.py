@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from quadriform.errors import WarningKind, Warnings
 from quadriform.fitting.matching import MATCHINGS
 from quadriform.fitting.options import PaperOptions
 from quadriform.fitting.outcome import Iteration, Progress
@@ -14,6 +15,8 @@ from quadriform.shapes.superquadric import Superquadric
 
 MODEL_RESOLUTION = 20
 """Cells along a cube edge for the model's sample: 2,402 points a surface."""
+FARTHEST = 1e6
+"""Control points farther from their lattice, in RMS radii of the points, leave less than nine digits to the surface."""
 
 
 def outer_box(superquadrics: Mapping[str, Superquadric], shape: tuple[int, int, int]) -> ControlBox:
@@ -70,6 +73,22 @@ def two_step(
         if options.tolerance is not None and history[-1].surface_motion < options.tolerance:
             break
     return box.with_control_points(control), tuple(history), strength
+
+
+def ill_conditioned(box: ControlBox) -> Warnings:
+    """A warning when control points are so far from their lattice that rounding moves the surface, or none.
+
+    Args:
+        box: of a model in units of the RMS radius of its points.
+    """
+    farthest = float(np.abs(box.control_points - box.rest).max())
+    if farthest <= FARTHEST:
+        return {}
+    text = (
+        f"control points are up to {farthest:.0e} RMS radii from their lattice, as near an ellipsoid, on which many "
+        "of their motions cancel; rounding moves the surface. Use fewer singular values, as by strength=1e-6"
+    )
+    return {WarningKind.ILL_CONDITIONED: text}
 
 
 def _rms(vectors: Array) -> float:
