@@ -4,7 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from shapes_made import lumpy
+from shapes_made import lumpy, made
+from shapes_meshes import box_mesh
 
 import quadriform
 from quadriform.files import load, read_model, read_points, sha256_of
@@ -440,3 +441,26 @@ def test_a_real_image(terminal, shared):
     assert result.code == 0
     assert record["space"] == "LPS"
     assert record["error"]["rms"] < record["superquadric_rms"]
+
+
+def test_a_mesh_of_few_vertices_is_sampled_by_area_and_that_is_recorded(terminal, tmp_path):
+    block = box_mesh()
+    for suffix in (".stl", ".ply", ".obj", ".vtp"):
+        write_mesh(block, tmp_path / f"block{suffix}", "LPS", "mm")
+    result = terminal("fit", "block.stl", "-o", "out", "--json")
+    record = json.loads(result.out)
+    assert result.code == 0 and record["points"] == 5000
+    assert "spread evenly over the area of 12 triangles" in record["notes"][0]
+    assert read_model("out/model.json").volume() == pytest.approx(block.volume(), rel=0.01)
+    assert "spread evenly" in " ".join(terminal("fit", "block.ply", "-o", "paper", *QUICK).out.split())
+    assert read_points("block.stl").shape == (8, 3)
+
+
+def test_a_mesh_of_dense_vertices_is_fitted_as_its_vertices(terminal, tmp_path, ellipsoid):
+    mesh = made().mesh(12)
+    write_mesh(mesh, tmp_path / "dense.vtp")
+    np.savetxt("dense.xyz", mesh.vertices, fmt="%.17g")
+    for name in ("dense.vtp", "dense.xyz"):
+        assert terminal("fit", name, "-o", name[-3:], *QUICK).code == 0
+    one, two = (read_model(f"{name}/model.json") for name in ("vtp", "xyz"))
+    assert np.array_equal(one.box.control_points, two.box.control_points)

@@ -51,6 +51,11 @@ def test_a_row_names_tests_that_exist(row):
         assert name in names_in(TESTS / path), f"{path}::{name}"
 
 
+def test_every_test_that_the_page_names_exists():
+    for path, name in re.findall(r"`([\w/]+\.py)::([\w:]*test_\w+)`", PAGE):
+        assert name in names_in(TESTS / path), f"{path}::{name}"
+
+
 def test_few_rows_are_argued_away_each_with_its_reason():
     assert 0 < len(argued_away()) <= 5
     assert set(argued_away()) <= set(WANTED)

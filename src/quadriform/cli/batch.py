@@ -280,6 +280,7 @@ def _rows(record: Record) -> list[tuple[str, str]]:
         ("time", f"{record['seconds']:.2f} s"),
         ("frame, unit", f"{record['space']}, {record['unit']}"),
         ("warnings", ", ".join(record["warnings"]) or "none"),
+        *([("notes", "\n".join(record["notes"]))] if record["notes"] else []),
         ("written", "\n".join(record["outputs"])),
     ]
 

@@ -59,6 +59,7 @@ def follow(
         if strict:
             refuse(found.warnings)
     record = _record(inputs, targets, found, time.perf_counter() - begin)
+    record["notes"] = list(dict.fromkeys(frames.notes))
     title = ", ".join(path.name for path in inputs[:3]) + (" ..." if len(inputs) > 3 else "")
     space = next(iter(frames.marks))[0]
     page = page_of_track(found, frames.clouds, frames.slices, space, title, record | track_options(options))
@@ -160,5 +161,6 @@ def _rows(record: Record) -> list[tuple[str, str]]:
         ("min det J", f"{record['min_jacobian']:.3g}"),
         ("time", f"{record['seconds']:.2f} s"),
         ("warnings", ", ".join(record["warnings"]) or "none"),
+        *([("notes", "\n".join(record["notes"]))] if record["notes"] else []),
         ("written", "\n".join(record["outputs"])),
     ]

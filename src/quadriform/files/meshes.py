@@ -129,12 +129,20 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
         FileLimitError: it is, or promises to be, beyond the budget.
         PointsError: vertices that are not finite.
     """
+    mesh = read_mesh_or_points(path)
+    if len(mesh.faces) == 0:
+        found = f"found {len(mesh.vertices)} vertices without any"
+        raise FileFormatError(f"{quoted(path)}: expected a mesh with triangles, {found}")
+    return mesh
+
+
+def read_mesh_or_points(path: str | os.PathLike[str]) -> Mesh:
+    """The same for points in a mesh format, too: a mesh without triangles."""
     suffix = suffix_of(path, MESH_SUFFIXES, "a mesh")
     data, where = read_bytes(path), quoted(path)
     vertices, faces = _parse(data, suffix, where)
-    if faces is None or len(faces) == 0:
-        raise FileFormatError(f"{where}: expected a mesh with triangles, found {len(vertices)} vertices without any")
-    return Mesh(check_points(vertices, where), np.array(faces, dtype=np.int64))
+    none = np.empty((0, 3), dtype=np.int64)
+    return Mesh(check_points(vertices, where), none if faces is None else np.array(faces, dtype=np.int64))
 
 
 def read_marks(path: str | os.PathLike[str]) -> tuple[str, str]:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from quadriform.errors import OptionError, Warnings, choose
+from quadriform.fitting.clouds import Given, without_meshes
 from quadriform.fitting.duplicates import Distinct
 from quadriform.fitting.fit_warnings import fit_warnings, named_texts
 from quadriform.fitting.large import MANY, on_all, sampled
@@ -33,7 +34,7 @@ Weights = ArrayLike | Mapping[str, ArrayLike] | None
 
 @one_blas_thread
 def fit(
-    points: Clouds,
+    points: Given,
     *,
     kind: str = "ellipsoid",
     method: str = "tangent",
@@ -46,18 +47,20 @@ def fit(
     More than 50,000 points are fitted to a sample first, then to all of them, a part at a time.
 
     Args:
-        points: (n, 3) points around a body in any unit and frame, or several clouds by name, which then share one
-            control box, that of the outermost.
+        points: (n, 3) points around a body in any unit and frame, or a triangle mesh, of which the points are spread
+            over its area unless its vertices are dense; or several of these by name, which then share one control box,
+            that of the outermost.
         kind: of superquadric: "ellipsoid", "toroid", "hyperboloid1" or "hyperboloid2".
         method: "tangent": the best fit of these numbers that we know; "paper": Bardinet, Cohen and Ayache 1998.
-        weights: (n,) >= 0, or by name; a point of weight k counts as k points.
+        weights: (n,) >= 0, or by name; a point of weight k counts as k points. Not for meshes.
         progress: called with (steps done, about how many).
         **options: as in `refine`.
 
     Raises:
         PointsError, DegenerateError, OptionError: the input cannot be fitted.
     """
-    clouds = named(points)
+    given, notes = without_meshes(points, weights)
+    clouds = named(given)
     choose(kind, tuple(KINDS), "kind")
     chosen = options_for(method, options)
     counted = _weights(weights, clouds, method)
@@ -73,13 +76,13 @@ def fit(
         said = named_texts({name: s.warnings for name, s in starts.items()})
         return replace(refined, warnings=said | refined.warnings)
 
-    return _with(lost(points, clouds), _few_first(clouds, counted, chosen, whole))
+    return _with(lost(given, clouds), notes, _few_first(clouds, counted, chosen, whole))
 
 
 @one_blas_thread
 def refine(
     superquadric: Superquadric | Mapping[str, Superquadric],
-    points: Clouds,
+    points: Given,
     *,
     method: str = "tangent",
     start: ControlBox | None = None,
@@ -91,7 +94,7 @@ def refine(
 
     Args:
         superquadric: where to start from; a mapping when `points` is one, with the same names.
-        points: (n, 3), or several clouds by name.
+        points: (n, 3) or a mesh, or several by name, as in `fit`.
         method: "tangent" or "paper".
         start: a deformed box of the same superquadric(s) to go on from, such as that of the frame before; only for
             "tangent".
@@ -110,7 +113,8 @@ def refine(
     Raises:
         PointsError, DegenerateError, OptionError: the input cannot be fitted.
     """
-    clouds = named(points)
+    given, notes = without_meshes(points, weights)
+    clouds = named(given)
     surfaces = {ALONE: superquadric} if isinstance(superquadric, Superquadric) else dict(superquadric)
     if surfaces.keys() != clouds.keys():
         raise OptionError(f"surfaces {sorted(surfaces)} and points {sorted(clouds)} must have the same names")
@@ -121,11 +125,11 @@ def refine(
     def whole(few: dict[str, Array], counts: dict[str, Array]) -> Fit:
         return _refine(surfaces, few, counts, chosen, None, progress, start)
 
-    return _with(lost(points, clouds), _few_first(clouds, counted, chosen, whole))
+    return _with(lost(given, clouds), notes, _few_first(clouds, counted, chosen, whole))
 
 
-def _with(warnings: Warnings, found: Fit) -> Fit:
-    return replace(found, warnings=warnings | found.warnings)
+def _with(warnings: Warnings, notes: tuple[str, ...], found: Fit) -> Fit:
+    return replace(found, warnings=warnings | found.warnings, notes=notes + found.notes)
 
 
 def lost(points: Clouds, clouds: dict[str, Array]) -> Warnings:

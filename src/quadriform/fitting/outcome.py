@@ -53,6 +53,7 @@ class SuperquadricFit:
         noise: standard deviation of the inliers' distances, in the unit of the data.
         history: the criterion after each iteration.
         iterations: how many there were.
+        notes: as for `Fit`.
     """
 
     superquadric: Superquadric
@@ -64,6 +65,7 @@ class SuperquadricFit:
     noise: float
     history: tuple[float, ...]
     iterations: int
+    notes: tuple[str, ...] = ()
 
     @property
     def status(self) -> str:
@@ -88,6 +90,7 @@ class Fit:
         covariance: posterior covariance (3 k, 3 k) of the k control points, coordinates of a point together, in
             squared units; None for the paper's method, which has no such thing.
         finer: what more control points would say of the same data, for `uncertainty`; None for the paper's method.
+        notes: what was done with the input that does not make the result doubtful, one sentence each.
     """
 
     model: DeformableModel
@@ -100,6 +103,7 @@ class Fit:
     inliers: Array | dict[str, Array]
     covariance: Array | None = None
     finer: FinerBox | None = None
+    notes: tuple[str, ...] = ()
 
     def uncertainty(self, points: ArrayLike, surface: str | None = None) -> Array:
         """One standard deviation (n,) of the surface along its normal, at the surface points nearest to (n, 3) points.

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import least_squares, minimize
 
 from quadriform.errors import OptionError, WarningKind, Warnings, choose
+from quadriform.fitting.clouds import without_meshes
 from quadriform.fitting.determined import determined
 from quadriform.fitting.inliers import LEAST_SIGMA
 from quadriform.fitting.outcome import SuperquadricFit
@@ -18,6 +19,7 @@ from quadriform.fitting.start import start
 from quadriform.fitting.threads import one_blas_thread
 from quadriform.points import Array, Frame, check_points, check_spread, check_weights
 from quadriform.shapes.kinds import KINDS
+from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.superquadric import EXPONENTS, Superquadric
 
 MAX_ITERATIONS = 1000
@@ -30,7 +32,7 @@ NEAR_BOUND = 1e-3
 
 @one_blas_thread
 def fit_superquadric(
-    points: ArrayLike,
+    points: ArrayLike | Mesh,
     kind: str = "ellipsoid",
     method: str = "robust",
     weights: ArrayLike | None = None,
@@ -39,7 +41,8 @@ def fit_superquadric(
     """Fit a superquadric to points around it.
 
     Args:
-        points: (n, 3), in any unit and frame; at least 11 distinct ones (12 for the toroid), not on one plane.
+        points: (n, 3), in any unit and frame; at least 11 distinct ones (12 for the toroid), not on one plane. Or a
+            triangle mesh, as in `fit`.
         kind: "ellipsoid", "toroid", "hyperboloid1" or "hyperboloid2".
         method: "robust": outliers, missing parts and other bodies are allowed for, nothing has to be set;
             "paper": start from moments (A.3), criterion P3 by conjugate gradient (2.3).
@@ -51,16 +54,17 @@ def fit_superquadric(
     """
     choose(kind, tuple(KINDS), "kind")
     choose(method, ("robust", "paper"), "method")
-    world = check_points(points)
+    given, notes = without_meshes(points, weights)
+    world = check_points(given)
     if method == "robust":
         robust = fit_robust(world, kind, check_weights(weights, len(world)), dict(fixed or {}))
-        return replace(robust, warnings=precision(points, world) | robust.warnings)
+        return replace(robust, warnings=precision(given, world) | robust.warnings, notes=notes)
     if weights is not None or fixed:
         raise OptionError("method='paper' takes neither weights nor fixed; use method='robust'")
     check_spread(world, needed=12 if kind == "toroid" else 11)
     frame = Frame.of(world)
     found = in_world(fit_paper(frame.to_local(world), kind), frame)
-    return replace(found, warnings=precision(points, world) | found.warnings)
+    return replace(found, warnings=precision(given, world) | found.warnings, notes=notes)
 
 
 class _Unbounded:

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.errors import OptionError, Warnings
-from quadriform.files.meshes import MESH_SUFFIXES, read_marks
+from quadriform.files.meshes import MESH_SUFFIXES, read_marks, read_mesh_or_points
 from quadriform.files.points import POINT_SUFFIXES, read_points
 from quadriform.points import Array
+from quadriform.shapes.mesh_points import mesh_points
 from quadriform.shapes.spaces import turn_between
 from quadriform.words import numbers, ranges
 
@@ -139,14 +140,18 @@ def files_of(path: Path) -> list[Path]:
 
 
 def read_source(path: Path, options: ImageOptions) -> Source:
-    """Read points from a table, an array, a mesh or an image.
+    """Read points from a table, an array, a mesh or an image; of a mesh with few vertices from its whole surface.
 
     Raises:
         InputError, FileFormatError, FileLimitError, DegenerateError: the file gives no points.
     """
-    if kind_of(path) == "image":
+    kind = kind_of(path)
+    if kind == "image":
         return _from_image(path, options)
-    return Source(read_points(path), *marks_of(path))  # refuses unknown suffixes
+    if kind == "mesh":
+        points, note = mesh_points(read_mesh_or_points(path))
+        return Source(points, *marks_of(path), notes=() if note is None else (f"{path}: {note}",))
+    return Source(read_points(path))  # refuses unknown suffixes
 
 
 def read_object(path: Path, options: ImageOptions) -> tuple["Volume", dict[str, Any], tuple[str, ...]]:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from quadriform.errors import OptionError, PointsError, WarningKind, Warnings, choose
 from quadriform.fitting.candidates import ellipsoids
+from quadriform.fitting.clouds import Given, without_meshes
 from quadriform.fitting.fit import ALONE, Clouds, fit, lost, named, refine
 from quadriform.fitting.options import check_box, check_strength
 from quadriform.fitting.outcome import Fit, Progress, flat
@@ -49,6 +50,7 @@ class Track:
         strengths: in space, and in time where there is one.
         shifts: slice number -> shift (3,) in its plane, in the unit of the points; empty where none was sought.
         warnings: kind -> sentence.
+        notes: what was done with the input that does not make the result doubtful, one sentence each.
     """
 
     strategy: str
@@ -60,6 +62,7 @@ class Track:
     strengths: tuple[float, ...]
     shifts: dict[int, Array] = field(default_factory=dict)
     warnings: Warnings = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     @property
     def status(self) -> str:
@@ -93,7 +96,7 @@ class Track:
 
 
 def track(
-    frames: Sequence[Clouds],
+    frames: Sequence[Given],
     *,
     times: ArrayLike | None = None,
     period: float | str | None = "auto",
@@ -108,7 +111,7 @@ def track(
     """Fit a moving model to the points of two or more frames.
 
     Args:
-        frames: for each (n, 3) points, or several clouds by name, the same names in all; lengths in any unit.
+        frames: for each (n, 3) points or a mesh, or several by name, as in `fit`, the same names in all.
         times: (F,) increasing; 0, 1, 2 ... unless given.
         period: after which the motion repeats, in the unit of the times; "auto": the frames are one whole cycle, evenly
             sampled; None: it does not repeat.
@@ -129,7 +132,9 @@ def track(
         PointsError, DegenerateError, OptionError: the input cannot be fitted.
     """
     choose(strategy, tuple(STRATEGIES), "strategy")
-    clouds = _checked(frames)
+    taken = [without_meshes(frame) for frame in frames]
+    given, notes = [points for points, _ in taken], dict.fromkeys(note for _, found in taken for note in found)
+    clouds = _checked(given)
     at = _times(times, len(clouds))
     basis = _basis(at, period)
     numbers = _slice_numbers(slices, clouds, strategy)
@@ -142,7 +147,8 @@ def track(
         progress,
     )
     found = STRATEGIES[strategy](task)
-    return replace(found, warnings=found.warnings | _by_frame([lost(*each) for each in zip(frames, clouds)]))
+    warnings = found.warnings | _by_frame([lost(*each) for each in zip(given, clouds)])
+    return replace(found, warnings=warnings, notes=tuple(notes))
 
 
 @dataclass(frozen=True)
