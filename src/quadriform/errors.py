@@ -99,6 +99,19 @@ Warnings = dict[WarningKind, str]
 """From the kind of a warning to its sentence; `"OUTLIERS" in fit.warnings` works, for a kind is a string."""
 
 
+def join_warnings(*parts: Warnings) -> Warnings:
+    """All warnings as one mapping, in order; different sentences of one kind are joined by "; "."""
+    joined: Warnings = {}
+    for part in parts:
+        for kind, text in part.items():
+            before = joined.get(kind)
+            if before is None:
+                joined[kind] = text
+            elif f"; {text}; " not in f"; {before}; ":
+                joined[kind] = f"{before}; {text}"
+    return joined
+
+
 def choose(value: object, choices: tuple[str, ...], option: str) -> str:
     """Return `value` when it is one of `choices`.
 

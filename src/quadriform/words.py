@@ -1,4 +1,6 @@
-"""What words on a command line or in a table mean: numbers between commas, ranges."""
+"""What words on a command line or in a table mean: numbers between commas, ranges; and text that is safe to show."""
+
+from unicodedata import category
 
 from quadriform.errors import OptionError
 
@@ -32,3 +34,12 @@ def ranges(text: str, option: str) -> tuple[tuple[int, int], ...]:
     if len(found) != 3 or any(not 0 <= low < high for low, high in found):
         raise OptionError(f"option {option}={text!r}: expected i0:i1,j0:j1,k0:k1 with 0 <= i0 < i1 and so on")
     return found
+
+
+def plain(text: str) -> str:
+    """The text on one line that every file and terminal can hold: control characters and lone surrogates as escapes."""
+    return "".join(_escaped(letter) if category(letter) in ("Cc", "Cs", "Zl", "Zp") else letter for letter in text)
+
+
+def _escaped(letter: str) -> str:
+    return letter.encode("unicode_escape").decode("ascii")

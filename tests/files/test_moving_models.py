@@ -9,6 +9,7 @@ from shapes_made import made
 import quadriform as qf
 from quadriform.errors import FileFormatError
 from quadriform.files.moving_models import read_moving_model
+from quadriform.files.records import FIELDS
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.moving_model import MovingModel
 from quadriform.shapes.splines import TimeBasis
@@ -47,7 +48,7 @@ def test_a_file_of_version_1_has_its_frames_at_the_knots(moving, tmp_path):
     qf.save(moving, tmp_path / "model.json")
     document = json.loads((tmp_path / "model.json").read_text(encoding="utf-8"))
     del document["time"]["frames"]
-    document["version"] = 1
+    document = {name: value for name, value in document.items() if name not in FIELDS} | {"version": 1}
     (tmp_path / "old.json").write_text(json.dumps(document))
     old = qf.load(tmp_path / "old.json")
     assert np.array_equal(old.frame_times, moving.basis.knots)
@@ -65,9 +66,13 @@ def test_a_model_that_does_not_move_is_still_one(tmp_path):
 BREAKS = {
     "knots that turn back": (lambda d: d["time"].update(knots=[0, 2, 1]), "increasing"),
     "a knot too few": (lambda d: d["time"].update(knots=[0, 1]), "one box a knot"),
-    "a later version": (lambda d: d.update(version=3), "newer quadriform"),
-    "version 1 with times of frames": (lambda d: d.update(version=1), "time.frames"),
-    "version 2 without": (lambda d: d["time"].pop("frames"), "time.frames"),
+    "a later version": (lambda d: d.update(version=4), "newer quadriform"),
+    "version 1 with times of frames": (
+        lambda d: [d.pop(name) for name in FIELDS] + [d.update(version=1)],
+        "time.frames",
+    ),
+    "version 2 with a record": (lambda d: d.update(version=2), "field status: expected only"),
+    "version 3 without": (lambda d: d["time"].pop("frames"), "time.frames"),
     "no frames": (lambda d: d["time"].update(frames=[]), "one or more times"),
     "frames out of order": (lambda d: d["time"].update(frames=[0, 2, 1]), "frame_times: expected increasing"),
     "an unknown field": (lambda d: d.update(patient="x"), "unknown"),

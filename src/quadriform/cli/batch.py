@@ -12,13 +12,15 @@ from quadriform.cli.exit_codes import complain
 from quadriform.cli.inputs import naming, refuse
 from quadriform.cli.options import stem, surface_file
 from quadriform.cli.reporting import REPORT, fit_options, page_of_fit
-from quadriform.cli.screen import emit_json, emit_table, progress_bar, say, warn
-from quadriform.errors import InputError, OptionError, Warnings
+from quadriform.cli.screen import emit_json, emit_table, progress_bar, say, tell, warn
+from quadriform.errors import InputError, OptionError, join_warnings
 from quadriform.files import save, sha256_of, write_mesh
 from quadriform.files.atomic import check_folder, check_writable, make_folder, write_bytes
 from quadriform.fitting.fit import ALONE, fit
 from quadriform.fitting.outcome import Fit, flat
+from quadriform.imaging.input_files import input_files, title_of, without_folders
 from quadriform.imaging.sources import ImageOptions, Source, files_of, kind_of, read_source, space_to_write
+from quadriform.shapes.record import InputFile, remarks
 
 Record = dict[str, Any]
 
@@ -148,7 +150,7 @@ def run_all(jobs: Sequence[Job], options: Mapping[str, Any], strict: bool, force
     for job in jobs:
         try:
             records.append(_run(job, options, strict, force))
-            warn(records[-1]["warnings"], f"{job.name}: ")
+            warn(records[-1]["warnings"], job.name)
         except Exception as error:  # one broken input must not stop the others
             code = complain(error)
             message = " ".join(str(error).split())
@@ -166,13 +168,15 @@ def _run(job: Job, options: Mapping[str, Any], strict: bool, force: bool) -> Rec
     begin = time.perf_counter()
     with naming(*job.files):
         sources = {name: read_source(path, image) for name, (path, image) in job.sources.items()}
-        notes = list(dict.fromkeys(note for source in sources.values() for note in source.notes))
-        for note in notes:
+        read = [note for source in sources.values() for note in source.notes]
+        for note in dict.fromkeys(read):
             say(f"note: {note}")
         found = _fit(job, sources, options)
+        tell(remarks({}, found.notes, job.name))
+        found = replace(found, notes=(*without_folders(read, job.files), *found.notes))
         if strict:
             refuse(found.warnings)
-    record = _record(job, found, notes, time.perf_counter() - begin)
+    record = _record(job, found, time.perf_counter() - begin)
     page = _page(job, sources, found, record | fit_options(options))
     make_folder(job.folder)
     save(found.model, job.folder / "model.json", force)
@@ -196,13 +200,17 @@ def _fit(job: Job, sources: Mapping[str, Source], options: Mapping[str, Any]) ->
     clouds = {name: source.points for name, source in sources.items()}
     with progress_bar(job.name) as progress:
         found = fit(clouds[ALONE] if clouds.keys() == {ALONE} else clouds, progress=progress, **options)
-    model = replace(
-        found.model,
-        space=space,
-        unit=unit,
-        input_sha256=sha256_of(*(file for path in job.files for file in files_of(path))),
-    )
-    return replace(found, model=model.in_space(wanted), warnings=_all_warnings(sources, found))
+    record = replace(found.model.record, title=title_of(job.files, most=len(job.files)), sources=_input_files(job))
+    sha256 = sha256_of(*(file for path in job.files for file in files_of(path)))
+    model = replace(found.model, space=space, unit=unit, input_sha256=sha256, record=record)
+    warnings = join_warnings(*(source.warnings for source in sources.values()), found.warnings)
+    return replace(found, model=model.in_space(wanted), warnings=warnings)
+
+
+def _input_files(job: Job) -> tuple[InputFile, ...]:
+    alone = job.sources.keys() == {ALONE}
+    each = (input_files({"" if alone else name: [path]}, image.frame) for name, (path, image) in job.sources.items())
+    return tuple(file for files in each for file in files)
 
 
 def _check_outputs(job: Job, force: bool) -> None:
@@ -220,20 +228,10 @@ def _common_marks(sources: Mapping[str, Source]) -> tuple[str, str]:
     return marks.pop()
 
 
-def _all_warnings(sources: Mapping[str, Source], found: Fit) -> Warnings:
-    """Those of the reading before those of the fit; two of one kind are joined."""
-    warnings: Warnings = {}
-    for part in (*(source.warnings for source in sources.values()), found.warnings):
-        for kind, text in part.items():
-            if text not in warnings.get(kind, ""):
-                warnings[kind] = "; ".join(filter(None, [warnings.get(kind), text]))
-    return warnings
-
-
 # --- records -----------------------------------------------------------------------------------------------------
 
 
-def _record(job: Job, found: Fit, notes: Sequence[str], seconds: float) -> Record:
+def _record(job: Job, found: Fit, seconds: float) -> Record:
     distances = np.abs(flat(found.residuals))
     return {
         "input": job.name,
@@ -257,7 +255,7 @@ def _record(job: Job, found: Fit, notes: Sequence[str], seconds: float) -> Recor
         "iterations": found.iterations,
         "seconds": round(seconds, 3),
         "warnings": {str(kind): text for kind, text in found.warnings.items()},
-        "notes": list(notes),
+        "notes": list(found.notes),
     }
 
 

@@ -3,11 +3,15 @@
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from quadriform.cli import options as shared
+
+if TYPE_CHECKING:
+    from quadriform.errors import Warnings
+    from quadriform.fitting.outcome import Fit
 
 SOURCE = "human brain, example4d.nii.gz of nibabel"
 
@@ -22,12 +26,12 @@ def demo(
     with and without the points of these caps.
     """
     from quadriform.cli.screen import emit_table, progress_bar, say, warn
-    from quadriform.files import save, sha256_of
+    from quadriform.files import save
     from quadriform.files.atomic import check_folder, check_writable, make_folder, write_bytes
     from quadriform.fitting.fit import ALONE, fit
     from quadriform.fitting.outcome import rms
     from quadriform.imaging.image_points import points_from_image
-    from quadriform.imaging.reading import example_path, example_volume
+    from quadriform.imaging.reading import example_volume
     from quadriform.report.reports import fit_report
     from quadriform.report.slices import slices_png
 
@@ -44,7 +48,8 @@ def demo(
         result = fit(found.points, progress=progress)
     seconds = time.perf_counter() - begin
     warn(result.warnings)
-    model = replace(result.model, space=volume.space, unit=volume.unit, input_sha256=sha256_of(example_path()))
+    marked = _marked(result, volume.space, volume.unit, found.warnings)
+    model = marked.model
 
     save(model, folder / "model.json", force)
     mesh = model.mesh(resolution=48)
@@ -53,7 +58,6 @@ def demo(
     shown = {"superquadric alone (11 numbers)": before, f"model ({model.n_parameters} numbers)": mesh}
     picture = slices_png(volume.values, volume.world_from_voxel, shown, SOURCE)
     write_bytes(folder / "slices.png", picture, force)
-    marked = replace(result, model=model)
     report = fit_report(marked, {ALONE: found.points}, title=SOURCE, record=found.record, image=volume)
     write_bytes(folder / "report.html", report, force)
 
@@ -71,3 +75,16 @@ def demo(
     ]
     emit_table(rows, SOURCE)
     say(f"written to {folder}: {', '.join(names)}")
+
+
+def _marked(result: "Fit", space: str, unit: str, warnings: "Warnings") -> "Fit":
+    """The fit with the marks, the source and the warnings of its image."""
+    from quadriform.errors import join_warnings
+    from quadriform.files import sha256_of
+    from quadriform.imaging.input_files import input_files
+    from quadriform.imaging.reading import example_path
+
+    file = example_path()
+    record = replace(result.model.record, title=SOURCE, sources=input_files({"": [file]}))
+    model = replace(result.model, space=space, unit=unit, input_sha256=sha256_of(file), record=record)
+    return replace(result, model=model, warnings=join_warnings(warnings, result.warnings))

@@ -7,6 +7,7 @@ import traceback
 
 from quadriform import __version__
 from quadriform.errors import QuadriformError
+from quadriform.words import plain
 
 USAGE, NO_MEMORY, SOME_FAILED, INTERNAL, INTERRUPTED = 2, 6, 7, 70, 130
 
@@ -26,6 +27,6 @@ def complain(error: Exception, about: str = "") -> int:
 
 
 def one_line(text: str, code: int) -> int:
-    """Print one line on stderr and return the code."""
-    print("quadriform: " + " ".join(text.split()), file=sys.stderr)
+    """Print one line on stderr, without control characters, and return the code."""
+    print("quadriform: " + plain(" ".join(text.split())), file=sys.stderr)
     return code

@@ -14,9 +14,11 @@ from quadriform.cli.inputs import naming, refuse
 from quadriform.cli.options import stem
 from quadriform.cli.reporting import REPORT, page_of_track, track_options
 from quadriform.cli.screen import emit_json, emit_table, progress_bar, say, warn
+from quadriform.errors import join_warnings
 from quadriform.files import save, sha256_of
 from quadriform.files.atomic import check_folder, check_writable, make_folder, write_bytes
 from quadriform.imaging.frame_sources import Frames, frame_files, keep_slices, read_frames
+from quadriform.imaging.input_files import input_files, title_of, without_folders
 from quadriform.imaging.sources import files_of, space_to_write
 
 if TYPE_CHECKING:
@@ -55,12 +57,11 @@ def follow(
             keep_slices(frames)
         for note in dict.fromkeys(frames.notes):
             say(f"note: {note}")
-        found = _track(frames, shift_slices, space, options, files)
+        found = _track(frames, shift_slices, space, options, inputs, files)
         if strict:
             refuse(found.warnings)
     record = _record(inputs, targets, found, time.perf_counter() - begin)
-    record["notes"] = list(dict.fromkeys(frames.notes))
-    title = ", ".join(path.name for path in inputs[:3]) + (" ..." if len(inputs) > 3 else "")
+    title = title_of(inputs)
     space = next(iter(frames.marks))[0]
     page = page_of_track(found, frames.clouds, frames.slices, space, title, record | track_options(options))
     make_folder(folder)
@@ -81,7 +82,12 @@ def follow(
 
 
 def _track(
-    frames: Frames, shift_slices: bool, asked: str | None, options: dict[str, Any], files: Sequence[Path]
+    frames: Frames,
+    shift_slices: bool,
+    asked: str | None,
+    options: dict[str, Any],
+    inputs: Sequence[Path],
+    files: Sequence[Path],
 ) -> "Track":
     from quadriform.motion.tracking import track
 
@@ -94,11 +100,14 @@ def _track(
         found = track(frames.clouds, slices=frames.slices if shift_slices else None, progress=progress, **given)
     sha256 = sha256_of(*dict.fromkeys(file for path in files for file in files_of(path)))
     moving = found.moving
+    record = replace(found.models[0].record, title=title_of(inputs), sources=input_files({"": files}))
+    marks: dict[str, Any] = {"space": space, "unit": unit, "input_sha256": sha256, "record": record}
     marked = replace(
         found,
-        moving=None if moving is None else replace(moving, space=space, unit=unit, input_sha256=sha256),
-        models=tuple(replace(model, space=space, unit=unit, input_sha256=sha256) for model in found.models),
-        warnings=frames.warnings | found.warnings,
+        moving=None if moving is None else replace(moving, **marks),
+        models=tuple(replace(model, **marks) for model in found.models),
+        warnings=join_warnings(frames.warnings, found.warnings),
+        notes=(*without_folders(frames.notes, files), *found.notes),
     )
     return marked.in_space(wanted)
 
@@ -126,6 +135,7 @@ def _record(inputs: Sequence[Path], targets: Sequence[Path], found: "Track", sec
         "unit": model.unit,
         "seconds": round(seconds, 3),
         "warnings": {str(kind): text for kind, text in found.warnings.items()},
+        "notes": list(found.notes),
     }
 
 

@@ -5,22 +5,30 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Sequence
+
+from quadriform.errors import Warnings
+from quadriform.shapes.record import Remark, remarks
+from quadriform.words import plain
 
 QUIET_SECONDS = 1.0
 """Work shorter than this shows no progress bar."""
 
 
 def say(text: str) -> None:
-    """One line on stderr."""
-    print(" ".join(text.split()), file=sys.stderr)
+    """One line on stderr, without control characters."""
+    print(plain(" ".join(text.split())), file=sys.stderr)
 
 
-def warn(warnings: Mapping[Any, str], about: str = "") -> None:
-    """The named warnings on stderr, one line each."""
-    for kind, text in warnings.items():
-        say(f"warning: {about}{kind}: {text}")
+def warn(warnings: Warnings, about: str = "") -> None:
+    """The named warnings on stderr, one line each; `about` says of what."""
+    tell(remarks(warnings, about=about))
+
+
+def tell(every: Iterable[Remark]) -> None:
+    """Warnings and notes on stderr, one line each."""
+    for remark in every:
+        say(f"{'warning' if remark.kind else 'note'}: {remark}")
 
 
 def emit(text: str) -> None:

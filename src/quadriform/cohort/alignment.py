@@ -85,11 +85,11 @@ class Reference:
         moved: Array = cho_solve(cho_factor(self.gram), wanted)
         return (self.root.T @ moved).ravel()
 
-    def model(self, row: Array, **marks: str) -> DeformableModel:
+    def model(self, row: Array, space: str, unit: str) -> DeformableModel:
         """The model of such numbers."""
         moved = solve_triangular(self.root.T, np.reshape(row, (-1, 3)))
         control = self.box.control_points + moved.reshape(self.box.control_points.shape)
-        return DeformableModel(self.surfaces, self.box.with_control_points(control), **marks)
+        return DeformableModel(self.surfaces, self.box.with_control_points(control), space, unit)
 
 
 def stretch(surface: Superquadric) -> Array:

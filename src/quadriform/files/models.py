@@ -18,14 +18,19 @@ from quadriform.files.atomic import write_bytes
 from quadriform.files.marks import SPACES, UNITS, check_marks
 from quadriform.files.packed import NUMBERS, TEXT, Unpacking, packed
 from quadriform.files.reading import quoted, read_bytes, signature, suffix_of
-from quadriform.files.strict import Field
+from quadriform.files.records import FIELDS, read_record, record_document
+from quadriform.files.strict import SHA256, Field
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.model import DeformableModel
+from quadriform.shapes.moving_model import MovingModel
+from quadriform.shapes.record import ModelRecord
 from quadriform.shapes.superquadric import Superquadric
 
 MODEL_SUFFIXES = (".json", ".npz")
 FORMAT = "quadriform-model"
-VERSION = 1
+VERSION = 2
+"""Since 2 the file holds the record of the fit; models of version 1 have the status "unknown"."""
+BODY = ("format", "version", "space", "unit", "input_sha256", "surfaces", "box")
 
 ARRAYS: dict[str, tuple[int, ...]] = {"semi_axes": (3,), "exponents": (2,), "rotation": (3, 3), "translation": (3,)}
 EXTRA = {"toroid": "hole_radius", "hyperboloid1": "height", "hyperboloid2": "height"}
@@ -79,20 +84,37 @@ def holds_model(path: str | os.PathLike[str]) -> bool:
 
 
 def _document(model: DeformableModel) -> dict[str, Any]:
-    check_marks(model.space, model.unit)
-    return {
-        "format": FORMAT,
-        "version": VERSION,
-        "space": model.space,
-        "unit": model.unit,
-        "input_sha256": model.input_sha256,
-        "surfaces": [surface_document(name, surface) for name, surface in model.surfaces.items()],
+    return head_document(FORMAT, VERSION, model) | {
         "box": {name: getattr(model.box, name).tolist() for name in ("origin", "edges", "control_points")},
     }
 
 
+def head_document(name: str, version: int, model: DeformableModel | MovingModel) -> dict[str, Any]:
+    """What the documents of models and of moving models begin with.
+
+    Raises:
+        OptionError: a frame, a unit or the name of a surface that no file can hold.
+    """
+    check_marks(model.space, model.unit)
+    return {
+        "format": name,
+        "version": version,
+        "space": model.space,
+        "unit": model.unit,
+        "input_sha256": model.input_sha256,
+        **record_document(model.record),
+        "surfaces": [surface_document(each, surface) for each, surface in model.surfaces.items()],
+    }
+
+
 def surface_document(name: str, surface: Superquadric) -> dict[str, Any]:
-    """A named superquadric as it stands in the document."""
+    """A named superquadric as it stands in the document.
+
+    Raises:
+        OptionError: a name that UTF-8 cannot hold.
+    """
+    if not name.isascii() and name.encode("utf-8", "replace").decode() != name:
+        raise OptionError(f"surface {name!r}: expected a name without halves of surrogate pairs")
     fields: dict[str, Any] = {"name": name, "kind": surface.kind}
     fields |= {key: getattr(surface, key).tolist() for key in ARRAYS}
     if surface.kind in EXTRA:
@@ -101,30 +123,34 @@ def surface_document(name: str, surface: Superquadric) -> dict[str, Any]:
 
 
 def _model(root: Field) -> DeformableModel:
-    root.member("format").choice((FORMAT,))
-    version = root.member("version")
-    if not 1 <= version.whole() <= VERSION:
-        version.refuse(f"version 1 to {VERSION}; a later one needs a newer quadriform")
-    root.only(("format", "version", "space", "unit", "input_sha256", "surfaces", "box"))
-    return DeformableModel(
-        read_surfaces(root.member("surfaces")),
-        _box(root.member("box")),
-        root.member("space").choice(SPACES),
-        root.member("unit").choice(UNITS),
-        read_sha256(root),
-    )
+    version = read_version(root, FORMAT, VERSION)
+    root.only(BODY if version == 1 else (*BODY, *FIELDS))
+    surfaces = read_surfaces(root.member("surfaces"))
+    record = ModelRecord() if version == 1 else read_record(root, surfaces)
+    return DeformableModel(surfaces, _box(root.member("box")), *read_marks(root), record)
 
 
-def read_sha256(root: Field) -> str:
-    """The hash of the input, or nothing.
+def read_version(root: Field, name: str, latest: int) -> int:
+    """The version of a document.
 
     Raises:
-        FileFormatError: something else.
+        FileFormatError: another format, or a version that is not known.
     """
-    sha256 = root.member("input_sha256")
-    if not re.fullmatch(r"([0-9a-f]{64})?", sha256.text()):
-        sha256.refuse("64 hexadecimal digits, or nothing")
-    return sha256.text()
+    root.member("format").choice((name,))
+    version = root.member("version")
+    if not 1 <= version.whole() <= latest:
+        version.refuse(f"version 1 to {latest}; a later one needs a newer quadriform")
+    return version.whole()
+
+
+def read_marks(root: Field) -> tuple[str, str, str]:
+    """Frame of the world, unit and hash of the input, each maybe unknown.
+
+    Raises:
+        FileFormatError: a field that is missing or wrong.
+    """
+    sha256 = root.member("input_sha256").matching(SHA256, "64 hexadecimal digits, or nothing")
+    return root.member("space").choice(SPACES), root.member("unit").choice(UNITS), sha256
 
 
 def read_surfaces(field: Field) -> dict[str, Superquadric]:

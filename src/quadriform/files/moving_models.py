@@ -7,17 +7,19 @@ import numpy as np
 
 from quadriform.errors import FileFormatError, OptionError
 from quadriform.files.atomic import write_bytes
-from quadriform.files.marks import SPACES, UNITS, check_marks
-from quadriform.files.models import encode_json, parse_json, read_sha256, read_surfaces, surface_document
+from quadriform.files.models import encode_json, head_document, parse_json, read_marks, read_surfaces, read_version
 from quadriform.files.reading import quoted, read_bytes, suffix_of
+from quadriform.files.records import FIELDS, read_record
 from quadriform.files.strict import Field
 from quadriform.points import Array
 from quadriform.shapes.moving_model import MovingModel
+from quadriform.shapes.record import ModelRecord
 from quadriform.shapes.splines import TimeBasis
 
 FORMAT = "quadriform-moving-model"
-VERSION = 2
-"""Since 2 the file has the times of its frames; before, they are those of the knots."""
+VERSION = 3
+"""Since 2 the file has the times of its frames; before, they are those of the knots. Since 3 it has the record."""
+BODY = ("format", "version", "space", "unit", "input_sha256", "surfaces", "time", "box")
 
 
 def write_moving_model(model: MovingModel, path: str | os.PathLike[str], force: bool = False) -> None:
@@ -29,14 +31,7 @@ def write_moving_model(model: MovingModel, path: str | os.PathLike[str], force: 
         OutputError: the target cannot be written.
     """
     suffix_of(path, (".json",), "a moving model")
-    check_marks(model.space, model.unit)
-    document = {
-        "format": FORMAT,
-        "version": VERSION,
-        "space": model.space,
-        "unit": model.unit,
-        "input_sha256": model.input_sha256,
-        "surfaces": [surface_document(name, surface) for name, surface in model.surfaces.items()],
+    document = head_document(FORMAT, VERSION, model) | {
         "time": {
             "knots": model.basis.knots.tolist(),
             "period": model.basis.period,
@@ -58,27 +53,27 @@ def read_moving_model(path: str | os.PathLike[str]) -> MovingModel:
     suffix_of(path, (".json",), "a moving model")
     where = quoted(path)
     root = Field(parse_json(read_bytes(path), where), "", where)
-    root.member("format").choice((FORMAT,))
-    version = root.member("version")
-    if not 1 <= version.whole() <= VERSION:
-        version.refuse(f"version 1 to {VERSION}; a later one needs a newer quadriform")
-    root.only(("format", "version", "space", "unit", "input_sha256", "surfaces", "time", "box"))
-    box, marks = root.member("box"), (root.member("space").choice(SPACES), root.member("unit").choice(UNITS))
+    version = read_version(root, FORMAT, VERSION)
+    root.only(BODY if version < 3 else (*BODY, *FIELDS))
+    box, (space, unit, sha256) = root.member("box"), read_marks(root)
     shapes = {"origin": (3,), "edges": (3, 3), "control_points": (None, None, None, None, 3)}
     values: dict[str, Any] = {name: box.member(name).numbers(shape) for name, shape in shapes.items()}
     box.only(tuple(shapes))
-    surfaces, sha256 = read_surfaces(root.member("surfaces")), read_sha256(root)
+    surfaces = read_surfaces(root.member("surfaces"))
+    record = ModelRecord() if version < 3 else read_record(root, surfaces)
     try:
-        basis, frame_times = _times(root.member("time"), version.whole())
+        basis, frame_times = _times(root.member("time"), version)
         return MovingModel(
             surfaces,
             values["origin"],
             values["edges"],
             basis,
             values["control_points"],
-            *marks,
+            space,
+            unit,
             sha256,
             frame_times,
+            record,
         )
     except OptionError as error:
         raise FileFormatError(f"{where}: {error}") from error

@@ -27,11 +27,18 @@ def packed(document: dict[str, Any]) -> bytes:
 def _without_arrays(value: Any, numbers: list[NDArray[np.float64]]) -> Any:
     if isinstance(value, dict):
         return {name: _without_arrays(each, numbers) for name, each in value.items()}
-    if isinstance(value, list) and value and not isinstance(value[0], dict):
+    if isinstance(value, list) and _is_array(value):
         array = np.array(value, dtype=np.float64)
         numbers.append(array.ravel())
         return {SHAPE: list(array.shape)}
     return [_without_arrays(each, numbers) for each in value] if isinstance(value, list) else value
+
+
+def _is_array(values: list[Any]) -> bool:
+    """Whether a list holds numbers, or lists of them."""
+    while values and isinstance(values[0], list):
+        values = values[0]
+    return bool(values) and isinstance(values[0], int | float)
 
 
 class Unpacking:
@@ -63,10 +70,12 @@ class Unpacking:
             return [self._filled(each) for each in value]
         if not isinstance(value, dict):
             return value
-        return self._array(value[SHAPE]) if value.keys() == {SHAPE} else {n: self._filled(v) for n, v in value.items()}
+        if value.keys() == {SHAPE} and isinstance(value[SHAPE], list):  # a surface may have that name too
+            return self._array(value[SHAPE])
+        return {name: self._filled(each) for name, each in value.items()}
 
-    def _array(self, shape: Any) -> Any:
-        if not isinstance(shape, list) or not all(type(length) is int and length >= 0 for length in shape):
+    def _array(self, shape: list[Any]) -> Any:
+        if not all(type(length) is int and length >= 0 for length in shape):
             self._refuse("a list of lengths as a shape", repr(shape)[:60])
         start, self.taken = self.taken, self.taken + prod(shape)
         if self.taken > len(self.numbers):

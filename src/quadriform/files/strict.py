@@ -1,6 +1,7 @@
 """A value from a document together with its path, so that every refusal names the field."""
 
 import math
+import re
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
@@ -8,6 +9,10 @@ import numpy as np
 
 from quadriform.errors import FileFormatError
 from quadriform.points import Array
+from quadriform.words import plain
+
+SHA256 = re.compile(r"([0-9a-f]{64})?")
+"""A hash of a file, or nothing."""
 
 
 @dataclass(frozen=True)
@@ -39,8 +44,10 @@ class Field:
         return Field(self.value[name], path, self.where)
 
     def only(self, names: tuple[str, ...]) -> None:
-        """Refuse an object with other members than `names`."""
-        unknown = [name for name in self.value if name not in names]
+        """Refuse anything but an object, and one with other members than `names`."""
+        if not isinstance(self.value, dict):
+            self.refuse("an object with named fields")
+        unknown = [plain(name) for name in self.value if name not in names]
         if unknown:
             path = f"{self.path}.{unknown[0]}" if self.path else unknown[0]
             Field(None, path[:80], self.where).refuse(f"only the fields {', '.join(names)}", "this unknown one")
@@ -51,11 +58,38 @@ class Field:
             self.refuse("a list")
         return [Field(item, f"{self.path}[{i}]", self.where) for i, item in enumerate(self.value)]
 
+    def optional(self, name: str) -> "Field":
+        """A member of an object that was checked, whose value is None where it is missing."""
+        path = f"{self.path}.{name}" if self.path else name
+        return self.member(name) if name in self.value else Field(None, path, self.where)
+
+    def members(self) -> dict[str, "Field"]:
+        """All members of an object by their names; none where the value is None."""
+        if self.value is None:
+            return {}
+        if not isinstance(self.value, dict):
+            self.refuse("an object with named fields")
+        return {name: Field(item, f"{self.path}.{plain(name)[:80]}", self.where) for name, item in self.value.items()}
+
     def text(self) -> str:
-        """A string."""
+        """A string that UTF-8 can hold."""
         if not isinstance(self.value, str):
             self.refuse("a text")
+        if any("\ud800" <= letter <= "\udfff" for letter in self.value):
+            self.refuse("a text without halves of surrogate pairs")
         return self.value
+
+    def line(self) -> str:
+        """A string on one line, without control characters."""
+        if self.text() != plain(self.text()):
+            self.refuse("a text on one line without control characters")
+        return self.text()
+
+    def matching(self, pattern: re.Pattern[str], expected: str) -> str:
+        """A string that a pattern matches as a whole."""
+        if not pattern.fullmatch(self.text()):
+            self.refuse(expected)
+        return self.text()
 
     def choice(self, choices: tuple[str, ...]) -> str:
         """A string out of a few."""

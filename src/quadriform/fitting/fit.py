@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from quadriform.errors import OptionError, Warnings, choose
 from quadriform.fitting.clouds import Given, without_meshes
 from quadriform.fitting.duplicates import Distinct
-from quadriform.fitting.fit_warnings import fit_warnings, named_texts
+from quadriform.fitting.fit_warnings import coverages, fit_warnings, named_texts, start_notes
 from quadriform.fitting.large import MANY, on_all, sampled
 from quadriform.fitting.options import METHODS, PaperOptions, TangentOptions, options_for
 from quadriform.fitting.outcome import Fit, Progress, rms
@@ -23,6 +23,7 @@ from quadriform.points import Array, Frame, check_points, check_spread, check_we
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.model import DeformableModel
+from quadriform.shapes.record import ModelRecord
 from quadriform.shapes.superquadric import Superquadric
 
 ALONE = "surface"
@@ -72,7 +73,8 @@ def fit(
         surfaces = {name: start.superquadric for name, start in starts.items()}
         refined = _refine(surfaces, few, counts, chosen, kind, progress)
         if method != "paper":
-            return refined  # whatever the start's troubles were, the refined model speaks for itself
+            # the refined model speaks for itself, but for a start that would be another one in another order of points
+            return replace(refined, notes=(*refined.notes, *start_notes(starts, refined.model)))
         said = named_texts({name: s.warnings for name, s in starts.items()})
         return replace(refined, warnings=said | refined.warnings)
 
@@ -212,8 +214,9 @@ def _in_world(result: Result, clouds: dict[str, Array], frame: Frame) -> Fit:
     first = {name: before.distance(cloud, name) for name, cloud in local.items()}
     inliers = result.inliers or {name: np.ones(len(cloud)) for name, cloud in local.items()}
     noise = result.noise if result.noise is not None else rms(residuals)
+    record = ModelRecord(coverage=coverages(result, local, inliers))
     return Fit(
-        model=replace(model.placed(frame.scale, frame.centre), input_sha256=_hash(clouds)),
+        model=replace(model.placed(frame.scale, frame.centre), input_sha256=_hash(clouds), record=record),
         warnings=fit_warnings(result, local, residuals, inliers),
         residuals=_unnamed({name: frame.scale * values for name, values in residuals.items()}),
         superquadric_residuals=_unnamed({name: frame.scale * values for name, values in first.items()}),

@@ -6,17 +6,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.errors import WarningKind, Warnings
-from quadriform.fitting.coverage import coverage_warning
-from quadriform.fitting.outcome import rms
+from quadriform.fitting.coverage import coverage_warning, covered_share
+from quadriform.fitting.outcome import SuperquadricFit, rms
 from quadriform.fitting.tangent_fit import Result
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
 
 POOR = 0.05
 """An RMS distance of the inliers above this share of the cloud's RMS radius is called a poor fit."""
 STRANGER = 0.5
 NAMED = 5
+NOT_CONVERGED = (WarningKind.AT_BOUND, WarningKind.MAX_ITERATIONS)
+"""Of a superquadric: another order or pose of the points can then give another one, and another model."""
+ROUNDING = 1e-9
 
 
 def named_texts(found: Mapping[str, Warnings]) -> Warnings:
@@ -35,6 +39,33 @@ def fit_warnings(
     """Warnings about a model, its points and their distances, all in the centred, scaled frame."""
     found = {name: _of_surface(result, name, cloud, residuals[name], inliers[name]) for name, cloud in clouds.items()}
     return named_texts(found) | result.warnings
+
+
+def coverages(result: Result, clouds: Mapping[str, Array], inliers: Mapping[str, Array]) -> dict[str, float]:
+    """Share [0, 1] of the directions from the centre that have inliers, of each superellipsoid, by its name."""
+    kept = {name: cloud[inliers[name] >= STRANGER] for name, cloud in clouds.items()}
+    bodies = {name: body for name, body in result.model.surfaces.items() if body.kind == "ellipsoid"}
+    return {n: covered_share(body, kept[n], result.beyond) if len(kept[n]) else 0.0 for n, body in bodies.items()}
+
+
+def start_notes(starts: Mapping[str, SuperquadricFit], model: DeformableModel) -> tuple[str, ...]:
+    """Notes on superquadrics that did not converge and that a model in the same unit still starts from."""
+    kept = {name: start for name, start in starts.items() if _same(start.superquadric, model.surfaces[name])}
+    return tuple(
+        f"{f'{name}: ' if len(starts) > 1 else ''}the superquadric that the fit starts from: {kind}: {text}"
+        for name, start in kept.items()
+        for kind, text in start.warnings.items()
+        if kind in NOT_CONVERGED
+    )
+
+
+def _same(one: Superquadric, other: Superquadric) -> bool:
+    """Whether two superquadrics are one but for rounding."""
+    size = float(one.semi_axes.max())
+    lengths = np.concatenate([one.semi_axes - other.semi_axes, one.translation - other.translation])
+    return np.abs(lengths).max() < ROUNDING * (size + np.abs(one.translation).max()) and np.allclose(
+        one.exponents, other.exponents, rtol=0, atol=ROUNDING
+    )
 
 
 def _of_surface(result: Result, name: str, cloud: Array, residuals: Array, inliers: Array) -> Warnings:

@@ -1,7 +1,7 @@
 """What a fit returns beside the model: how good it is, how it went, and what to be wary of."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -90,7 +90,7 @@ class Fit:
         covariance: posterior covariance (3 k, 3 k) of the k control points, coordinates of a point together, in
             squared units; None for the paper's method, which has no such thing.
         finer: what more control points would say of the same data, for `uncertainty`; None for the paper's method.
-        notes: what was done with the input that does not make the result doubtful, one sentence each.
+        notes: remarks that leave the status "ok", one sentence each.
     """
 
     model: DeformableModel
@@ -104,6 +104,11 @@ class Fit:
     covariance: Array | None = None
     finer: FinerBox | None = None
     notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Let the model carry status, warnings and notes, also after `dataclasses.replace`."""
+        record = replace(self.model.record, status=self.status, warnings=self.warnings, notes=self.notes)
+        object.__setattr__(self, "model", replace(self.model, record=record))
 
     def uncertainty(self, points: ArrayLike, surface: str | None = None) -> Array:
         """One standard deviation (n,) of the surface along its normal, at the surface points nearest to (n, 3) points.

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from quadriform.errors import InputError, OptionError, Warnings
+from quadriform.errors import InputError, OptionError, Warnings, join_warnings
 from quadriform.files.guide_points import FRAME_FILE, read_guide_points
 from quadriform.fitting.fit import ALONE
 from quadriform.imaging.sources import ImageOptions, Marks, kind_of, read_source
@@ -50,9 +50,7 @@ class Frames:
 
     def add_warnings(self, warnings: Warnings) -> None:
         """More warnings; two of one kind are joined."""
-        for kind, text in warnings.items():
-            if text not in self.warnings.get(kind, ""):
-                self.warnings[kind] = "; ".join(filter(None, [self.warnings.get(kind), text]))
+        self.warnings = join_warnings(self.warnings, warnings)
 
 
 def frame_files(inputs: Sequence[Path]) -> list[Path]:
@@ -127,7 +125,7 @@ def _add_image(frames: Frames, file: Path, labels: Mapping[str, str]) -> None:
         notes = [note for source in sources.values() for note in source.notes]
         warnings: Warnings = {}
         for source in sources.values():
-            warnings |= source.warnings
+            warnings = join_warnings(warnings, source.warnings)
         clouds = {name: source.points for name, source in sources.items()}
         frames.slices.append({name: source.slices for name, source in sources.items() if source.slices is not None})
         frames.grids.append(None if first.image is None else first.image.world_from_voxel)

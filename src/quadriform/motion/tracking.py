@@ -7,6 +7,7 @@ frame before; "cycle" finds the control points of all times at once, smooth and 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,6 +35,7 @@ STRANGER = 0.5
 
 SliceNumbers = Sequence[Mapping[str, ArrayLike] | ArrayLike]
 _Frames = list[dict[str, Array]]
+AnyModel = TypeVar("AnyModel", DeformableModel, MovingModel)
 
 
 @dataclass(frozen=True)
@@ -49,8 +51,8 @@ class Track:
         noise: standard deviation of the points along the normal, in their unit.
         strengths: in space, and in time where there is one.
         shifts: slice number -> shift (3,) in its plane, in the unit of the points; empty where none was sought.
-        warnings: kind -> sentence.
-        notes: what was done with the input that does not make the result doubtful, one sentence each.
+        warnings: kind -> sentence; every model carries those of all frames, whose texts name the frames.
+        notes: remarks that leave the status "ok", one sentence each.
     """
 
     strategy: str
@@ -63,6 +65,16 @@ class Track:
     shifts: dict[int, Array] = field(default_factory=dict)
     warnings: Warnings = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Let all models carry status, warnings and notes, also after `dataclasses.replace`."""
+        models = tuple(self._recorded(model) for model in self.models)
+        object.__setattr__(self, "models", models)
+        object.__setattr__(self, "moving", None if self.moving is None else self._recorded(self.moving))
+
+    def _recorded(self, model: AnyModel) -> AnyModel:
+        record = replace(model.record, status=self.status, warnings=self.warnings, notes=self.notes)
+        return replace(model, record=record)
 
     @property
     def status(self) -> str:

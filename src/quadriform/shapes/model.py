@@ -1,6 +1,6 @@
 """The deformable model: superquadric surface(s) carried by one control box (paper 3)."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
@@ -14,12 +14,13 @@ from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.crossings import crossings
 from quadriform.shapes.directions import split_quads
 from quadriform.shapes.mesh import Mesh
+from quadriform.shapes.record import ModelRecord, Recorded
 from quadriform.shapes.spaces import turn_between
 from quadriform.shapes.superquadric import Superquadric
 
 
 @dataclass(frozen=True)
-class DeformableModel:
+class DeformableModel(Recorded):
     """Named superquadrics in one box of control points.
 
     Attributes:
@@ -29,6 +30,7 @@ class DeformableModel:
         space: the frame of the world coordinates: "LPS", "RAS" or "unknown".
         unit: "mm", "m" or "unknown".
         input_sha256: hash of the input that the model was fitted to, empty for models built by hand.
+        record: status, warnings and sources of its fit; "unknown" for models built by hand.
     """
 
     surfaces: dict[str, Superquadric]
@@ -36,6 +38,7 @@ class DeformableModel:
     space: str = "unknown"
     unit: str = "unknown"
     input_sha256: str = ""
+    record: ModelRecord = field(default_factory=ModelRecord)
 
     def __post_init__(self) -> None:
         if not self.surfaces:

@@ -1,6 +1,6 @@
 """A moving model: a deformable model at any time, and the paths of its material points."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,13 +9,14 @@ from quadriform.errors import OptionError
 from quadriform.points import Array, check_points
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.model import DeformableModel
+from quadriform.shapes.record import ModelRecord, Recorded
 from quadriform.shapes.spaces import turn_between
 from quadriform.shapes.splines import TimeBasis
 from quadriform.shapes.superquadric import Superquadric
 
 
 @dataclass(frozen=True)
-class MovingModel:
+class MovingModel(Recorded):
     """Superquadrics that do not move in a box whose control points do.
 
     Attributes:
@@ -28,6 +29,7 @@ class MovingModel:
         unit: "mm", "m" or "unknown".
         input_sha256: hash of the input that the model was fitted to.
         frame_times: (F,), increasing, of the frames that it was fitted to; those of the knots unless given.
+        record: status, warnings and sources of its fit, those of all frames together.
     """
 
     surfaces: dict[str, Superquadric]
@@ -39,6 +41,7 @@ class MovingModel:
     unit: str = "unknown"
     input_sha256: str = ""
     frame_times: Array = ()  # type: ignore[assignment]
+    record: ModelRecord = field(default_factory=ModelRecord)
 
     def __post_init__(self) -> None:
         expected = len(self.basis.knots)
@@ -70,7 +73,7 @@ class MovingModel:
         Raises:
             OptionError: a time that a motion without period does not cover.
         """
-        return DeformableModel(self.surfaces, self.box(time), self.space, self.unit, self.input_sha256)
+        return DeformableModel(self.surfaces, self.box(time), self.space, self.unit, self.input_sha256, self.record)
 
     def trajectories(self, points: ArrayLike, times: ArrayLike) -> Array:
         """Where material points, given before deformation (n, 3), are at (T,) times: (T, n, 3)."""

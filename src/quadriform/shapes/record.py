@@ -1,0 +1,167 @@
+"""What stays with a model beside its geometry: how far its fit can be trusted, and what it was made from."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from quadriform.errors import OptionError, Warnings, choose, join_warnings
+from quadriform.words import plain
+
+STATUSES = ("ok", "warned", "unreliable", "unknown")
+"""From good to bad; "unknown" where nobody recorded how the fit went: models built by hand and older files."""
+NOT_RECORDED = "how the fit of this model went is not recorded (made by hand, or by an older version)"
+
+
+@dataclass(frozen=True)
+class InputFile:
+    """A file, or a folder of slices, that points of a model came from.
+
+    Attributes:
+        name: its name without the folders above it.
+        sha256: of its bytes, of a folder of those of its files in the order of their names.
+        surface: the surface that its points belong to; empty for all.
+        frame: which frame of a file with several, from 0, or which frame of a cycle.
+        note: how points were taken from it; empty where they were read as they are.
+    """
+
+    name: str
+    sha256: str = ""
+    surface: str = ""
+    frame: int | None = None
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        for key in ("name", "note"):
+            object.__setattr__(self, key, plain(getattr(self, key)))
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A number with what is known about it; reserved for later versions, which write estimates into files.
+
+    Attributes:
+        value: the number, in `unit`.
+        unit: "mm^3", "ml", "1" and so on.
+        supported: share of it that data supports, [0, 1], where it is known.
+        sd: one standard deviation, where it is known.
+    """
+
+    value: float
+    unit: str
+    supported: float | None = None
+    sd: float | None = None
+
+
+@dataclass(frozen=True)
+class ModelRecord:
+    """How the fit of a model went, and its input; it is never changed, and travels with the model.
+
+    Attributes:
+        status: "ok"; "warned", usable where data supports it; "unreliable", not to be used; or "unknown".
+        warnings: kind -> sentence; none exactly where the status is "ok" or "unknown".
+        notes: remarks that leave the status "ok", one sentence each.
+        title: what was modelled, plain text, such as the names of the input files.
+        sources: the input files.
+        coverage: surface -> share [0, 1] of the directions from its centre that have data.
+        supported: surface -> share [0, 1] of its area that data supports; reserved, empty.
+        extends_beyond: surface -> its largest reach beyond the data, a length; reserved, empty.
+        estimates: name -> estimate, such as that of the volume; reserved, empty.
+
+    Raises:
+        OptionError: an unknown status, or one that its warnings contradict.
+    """
+
+    status: str = "unknown"
+    warnings: Warnings = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    title: str = ""
+    sources: tuple[InputFile, ...] = ()
+    coverage: Mapping[str, float] = field(default_factory=dict)
+    supported: Mapping[str, float] = field(default_factory=dict)
+    extends_beyond: Mapping[str, float] = field(default_factory=dict)
+    estimates: Mapping[str, Estimate] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        choose(self.status, STATUSES, "status")
+        if bool(self.warnings) != (self.status in ("warned", "unreliable")):
+            found = ", ".join(self.warnings) or "no warnings"
+            raise OptionError(f"status={self.status!r}: expected warnings exactly where it is not good, found {found}")
+        warnings = {kind: plain(text) for kind, text in self.warnings.items()}
+        for key, value in (
+            ("warnings", warnings),
+            ("notes", tuple(map(plain, self.notes))),
+            ("title", plain(self.title)),
+        ):
+            object.__setattr__(self, key, value)
+
+
+@dataclass(frozen=True)
+class Remark:
+    """A warning or a note as a terminal, a table or a page shows it.
+
+    Attributes:
+        text: the sentence.
+        kind: of the warning; empty for a note.
+        about: of what it speaks, such as "from the fit"; may be empty.
+    """
+
+    text: str
+    kind: str = ""
+    about: str = ""
+
+    def __str__(self) -> str:
+        return ": ".join(filter(None, [self.about, self.kind, self.text]))
+
+
+def remarks(warnings: Warnings, notes: tuple[str, ...] = (), about: str = "") -> list[Remark]:
+    """Warnings, then notes, each ready to be shown."""
+    return [Remark(text, str(kind), about) for kind, text in warnings.items()] + [
+        Remark(text, about=about) for text in notes
+    ]
+
+
+def remarks_of(record: ModelRecord, about: str = "from the fit") -> list[Remark]:
+    """All that a record says of the fit of its model, for everything that uses the model later."""
+    notes = (NOT_RECORDED, *record.notes) if record.status == "unknown" else record.notes
+    return remarks(record.warnings, notes, about)
+
+
+def together(records: Mapping[str, ModelRecord]) -> ModelRecord:
+    """One record of several models: the worst status, and all warnings and notes, each under the name of its model.
+
+    Models that share one record, such as the states of a moving model, have that record.
+    """
+    every = list(records.values())
+    if all(one == every[0] for one in every):
+        return every[0]
+    return ModelRecord(
+        status=worst(*(one.status for one in every)),
+        warnings=join_warnings(*({k: f"{n}: {t}" for k, t in one.warnings.items()} for n, one in records.items())),
+        notes=tuple(f"{name}: {note}" for name, one in records.items() for note in one.notes),
+        sources=tuple(dict.fromkeys(source for one in every for source in one.sources)),
+    )
+
+
+def worst(*statuses: str) -> str:
+    """The worst of statuses; one that is not known counts as worse than "ok" alone."""
+    return max(statuses, key=("ok", "unknown", "warned", "unreliable").index)
+
+
+class Recorded:
+    """What models with a record have in common."""
+
+    record: ModelRecord
+
+    @property
+    def status(self) -> str:
+        """How far the fit can be trusted: "ok", "warned", "unreliable", or "unknown"."""
+        return self.record.status
+
+    @property
+    def warnings(self) -> Warnings:
+        """The warnings of the fit: kind -> sentence."""
+        return self.record.warnings
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Remarks that leave the status "ok"."""
+        return self.record.notes
