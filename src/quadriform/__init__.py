@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from quadriform import examples
     from quadriform.files import load, read_points, save
-    from quadriform.files.guide_points import read_guide_points
+    from quadriform.files.guide_points import read_guide_point_frames, read_guide_points
     from quadriform.fitting.fit import fit, refine
     from quadriform.fitting.outcome import Fit, SuperquadricFit
     from quadriform.fitting.superquadric_fit import fit_superquadric
@@ -42,6 +42,7 @@ _HOME = {
     "load": "files",
     "measure": "heart.measure",
     "plot": "report.plot",
+    "read_guide_point_frames": "files.guide_points",
     "read_guide_points": "files.guide_points",
     "read_points": "files",
     "read_volume": "imaging.reading",
@@ -68,6 +69,7 @@ __all__ = [
     "load",
     "measure",
     "plot",
+    "read_guide_point_frames",
     "read_guide_points",
     "read_points",
     "read_volume",

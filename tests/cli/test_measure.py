@@ -147,20 +147,32 @@ def test_a_marked_loop_is_brought_to_the_models(terminal, beating, tmp_path):
     assert json.loads(result.out)["measures"][0]["value"] == pytest.approx(expected.rows[0].value, rel=1e-12)
 
 
+def test_models_are_taken_in_the_order_of_their_numbers(terminal, beating, tmp_path):
+    """Frame 10 comes after frame 9, although a shell lists it before."""
+    for number, model in zip((9, 10), beating):
+        save(model, tmp_path / f"frame_{number}.json")
+    expected = json.loads(terminal("measure", "0.json", "1.json", "--json").out)
+    result = terminal("measure", "frame_10.json", "frame_9.json", "--json")
+    assert json.loads(result.out) == expected
+    assert "note: the models are taken in the order of the numbers in their names: frame_9.json, frame_10" in result.err
+
+
 def test_contours_that_do_not_fit_are_named(terminal, beating, tmp_path):
     files = contours_written(tmp_path / "frames")
     contours_written(tmp_path / "bare", valve=0)
     contours_written(tmp_path / "two", valve=2)
-    save(replace(beating[0], unit="m"), tmp_path / "metres.json")
+    for name in ("metres.json", "also.json"):
+        save(replace(beating[0], unit="m"), tmp_path / name)
     save(beating[0].in_space("RAS"), tmp_path / "ras.json")
     for words, code, said in (
         (["0.json", "1.json", "--contours", files[0]], 2, "each of 2 frames, found 1"),
-        (["0.json", "1.json", "--contours", "bare"], 4, "bare/GPFile_000.txt': expected 3 or more points MITRAL_VALVE"),
+        (["0.json", "1.json", "--contours", "bare"], 4, "'bare', frame 0: expected 3 or more points MITRAL_VALVE"),
         (["0.json", "1.json", "--contours", "two"], 4, "found 2"),
         (["0.json", "1.json", "--contours", "frames", "--base", "0.8"], 2, "exclude each other"),
         (["0.json", "1.json", "--contours", "."], 4, "no files GPFile_NNN.txt"),
         (["0.json", "1.json", "--contours", "nowhere.txt", "--contours", "x"], 4, "nowhere.txt"),
-        (["metres.json", "metres.json", "--contours", "frames"], 4, "expected lengths in m"),
+        (["metres.json", "metres.json", "--contours", "frames"], 4, "two files for one frame"),
+        (["metres.json", "also.json", "--contours", "frames"], 4, "expected lengths in m"),
         (["0.json", "ras.json"], 2, "frame 1 has the surfaces"),
     ):
         result = terminal("measure", *words, "-o", "m.csv")

@@ -96,7 +96,8 @@ def known(monkeypatch):
         moving = qf.MovingModel(dict.fromkeys(clouds[0], surface), box.origin, box.edges, basis, boxes)
         models = tuple(moving.at(time) for time in times)
         residuals = tuple({name: np.ones(len(cloud)) for name, cloud in frame.items()} for frame in clouds)
-        return qf.Track("cycle", times, models, moving, residuals, 1.0, (1e-5, 1e-5), {2: np.array([1.0, 2, 3])})
+        shifts = {2: np.array([1.0, 2, 3])} if options.get("slices") else {}
+        return qf.Track("cycle", times, models, moving, residuals, 1.0, (1e-5, 1e-5), shifts)
 
     monkeypatch.setattr("quadriform.motion.tracking.track", track)
     return asked
@@ -134,10 +135,38 @@ def test_frames_must_have_the_same_slices(terminal, nifti, body, known, contours
     moved = nibabel.load(files[1])
     moved.affine[2, 3] += 3
     nibabel.save(nibabel.Nifti1Image(mask, moved.affine, moved.header), tmp_path / "moved.nii")
-    for second in ("moved.nii", contours[0]):
-        refused = terminal("track", files[0], second, "-o", "other", "--shift-slices")
-        assert refused.code == 2 and "the slices of frame 1 are not those of frame 0" in refused.err
+    refused = terminal("track", files[0], "moved.nii", "-o", "other", "--shift-slices")
+    assert refused.code == 2 and "the slices of frame 1 are not those of frame 0" in refused.err
+    refused = terminal("track", files[0], contours[0], "-o", "other")
+    assert refused.code == 4 and "holds contours" in refused.err
     assert not (tmp_path / "other").exists()
+
+
+def test_frames_are_taken_in_the_order_of_their_numbers(terminal, known, ellipsoid, tmp_path):
+    """As a shell gives them and from a folder; where one is missing its time is left out."""
+    (tmp_path / "cine").mkdir()
+    for frame in range(8, 12):
+        np.savetxt(tmp_path / "cine" / f"frame_{frame}.xyz", ellipsoid * frame)
+    for out, inputs in (("folder", ["cine"]), ("shell", sorted((tmp_path / "cine").iterdir()))):
+        done = terminal("track", *inputs, "-o", out)
+        assert done.code == 0 and "numbers in their names: frame_8.xyz, frame_9.xyz, frame_10.xyz" in done.err
+        sizes = [np.linalg.norm(cloud["surface"][0]) for cloud in known["clouds"]]
+        np.testing.assert_allclose(np.divide(sizes, sizes[0]), np.arange(8, 12) / 8)
+    (tmp_path / "cine" / "frame_10.xyz").unlink()
+    done = terminal("track", "cine", "-o", "gap")
+    assert known["times"].tolist() == [8, 9, 11] and known["period"] == 4
+    assert "no frames with the numbers 10" in done.err
+    np.savetxt(tmp_path / "cine" / "frame_09.xyz", ellipsoid)
+    refused = terminal("track", "cine", "-o", "twice")
+    assert refused.code == 4 and "two files for one frame" in refused.err and not (tmp_path / "twice").exists()
+
+
+def test_unpadded_frames(terminal, shared, tmp_path):
+    """Volumes of a real run of twelve meshes, in the order of their numbers."""
+    folder = shared / "cases" / "frames_unpadded"
+    done = terminal("track", *sorted(folder.iterdir()), "-o", "out", "--box", "3,3,3", "--json")
+    volumes = [frame["volume_surface"] / 1000 for frame in json.loads(done.out)["frames"]]
+    np.testing.assert_allclose(volumes[:7], [117.8, 113.9, 103.7, 90.7, 78.7, 70.7, 67.9], atol=0.1)
 
 
 def test_each_alone_gives_a_model_a_frame(terminal, ellipsoid, tmp_path):

@@ -130,3 +130,12 @@ def test_shares_cover_every_block_once(subjects, parts):
     blocks = [each for part in range(1, parts + 1) for each in shared.share(part, parts)]
     assert blocks == list(range(shared.blocks))
     assert sum(len(shared.members(each)) for each in blocks) == subjects
+
+
+def test_surfaces_must_have_the_same_frames(one, tmp_path):
+    """Frame 2 of one wall is missing, frame 3 of the other: the walls would be paired across time."""
+    for name in ("endo_1", "endo_3", "epi_1", "epi_2"):
+        np.savetxt(tmp_path / f"{name}.xyz", np.eye(3))
+    found = one("a,,endo=endo_*.xyz;epi=epi_*.xyz", shared=layout(surfaces=("endo", "epi")))
+    assert found.failure.kind == "InputError"
+    assert "the frames of epi are numbered [1, 2], those of endo [1, 3]" in found.failure.error

@@ -5,7 +5,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from quadriform.errors import FileFormatError, InputError, OptionError, PointsError
-from quadriform.files.guide_points import read_guide_point_frames, read_guide_points, read_slice_planes
+from quadriform.files.guide_points import is_guide_points, read_guide_point_frames, read_guide_points
+from quadriform.files.slice_planes import read_slice_planes
 
 HEADER = "x\ty\tz\tcontour type\tframeID\tweight\ttime frame\n"
 ROWS = [
@@ -41,8 +42,8 @@ class TestOneFile:
         assert_array_equal(found.mitral, [[-7.5, 80, 9]])
         assert found.apex.shape == found.rv_inserts.shape == (0, 3)
 
-    @pytest.mark.parametrize("name, frame", [("GPFile_012.txt", 12), ("GPFile.txt", 0), ("p1_GPFile_3.txt", 3)])
-    def test_the_frame_is_that_of_the_name(self, tmp_path, name, frame):
+    @pytest.mark.parametrize("name, frame", [("GPFile_012.txt", 12), ("GPFile.txt", 4), ("p1_GPFile_3.txt", 3)])
+    def test_the_frame_is_that_of_the_name_or_of_most_rows(self, tmp_path, name, frame):
         assert read_guide_points(write(tmp_path / name)).frame == frame
 
     def test_line_ends_marks_and_blank_lines_do_not_matter(self, tmp_path):
@@ -60,8 +61,8 @@ class TestOneFile:
     @pytest.mark.parametrize(
         "row, said",
         [
-            ("1\t2\t3\tAPEX_POINT\t7\t1.0", "expected 7 fields between tabs, found 6"),
-            ("1 2 3 APEX_POINT 7 1.0 0", "expected 7 fields between tabs, found 1"),
+            ("1\t2\t3\tAPEX_POINT\t7\t1.0", "expected 7 fields, found 6"),
+            ("1,2,3,APEX_POINT,7,1.0,0", "expected 7 fields, found 1"),
             ("1\ttwo\t3\tAPEX_POINT\t7\t1.0\t0", "expected a finite number, found 'two'"),
             ("1\tnan\t3\tAPEX_POINT\t7\t1.0\t0", "expected a finite number, found 'nan'"),
             ("1\t1_0\t3\tAPEX_POINT\t7\t1.0\t0", "expected a finite number, found '1_0'"),
@@ -69,6 +70,8 @@ class TestOneFile:
             ("1\t2\t3\tAPEX_POINT\t7.5\t1.0\t0", "expected a whole number, found '7.5'"),
             ("1\t2\t3\tAPEX_POINT\t7\t-1\t0", "expected a weight of 0 or more, found '-1'"),
             ("1\t2\t3\t\t7\t1\t0", "expected a contour type"),
+            ("1\t2\t3\t7\tAPEX_POINT\t1\t0", "expected a contour type, found '7'"),
+            ("1\t2\t3\tAPEX_POINT\t7\t1\tsoon", "expected a whole number, found 'soon'"),
         ],
     )
     def test_a_bad_row_is_refused_with_its_line(self, tmp_path, row, said):
@@ -80,9 +83,11 @@ class TestOneFile:
         "content, said",
         [
             (b"\x89PNG\0\xff", "expected text in UTF-8, found PNG"),
-            (b"x,y,z\n1,2,3\n", "line 1: expected the header x | y"),
-            (HEADER.encode(), "no points under the header"),
-            (b"\n \n", "line 1: expected the header"),
+            (b"x,y,z\n1,2,3\n", "line 1: expected the columns x | y | z | contour type"),
+            (HEADER.replace("weight", "x").encode(), "line 1: expected the columns"),
+            (HEADER.replace("frameID", "time").encode(), "line 1: expected the columns"),
+            (HEADER.encode(), "no points in it"),
+            (b"\n \n", "no points in it"),
             (b"", "empty"),
         ],
     )
@@ -91,6 +96,95 @@ class TestOneFile:
         with pytest.raises(FileFormatError) as caught:
             read_guide_points(tmp_path / "GPFile_000.txt")
         assert said in str(caught.value)
+
+
+class TestDialects:
+    """What biv-me has written over the years, each giving the same points."""
+
+    @pytest.mark.parametrize(
+        "write_as",
+        [
+            lambda text: text.replace("frameID", "sliceID"),
+            lambda text: text.replace("frameID", "slice").replace("time frame", "Time_Frame"),
+            lambda text: text.split("\n", 1)[1],
+            lambda text: text.replace("\t", "  "),
+            lambda text: text.split("\n", 1)[1].replace("\t", " "),
+            lambda text: text.replace("\n", "\r\n"),
+            lambda text: "\n".join(line.rpartition("\t")[0] for line in text.splitlines()),
+            lambda text: "\n".join("\t".join(line.split("\t")[::-1]) for line in text.splitlines()),
+        ],
+        ids=["sliceID", "slice", "no header", "blanks", "blanks, no header", "Windows", "no time", "columns reversed"],
+    )
+    def test_every_writing_gives_the_same_points(self, tmp_path, write_as):
+        expected = read_guide_points(write(tmp_path / "GPFile_004.txt"))
+        path = tmp_path / "GPFile_4.txt"
+        path.write_bytes(write_as(HEADER + "\n".join(ROWS)).encode())
+        found = read_guide_points(path)
+        assert found.frame == 4 and found.points.keys() == expected.points.keys()
+        for kind in expected.points:
+            for name in ("points", "slices", "weights"):
+                assert_array_equal(getattr(found, name)[kind], getattr(expected, name)[kind])
+
+    def test_points_of_weight_zero_are_of_no_surface(self, tmp_path):
+        rows = [ROWS[0], ROWS[1].replace("0.5", "0")]
+        found = read_guide_points(write(tmp_path / "GPFile_0.txt", rows))
+        assert_array_equal(found.surface("endo")[0], [[1, 2, 3]])
+        with pytest.raises(PointsError, match="no points of LV_ENDOCARDIAL"):
+            read_guide_points(write(tmp_path / "GPFile_1.txt", rows[1:])).surface("endo")
+
+    def test_time_frames_of_one_file_are_kept_apart(self, tmp_path):
+        """Contours of one slice at two times are two frames, whatever the file's name says."""
+        rows = [f"{x}\t0\t0\tSAX_LV_ENDOCARDIAL\t3\t1.0\t{time}" for time in (12, 1) for x in range(3)]
+        path = write(tmp_path / "GPFile_000.txt", [*rows, "9\t0\t0\tSAX_LV_ENDOCARDIAL\t4\t1.0\t1"])
+        assert [found.frame for found in read_guide_point_frames(path)] == [1, 12]
+        assert_array_equal(read_guide_points(path, frame=1).surface("endo")[0][:, 0], [0, 1, 2, 9])
+        assert_array_equal(read_guide_points(path, frame=12).surface("endo")[0][:, 0], [0, 1, 2])
+        with pytest.raises(InputError, match="holds the time frames 1, 12; choose one, or follow them all"):
+            read_guide_points(path)
+        with pytest.raises(InputError, match="there is no frame 2"):
+            read_guide_points(path, frame=2)
+
+    def test_images_that_have_numbers_of_their_own_are_kept_apart_by_time(self, tmp_path):
+        """Where each image of a slice has another number no contour is there twice: the times decide."""
+        rows = [f"{n}\t0\t0\tSAX_LV_ENDOCARDIAL\t{n}\t1\t{n % 2}" for n in range(10, 16)]
+        found = read_guide_point_frames(write(tmp_path / "GPFile.txt", rows))
+        assert [(each.frame, each.surface("endo")[1].tolist()) for each in found] == [
+            (0, [10, 12, 14]),
+            (1, [11, 13, 15]),
+        ]
+
+    def test_a_slice_whose_time_is_always_one_belongs_to_its_file(self, tmp_path):
+        """As in the first person's files; without a number in the name most rows tell it."""
+        rows = [f"{n}\t0\t0\tSAX_LV_ENDOCARDIAL\t{n}\t1\t{7 if n != 8 else '1.0'}" for n in range(5, 10)]
+        for name, frame in (("GPFile_003.txt", 3), ("ed.txt", 7)):
+            found = read_guide_points(write(tmp_path / name, rows))
+            assert (found.frame, len(found.surface("endo")[0])) == (frame, 5)
+
+    def test_several_frames_with_rows_of_an_unknown_time_are_refused(self, tmp_path):
+        """Two such files put together: to which frame the rows of slice 8 belong nobody can tell."""
+        rows = [f"{n}\t0\t0\tSAX_LV_ENDOCARDIAL\t{n}\t1\t{t if n != 8 else '1.0'}" for t in (0, 1) for n in (7, 8)]
+        with pytest.raises(
+            FileFormatError, match=r"written in 2 ways \(as 1 in the slices 7; as 1.0 in the slices 8\)"
+        ):
+            read_guide_point_frames(write(tmp_path / "GPFile.txt", rows))
+
+    @pytest.mark.parametrize(
+        ("name", "text", "expected"),
+        [
+            ("gpfile_proc.TXT", "", True),
+            ("a.txt", HEADER, True),
+            ("a.txt", "\n" + ROWS[0], True),
+            ("a.txt", "1 2 3 LAX_LV_EPICARDIAL 1 1 0", True),
+            ("a.txt", "1 2 3 4 5 6 7", False),
+            ("a.txt", "x y z\n1 2 3", False),
+            ("a.xyz", HEADER, False),
+            ("missing.txt", None, False),
+        ],
+    )
+    def test_files_are_known_by_name_or_content(self, tmp_path, name, text, expected):
+        if text is not None:
+            (tmp_path / name).write_text(text)
+        assert is_guide_points(tmp_path / name) is expected
 
 
 class TestFolder:
@@ -104,11 +198,18 @@ class TestFolder:
             (10, 10),
         ]
 
-    def test_missing_frames_are_named(self, tmp_path):
-        for n in (0, 1, 4, 6):
+    def test_a_frame_without_a_file_is_not_in_the_list(self, tmp_path):
+        for n in (12, 0, 6):
             write(tmp_path / f"GPFile_{n:03d}.txt")
-        with pytest.raises(InputError, match=r"between 0 and 6: GPFile_002.txt, GPFile_003.txt, GPFile_005.txt$"):
-            read_guide_point_frames(tmp_path)
+        assert [found.frame for found in read_guide_point_frames(tmp_path)] == [0, 6, 12]
+
+    def test_a_list_of_files_in_any_order(self, tmp_path):
+        paths = [write(tmp_path / f"GPFile_{n}.txt") for n in (10, 9, 100)]
+        assert [found.frame for found in read_guide_point_frames(paths)] == [9, 10, 100]
+        (tmp_path / "again").mkdir()
+        twice = write(tmp_path / "again" / "GPFile_9.txt")
+        with pytest.raises(InputError, match=r"frame 9 is in two files, .*GPFile_9.txt' and .*again/GPFile_9.txt'"):
+            read_guide_point_frames([*paths, twice])
 
     def test_a_frame_twice(self, tmp_path):
         for name in ("GPFile_1.txt", "GPFile_001.txt"):
@@ -145,7 +246,8 @@ class TestSlicePlanes:
         "line, said",
         [
             (LINE.format("two", 1), "whole number, found 'two'"),
-            (LINE.format(1, 1), "slice 1 is there twice"),
+            (LINE.format(1, -1), "slice 1 lies in another plane than before"),
+            (LINE.format(2, 1).replace("sliceID", "image"), "expected sliceID: or frameID:"),
             (LINE.format(2, 2), "no right angle"),
             (LINE.format(2, "nan"), "finite number, found 'nan'"),
             (LINE.format(2, 1).replace("ImagePositionPatient", "Place"), "expected ImagePositionPatient"),
@@ -157,6 +259,16 @@ class TestSlicePlanes:
         path.write_text(self.LINE.format(1, 1) + line)
         with pytest.raises(FileFormatError, match=f"line 2: .*{said}"):
             read_slice_planes(path)
+
+    @pytest.mark.parametrize("name", ["sliceID:", "frameID:", "slice:", "FRAMEID:"])
+    @pytest.mark.parametrize("between", ["\t", "  "])
+    def test_every_writing_of_a_list_gives_the_same_planes(self, tmp_path, name, between):
+        """The name of the number, blanks for tabs, Windows line ends, and each slice once for every frame."""
+        path = tmp_path / "SliceInfoFile.txt"
+        lines = [self.LINE.format(n, 1).replace("sliceID: \t", f"{name}\t") for n in (1, 2, 1, 2)]
+        path.write_bytes("".join(lines).replace("\t", between).replace("\n", "\r\n").encode())
+        planes = read_slice_planes(path)
+        assert list(planes) == [1, 2] and planes[2].origin.tolist() == [1, 2, 3]
 
     def test_an_empty_list(self, tmp_path):
         (tmp_path / "SliceInfoFile.txt").write_text("\n")
@@ -186,6 +298,17 @@ class TestRealFrames:
                 normals = np.array([planes[n].normal for n in found.slices[kind]])
                 origins = np.array([planes[n].origin for n in found.slices[kind]])
                 assert_allclose(((points - origins) * normals).sum(axis=1), 0, atol=1e-4)
+
+    def test_the_second_person_is_read_from_the_original_files(self, shared):
+        """sliceID in one, no header in the other; each point in its plane; end diastole before end systole."""
+        folder = shared / "data" / "human_lv_guidepoints_2"
+        frames, planes = read_guide_point_frames(folder), read_slice_planes(folder / "SliceInfoFile.txt")
+        assert [found.frame for found in frames] == [0, 12]
+        assert [sum(len(found.surface(name)[0]) for name in ("endo", "epi")) for found in frames] == [5311, 4059]
+        for found in frames:
+            points, slices = found.surface("endo")
+            heights = [(point - planes[n].origin) @ planes[n].normal for point, n in zip(points, slices)]
+            assert np.abs(heights).max() < 1.5  # orientations have three digits, 200 mm from the corner of the image
 
     def test_slices_of_the_short_axis_are_parallel(self, shared):
         planes = read_slice_planes(shared / "data" / "human_lv_guidepoints" / "SliceInfoFile.txt")

@@ -16,6 +16,7 @@ from quadriform.cli.screen import emit_json, emit_table, progress_bar, say, tell
 from quadriform.errors import InputError, OptionError, join_warnings
 from quadriform.files import save, sha256_of, write_mesh
 from quadriform.files.atomic import check_folder, check_writable, make_folder, write_bytes
+from quadriform.files.frame_numbers import natural
 from quadriform.fitting.fit import ALONE, fit
 from quadriform.fitting.outcome import Fit, flat
 from quadriform.imaging.input_files import input_files, title_of, without_folders
@@ -94,7 +95,7 @@ def plan(
 
 
 def _files_in(folder: Path) -> list[Path]:
-    files = sorted(path for path in folder.iterdir() if path.is_file() and kind_of(path))
+    files = sorted((path for path in folder.iterdir() if path.is_file() and kind_of(path)), key=natural)
     if not files:
         raise InputError(f"{str(folder)!r}: the folder holds no points, meshes or images")
     return files

@@ -60,8 +60,9 @@ def follow(
         found = _track(frames, shift_slices, space, options, inputs, files)
         if strict:
             refuse(found.warnings)
-    record = _record(inputs, targets, found, time.perf_counter() - begin)
-    title = title_of(inputs)
+    shown = inputs if any(map(Path.is_dir, inputs)) else files  # in the order of time
+    record = _record(shown, targets, found, time.perf_counter() - begin)
+    title = title_of(shown)
     space = next(iter(frames.marks))[0]
     page = page_of_track(found, frames.clouds, frames.slices, space, title, record | track_options(options))
     make_folder(folder)
@@ -78,7 +79,7 @@ def follow(
     if as_json:
         emit_json(record)
     else:
-        emit_table(_rows(record), title=", ".join(map(str, inputs)))
+        emit_table(_rows(record), title=record["input"])
 
 
 def _track(
@@ -93,9 +94,7 @@ def _track(
 
     space, unit = next(iter(frames.marks))
     wanted = space_to_write(asked, space)
-    given = dict(options)
-    if frames.times is not None and len(frames.times) == len(frames.clouds):
-        given.setdefault("times", frames.times)
+    given = frames.timed(options)
     with progress_bar("cycle") as progress:
         found = track(frames.clouds, slices=frames.slices if shift_slices else None, progress=progress, **given)
     sha256 = sha256_of(*dict.fromkeys(file for path in files for file in files_of(path)))

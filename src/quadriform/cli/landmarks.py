@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from quadriform.cli.inputs import turn_to_model
 from quadriform.errors import InputError, OptionError
 from quadriform.files import read_points
-from quadriform.files.guide_points import FRAME_FILE, GuidePoints, guide_point_files, read_guide_points
+from quadriform.files.guide_points import GuidePoints, is_guide_points, read_guide_point_frames, read_guide_points
 from quadriform.imaging.sources import Marks, marks_of
 from quadriform.points import Array
 
@@ -47,28 +47,27 @@ def read_contours(paths: Sequence[Path], frames: int, marks: Marks) -> tuple[lis
     """Mitral points and RV insertions (n, 3) of every frame; there may be none of the second.
 
     Args:
-        paths: folders of files GPFile_NNN.txt, or such files in the order of time.
+        paths: a folder of files GPFile_NNN.txt, or such files.
         frames: how many there are to be.
         marks: frame of the world and unit of the models.
 
     Raises:
         QuadriformError: another number of frames, a frame without mitral points, or a file that cannot be read.
     """
-    files = [file for path in paths for file in (guide_point_files(path) if path.is_dir() else [path])]
-    if len(files) != frames:
+    read = read_guide_point_frames(paths)
+    if len(read) != frames:
         raise OptionError(
-            f"option --contours: expected a file for each of {frames} frames, found {len(files)}; of a moving model in "
+            f"option --contours: expected contours of each of {frames} frames, found {len(read)}; of a moving model in "
             "a file of version 1 only the knots are known: track it again"
         )
     turn = turn_to_model(paths[0], CONTOURS, marks)
-    read = [read_guide_points(file) for file in files]
-    mitral = [_mitral(points, file) @ turn.T for points, file in zip(read, files)]
+    mitral = [_mitral(points, paths[0]) @ turn.T for points in read]
     return mitral, [points.rv_inserts @ turn.T for points in read]
 
 
 def _loop(file: Path, marks: Marks) -> Array:
     """All points of a file, but of contours the mitral ones."""
-    if FRAME_FILE.fullmatch(file.name):
+    if is_guide_points(file):
         return _mitral(read_guide_points(file), file) @ turn_to_model(file, CONTOURS, marks).T
     return read_points(file) @ turn_to_model(file, marks_of(file), marks).T
 
@@ -77,7 +76,8 @@ def _mitral(points: GuidePoints, file: Path) -> Array:
     found = points.mitral
     if len(found) < FEWEST:
         raise InputError(
-            f"{str(file)!r}: expected {FEWEST} or more points MITRAL_VALVE for a plane, found {len(found)}"
+            f"{str(file)!r}, frame {points.frame}: expected {FEWEST} or more points MITRAL_VALVE for a plane, found "
+            f"{len(found)}"
         )
     return found
 

@@ -71,21 +71,26 @@ def measure(
 
 
 def load_frames(files: list[Path]) -> tuple[list["DeformableModel"], "Array | None"]:
-    """One model a file, in the order given; or all frames of one moving model, with their times."""
+    """One model a file, in the order of the numbers in their names; or all frames of one moving model, with times."""
+    from quadriform.cli.screen import say
     from quadriform.files import read_model
+    from quadriform.files.frame_numbers import in_time, listed
     from quadriform.files.moving_models import is_moving_model, read_moving_model
 
     if len(files) == 1 and files[0].suffix.lower() == ".json" and is_moving_model(files[0]):
         moving = read_moving_model(files[0])
         return [moving.at(float(time)) for time in moving.frame_times], moving.frame_times
-    return [read_model(file) for file in files], None
+    ordered = in_time(files, by_hand=True)
+    if ordered != files:
+        say(f"note: the models are taken in the order of the numbers in their names: {listed(ordered)}")
+    return [read_model(file) for file in ordered], None
 
 
 def _told_apart(models: list[Path], contours: list[Path]) -> tuple[list[Path], list[Path]]:
     """Models and contours: of the files that a shell puts after --contours all but the first arrive as models."""
-    from quadriform.files.guide_points import FRAME_FILE
+    from quadriform.files.guide_points import is_guide_points
 
-    astray = [path for path in models if contours and FRAME_FILE.fullmatch(path.name)]
+    astray = [path for path in models if contours and is_guide_points(path)]
     return [path for path in models if path not in astray], contours + astray
 
 

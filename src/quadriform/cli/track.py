@@ -11,8 +11,8 @@ from quadriform.cli import options as shared
 Frames = Annotated[
     list[Path],
     typer.Argument(
-        help="One file a frame in the order of time (points, meshes, images, contours GPFile_*.txt), a folder of them, "
-        "or one 4-D image."
+        help="One file a frame (points, meshes, images, contours GPFile_*.txt), a folder of them, or one 4-D image. "
+        "Numbers in the names give the order in time; files without a common pattern are taken as given."
     ),
 ]
 Output = Annotated[Path | None, typer.Option("--output", "-o", help="Folder for the results. [default: INPUT-track]")]

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from quadriform.cohort.manifest import Row, is_label
 from quadriform.errors import InputError
-from quadriform.files.guide_points import FRAME_FILE
+from quadriform.files.frame_numbers import frame_numbers, natural
+from quadriform.files.guide_points import is_guide_points, read_guide_point_frames
 from quadriform.fitting.fit import ALONE
 from quadriform.imaging.frame_sources import Frames, frame_files, read_frames
 from quadriform.imaging.sources import ImageOptions, files_of, kind_of, marks_of, read_source
@@ -42,7 +43,16 @@ def files_by_surface(row: Row, folder: Path) -> dict[str, list[Path]]:
     counts = {name: len(files) for name, files in found.items()}
     if len(set(counts.values())) > 1:
         raise InputError(f"expected as many files for each surface, found {counts}")
+    _check_same_numbers(found)
     return found
+
+
+def _check_same_numbers(found: dict[str, list[Path]]) -> None:
+    numbers = {name: frame_numbers(files) for name, files in found.items()}
+    first, *others = numbers.items()
+    for name, theirs in others:
+        if None not in (theirs, first[1]) and theirs != first[1]:
+            raise InputError(f"the frames of {name} are numbered {theirs}, those of {first[0]} {first[1]}")
 
 
 def sight(row: Row, folder: Path) -> Sight:
@@ -56,8 +66,10 @@ def sight(row: Row, folder: Path) -> Sight:
     found = files_by_surface(row, folder)
     files = next(iter(found.values()))
     image = kind_of(files[0]) == "image"
-    contours = bool(FRAME_FILE.fullmatch(files[0].name))
+    contours = is_guide_points(files[0])
     count = sum(frame_count(file) for file in files) if image and "" in found else len(files)
+    if contours and len(files) == 1:
+        count = len(read_guide_point_frames(files))
     names = tuple(name for name, _ in row.surfaces) or (("endo", "epi") if contours else (ALONE,))
     marks = ("LPS", "mm") if image or contours else marks_of(files[0])
     return Sight(count, names, *marks)
@@ -96,11 +108,11 @@ def _read_by_surface(found: dict[str, list[Path]]) -> Frames:
 
 
 def _found(patterns: Sequence[str], folder: Path) -> list[Path]:
-    """The files of patterns, those of each in the order of their names."""
+    """The files of patterns, those of each in the order of their names, numbers counting as numbers."""
     result: list[Path] = []
     for pattern in patterns:
         path = str(folder / pattern)
-        matches = sorted(glob.glob(path)) if glob.has_magic(pattern) else [path]
+        matches = sorted(glob.glob(path), key=natural) if glob.has_magic(pattern) else [path]
         missing = not matches or not Path(matches[0]).exists()
         if missing:
             raise InputError(f"{pattern!r}: there is no such file beside the list of subjects")

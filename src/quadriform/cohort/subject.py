@@ -198,9 +198,7 @@ def _followed(frames: Frames, task: Task, options: dict[str, Any]) -> tuple[AnyM
     if options.pop("shift_slices", False):
         keep_slices(frames)
         options["slices"] = frames.slices
-    if frames.times is not None and len(frames.times) == len(frames.clouds):
-        options["times"] = frames.times
-    found = track(frames.clouds, **options)
+    found = track(frames.clouds, **frames.timed(options))
     if found.moving is None:
         raise InputError("expected a strategy that gives one moving model")
     model = _marked(found.moving, frames, task.layout)

@@ -5,25 +5,40 @@ Reference: https://github.com/UOA-Heart-Mechanics-Research/biv-me
 
 import os
 import re
-from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.errors import FileFormatError, InputError, PointsError, choose
-from quadriform.files.reading import quoted, read_bytes, signature
+from quadriform.files.guide_point_lines import SLICE_NAMES, fields_of, is_number, lines_of, number_in, plain
+from quadriform.files.reading import quoted, read_bytes
 from quadriform.points import Array
 
 PathLike = str | os.PathLike[str]
 Slices = NDArray[np.int64]
 
-HEADER = ("x", "y", "z", "contour type", "frameid", "weight", "time frame")
+COLUMNS = ("x", "y", "z", "contour type", "slice", "weight", "time frame")
+"""In the order of files without a header."""
 SURFACES = {"endo": "LV_ENDOCARDIAL", "epi": "LV_EPICARDIAL"}
 """From our surfaces to the contour types, behind SAX_ for short-axis slices and LAX_ for long-axis ones."""
-FRAME_FILE = re.compile(r"GPFile_(\d+)\.txt", re.IGNORECASE)
+FILE_NAME = re.compile(r".*GPFile.*\.txt", re.IGNORECASE)
+BEGINNING = 4096
+"""Bytes of a file that show whether it holds guide points."""
+
+
+@dataclass(frozen=True)
+class _Row:
+    kind: str
+    point: tuple[float, ...]
+    slice: int
+    weight: float
+    time: str
+    """As it is written; empty where there is no such column."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +49,7 @@ class GuidePoints:
         points: from the contour type, as in the file, to its points (n, 3), LPS mm, in the order of the file.
         slices: from the contour type to the number of the slice of each point, (n,).
         weights: from the contour type to the weight of each point, (n,).
-        frame: the number in the name of the file; 0 where it has none.
+        frame: its number: that of the file's name, or of the column of time where a file holds several.
     """
 
     points: Mapping[str, Array]
@@ -45,6 +60,8 @@ class GuidePoints:
     def surface(self, name: str) -> tuple[Array, Slices]:
         """Points (n, 3), LPS mm, and slice numbers (n,) of the left ventricle's short-axis, then long-axis contours.
 
+        Points of weight 0 are left out.
+
         Args:
             name: "endo" or "epi".
 
@@ -53,13 +70,23 @@ class GuidePoints:
             PointsError: the file has no such contour.
         """
         contour = SURFACES[choose(name, tuple(SURFACES), "surface")]
-        kinds = [kind for kind in (f"SAX_{contour}", f"LAX_{contour}") if kind in self.points]
-        if not kinds:
+        if not self.has(name):
             raise PointsError(f"frame {self.frame}: no points of {contour}; found {', '.join(sorted(self.points))}")
+        kinds = [kind for kind in (f"SAX_{contour}", f"LAX_{contour}") if kind in self.points]
+        counts = np.concatenate([self.weights[kind] for kind in kinds]) > 0
         return (
-            np.concatenate([self.points[kind] for kind in kinds]),
-            np.concatenate([self.slices[kind] for kind in kinds]),
+            np.concatenate([self.points[kind] for kind in kinds])[counts],
+            np.concatenate([self.slices[kind] for kind in kinds])[counts],
         )
+
+    def has(self, name: str) -> bool:
+        """Whether there are points of a weight above 0 on the surface "endo" or "epi"."""
+        return any((self.weights.get(f"{axis}_{SURFACES[name]}", np.empty(0)) > 0).any() for axis in ("SAX", "LAX"))
+
+    @property
+    def has_any(self) -> bool:
+        """Whether there are such points on any of the surfaces."""
+        return any(map(self.has, SURFACES))
 
     @property
     def mitral(self) -> Array:
@@ -80,169 +107,182 @@ class GuidePoints:
         return self.points.get(kind, np.empty((0, 3)))
 
 
-@dataclass(frozen=True)
-class SlicePlane:
-    """The plane of a slice in the world.
-
-    Attributes:
-        origin: (3,) centre of the image's first pixel, LPS mm.
-        rows: (3,) unit vector along a row, as the first three numbers of ImageOrientationPatient.
-        columns: (3,) unit vector down a column.
-        spacing: (2,) mm between rows, and between the pixels of a row.
-    """
-
-    origin: Array
-    rows: Array
-    columns: Array
-    spacing: Array
-
-    @property
-    def normal(self) -> Array:
-        """(3,) unit vector, rows x columns."""
-        normal = np.cross(self.rows, self.columns)
-        return np.asarray(normal / np.linalg.norm(normal))
-
-
-def read_guide_points(path: PathLike) -> GuidePoints:
-    """Read a GPFile: lines of x y z, contour type, slice, weight and time, between tabs, under a header.
-
-    The column frameID is the number of the slice. The column of time holds the frame in some rows and 1.0 in others,
-    so it is not used: the frame is the number in the file's name.
-
-    Args:
-        path: the file, as GPFile_000.txt.
-
-    Raises:
-        InputError: the file is missing or cannot be read.
-        FileFormatError: not such a file; with the line, what was expected and what was found.
-        FileLimitError: beyond the budget.
-    """
-    where = quoted(path)
-    lines = _lines(read_bytes(path), where)
-    number, names = next(lines, (1, []))
-    if tuple(name.lower() for name in names) != HEADER:
-        raise FileFormatError(f"{where}, line {number}: expected the header {' | '.join(HEADER)}, found {names}")
-    rows: dict[str, list[tuple[float, ...]]] = defaultdict(list)
-    for number, fields in lines:
-        kind, values = _row(fields, f"{where}, line {number}")
-        rows[kind].append(values)
-    if not rows:
-        raise FileFormatError(f"{where}: no points under the header")
-    tables = {kind: np.array(values) for kind, values in rows.items()}
-    return GuidePoints(
-        {kind: table[:, :3] for kind, table in tables.items()},
-        {kind: table[:, 3].astype(np.int64) for kind, table in tables.items()},
-        {kind: table[:, 4] for kind, table in tables.items()},
-        _frame_of(Path(path)),
+def is_guide_points(path: Path) -> bool:
+    """Whether a file holds contour points of the heart, by its name or by its first lines."""
+    if path.suffix.lower() != ".txt" or not path.is_file():
+        return False
+    if FILE_NAME.fullmatch(path.name):
+        return True
+    try:
+        with open(path, "rb") as stream:
+            text = stream.read(BEGINNING).decode("utf-8-sig", errors="replace")
+    except OSError:
+        return False
+    first = next((line for line in text.splitlines() if line.strip()), "")
+    fields = fields_of(first)
+    return "contourtype" in map(plain, fields) or (
+        len(fields) == len(COLUMNS) and re.fullmatch(r"[A-Z][A-Z_]+", fields[3]) is not None
     )
 
 
-def read_guide_point_frames(folder: PathLike) -> list[GuidePoints]:
-    """Read the files GPFile_NNN.txt of a folder, in the order of their frames.
+def read_guide_points(path: PathLike, frame: int | None = None) -> GuidePoints:
+    """The contour points of one frame of a GPFile: x y z, contour type, slice, weight and time in columns.
+
+    A header names the columns; without one they are in this order. Fields stand between tabs, or between blanks.
+
+    Args:
+        path: the file, as GPFile_000.txt.
+        frame: which one, where the file holds several.
 
     Raises:
-        InputError: as `guide_point_files`.
+        InputError: the file is missing or cannot be read, or holds several frames and none is chosen, or not that one.
+        FileFormatError: not such a file; with the line, what was expected and what was found.
+        FileLimitError: beyond the budget.
+    """
+    frames = _read_frames(Path(path))
+    numbers = [found.frame for found in frames]
+    if frame is None and len(frames) == 1:
+        return frames[0]
+    if frame not in numbers:
+        raise InputError(
+            f"{quoted(path)}: holds the time frame{'s'[: len(numbers) > 1]} {', '.join(map(str, numbers))}; "
+            f"{'choose one' if frame is None else f'there is no frame {frame}'}, or follow them all as a motion"
+        )
+    return frames[numbers.index(frame)]
+
+
+def read_guide_point_frames(source: PathLike | Sequence[PathLike]) -> list[GuidePoints]:
+    """The frames of a folder of GPFiles, of one GPFile or of a list of them, in the order of their numbers.
+
+    A frame without a file is not in the list: the numbers of the others are their times.
+
+    Raises:
+        InputError: as `guide_point_files`, or a frame is there twice.
         FileFormatError, FileLimitError: as `read_guide_points`.
     """
-    return [read_guide_points(file) for file in guide_point_files(folder)]
+    sources = [source] if isinstance(source, str | os.PathLike) else list(source)
+    single = len(sources) == 1 and not Path(sources[0]).is_file()
+    files = guide_point_files(sources[0]) if single else [Path(one) for one in sources]
+    found = [(frame.frame, file, frame) for file in files for frame in _read_frames(file)]
+    found.sort(key=lambda each: each[0])
+    for (number, file, _), (other, second, _) in pairwise(found):
+        if number == other:
+            raise InputError(f"frame {number} is in two files, {quoted(file)} and {quoted(second)}; expected it once")
+    return [frame for _, _, frame in found]
 
 
 def guide_point_files(folder: PathLike) -> list[Path]:
-    """The files GPFile_NNN.txt of a folder, in the order of their frames.
+    """The GPFiles of a folder, in the order of their frames.
 
     Raises:
-        InputError: no folder, no such file, a frame between the first and the last is missing, or there twice.
+        InputError: no folder, no such file, or the same frame in several files.
     """
     if not Path(folder).is_dir():
         raise InputError(f"{quoted(folder)}: expected a folder of files GPFile_NNN.txt")
-    files = sorted((_frame_of(file), file) for file in Path(folder).iterdir() if FRAME_FILE.fullmatch(file.name))
+    files = sorted((_number_of(file) or 0, file) for file in Path(folder).iterdir() if FILE_NAME.fullmatch(file.name))
     if not files:
         raise InputError(f"{quoted(folder)}: no files GPFile_NNN.txt in this folder")
     frames = [frame for frame, _ in files]
     if twice := sorted({file.name for frame, file in files if frames.count(frame) > 1}):
         raise InputError(f"{quoted(folder)}: the same frame in several files: {', '.join(twice)}")
-    missing = sorted(set(range(frames[0], frames[-1])) - set(frames))
-    if missing:
-        listed = ", ".join(f"GPFile_{frame:03d}.txt" for frame in missing)
-        raise InputError(f"{quoted(folder)}: frames are missing between {frames[0]} and {frames[-1]}: {listed}")
     return [file for _, file in files]
 
 
-def read_slice_planes(path: PathLike) -> dict[int, SlicePlane]:
-    """Read a SliceInfoFile: for each slice its number, and position, orientation and pixel spacing as in DICOM.
+# --- lines ---------------------------------------------------------------------------------------------------------
 
-    Returns:
-        From the slice number to its plane, in the order of the file.
 
-    Raises:
-        InputError: the file is missing or cannot be read.
-        FileFormatError: not such a file, or a slice twice; with the line, what was expected and what was found.
-        FileLimitError: beyond the budget.
-    """
+def _rows(path: Path) -> list[_Row]:
     where = quoted(path)
-    planes: dict[int, SlicePlane] = {}
-    for number, fields in _lines(read_bytes(path), where):
-        here = f"{where}, line {number}"
-        words = fields[1:]
-        slice_number = int(_after(words, "sliceID:", 1, here, whole=True)[0])
-        if slice_number in planes:
-            raise FileFormatError(f"{here}: slice {slice_number} is there twice")
-        cosines = _after(words, "ImageOrientationPatient", 6, here).reshape(2, 3)
-        if np.abs(cosines @ cosines.T - np.eye(2)).max() > 1e-3:
-            raise FileFormatError(f"{here}: ImageOrientationPatient {cosines.ravel().tolist()} is no right angle")
-        origin, spacing = _after(words, "ImagePositionPatient", 3, here), _after(words, "PixelSpacing", 2, here)
-        planes[slice_number] = SlicePlane(origin, cosines[0], cosines[1], spacing)
-    if not planes:
-        raise FileFormatError(f"{where}: no slices in it")
-    return planes
+    lines = list(lines_of(read_bytes(path), where, fields_of))
+    columns: Sequence[str] = COLUMNS
+    if lines and not all(is_number(field) for field in lines[0][1][:3]):
+        columns = _header(lines[0][1], f"{where}, line {lines[0][0]}")
+        lines = lines[1:]
+    if not lines:
+        raise FileFormatError(f"{where}: no points in it; expected {' | '.join(COLUMNS)} in each line")
+    return [_row(fields, columns, f"{where}, line {number}") for number, fields in lines]
 
 
-def _lines(data: bytes, where: str) -> Iterator[tuple[int, list[str]]]:
-    """Line numbers and fields between tabs, blank lines left out."""
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise FileFormatError(f"{where}: expected text in UTF-8, found {signature(data)}") from error
-    for number, line in enumerate(text.splitlines(), 1):
-        if line.strip():
-            yield number, [field.strip() for field in line.split("\t")]
+def _header(fields: list[str], where: str) -> list[str]:
+    """Which of our columns each field names."""
+    known = {plain(name): name for name in COLUMNS} | dict.fromkeys(SLICE_NAMES, "slice")
+    found = [known.get(plain(field), "") for field in fields]
+    needed = set(COLUMNS) - {"time frame"}
+    if "" in found or len(set(found)) < len(found) or not needed <= set(found):
+        raise FileFormatError(
+            f"{where}: expected the columns {' | '.join(COLUMNS)} (the slice may be called sliceID or frameID), "
+            f"found {fields}"
+        )
+    return found
 
 
-def _row(fields: list[str], where: str) -> tuple[str, tuple[float, ...]]:
-    """The contour type, and x y z, slice and weight."""
-    if len(fields) != len(HEADER):
-        raise FileFormatError(f"{where}: expected {len(HEADER)} fields between tabs, found {len(fields)}")
-    x, y, z, kind, slice_number, weight, _ = fields
-    if not kind:
-        raise FileFormatError(f"{where}: expected a contour type, found none")
-    place = tuple(_number(word, where) for word in (x, y, z))
-    counts = _number(weight, where)
-    if counts < 0:
-        raise FileFormatError(f"{where}: expected a weight of 0 or more, found {weight!r}")
-    return kind, (*place, _number(slice_number, where, whole=True), counts)
+def _row(fields: list[str], columns: Sequence[str], where: str) -> _Row:
+    if len(fields) != len(columns):
+        raise FileFormatError(f"{where}: expected {len(columns)} fields, found {len(fields)}")
+    cell = dict(zip(columns, fields))
+    kind, weight, time = cell["contour type"], number_in(cell["weight"], where), cell.get("time frame", "")
+    if not kind or is_number(kind):
+        raise FileFormatError(f"{where}: expected a contour type, found {kind!r}")
+    if weight < 0:
+        raise FileFormatError(f"{where}: expected a weight of 0 or more, found {cell['weight']!r}")
+    if time:
+        number_in(time, where, whole=True)
+    point = tuple(number_in(cell[name], where) for name in "xyz")
+    return _Row(kind, point, int(number_in(cell["slice"], where, whole=True)), weight, time)
 
 
-def _after(words: list[str], keyword: str, count: int, where: str, whole: bool = False) -> Array:
-    """The numbers that follow a keyword."""
-    if keyword not in words:
-        raise FileFormatError(f"{where}: expected {keyword}, found {words}")
-    at = words.index(keyword) + 1
-    found = words[at : at + count]
-    if len(found) < count:
-        raise FileFormatError(f"{where}: expected {count} numbers after {keyword}, found {found}")
-    return np.array([_number(word, where, whole) for word in found])
+# --- frames ------------------------------------------------------------------------------------------------------
 
 
-def _number(word: str, where: str, whole: bool = False) -> float:
-    try:
-        value = float("nan") if "_" in word else float(word)  # Python reads 1_000 as a number; a table must not
-    except ValueError:
-        value = float("nan")
-    if not np.isfinite(value) or (whole and value != int(value)):
-        raise FileFormatError(f"{where}: expected a {'whole' if whole else 'finite'} number, found {word!r}")
-    return value
+def _read_frames(path: Path) -> list[GuidePoints]:
+    """The frames of one file, in the order of their numbers.
+
+    A file is one frame, as biv-me reads it, where no contour of a slice is there at two times and the file's name has
+    the frame, or the times are written in two ways: biv-me itself writes 1.0 in all rows of some slices.
+    """
+    rows, number = _rows(path), _number_of(path)
+    times = Counter(int(float(row.time)) for row in rows if row.time)
+    again, ways = _drawn_again(rows), _ways(rows)
+    if len(times) < 2 or not (again or (number is None and len(ways) == 1)):
+        common = times.most_common(1)[0][0] if times else 0
+        return [_frame(rows, common if number is None else number)]
+    if len(ways) > 1:
+        found = "; ".join(f"as {way} in the slices {', '.join(map(str, sorted(at)))}" for way, at in ways.items())
+        raise FileFormatError(
+            f"{quoted(path)}: holds several time frames, and their numbers are written in {len(ways)} ways ({found}): "
+            "it is not clear of which frame each row is; expected one file for each frame, or one way to write them"
+        )
+    return [_frame([row for row in rows if int(float(row.time)) == time], time) for time in sorted(times)]
 
 
-def _frame_of(path: Path) -> int:
-    found = re.search(r"(\d+)$", path.stem)
-    return int(found[1]) if found else 0
+def _drawn_again(rows: Sequence[_Row]) -> bool:
+    """Whether a contour of one slice is there at several times."""
+    seen: dict[tuple[str, int], int] = {}
+    times = ((row.kind, row.slice, int(float(row.time or "0"))) for row in rows)
+    return any(seen.setdefault((kind, number), time) != time for kind, number, time in times)
+
+
+def _ways(rows: Sequence[_Row]) -> dict[str, set[int]]:
+    """From how times are written to the slices where they are."""
+    ways = defaultdict(set)
+    for row in rows:
+        ways["1.0" if "." in row.time else "1" if row.time else "nothing"].add(row.slice)
+    return ways
+
+
+def _frame(rows: Sequence[_Row], number: int) -> GuidePoints:
+    by_kind: dict[str, list[_Row]] = defaultdict(list)
+    for row in rows:
+        by_kind[row.kind].append(row)
+    return GuidePoints(
+        {kind: np.array([row.point for row in found]) for kind, found in by_kind.items()},
+        {kind: np.array([row.slice for row in found], dtype=np.int64) for kind, found in by_kind.items()},
+        {kind: np.array([row.weight for row in found]) for kind, found in by_kind.items()},
+        number,
+    )
+
+
+def _number_of(path: Path) -> int | None:
+    """The number at the end of a file's name."""
+    found = re.search(r"([0-9]+)$", path.stem)
+    return int(found[1]) if found else None

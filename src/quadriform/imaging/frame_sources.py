@@ -2,17 +2,23 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.errors import InputError, OptionError, Warnings, join_warnings
-from quadriform.files.guide_points import FRAME_FILE, read_guide_points
+from quadriform.files.frame_numbers import frame_numbers, in_time, listed, missing_numbers
+from quadriform.files.guide_points import FILE_NAME, GuidePoints, is_guide_points, read_guide_point_frames
 from quadriform.fitting.fit import ALONE
 from quadriform.imaging.sources import ImageOptions, Marks, kind_of, read_source
 from quadriform.points import Array
 
+MOST_EXACT = 2**53
+"""Larger whole numbers are not exact as times."""
+WALLS = ("endo", "epi")
 SAME_GRID = 1e-3
 """Transforms of images whose entries differ by less, in the unit of the image, are the same."""
 
@@ -26,7 +32,8 @@ class Frames:
         slices: the slice number of each point, in the same form; for frames of contours and images alone.
         grids: for these frames world from voxel of the image, (4, 4); None for contours.
         marks: frames of the world and units that were found.
-        times: of the frames, where a file tells.
+        times: of the frames, where files tell.
+        period: after which the motion repeats, where the times are the numbers of frames of which some are missing.
         warnings: of the reading.
         notes: what was assumed, one sentence each.
     """
@@ -36,6 +43,7 @@ class Frames:
     grids: list[Array | None] = field(default_factory=list)
     marks: set[tuple[str, str]] = field(default_factory=set)
     times: Array | None = None
+    period: float | None = None
     warnings: Warnings = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
@@ -52,33 +60,56 @@ class Frames:
         """More warnings; two of one kind are joined."""
         self.warnings = join_warnings(self.warnings, warnings)
 
+    def number(self, numbers: Sequence[int]) -> None:
+        """Take the numbers of the frames for their times where some between them are missing, and say so."""
+        missing = missing_numbers(numbers)
+        if not missing or max(numbers) > MOST_EXACT:
+            return
+        self.times = np.array(numbers, dtype=np.float64)
+        self.period = float(numbers[-1] - numbers[0] + min(late - early for early, late in pairwise(numbers)))
+        self.notes.append(
+            f"there are no frames with the numbers {missing}: the numbers of the others are their times, and the model "
+            f"moves smoothly between them; the cycle lasts {self.period:g} where no period is given"
+        )
+
+    def timed(self, options: Mapping[str, Any]) -> dict[str, Any]:
+        """Options of `track`, with times and period from the files where they are not given."""
+        if "times" in options or self.times is None or len(self.times) != len(self.clouds):
+            return dict(options)
+        told: dict[str, Any] = {"times": self.times}
+        if self.period is not None and options.get("period", "auto") == "auto":
+            told["period"] = self.period
+        return dict(options) | told
+
 
 def frame_files(inputs: Sequence[Path]) -> list[Path]:
-    """The files of the frames in order; those of a folder by name.
+    """The files of the frames in the order of time: that of the numbers in their names, as `in_time` has it.
 
     Raises:
-        InputError: a folder without any.
+        InputError: a folder without any, or an order that is not clear.
     """
     result = []
     for path in inputs:
-        if not path.is_dir() or kind_of(path):
-            result.append(path)
-            continue
-        inside = sorted(file for file in path.iterdir() if file.is_file())
-        chosen = [file for file in inside if FRAME_FILE.fullmatch(file.name)] or [
-            file for file in inside if kind_of(file)
-        ]
-        if not chosen:
-            raise InputError(f"{str(path)!r}: the folder holds no contours, points, meshes or images")
-        result += chosen
-    return result
+        inside = not path.is_dir() or kind_of(path)
+        result += [path] if inside else _files_in(path)
+    folders = any(path not in inputs for path in result)
+    return in_time(result, by_hand=not folders)
+
+
+def _files_in(folder: Path) -> list[Path]:
+    inside = sorted(file for file in folder.iterdir() if file.is_file() and not file.name.startswith("."))
+    by_name = [file for file in inside if FILE_NAME.fullmatch(file.name)]
+    chosen = by_name or [file for file in inside if kind_of(file)]
+    if not chosen:
+        raise InputError(f"{str(folder)!r}: the folder holds no contours, points, meshes or images")
+    return chosen
 
 
 def read_frames(files: Sequence[Path], surfaces: Sequence[str]) -> Frames:
     """The frames of files in the order of time: contours, 4-D images, or a file of points, a mesh or an image each.
 
     Args:
-        files: as `frame_files` finds them.
+        files: as `frame_files` finds and orders them.
         surfaces: NAME=label:VALUES of label images, such as epi=label:1+2; empty for points of one surface.
 
     Raises:
@@ -86,29 +117,63 @@ def read_frames(files: Sequence[Path], surfaces: Sequence[str]) -> Frames:
     """
     frames = Frames()
     labels = dict(_label(text) for text in surfaces)
+    if files and all(map(is_guide_points, files)):
+        _add_contours(frames, files, labels)
+        return frames
     for file in files:
-        if FRAME_FILE.fullmatch(file.name):
-            _add_contours(frames, file, labels)
-        elif kind_of(file) == "image":
+        if is_guide_points(file):
+            raise InputError(f"{str(file)!r}: holds contours, {str(files[0])!r} and others do not; expected one kind")
+        if kind_of(file) == "image":
             _add_image(frames, file, labels)
         else:
             source = read_source(file, ImageOptions())
             frames.add({ALONE: source.points}, (source.space, source.unit), source.warnings, source.notes)
     if len(frames.marks) > 1:
         raise InputError(f"the frames differ in frame of the world or unit: {sorted(frames.marks)}")
+    _number(frames, files)
     return frames
 
 
-def _add_contours(frames: Frames, file: Path, labels: Mapping[str, str]) -> None:
+def _number(frames: Frames, files: Sequence[Path]) -> None:
+    """Say in which order the files were taken, and let the numbers in their names tell missing frames."""
+    if len(files) < 2:
+        return
+    numbers = frame_numbers(files)
+    order = "order in which they are given" if numbers is None else "order of the numbers in their names"
+    frames.notes.append(f"{len(files)} files are taken in the {order}: {listed(files)}")
+    if numbers is not None and len(frames.clouds) == len(files):
+        frames.number(numbers)
+
+
+def _add_contours(frames: Frames, files: Sequence[Path], labels: Mapping[str, str]) -> None:
     if labels:
         raise OptionError(
-            f"option --surface does not go with contours such as {file.name!r}: their types name surfaces"
+            f"option --surface does not go with contours such as {files[0].name!r}: their types name surfaces"
         )
-    read = read_guide_points(file)
-    found = {name: read.surface(name) for name in ("endo", "epi")}
-    frames.slices.append({name: slices for name, (_, slices) in found.items()})
-    frames.grids.append(None)
-    frames.add({name: points for name, (points, _) in found.items()}, ("LPS", "mm"))
+    every = read_guide_point_frames(files)
+    read = [frame for frame in every if frame.has_any]
+    if not read:
+        raise InputError(f"{listed(files)}: no points of the left ventricle's contours in any frame")
+    names = [name for name in WALLS if any(frame.has(name) for frame in read)]
+    for frame in read:
+        found = {name: frame.surface(name) for name in names}
+        frames.slices.append({name: slices for name, (_, slices) in found.items()})
+        frames.grids.append(None)
+        frames.add({name: points for name, (points, _) in found.items()}, ("LPS", "mm"))
+    _say_of_contours(frames, files, every)
+
+
+def _say_of_contours(frames: Frames, files: Sequence[Path], every: Sequence[GuidePoints]) -> None:
+    read = [frame for frame in every if frame.has_any]
+    if len(every) > 1:
+        frames.notes.append(f"{len(every)} frames of contours are taken in the order of their numbers: {listed(files)}")
+    empty = [str(frame.frame) for frame in every if not frame.has_any]
+    if empty:
+        frames.notes.append(f"frames without points of the left ventricle's contours: {', '.join(empty)}")
+    if any(not set(np.unique(weights)) <= {0, 1} for frame in read for weights in frame.weights.values()):
+        frames.notes.append("weights of the contours other than 0 and 1 are not used")
+    if len(read) > 1:
+        frames.number([frame.frame for frame in read])
 
 
 def _add_image(frames: Frames, file: Path, labels: Mapping[str, str]) -> None:
