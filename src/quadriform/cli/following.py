@@ -44,6 +44,7 @@ def follow(
         QuadriformError: nothing was written.
     """
     files = frame_files(inputs)
+    shown = inputs if any(map(Path.is_dir, inputs)) else files  # in the order of time
     folder = output or Path(f"{stem(inputs[0])}-track")
     targets = [folder / "model.json", folder / "frames.csv", folder / REPORT]
     check_folder(folder)
@@ -57,10 +58,9 @@ def follow(
             keep_slices(frames)
         for note in dict.fromkeys(frames.notes):
             say(f"note: {note}")
-        found = _track(frames, shift_slices, space, options, inputs, files)
+        found = _track(frames, shift_slices, space, options, shown, files)
         if strict:
             refuse(found.warnings)
-    shown = inputs if any(map(Path.is_dir, inputs)) else files  # in the order of time
     record = _record(shown, targets, found, time.perf_counter() - begin)
     title = title_of(shown)
     space = next(iter(frames.marks))[0]
