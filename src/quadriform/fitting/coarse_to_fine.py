@@ -6,8 +6,9 @@ from typing import Protocol
 
 import numpy as np
 
+from quadriform.errors import OptionError
 from quadriform.fitting.correspondence import Correspondence
-from quadriform.fitting.evidence import Solution
+from quadriform.fitting.evidence import Evidence, Solution
 from quadriform.fitting.neighbourhood import nearest
 from quadriform.fitting.normal_equations import NormalEquations
 from quadriform.fitting.outcome import Iteration, Progress
@@ -145,7 +146,11 @@ class Rounds:
         return Refined(box, tuple(few), solution, tuple(self.history))
 
     def fine(self, sheets: Sequence[Sheet], coarse: Refined) -> Refined:
-        """Rounds on more points, whose foot points only slide, and the last few on all."""
+        """Rounds on more points, whose foot points only slide, and the last few on all.
+
+        Raises:
+            OptionError: the strength that the user gave leaves control points undetermined in the last round.
+        """
         self.near, self.share = coarse.solution, 1.0
         box, noise = coarse.box, None
         if max(len(sheet.points) for sheet in sheets) > MEDIUM_POINTS:
@@ -156,6 +161,11 @@ class Rounds:
             box, solution = self._rest(box, sheets, coarse, FINE_ROUNDS, noise)
         if self.strength is None:
             box, solution = self._of_independent(box, sheets, solution)
+        elif solution.strength != self.strength:
+            raise OptionError(
+                f"option strength={self.strength:g} leaves control points undetermined; expected a larger one, more "
+                f"points or a smaller box (the evidence of the points is largest at {solution.strength:.1e})"
+            )
         return Refined(box, tuple(sheets), solution, tuple(self.history))
 
     def _of_independent(
@@ -187,12 +197,17 @@ class Rounds:
                 break
         return box, solution
 
-    def pressed(self, refined: Refined, press: "Press", strength: float) -> Refined:
-        """One more round at a given strength, under a pressure that is not linear: as far as it lowers the sum."""
+    def pressed(self, refined: Refined, press: "Press", strength: float) -> Refined | None:
+        """One more round at a given strength, under a pressure that is not linear: as far as it lowers the sum.
+
+        None where pressure and strength leave control points undetermined.
+        """
         box, sheets = refined.box, refined.sheets
         self._slide(box, sheets)
         evidence = evidence_of(sheets, [None] * len(sheets), box, self.regularity, self.share)
         solution = evidence.plus(press.equations(box)).solve(strength)
+        if solution is None:
+            return None
         whole = moved(box, solution)
 
         def total(trial: ControlBox) -> float:
@@ -233,14 +248,16 @@ class Rounds:
         self, box: ControlBox, sheets: Sequence[Sheet], pulls: Sequence[Pull | None]
     ) -> tuple[ControlBox, Solution]:
         evidence = evidence_of(sheets, pulls, box, self.regularity, self.share)
-        if self.strength is not None:
-            solution = evidence.solve(self.strength)
-        else:
-            solution = evidence.best() if self.near is None else evidence.after(self.near)
+        given = None if self.strength is None else evidence.solve(self.strength)
+        solution = self._best(evidence) if given is None else given
         self.near = solution
         after = moved(box, solution)
         self._note(box, after, solution)
         return after, solution
+
+    def _best(self, evidence: Evidence) -> Solution:
+        """The solution of the largest evidence, near that of the round before."""
+        return evidence.best() if self.near is None else evidence.after(self.near)
 
     def _note(self, box: ControlBox, after: ControlBox, solution: Solution) -> None:
         self.history.append(record(box, after, self.probes, solution.noise))

@@ -1,14 +1,18 @@
-"""How strongly to hold the box, and how noisy the data is: both from the evidence of the data itself (REML)."""
+"""The strength of the regularisation and the noise of the data, both by the evidence of the data itself (REML).
+
+Everything is solved in the eigenvectors of the regulariser. There the strength adds to the diagonal alone, so that even
+a very large one does not drown what the data says of the displacements that the regulariser leaves free.
+"""
 
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, lapack, solve_triangular
 from scipy.optimize import minimize_scalar
 
-from quadriform.errors import OptionError
+from quadriform.errors import DegenerateError, OptionError
 from quadriform.fitting.normal_equations import NormalEquations
 from quadriform.points import Array
 
@@ -23,8 +27,14 @@ STEPS, ROUNDING = 8, 1e-6
 """At most so many secant steps to the root, until one is shorter than that; what is left then is its square."""
 BESIDE = 0.03
 """From round to round a step that is shorter than this will do: the rounds that follow shorten it."""
+FLAT = 0.02
+"""A criterion that changes by less than this per unit of the logarithm tells strengths no further apart: data without
+any sign of bending asks for ever stronger regularisation, down to the rounding of the criterion."""
 NOISE_FLOOR = 1e-9
 """Of the cloud's RMS radius: no data is more exact than that."""
+AT_REST = 1e-12
+"""Weight, relative to the data's largest, that keeps displacements free of cost at rest where no point determines
+them."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +46,8 @@ class Solution:
         strength: alpha, per data point.
         noise: standard deviation of the data along the normal.
         criterion: minus twice the log evidence, up to a constant.
-        factor: lower Cholesky factor of A + lambda K.
+        factor: lower Cholesky factor (3 k, 3 k) of A + lambda K between the eigenvectors of K.
+        vectors: (k, k), these eigenvectors as columns, for one coordinate.
         share: how many independent points each point was taken for.
         bend: second derivative of the criterion by the logarithm of the strength, where it was sought.
     """
@@ -46,6 +57,7 @@ class Solution:
     noise: float
     criterion: float
     factor: Array
+    vectors: Array
     share: float = 1.0
     bend: float = 0.0
 
@@ -56,19 +68,26 @@ class Solution:
 
     @property
     def condition(self) -> float:
-        """Of A + lambda K in the 1-norm: numbers that only the strength tells apart lose so much of their precision."""
-        largest = np.abs(self.factor @ self.factor.T).sum(axis=0).max()
-        reciprocal, _ = lapack.dpocon(self.factor, largest, uplo="L")
+        """Condition in the 1-norm of A + lambda K with its diagonal scaled to one: the precision that is lost."""
+        scaled = self.factor / np.sqrt((self.factor**2).sum(axis=1))[:, None]
+        largest = np.abs(scaled @ scaled.T).sum(axis=0).max()
+        reciprocal, _ = lapack.dpocon(scaled, largest, uplo="L")
         return float(1 / max(reciprocal, np.finfo(float).tiny))
 
     def variance(self, rows: Array) -> Array:
         """Posterior variance of linear functions (n, 3 k) of the displacement."""
-        return self.noise**2 * (solve_triangular(self.factor, rows.T, lower=True) ** 2).sum(axis=0)
+        return self.noise**2 * (self._halved(rows) ** 2).sum(axis=0)
 
     def covariance(self) -> Array:
         """Posterior covariance (3 k, 3 k) of the control points."""
-        half = solve_triangular(self.factor, np.eye(len(self.factor)), lower=True)
+        half = self._halved(np.eye(len(self.factor)))
         return self.noise**2 * half.T @ half
+
+    def _halved(self, rows: Array) -> Array:
+        """Columns (3 k, n) whose squares sum up to the variances of linear functions for noise one."""
+        turned = np.einsum("nki,kj->jin", rows.reshape(len(rows), -1, 3), self.vectors, optimize=True)
+        halved: Array = solve_triangular(self.factor, turned.reshape(len(self.factor), -1), lower=True)
+        return halved
 
 
 class Evidence:
@@ -79,103 +98,140 @@ class Evidence:
         penalty: (k, k), K of the regulariser for one coordinate.
         count: number of residual rows, the sum of the weights.
         share: of them that are independent.
+
+    Raises:
+        OptionError: K has negative eigenvalues.
     """
 
     def __init__(self, equations: NormalEquations, penalty: Array, count: float, share: float = 1.0) -> None:
         self.equations = equations
-        self.penalty, self.root = _of_three(penalty.tobytes())
+        self.values, self.vectors = _spectrum(penalty.tobytes())
         self.count, self.share = count, share
-        self.rank = self.root.shape[1]
-        self.free = len(self.penalty) - self.rank
+        self.rank = 3 * int(np.count_nonzero(self.values))
+        self.free = 3 * len(self.values) - self.rank
 
     def plus(self, equations: NormalEquations) -> "Evidence":
         """The same with something else to be met."""
         other = copy(self)
         other.equations = self.equations + equations
+        other.__dict__.pop("_data", None)
         return other
+
+    @cached_property
+    def _data(self) -> tuple[Array, Array]:
+        """The data's matrix (3 k, 3 k) and right side (3 k,) between the eigenvectors of the regulariser."""
+        vectors, size = self.vectors, len(self.vectors)
+        matrix = self.equations.matrix.reshape(size, 3 * size * 3)
+        matrix = (vectors.T @ matrix).reshape(3 * size, size, 3).transpose(0, 2, 1) @ vectors
+        matrix = matrix.transpose(0, 2, 1).reshape(3 * size, 3 * size)
+        free = np.flatnonzero(np.repeat(self.values == 0, 3))
+        matrix[free, free] += AT_REST * np.abs(matrix.diagonal()).max()
+        return matrix, (vectors.T @ self.equations.right.reshape(size, 3)).ravel()
 
     def cost(self, displacement: Array, strength: float) -> float:
         """The sum at a displacement: squares of residuals, and the regulariser's part."""
         p, equations = displacement.ravel(), self.equations
-        held = strength * self.count * self.penalty
-        return float(p @ ((equations.matrix + held) @ p) - 2 * equations.right @ p + equations.constant)
+        data = float(p @ (equations.matrix @ p) - 2 * equations.right @ p + equations.constant)
+        return data + strength * self.count * self._energy(self.vectors.T @ p.reshape(-1, 3))
 
-    def solve(self, strength: float) -> Solution:
-        """The displacement at one strength.
+    def _energy(self, turned: Array) -> float:
+        """What the regulariser says of displacements (k, 3) between its eigenvectors."""
+        return float(self.values @ (turned**2).sum(axis=1))
 
-        Raises:
-            OptionError: the strength leaves control points undetermined.
-        """
+    def solve(self, strength: float) -> Solution | None:
+        """The displacement at one strength; None where it leaves control points undetermined."""
         held = strength * self.count
-        try:
-            factor = cholesky(self.equations.matrix + held * self.penalty, lower=True)
-        except np.linalg.LinAlgError as error:
-            raise OptionError(f"strength={strength:g} leaves control points undetermined; try a larger one") from error
-        displacement = cho_solve((factor, True), self.equations.right)
+        matrix, right = self._data
+        matrix = matrix + np.diag(held * np.repeat(self.values, 3))
+        factor = _factor(matrix)
+        if factor is None:
+            return None
+        turned = cho_solve((factor, True), right)
         rows = max(self.count - self.free, 1.0)
-        misfit = self.equations.constant - self.equations.right @ displacement  # RSS + lambda p' K p
+        misfit = self.equations.constant - right @ turned  # RSS + lambda p' K p
         variance = max(float(misfit) / rows, NOISE_FLOOR**2)
         log_determinant = 2 * np.log(np.diag(factor)).sum()
         independent = max(self.share * self.count - self.free, 1.0)
         criterion = independent * np.log(variance) + log_determinant - self.rank * np.log(max(held, 1e-300))
-        noise = float(np.sqrt(variance))
-        return Solution(displacement.reshape(-1, 3), strength, noise, float(criterion), factor, self.share)
+        displacement, noise = self.vectors @ turned.reshape(-1, 3), float(np.sqrt(variance))
+        return Solution(displacement, strength, noise, float(criterion), factor, self.vectors, self.share)
 
     def best(self, near: float | None = None) -> Solution:
         """The displacement at the strength with the largest evidence.
 
         Args:
             near: the strength of an earlier, similar problem; without it the whole range is searched.
+
+        Raises:
+            DegenerateError: no strength determines the control points.
         """
-        if near is None:
-            near = float(min(np.geomspace(*WIDEST, 17), key=self._criterion))
+        near = self._first() if near is None else near
         low, high = _nearby(near)
         x = float(np.clip(np.log(near), low, high))
         root = self._root(x, min(x + NEAR, high), (low, high), ROUNDING)
         if root is None:
-            with np.errstate(invalid="ignore"):  # a parabola through an infinite criterion: it halves instead
-                found = minimize_scalar(
-                    lambda x: self._criterion(float(np.exp(x))),
-                    bounds=(low, high),
-                    method="bounded",
-                    options={"xatol": NEAR},
-                )
-            x, reach = float(found.x), 3 * NEAR
+            x, reach = self._by_values(low, high), 3 * NEAR
             root = self._root(x, x + NEAR, (x - reach, x + reach), ROUNDING) or (x, 0.0)
-        return replace(self.solve(float(np.exp(root[0]))), bend=root[1])
+        return self._determined(*root)
 
     def after(self, before: Solution) -> Solution:
-        """The same in the round after another: its bend leads beside the root, and later rounds go nearer."""
+        """The same in the round after another: its bend leads beside the root, and later rounds go nearer.
+
+        Raises:
+            DegenerateError: no strength determines the control points.
+        """
         x = float(np.log(before.strength))
-        if before.bend <= 0:
-            return self.best(before.strength)
         slope = self._slope(x)
+        if before.bend <= 0 or slope is None:
+            return self.best(before.strength)
         step = x - slope / before.bend
         root: tuple[float, float] | None = (step, before.bend)
         if abs(step - x) >= BESIDE:
             root = self._root(x, step, _nearby(before.strength), BESIDE, slope)
-        if root is None:
-            return self.best(before.strength)
-        return replace(self.solve(float(np.exp(root[0]))), bend=root[1])
+        return self.best(before.strength) if root is None else self._determined(*root)
+
+    def _determined(self, x: float, bend: float) -> Solution:
+        """The solution at the logarithm of a strength, or at the nearest larger one that determines it."""
+        for harder in (1.0, *np.geomspace(10, WIDEST[1] / WIDEST[0], 16)):
+            found = self.solve(float(harder * np.exp(x)))
+            if found is not None:
+                return replace(found, bend=bend if harder == 1 else 0.0)
+        raise DegenerateError(
+            "points: those that count leave even shifts of the control points undetermined; expected a cloud with an "
+            "extent in three dimensions that is not made of outliers alone"
+        )
+
+    def _first(self) -> float:
+        """Where a first search begins: the least of the strengths, a decade apart, that are as good as the best."""
+        strengths = np.geomspace(*WIDEST, 17)
+        criteria = np.array([self._criterion(float(strength)) for strength in strengths])
+        return float(strengths[np.argmax(criteria <= criteria.min() + FLAT / 2)])
+
+    def _by_values(self, low: float, high: float) -> float:
+        """The logarithm of about the best strength between two."""
+        with np.errstate(invalid="ignore"):  # a parabola through an infinite criterion: it halves instead
+            found = minimize_scalar(
+                lambda x: self._criterion(float(np.exp(x))),
+                bounds=(low, high),
+                method="bounded",
+                options={"xatol": NEAR},
+            )
+        return float(found.x)
 
     def _root(
         self, one: float, other: float, within: tuple[float, float], enough: float, slope: float | None = None
     ) -> tuple[float, float] | None:
         """Where the criterion is least, by secant steps on its slope until one is short enough, and its bend there.
 
-        None where the steps leave the range or climb. `slope` is the one at `one`, where it is known.
+        The first place with bend zero where the criterion is flat; None where the steps leave the range, climb, or
+        come to where control points are undetermined. `slope` is the one at `one`, where it is known.
         """
-        try:
-            first = self._slope(one) if slope is None else slope
-            return self._secant((one, other), (first, self._slope(other)), within, enough)
-        except OptionError:  # a step to where control points are undetermined
-            return None
-
-    def _secant(
-        self, places: tuple[float, float], slopes: tuple[float, float], within: tuple[float, float], enough: float
-    ) -> tuple[float, float] | None:
-        one, other = places
+        slopes = self._slope(one) if slope is None else slope, self._slope(other)
+        if all(each is not None and abs(each) < FLAT for each in slopes):
+            return one, 0.0
         for _ in range(STEPS):
+            if slopes[0] is None or slopes[1] is None:
+                return None
             if (slopes[1] - slopes[0]) * (other - one) <= 0:
                 return None
             bend = (slopes[1] - slopes[0]) / (other - one)
@@ -187,21 +243,33 @@ class Evidence:
             one, other, slopes = other, step, (slopes[1], self._slope(step))
         return None
 
-    def _slope(self, x: float) -> float:
+    def _slope(self, x: float) -> float | None:
         """Derivative of the criterion by the logarithm of the strength."""
         solution = self.solve(float(np.exp(x)))
+        if solution is None:
+            return None
         held = solution.strength * self.count
-        p = solution.displacement.ravel()
         misfit = max(self.count - self.free, 1.0) * solution.noise**2
         independent = max(self.share * self.count - self.free, 1.0)
-        traced = (solve_triangular(solution.factor, self.root, lower=True) ** 2).sum()
-        return float(held * (independent * (p @ self.penalty @ p) / misfit + traced) - self.rank)
+        energy = self._energy(self.vectors.T @ solution.displacement)
+        costly = solution.factor[self.free :, self.free :]
+        inverse = solve_triangular(costly, np.eye(self.rank), lower=True)
+        traced = np.repeat(self.values, 3)[self.free :] @ (inverse**2).sum(axis=0)
+        return float(held * (independent * energy / misfit + traced) - self.rank)
 
     def _criterion(self, strength: float) -> float:
-        try:
-            return self.solve(strength).criterion
-        except OptionError:
-            return np.inf
+        solution = self.solve(strength)
+        return np.inf if solution is None else solution.criterion
+
+
+def _factor(matrix: Array) -> Array | None:
+    """The lower Cholesky factor; None where a pivot is lost in the rounding of the others."""
+    try:
+        factor: Array = cholesky(matrix, lower=True)
+    except np.linalg.LinAlgError:
+        return None
+    least = (np.diag(factor) ** 2 / np.diag(matrix)).min()
+    return factor if least > len(matrix) * np.finfo(float).eps else None
 
 
 def _nearby(strength: float) -> tuple[float, float]:
@@ -211,11 +279,16 @@ def _nearby(strength: float) -> tuple[float, float]:
 
 
 @lru_cache(maxsize=4)
-def _of_three(penalty: bytes) -> tuple[Array, Array]:
-    """The penalty (k, k) for all three coordinates, and a root of it: root root' is the penalty."""
+def _spectrum(penalty: bytes) -> tuple[Array, Array]:
+    """Eigenvalues (k,), those of what costs nothing exactly zero, and eigenvectors (k, k) of a penalty (k, k).
+
+    Raises:
+        OptionError: an eigenvalue is negative.
+    """
     flat = np.frombuffer(penalty, dtype=np.float64)
-    one = flat.reshape(int(np.sqrt(len(flat))), -1)
-    values, vectors = np.linalg.eigh(one)
-    held = values > 1e-10 * values[-1]
-    root: Array = vectors[:, held] * np.sqrt(values[held])
-    return np.asarray(np.kron(one, np.eye(3))), np.asarray(np.kron(root, np.eye(3)))
+    values, vectors = np.linalg.eigh(flat.reshape(int(np.sqrt(len(flat))), -1))
+    least = 1e-10 * np.abs(values).max()
+    if values[0] < -least:
+        text = f"the smallest eigenvalue is {values[0] / values[-1]:.2g} of the largest"
+        raise OptionError(f"regularity: its matrix must be positive semi-definite; {text}")
+    return np.where(values > least, values, 0.0), vectors

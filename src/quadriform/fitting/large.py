@@ -28,6 +28,7 @@ from quadriform.points import Array, Frame
 from quadriform.shapes.closest import closest_on, settle
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.model import DeformableModel
+from quadriform.shapes.superquadric import Superquadric
 from quadriform.shapes.threads import threads_for
 
 MANY, SAMPLE = 50_000, 30_000
@@ -164,7 +165,7 @@ def _surface(
 def _rounds(points: _All, found: Fit, box: ControlBox, options: TangentOptions) -> Fit:
     """A few rounds from the box of the sample, in the centred, scaled frame; the fit in the world.
 
-    The fit to the sample itself where all that they could lead to folds.
+    The fit to the sample itself where all that they could lead to folds or leaves control points undetermined.
     """
     strength, scale = check_strength(options.strength), points.frame.scale
     noise, history = found.noise / scale, list(found.history)
@@ -176,10 +177,10 @@ def _rounds(points: _All, found: Fit, box: ControlBox, options: TangentOptions) 
         equations, count = points.sums(box, box, noise)
         evidence = evidence_from(equations, box, options.regularity, count, share)
         if strength is not None:
-            solution = evidence.solve(strength)
+            first = evidence.solve(strength)
         else:
-            solution = evidence.after(solutions[-1]) if solutions else evidence.best(found.strength)
-        after = _unfolded(points, evidence, box, solution)
+            first = evidence.after(solutions[-1]) if solutions else evidence.best(found.strength)
+        after = None if first is None else _unfolded(points, evidence, box, first)
         if after is None:
             return found
         before, (box, solution) = box, after
@@ -205,17 +206,35 @@ def _unfolded(
     surfaces = {surface.name: surface.sheet.superquadric for surface in points.surfaces}
     gentle = Floor.under(box, surfaces, FIRST_PRESS * evidence.count * (solution.noise / FLOOR) ** 2)
     for harder in HOLDS:
-        held = solution if harder == 1 else replace(evidence.solve(harder * solution.strength), bend=solution.bend)
-        after, floor = moved(box, held), gentle
-        for _ in range(PRESSES):
-            if floor.lowest(after) > NEAR_FLOOR:
-                if certified(after, surfaces):
-                    return after, held
-                floor = floor.with_places(low_places(after, surfaces))
-            held = replace(evidence.plus(floor.equations(after)).solve(held.strength), bend=solution.bend)
-            after, floor = moved(box, held), floor.harder()
-            if held.noise > DEAR * solution.noise:
-                break
+        held = solution if harder == 1 else evidence.solve(harder * solution.strength)
+        found = None if held is None else _pressed(evidence, box, held, gentle, surfaces, DEAR * solution.noise)
+        if found is not None:
+            return found[0], replace(found[1], bend=solution.bend)
+    return None
+
+
+def _pressed(
+    evidence: Evidence,
+    box: ControlBox,
+    held: Solution,
+    floor: Floor,
+    surfaces: Mapping[str, Superquadric],
+    most: float,
+) -> tuple[ControlBox, Solution] | None:
+    """The box as a solution moves it, under more and more pressure until it is certified not to fold.
+
+    None where that does not come about at a noise of at most `most`.
+    """
+    after = moved(box, held)
+    for _ in range(PRESSES):
+        if floor.lowest(after) > NEAR_FLOOR:
+            if certified(after, surfaces):
+                return after, held
+            floor = floor.with_places(low_places(after, surfaces))
+        pressed = evidence.plus(floor.equations(after)).solve(held.strength)
+        if pressed is None or pressed.noise > most:
+            return None
+        held, after, floor = pressed, moved(box, pressed), floor.harder()
     return None
 
 

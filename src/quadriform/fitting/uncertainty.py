@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from quadriform.fitting.evidence import Evidence, Solution
 from quadriform.fitting.threads import one_blas_thread
@@ -48,11 +47,6 @@ class FinerBox:
         return self.scale * ((self.box.rest - self.box.control_points).ravel() + self._solution.displacement.ravel())
 
     @property
-    def factor(self) -> Array:
-        """Lower Cholesky factor of its normal matrix, (3 k, 3 k)."""
-        return self._solution.factor
-
-    @property
     def noise(self) -> float:
         """Standard deviation of the data, as the finer box finds it."""
         return self.scale * self._solution.independent_noise
@@ -61,5 +55,6 @@ class FinerBox:
         """One standard deviation (n,) along the normals (n, 3) at (n, 3) points of the undeformed surface."""
         rows = box.elevate(self.degrees).matrix(origins)[:, :, None] * normals[:, None, :]
         rows = rows.reshape(len(origins), -1)
-        spread = solve_triangular(self.factor, rows.T, lower=True)
-        return np.sqrt((rows @ self.shift) ** 2 + self.noise**2 * (spread**2).sum(axis=0))
+        noise = self._solution.noise
+        spread = self._solution.variance(rows) / noise**2
+        return np.sqrt((rows @ self.shift) ** 2 + self.noise**2 * spread)

@@ -119,10 +119,7 @@ def _descended(
     """
     strength, found = refined.solution.strength, None
     for harder in np.geomspace(STRONGEST, 1, DESCENT):
-        for _ in range(PRESSES):
-            refined = rounds.pressed(refined, floor, harder * strength)
-            if unfolded := floor.lowest(refined.box) > NEAR_FLOOR:
-                break
+        refined, unfolded = _lifted(rounds, refined, floor, harder * strength)
         if unfolded and refined.solution.noise <= most and certified(refined.box, surfaces):
             found = _copied(refined)
         if harder == STRONGEST:
@@ -134,9 +131,23 @@ def _descended(
             if certified(refined.box, surfaces):
                 return refined
             floor = floor.with_places(low_places(refined.box, surfaces))
-        refined = rounds.pressed(refined, floor, strength)
-        floor = floor.harder()
+        pressed = rounds.pressed(refined, floor, strength)
+        if pressed is None:
+            break
+        refined, floor = pressed, floor.harder()
     return found
+
+
+def _lifted(rounds: Rounds, refined: Refined, floor: Floor, strength: float) -> tuple[Refined, bool]:
+    """The refinement after a few rounds under pressure at one strength, and whether it is above the floor then."""
+    for _ in range(PRESSES):
+        pressed = rounds.pressed(refined, floor, strength)
+        if pressed is None:
+            return refined, False
+        refined = pressed
+        if floor.lowest(refined.box) > NEAR_FLOOR:
+            return refined, True
+    return refined, False
 
 
 def _copied(refined: Refined) -> Refined:
