@@ -7,8 +7,9 @@ import pytest
 from shapes_made import gap, lumpy
 
 import quadriform as qf
-from quadriform.errors import OptionError
+from quadriform.errors import DegenerateError, OptionError
 from quadriform.fitting.candidates import ellipsoids
+from quadriform.fitting.regularity import Bending
 from quadriform.fitting.tangent_fit import common_box
 from quadriform.motion import cycle as cycle_module
 from quadriform.motion.cycle import DESCENT, MOST_ROUNDS, ROUNDS, SMALLEST_STEP, Cycle
@@ -134,8 +135,25 @@ def test_a_slice_may_be_missing_in_a_frame():
 
 
 def test_strengths_of_nothing_leave_control_points_undetermined(cycle):
-    with pytest.raises(OptionError, match=r"0 in space and 0 in time leave control points undetermined"):
-        cycle._evidence().solve(0.0, 0.0)
+    assert cycle._evidence().solve(0.0, 0.0) is None
+    with pytest.raises(OptionError, match=r"option strength=1e-300 leaves control points undetermined"):
+        cycle.fit(1e-300)
+
+
+def test_rounds_without_a_solution_change_nothing(monkeypatch, cycle):
+    monkeypatch.setattr(CycleEvidence, "solve", lambda *words: None)
+    assert not cycle._round((1e-4, 1e-4)) and not cycle.displacement.any()
+    with pytest.raises(DegenerateError, match="frames leave control points undetermined"):
+        cycle.fit(None)
+
+
+@pytest.mark.parametrize("strength", [1e3, 1e9, 1e15])
+def test_very_strong_regularisation_leaves_motions_without_bending(cycle, strength):
+    """Old bug: what costs nothing drowned in the rounding of what costs much, and the factorisation failed."""
+    solution = cycle._evidence().solve(strength, strength)
+    assert np.abs(solution.displacement).max() > 1e-3
+    bent = np.einsum("kl,alc->akc", Bending().matrix(cycle.shape), solution.displacement)
+    assert np.abs(bent).max() < 1e-9 * max(1, 1e6 / strength)
 
 
 def test_no_strength_in_time_is_found_where_none_in_space_holds(cycle):

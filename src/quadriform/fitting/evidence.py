@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
-from scipy.linalg import cho_solve, cholesky, lapack, solve_triangular
+from scipy.linalg import LinAlgError, cho_solve, cholesky, lapack, solve_triangular
 from scipy.optimize import minimize_scalar
 
 from quadriform.errors import DegenerateError, OptionError
@@ -105,7 +105,7 @@ class Evidence:
 
     def __init__(self, equations: NormalEquations, penalty: Array, count: float, share: float = 1.0) -> None:
         self.equations = equations
-        self.values, self.vectors = _spectrum(penalty.tobytes())
+        self.values, self.vectors = spectrum(penalty.tobytes())
         self.count, self.share = count, share
         self.rank = 3 * int(np.count_nonzero(self.values))
         self.free = 3 * len(self.values) - self.rank
@@ -120,13 +120,10 @@ class Evidence:
     @cached_property
     def _data(self) -> tuple[Array, Array]:
         """The data's matrix (3 k, 3 k) and right side (3 k,) between the eigenvectors of the regulariser."""
-        vectors, size = self.vectors, len(self.vectors)
-        matrix = self.equations.matrix.reshape(size, 3 * size * 3)
-        matrix = (vectors.T @ matrix).reshape(3 * size, size, 3).transpose(0, 2, 1) @ vectors
-        matrix = matrix.transpose(0, 2, 1).reshape(3 * size, 3 * size)
+        turned = self.equations.between(self.vectors)
         free = np.flatnonzero(np.repeat(self.values == 0, 3))
-        matrix[free, free] += AT_REST * np.abs(matrix.diagonal()).max()
-        return matrix, (vectors.T @ self.equations.right.reshape(size, 3)).ravel()
+        turned.matrix[free, free] += AT_REST * np.abs(turned.matrix.diagonal()).max()
+        return turned.matrix, turned.right
 
     def cost(self, displacement: Array, strength: float) -> float:
         """The sum at a displacement: squares of residuals, and the regulariser's part."""
@@ -143,7 +140,7 @@ class Evidence:
         held = strength * self.count
         matrix, right = self._data
         matrix = matrix + np.diag(held * np.repeat(self.values, 3))
-        factor = _factor(matrix)
+        factor = cholesky_factor(matrix)
         if factor is None:
             return None
         turned = cho_solve((factor, True), right)
@@ -160,15 +157,18 @@ class Evidence:
         """The displacement at the strength with the largest evidence.
 
         Args:
-            near: the strength of an earlier, similar problem; without it the whole range is searched.
+            near: the strength of an earlier, similar problem; without it, or where the criterion is flat there, the
+                whole range is searched.
 
         Raises:
             DegenerateError: no strength determines the control points.
         """
-        near = self._first() if near is None else near
-        low, high = _nearby(near)
-        x = float(np.clip(np.log(near), low, high))
+        start = self._first() if near is None else near
+        low, high = _nearby(start)
+        x = float(np.clip(np.log(start), low, high))
         root = self._root(x, min(x + NEAR, high), (low, high), ROUNDING)
+        if root == (x, 0.0) and near is not None:
+            return self.best()
         if root is None:
             x, reach = self._by_values(low, high), 3 * NEAR
             root = self._root(x, x + NEAR, (x - reach, x + reach), ROUNDING) or (x, 0.0)
@@ -262,14 +262,14 @@ class Evidence:
         return np.inf if solution is None else solution.criterion
 
 
-def _factor(matrix: Array) -> Array | None:
-    """The lower Cholesky factor; None where a pivot is lost in the rounding of the others."""
+def cholesky_factor(matrix: Array) -> Array | None:
+    """The lower Cholesky factor of a matrix, which is overwritten; None where a pivot is lost in rounding."""
+    diagonal = matrix.diagonal().copy()
     try:
-        factor: Array = cholesky(matrix, lower=True)
-    except np.linalg.LinAlgError:
+        factor: Array = cholesky(matrix, lower=True, overwrite_a=True, check_finite=False)
+    except LinAlgError:
         return None
-    least = (np.diag(factor) ** 2 / np.diag(matrix)).min()
-    return factor if least > len(matrix) * np.finfo(float).eps else None
+    return factor if (factor.diagonal() ** 2 > len(matrix) * np.finfo(float).eps * diagonal).all() else None
 
 
 def _nearby(strength: float) -> tuple[float, float]:
@@ -279,7 +279,7 @@ def _nearby(strength: float) -> tuple[float, float]:
 
 
 @lru_cache(maxsize=4)
-def _spectrum(penalty: bytes) -> tuple[Array, Array]:
+def spectrum(penalty: bytes) -> tuple[Array, Array]:
     """Eigenvalues (k,), those of what costs nothing exactly zero, and eigenvectors (k, k) of a penalty (k, k).
 
     Raises:

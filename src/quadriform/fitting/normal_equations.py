@@ -39,6 +39,13 @@ class NormalEquations:
     def __add__(self, other: "NormalEquations") -> "NormalEquations":
         return NormalEquations(self.matrix + other.matrix, self.right + other.right, self.constant + other.constant)
 
+    def between(self, vectors: Array) -> "NormalEquations":
+        """The same for coordinates in an orthonormal basis of the control points, the columns of `vectors` (k, k)."""
+        size = len(vectors)
+        half = (vectors.T @ self.matrix.reshape(size, -1)).reshape(3 * size, size, 3).transpose(0, 2, 1) @ vectors
+        matrix = half.transpose(0, 2, 1).reshape(3 * size, 3 * size)
+        return NormalEquations(matrix, (vectors.T @ self.right.reshape(size, 3)).ravel(), self.constant)
+
 
 def normal_equations(local: Array, metric: Array, residual: Array, degrees: tuple[int, int, int]) -> NormalEquations:
     """Sum up n points.

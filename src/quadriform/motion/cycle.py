@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from quadriform.errors import DegenerateError, OptionError
 from quadriform.fitting.coarse_to_fine import FIRST_NOISE
 from quadriform.fitting.normal_equations import normal_equations
 from quadriform.fitting.outcome import Progress
@@ -115,11 +116,16 @@ class Cycle:
         Args:
             alpha: the strength in space; None for the evidence's.
             progress: called after each round.
+
+        Raises:
+            OptionError: the strength that the user gave leaves control points undetermined.
+            DegenerateError: so do all strengths.
         """
         told, total = progress or (lambda done, total: None), DESCENT + ROUNDS
         strengths = alpha or self._alone(None), self.noise**2 / (2 * np.pi) ** 4
+        solved = []
         for done, harder in enumerate(np.geomspace(STRONGEST, 1, DESCENT)):
-            self._round((harder * strengths[0], harder * strengths[1]))
+            solved.append(self._round((harder * strengths[0], harder * strengths[1])))
             told(done + 1, total)
         certified: tuple[bool, ...] = ()
         for done in range(MOST_ROUNDS):
@@ -127,12 +133,16 @@ class Cycle:
                 in_space = alpha or self._alone(strengths[0])
                 strengths = in_space, self._evidence().best_in_time(in_space, strengths[1])
             before = self.noise
-            self._round(strengths)
+            solved.append(self._round(strengths))
             told(min(DESCENT + done + 1, total), total)
             if done + 1 >= ROUNDS:
                 certified = self._certified()
                 if all(certified) and abs(self.noise - before) < REST * before:
                     break
+        if alpha is not None and not solved[-1] and self._evidence().solve(*strengths) is None:
+            raise OptionError(f"option strength={alpha:g} leaves control points undetermined; expected a larger one")
+        if not any(solved):
+            raise DegenerateError("frames leave control points undetermined; expected points all around the body")
         control = self.displacement.reshape(-1, *self.shape, 3) + self.boxes[0].rest
         sheets = tuple(dict(zip(frame, sheets)) for frame, sheets in zip(self.frames, self.sheets))
         return CycleFit(control, sheets, self.noise, strengths, self.shifts, certified)
@@ -147,14 +157,16 @@ class Cycle:
         ends = [evidence_of(self.sheets[n], nothing, self.boxes[n], self.regularity) for n in self.ends]
         return min(each.best(near).strength for each in ends)
 
-    def _round(self, strengths: tuple[float, float]) -> None:
-        """Everything moves as far towards the solution of the linear problem as lowers the sum."""
+    def _round(self, strengths: tuple[float, float]) -> bool:
+        """Move everything as far towards the solution of the linear problem as lowers the sum; false without one."""
         self._slide()
         if self.robust:
             self._weigh()
         evidence = self._evidence()
         presses = [floor.equations(box) for floor, box in zip(self.floors, self.boxes)]
         solution = evidence.plus(presses).solve(*strengths)
+        if solution is None:
+            return False
         moved, turned = solution.displacement - self.displacement, solution.shifts - self.shifts.ravel()
         before, share = self._total(evidence, self.displacement, self.shifts.ravel(), strengths), 1.0
         while share > SMALLEST_STEP:
@@ -165,6 +177,7 @@ class Cycle:
         self.displacement, self.shifts = displacement, shifts.reshape(-1, 2)
         self.boxes, self.noise = self._boxes(self.displacement), solution.noise
         self._shift()
+        return True
 
     def _total(
         self, evidence: CycleEvidence, displacement: Array, shifts: Array, strengths: tuple[float, float]

@@ -5,6 +5,7 @@ With d(x, t) the displacement field, u time in spans and N data points, minimise
     sum_i w_i (squared distances) + alpha N  mean over t of E(d)  +  gamma N  mean over t, x of |d2 d / d u2|^2.
 
 E is the bending energy of a single fit. gamma has the largest evidence (REML), alpha that of single frames.
+Everything is solved in the eigenvectors of the penalties: what they leave free is not lost in rounding what they cost.
 """
 
 from collections.abc import Sequence
@@ -12,10 +13,10 @@ from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_solve, cholesky, eigh
+from scipy.linalg import cho_solve, eigh
 from scipy.optimize import minimize_scalar
 
-from quadriform.errors import OptionError
+from quadriform.fitting.evidence import cholesky_factor, spectrum
 from quadriform.fitting.normal_equations import NormalEquations
 from quadriform.points import Array
 from quadriform.shapes.bernstein import gram
@@ -69,24 +70,31 @@ class CycleEvidence:
         border: tuple[Array, Array, Array] | None = None,
     ) -> None:
         self.count, self.knots, self.size = count, values.shape[1], 3 * len(penalty)
-        self.values = values
+        mass = np.kron(np.kron(gram(shape[0] - 1), gram(shape[1] - 1)), gram(shape[2] - 1))
+        energies, self._in_space = spectrum(penalty.tobytes())
+        swings, self._in_time = eigh(basis.bending(), basis.mass())
+        self._mass_time = basis.mass()
+        tau = swings * (swings > 1e-9 * swings.max())
+        self._costs = np.repeat(energies, 3), tau
+        self._mass = np.kron(self._in_space.T @ mass @ self._in_space, np.eye(3))
+        kappa = np.maximum(eigh(penalty, mass, eigvals_only=True), 0)
+        self._values = kappa * (kappa > 1e-9 * kappa.max()), tau
+        self.values = values @ self._in_time
         self.matrix, self.right, self.constant = self._sums(equations)
         if border is not None:
             self._add_border(*border)
-        mass = np.kron(np.kron(gram(shape[0] - 1), gram(shape[1] - 1)), gram(shape[2] - 1))
-        self._time = basis.mass(), basis.bending()
-        self._space = np.kron(penalty, np.eye(3)), np.kron(mass, np.eye(3))
-        kappa = np.maximum(eigh(penalty, mass, eigvals_only=True), 0)
-        tau = np.maximum(eigh(self._time[1], self._time[0], eigvals_only=True), 0)
-        self._values = kappa * (kappa > 1e-9 * kappa.max()), tau * (tau > 1e-9 * tau.max())
 
     def _sums(self, equations: Sequence[NormalEquations]) -> tuple[Array, Array, float]:
-        matrix = _in_time(self.values, np.stack([equation.matrix for equation in equations]))
-        right = (self.values.T @ np.stack([equation.right for equation in equations])).ravel()
+        """Matrix, right side and constant between the eigenvectors."""
+        turned = [equation.between(self._in_space) for equation in equations]
+        matrix = _in_time(self.values, np.stack([equation.matrix for equation in turned]))
+        right = (self.values.T @ np.stack([equation.right for equation in turned])).ravel()
         return matrix, right, sum(equation.constant for equation in equations)
 
     def _add_border(self, coupling: Array, own: Array, right: Array) -> None:
-        across = np.einsum("fa,mfi->aim", self.values, coupling).reshape(len(self.matrix), -1)
+        by_point = coupling.reshape(*coupling.shape[:2], len(self._in_space), 3)
+        turned = np.einsum("mfki,kj->mfji", by_point, self._in_space)
+        across = np.einsum("fa,mfji->ajim", self.values, turned).reshape(len(self.matrix), -1)
         self.matrix = np.block([[self.matrix, across], [across.T, own]])
         self.right = np.concatenate([self.right, right])
 
@@ -102,25 +110,18 @@ class CycleEvidence:
 
     def cost(self, displacement: Array, shifts: Array, alpha: float, gamma: float) -> float:
         """The sum at displacements (K, k, 3) and shifts (m,)."""
-        p = displacement.reshape(self.knots, -1)
-        (mass_t, bending_t), (bending_x, mass_x) = self._time, self._space
-        held = alpha * np.sum((mass_t @ p) * (p @ bending_x)) + gamma * np.sum((bending_t @ p) * (p @ mass_x))
+        turned = np.einsum("jk,aki->aji", self._in_space.T, displacement.reshape(self.knots, -1, 3))
+        p = self._in_time.T @ self._mass_time @ turned.reshape(self.knots, -1)
+        energies, tau = self._costs
+        held = alpha * np.sum(p**2 @ energies) + gamma * tau @ np.sum((p @ self._mass) * p, axis=1)
         q = np.concatenate([p.ravel(), shifts])
         return float(q @ (self.matrix @ q) - 2 * self.right @ q + self.constant + self.count * held)
 
-    def solve(self, alpha: float, gamma: float) -> CycleSolution:
-        """The displacement at one pair of strengths.
-
-        Raises:
-            OptionError: they leave control points undetermined.
-        """
-        try:
-            factor = cholesky(self._held(alpha, gamma), lower=True, overwrite_a=True, check_finite=False)
-        except LinAlgError as error:
-            text = (
-                f"strengths {alpha:g} in space and {gamma:g} in time leave control points undetermined; try larger ones"
-            )
-            raise OptionError(text) from error
+    def solve(self, alpha: float, gamma: float) -> CycleSolution | None:
+        """The displacement at one pair of strengths; None where they leave control points undetermined."""
+        factor = cholesky_factor(self._held(alpha, gamma))
+        if factor is None:
+            return None
         found = cho_solve((factor, True), self.right, check_finite=False)
         held = self.count * (alpha * self._values[0][:, None] + gamma * self._values[1])
         ranked = held[held > 0]
@@ -128,17 +129,16 @@ class CycleEvidence:
         variance = max((self.constant - float(self.right @ found)) / rows, NOISE_FLOOR**2)
         criterion = rows * np.log(variance) + 2 * np.log(np.diag(factor)).sum() - 3 * np.log(ranked).sum()
         size = self.knots * self.size
-        displacement = found[:size].reshape(self.knots, -1, 3)
+        turned = self._in_time @ found[:size].reshape(self.knots, -1)
+        displacement = np.einsum("kj,aji->aki", self._in_space, turned.reshape(self.knots, -1, 3))
         return CycleSolution(displacement, found[size:], float(np.sqrt(variance)), float(criterion))
 
     def _held(self, alpha: float, gamma: float) -> Array:
-        """The matrix with both penalties added, block by block."""
-        (mass_t, bending_t), (bending_x, mass_x) = self._time, self._space
+        """The matrix with both penalties added, which couple no two eigenvectors in time."""
         held = self.matrix.copy()
-        for a in range(self.knots):
-            for b in range(self.knots):
-                block = np.s_[a * self.size : (a + 1) * self.size, b * self.size : (b + 1) * self.size]
-                held[block] += self.count * (alpha * mass_t[a, b] * bending_x + gamma * bending_t[a, b] * mass_x)
+        for knot, tau in enumerate(self._costs[1]):
+            block = slice(knot * self.size, (knot + 1) * self.size)
+            held[block, block] += self.count * (alpha * np.diag(self._costs[0]) + gamma * tau * self._mass)
         return held
 
     def best_in_time(self, alpha: float, gamma: float) -> float:
@@ -149,10 +149,8 @@ class CycleEvidence:
         """
 
         def criterion(log: float) -> float:
-            try:
-                return self.solve(alpha, float(np.exp(log))).criterion
-            except OptionError:
-                return np.inf
+            solution = self.solve(alpha, float(np.exp(log)))
+            return np.inf if solution is None else solution.criterion
 
         middle = np.log(gamma)
         found = minimize_scalar(

@@ -1,0 +1,56 @@
+"""Control points that nothing determines: an error where the user gave the strength, else a fit with its warnings."""
+
+import numpy as np
+import pytest
+from shapes_made import even_directions, made
+
+import quadriform as qf
+from quadriform.errors import OptionError
+
+INDICES = np.stack(np.meshgrid(*[np.arange(-16, 17)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+SPHERE = even_directions(300)
+
+
+def voxels(inside):
+    """Centres of the voxels where a function of the indices (n, 3) is true, as `np.argwhere` returns them."""
+    return INDICES[inside(INDICES)] + 16
+
+
+FILLED = {
+    "box": lambda x: (np.abs(x) <= (4, 6, 5)).all(axis=1),
+    "ball": lambda x: (x**2).sum(axis=1) <= 7**2,
+    "ellipsoid": lambda x: ((x / (5.0, 6.0, 9.0)) ** 2).sum(axis=1) <= 1,
+}
+
+
+@pytest.mark.parametrize("body", FILLED)
+def test_filled_volumes_of_voxels_are_fitted_with_a_warning(body):
+    """Old bug: "strength=2.6e-08 leaves control points undetermined; try a larger one", and none had been given."""
+    found = qf.fit(voxels(FILLED[body]))
+    assert found.status == "warned" and "POOR_FIT" in found.warnings
+    assert np.isfinite(found.model.box.control_points).all() and np.isfinite(found.residuals).all()
+
+
+@pytest.mark.parametrize("thin", [1e-2, 1e-4])
+@pytest.mark.parametrize("exponents", [(1, 1), (0.3, 0.3)], ids=["lens", "plate"])
+def test_nearly_flat_bodies_are_fitted(thin, exponents):
+    points = made(semi_axes=(3.0, 2.0, thin), exponents=exponents).surface(SPHERE)
+    found = qf.fit(points, box=(3, 3, 3))
+    assert np.isfinite(found.model.box.control_points).all()
+    assert found.rms < 1e-2
+
+
+@pytest.mark.parametrize("strength", [1e-30, 1e-18])
+def test_a_strength_that_the_user_gave_is_named_where_it_is_too_small(strength):
+    ellipsoid = made(exponents=(1, 1))
+    points = ellipsoid.surface(SPHERE)
+    with pytest.raises(OptionError, match=rf"option strength={strength:g} leaves control points undetermined"):
+        qf.refine(ellipsoid, points, strength=strength)
+
+
+@pytest.mark.parametrize("strength", [1e6, 1e12])
+def test_any_large_strength_gives_a_fit(strength):
+    """Old bug: an error that called a strength of 1e6 too small."""
+    points = made().surface(SPHERE)
+    found = qf.refine(made(exponents=(1, 1)), points * [1, 1, 1.1], strength=strength, box=(3, 3, 3))
+    assert found.strength == strength and np.isfinite(found.residuals).all()
