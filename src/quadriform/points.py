@@ -1,6 +1,8 @@
 """The gate: the outside world becomes checked float64 arrays here, once; centre-and-scale and its undoing."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -8,11 +10,16 @@ from numpy.typing import ArrayLike, NDArray
 from quadriform.errors import DegenerateError, OptionError, PointsError
 
 Array = NDArray[np.float64]
+Named = TypeVar("Named")
 
 DISTINCT = 1e-12
 """Points closer than this share of the cloud's RMS radius count as one."""
 ENOUGH = 100_000
 """Points that tell whether a cloud is flat."""
+LARGEST = 1e30
+"""No coordinate, length or weight may be larger in any unit, so that products of them stay finite."""
+SCALES = (1e-25, 1e25)
+"""RMS radii of clouds that can be fitted, in any unit."""
 FLAT = 1e-6
 """A smallest singular value below this share of the largest is a plane, a line or a point."""
 
@@ -25,7 +32,7 @@ def check_points(points: ArrayLike, what: str = "points") -> Array:
         what: the name that an error message uses.
 
     Raises:
-        PointsError: wrong type or shape, no points, masked or not finite values.
+        PointsError: wrong type or shape, no points, masked or not finite values, or coordinates beyond 1e30.
     """
     array = _as_numbers(points, what)
     if array.ndim != 2 or array.shape[1] != 3:
@@ -33,15 +40,20 @@ def check_points(points: ArrayLike, what: str = "points") -> Array:
         raise PointsError(f"{what}: expected an array of shape (n, 3), found {array.shape}{hint}")
     if len(array) == 0:
         raise PointsError(f"{what}: there are no points; expected at least one row x, y, z")
-    with np.errstate(over="ignore", invalid="ignore"):
-        suspect = not np.isfinite(array.sum())  # needs no room; may be an overflow, too
-    if suspect and not np.isfinite(array).all():
-        bad = ~np.isfinite(array).all(axis=1)
-        raise PointsError(
-            f"{what}: {int(bad.sum())} of {len(array)} rows are not finite, the first at index {int(bad.argmax())} "
-            f"({array[bad.argmax()]}); remove or repair them first"
-        )
+    if not (array.min() >= -LARGEST and array.max() <= LARGEST):  # of NaN neither holds
+        _refuse_rows(array, what)
     return np.ascontiguousarray(array, dtype=np.float64)
+
+
+def _refuse_rows(array: Array, what: str) -> None:
+    bad, fault = ~np.isfinite(array).all(axis=1), "are not finite"
+    if not bad.any():
+        bad = (np.abs(array) > LARGEST).any(axis=1)
+        fault = f"are out of range: expected coordinates up to {LARGEST:g} in any unit"
+    raise PointsError(
+        f"{what}: {int(bad.sum())} of {len(array)} rows {fault}, the first at index {int(bad.argmax())} "
+        f"({array[bad.argmax()]}); remove or repair them first"
+    )
 
 
 def _as_numbers(values: ArrayLike, what: str) -> Array:
@@ -70,9 +82,30 @@ def check_weights(weights: ArrayLike | None, n: int) -> Array:
     array = _as_numbers(weights, "weights")
     if array.shape != (n,):
         raise PointsError(f"weights: expected shape ({n},), found {array.shape}")
-    if not np.isfinite(array).all() or (array < 0).any() or not array.any():
-        raise PointsError("weights: expected finite values >= 0 that are not all zero")
+    if not ((array >= 0) & (array <= LARGEST)).all() or not array.any():
+        raise PointsError(f"weights: expected finite values >= 0, up to {LARGEST:g}, that are not all zero")
     return array
+
+
+def by_name(given: Mapping[Any, Named], what: str) -> dict[str, Named]:
+    """Return the same values under names that are text.
+
+    Args:
+        given: name -> value; a name that is no text, such as a number, is written as one.
+        what: the name that an error message uses.
+
+    Raises:
+        OptionError: two names that are written alike, such as 1 and "1", or a name that UTF-8 cannot hold.
+    """
+    result: dict[str, Named] = {}
+    for name, value in given.items():
+        text = str(name)
+        if text in result:
+            raise OptionError(f"{what}: two names are both written {text!r}; expected a name of its own for each")
+        if any("\ud800" <= letter <= "\udfff" for letter in text):
+            raise OptionError(f"{what}: the name {text!r} has half of a surrogate pair; expected text that UTF-8 can hold")
+        result[text] = value
+    return result
 
 
 def check_number(value: float, option: str, low: float, high: float = np.inf) -> float:
@@ -100,10 +133,13 @@ def check_spread(points: Array, needed: int) -> None:
         except DegenerateError:
             pass
     frame = Frame.of(points)
-    if not 1e-150 < frame.scale < 1e150:
+    if not SCALES[0] < frame.scale < SCALES[1]:
         if len(np.unique(points, axis=0)) == 1:
             raise DegenerateError(f"zero extent: all {len(points)} points are equal")
-        raise PointsError(f"points: scale out of range (RMS radius {frame.scale:g}); expected 1e-150 to 1e150")
+        raise PointsError(
+            f"points: the size is out of range (RMS radius {frame.scale:g}); expected {SCALES[0]:g} to {SCALES[1]:g}, "
+            "so choose another unit"
+        )
     local = frame.to_local(points)
     distinct = _distinct(local[: 10 * needed])
     if distinct < needed:

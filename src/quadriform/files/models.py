@@ -20,6 +20,7 @@ from quadriform.files.packed import NUMBERS, TEXT, Unpacking, packed
 from quadriform.files.reading import quoted, read_bytes, signature, suffix_of
 from quadriform.files.records import FIELDS, read_record, record_document
 from quadriform.files.strict import SHA256, Field
+from quadriform.points import LARGEST
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
@@ -127,7 +128,25 @@ def _model(root: Field) -> DeformableModel:
     root.only(BODY if version == 1 else (*BODY, *FIELDS))
     surfaces = read_surfaces(root.member("surfaces"))
     record = ModelRecord() if version == 1 else read_record(root, surfaces)
-    return DeformableModel(surfaces, _box(root.member("box")), *read_marks(root), record)
+    model = DeformableModel(surfaces, _box(root.member("box")), *read_marks(root), record)
+    check_extent(model, root.where)
+    return model
+
+
+def check_extent(model: DeformableModel, where: str) -> None:
+    """Refuse a model whose surfaces do not belong to its box: far outside, its polynomials have no finite values.
+
+    Raises:
+        FileFormatError: naming the surface.
+    """
+    for name in model.surfaces:
+        with np.errstate(all="ignore"):
+            vertices = model.mesh(name, resolution=4).vertices
+        if not (np.abs(vertices) <= LARGEST).all():
+            raise FileFormatError(
+                f"{where}: expected surfaces in the control box or near it, found surface {name!r} carried beyond "
+                f"{LARGEST:g}"
+            )
 
 
 def read_version(root: Field, name: str, latest: int) -> int:
@@ -186,8 +205,6 @@ def _box(field: Field) -> ControlBox:
     shapes = {"origin": (3,), "edges": (3, 3), "control_points": (None, None, None, 3)}
     values = {name: field.member(name).numbers(shape) for name, shape in shapes.items()}
     field.only(tuple(shapes))
-    if np.linalg.matrix_rank(values["edges"]) < 3:
-        field.member("edges").refuse("three edges that span space", "edges in one plane")
     try:
         return ControlBox(**values)
     except OptionError as error:

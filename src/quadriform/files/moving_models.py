@@ -7,7 +7,15 @@ import numpy as np
 
 from quadriform.errors import FileFormatError, OptionError
 from quadriform.files.atomic import write_bytes
-from quadriform.files.models import encode_json, head_document, parse_json, read_marks, read_surfaces, read_version
+from quadriform.files.models import (
+    check_extent,
+    encode_json,
+    head_document,
+    parse_json,
+    read_marks,
+    read_surfaces,
+    read_version,
+)
 from quadriform.files.reading import quoted, read_bytes, suffix_of
 from quadriform.files.records import FIELDS, read_record
 from quadriform.files.strict import Field
@@ -63,7 +71,7 @@ def read_moving_model(path: str | os.PathLike[str]) -> MovingModel:
     record = ModelRecord() if version < 3 else read_record(root, surfaces)
     try:
         basis, frame_times = _times(root.member("time"), version)
-        return MovingModel(
+        model = MovingModel(
             surfaces,
             values["origin"],
             values["edges"],
@@ -75,6 +83,9 @@ def read_moving_model(path: str | os.PathLike[str]) -> MovingModel:
             frame_times,
             record,
         )
+        for knot in basis.knots:
+            check_extent(model.at(float(knot)), where)
+        return model
     except OptionError as error:
         raise FileFormatError(f"{where}: {error}") from error
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from quadriform.errors import OptionError, PointsError
-from quadriform.points import check_points
+from quadriform.points import by_name, check_points
 from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.mesh_points import mesh_points
 
@@ -25,7 +25,7 @@ def without_meshes(points: Given, weights: object = None) -> tuple[Any, tuple[st
         OptionError: weights beside a mesh, whose points are chosen here.
         PointsError: a mesh whose triangles are not what they must be.
     """
-    named = points if isinstance(points, Mapping) else {"": points}
+    named = by_name(points, "points") if isinstance(points, Mapping) else {"": points}
     meshes = {name: _mesh(each) for name, each in named.items() if hasattr(each, "vertices") and hasattr(each, "faces")}
     if meshes and weights is not None:
         raise OptionError("weights: go with points, found a mesh, of which each part of the area counts the same")

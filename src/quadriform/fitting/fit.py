@@ -19,7 +19,7 @@ from quadriform.fitting.refinement import ill_conditioned, two_step
 from quadriform.fitting.superquadric_fit import fit_superquadric
 from quadriform.fitting.tangent_fit import Result, fit_tangent
 from quadriform.fitting.threads import one_blas_thread
-from quadriform.points import Array, Frame, check_points, check_spread, check_weights
+from quadriform.points import Array, Frame, by_name, check_points, check_spread, check_weights
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.model import DeformableModel
@@ -117,7 +117,7 @@ def refine(
     """
     given, notes = without_meshes(points, weights)
     clouds = named(given)
-    surfaces = {ALONE: superquadric} if isinstance(superquadric, Superquadric) else dict(superquadric)
+    surfaces = {ALONE: superquadric} if isinstance(superquadric, Superquadric) else by_name(superquadric, "superquadric")
     if surfaces.keys() != clouds.keys():
         raise OptionError(f"surfaces {sorted(surfaces)} and points {sorted(clouds)} must have the same names")
     counted, chosen = _weights(weights, clouds, method), options_for(method, options)
@@ -136,8 +136,8 @@ def _with(warnings: Warnings, notes: tuple[str, ...], found: Fit) -> Fit:
 
 def lost(points: Clouds, clouds: dict[str, Array]) -> Warnings:
     """What clouds had lost before they came, a warning or none, from the same checked."""
-    given = points if isinstance(points, Mapping) else {ALONE: points}
-    return named_texts({str(name): precision(each, clouds[str(name)]) for name, each in given.items()})
+    given = by_name(points, "points") if isinstance(points, Mapping) else {ALONE: points}
+    return named_texts({name: precision(each, clouds[name]) for name, each in given.items()})
 
 
 def _few_first(
@@ -235,11 +235,11 @@ def named(points: Clouds) -> dict[str, Array]:
     Raises:
         PointsError, DegenerateError, OptionError: a cloud cannot be fitted, or there is none.
     """
-    given = points if isinstance(points, Mapping) else {ALONE: points}
+    given = by_name(points, "points") if isinstance(points, Mapping) else {ALONE: points}
     if not given:
         raise OptionError("points: an empty mapping; expected at least one named cloud")
     single = given.keys() == {ALONE}
-    clouds = {str(n): check_points(cloud, "points" if single else f"{n}: points") for n, cloud in given.items()}
+    clouds = {n: check_points(cloud, "points" if single else f"{n}: points") for n, cloud in given.items()}
     for cloud in clouds.values():
         check_spread(cloud, needed=11)
     return clouds
@@ -249,7 +249,7 @@ def _weights(weights: Weights, clouds: dict[str, Array], method: str) -> dict[st
     choose(method, METHODS, "method")
     if weights is not None and method == "paper":
         raise OptionError("option weights is not one of method='paper'; use method='tangent'")
-    given = weights if isinstance(weights, Mapping) else dict.fromkeys(clouds, weights)
+    given = by_name(weights, "weights") if isinstance(weights, Mapping) else dict.fromkeys(clouds, weights)
     if given.keys() != clouds.keys():
         raise OptionError(f"weights {sorted(given)} and points {sorted(clouds)} must have the same names")
     return {name: check_weights(given[name], len(cloud)) for name, cloud in clouds.items()}

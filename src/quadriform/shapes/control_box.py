@@ -8,12 +8,14 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from quadriform.errors import OptionError, PointsError
-from quadriform.points import Array, check_points
+from quadriform.points import LARGEST, Array, check_points
 from quadriform.shapes import _kernel, bernstein, pose
 from quadriform.shapes.superquadric import Superquadric
 from quadriform.shapes.threads import threads_for
 
 NEWTON_STEPS = 60
+SKEW = 1e-8
+"""Largest cosine between edges that are called orthogonal."""
 EXACT = 1e-13
 """`undeform` stops when the residual is below this share of the box's diagonal."""
 STARTS = 6
@@ -27,8 +29,12 @@ class ControlBox:
 
     Attributes:
         origin: (3,), the corner X0 of the undeformed box, in the world.
-        edges: (3, 3), rows S, T, U, orthogonal to each other.
+        edges: (3, 3), rows S, T, U, orthogonal to each other and not zero: the local coordinates (P15, P16) are
+            projections onto each of them.
         control_points: (l+1, m+1, n+1, 3); index i runs along S, j along T, k along U, all upwards.
+
+    Raises:
+        OptionError: another shape, numbers that are not finite or beyond 1e30, edges that are zero or not orthogonal.
     """
 
     origin: Array
@@ -38,13 +44,18 @@ class ControlBox:
     def __post_init__(self) -> None:
         for name, shape in (("origin", (3,)), ("edges", (3, 3)), ("control_points", None)):
             array = np.array(getattr(self, name), dtype=np.float64)
-            if (shape and array.shape != shape) or not np.isfinite(array).all():
-                raise OptionError(f"{name}: expected finite numbers of shape {shape}, found shape {array.shape}")
+            if (shape and array.shape != shape) or not (np.abs(array) <= LARGEST).all():
+                expected = f"numbers of shape {shape}" if shape else "numbers"
+                raise OptionError(
+                    f"{name}: expected finite {expected} up to {LARGEST:g}, found shape {array.shape}, "
+                    f"largest {np.abs(array).max(initial=0):g}"
+                )
             array.setflags(write=False)
             object.__setattr__(self, name, array)
         grid = self.control_points.shape
         if len(grid) != 4 or grid[3] != 3 or min(grid[:3]) < 2:
             raise OptionError(f"control_points: expected shape (l+1, m+1, n+1, 3) with l, m, n >= 1, found {grid}")
+        _check_edges(self.edges)
 
     @classmethod
     def around(cls, superquadric: Superquadric, shape: tuple[int, int, int] = (5, 5, 5)) -> "ControlBox":
@@ -235,6 +246,20 @@ class ControlBox:
         for axis, (low, high) in enumerate(zip(self.degrees, degrees)):
             raised = np.moveaxis(np.tensordot(bernstein.elevation(low, high), raised, (1, axis)), 0, axis)
         return replace(self, control_points=raised)
+
+
+def _check_edges(edges: Array) -> None:
+    lengths = np.sqrt((edges**2).sum(axis=1))
+    if not (lengths > 1 / LARGEST).all():
+        raise OptionError(f"edges: expected three edges that are not zero, found lengths {lengths.tolist()}")
+    unit = edges / lengths[:, None]
+    cosines = np.abs(unit @ unit.T - np.eye(3))
+    if not cosines.max() <= SKEW:
+        angle = float(np.degrees(np.arccos(min(1.0, cosines.max()))))
+        raise OptionError(
+            f"edges: expected three edges at right angles, found two at {angle:.6g} degrees; "
+            "a sheared box has no local coordinates by projection"
+        )
 
 
 @lru_cache(maxsize=16)

@@ -83,8 +83,12 @@ class DeformableModel(Recorded):
         return Mesh(vertices, split_quads(quads, vertices))
 
     def deform(self, points: ArrayLike) -> Array:
-        """Where the volumetric map carries world points (n, 3)."""
-        return self.box.deform(points)
+        """Where the volumetric map carries world points (n, 3).
+
+        Raises:
+            PointsError: points so far outside the box that they are carried beyond 1e30.
+        """
+        return check_points(self.box.deform(points), "deformed points")
 
     def undeform(self, points: ArrayLike) -> Array:
         """The inverse of `deform`, (n, 3)."""

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from scipy.special import beta
 
 from quadriform.errors import OptionError, choose
-from quadriform.points import Array, check_points
+from quadriform.points import LARGEST, Array, check_points
 from quadriform.shapes import _kernel, pose
 from quadriform.shapes.directions import Faces, split_quads
 from quadriform.shapes.kinds import KINDS, Kind
@@ -54,14 +54,16 @@ class Superquadric:
             ("translation", (3,)),
         ):
             array = np.array(getattr(self, name), dtype=np.float64)
-            if array.shape != shape or not np.isfinite(array).all():
-                raise OptionError(f"{name}: expected finite numbers of shape {shape}, found {array.tolist()}")
+            if array.shape != shape or not (np.abs(array) <= LARGEST).all():
+                raise OptionError(
+                    f"{name}: expected finite numbers up to {LARGEST:g} of shape {shape}, found {array.tolist()}"
+                )
             array.setflags(write=False)
             object.__setattr__(self, name, array)
         self._check_ranges()
 
     def _check_ranges(self) -> None:
-        if (self.semi_axes <= 0).any():
+        if (self.semi_axes < LARGEST**-2).any():
             raise OptionError(f"semi_axes: expected lengths above 0, found {self.semi_axes.tolist()}")
         if (self.exponents < EXPONENTS[0]).any() or (self.exponents > EXPONENTS[1]).any():
             raise OptionError(f"exponents: expected numbers in {EXPONENTS}, found {self.exponents.tolist()}")
@@ -69,11 +71,11 @@ class Superquadric:
         if skewness > ORTHOGONAL or np.linalg.det(self.rotation) < 0:
             raise OptionError("rotation: expected an orthogonal matrix with determinant +1")
         hole, height = self.hole_radius, self.height
-        if (hole is not None) != (self.kind == "toroid") or (hole is not None and not 1 < hole < np.inf):
+        if (hole is not None) != (self.kind == "toroid") or (hole is not None and not 1 < hole <= LARGEST):
             raise OptionError(f"hole_radius: a number above 1 for the toroid alone, found {hole}")
         least = self.semi_axes[0] if self.kind == "hyperboloid2" else 0.0
         if (height is not None) != self.kind.startswith("hyperboloid") or (
-            height is not None and not least < height < np.inf
+            height is not None and not least < height <= LARGEST
         ):
             raise OptionError(f"height: a length above {least:g} for hyperboloids alone, found {height}")
 
