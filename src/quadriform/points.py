@@ -103,7 +103,9 @@ def by_name(given: Mapping[Any, Named], what: str) -> dict[str, Named]:
         if text in result:
             raise OptionError(f"{what}: two names are both written {text!r}; expected a name of its own for each")
         if any("\ud800" <= letter <= "\udfff" for letter in text):
-            raise OptionError(f"{what}: the name {text!r} has half of a surrogate pair; expected text that UTF-8 can hold")
+            raise OptionError(
+                f"{what}: the name {text!r} has half of a surrogate pair; expected text that UTF-8 can hold"
+            )
         result[text] = value
     return result
 

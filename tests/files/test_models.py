@@ -129,6 +129,7 @@ BAD = [
     (("surfaces",), [TWIN, TWIN], r"field surfaces\[1\].name: expected a name of its own"),
     (("box",), [], "field box: expected an object"),
     (("box", "degrees"), [4, 4, 4], "field box.degrees: expected only"),
+    (("box", "edges", 2), [3.0, 4.0, 5.0], "field box: edges: expected three edges at right angles, found two at"),
     (("box", "edges", 2), [0.0, 0.0, 0.0], "field box: edges: expected three edges that are not zero"),
     (("box", "control_points", 1), ..., "ok"),
     (("box", "control_points", 1, 0), ..., "field box.control_points: expected rows of one shape"),
@@ -269,3 +270,33 @@ def test_an_unknown_frame_is_not_written(tmp_path, model):
     with pytest.raises(OptionError, match="space"):
         write_model(replace(model, space="up"), tmp_path / "m.json")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("value", [1e300, -1e300, 1e160, 1e31, 1e29, -1e25, 1e-300])
+@pytest.mark.parametrize(
+    "path",
+    [
+        ("surfaces", 0, "semi_axes", 0),
+        ("surfaces", 0, "translation", 2),
+        ("surfaces", 0, "rotation", 1),
+        ("box", "origin", 0),
+        ("box", "edges", 1),
+        ("box", "control_points", 0, 0, 0),
+    ],
+    ids=str,
+)
+def test_extreme_numbers_are_refused_or_harmless(tmp_path, model, path, value):
+    """Whatever is read has finite surfaces, without a warning of NumPy."""
+    write_model(model, tmp_path / "m.json")
+    document = json.loads((tmp_path / "m.json").read_text(encoding="utf-8"))
+    place = document
+    for key in path[:-1]:
+        place = place[key]
+    old = place[path[-1]]
+    place[path[-1]] = [value, *old[1:]] if isinstance(old, list) else value
+    (tmp_path / "m.json").write_text(json.dumps(document), encoding="utf-8")
+    try:
+        found = read_model(tmp_path / "m.json")
+    except FileFormatError:
+        return
+    assert np.isfinite(found.mesh(resolution=6).vertices).all() and np.isfinite(found.volume())

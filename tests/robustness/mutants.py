@@ -37,8 +37,8 @@ MUTANTS = [
     Mutant(
         "points must be finite",
         "points.py",
-        "if suspect and not np.isfinite(array).all()",
-        "if False",
+        "if not (array.min() >= -LARGEST and array.max() <= LARGEST):",
+        "if False:",
         "robustness/test_bad_inputs.py",
     ),
     Mutant(
@@ -67,6 +67,14 @@ MUTANTS = [
         "if True:",
         "robustness/test_bad_inputs.py",
     ),
+    Mutant(
+        "edges at right angles",
+        "shapes/control_box.py",
+        "if not cosines.max() <= SKEW:",
+        "if False:",
+        "shapes/test_control_box.py",
+    ),
+    Mutant("names that are written alike", "points.py", "if text in result:", "if False:", "robustness/test_names.py"),
     Mutant(
         "copies count as weights",
         "fitting/duplicates.py",

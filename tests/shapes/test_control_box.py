@@ -196,3 +196,42 @@ def test_impossible_boxes_are_refused(fields, message):
 def test_bad_points_are_refused(call, points):
     with pytest.raises(PointsError, match="points"):
         getattr(ControlBox.around(made()), call)(points)
+
+
+@pytest.mark.parametrize("angle", [89.0, 89.999, 90.0001, 45.0, 179.0])
+@pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
+@pytest.mark.parametrize("pair", [(0, 1), (1, 2), (2, 0)])
+def test_edges_that_are_not_at_right_angles_are_refused(angle, scale, pair):
+    """P15 and P16 project onto the edges: those of a sheared box would be silently wrong."""
+    edges = scale * np.diag([1.0, 20.0, 3.0])
+    one, other = pair
+    along, across = edges[one] / np.linalg.norm(edges[one]), edges[other].copy()
+    edges[other] = np.cos(np.radians(angle)) * np.linalg.norm(across) * along + np.sin(np.radians(angle)) * across
+    with pytest.raises(OptionError, match="edges: expected three edges at right angles, found two at"):
+        ControlBox.undeformed(np.zeros(3), edges, (2, 2, 2))
+
+
+def test_edges_at_right_angles_but_for_rounding_are_taken(rng):
+    for scale in (1e-9, 1.0, 1e9):
+        for rotation in np.linalg.qr(rng.normal(size=(20, 3, 3)))[0]:
+            ControlBox.undeformed(rng.normal(size=3), scale * np.diag([1.0, 20.0, 3e-3]) @ rotation, (2, 2, 2))
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("edges", np.diag([1.0, 0.0, 1.0]), "edges: expected three edges that are not zero"),
+        (
+            "edges",
+            np.diag([1.0, 1e300, 1.0]),
+            "edges: expected finite numbers of shape .* up to 1e\\+30.* largest 1e\\+300",
+        ),
+        ("origin", [0, 1e300, 0], "origin: expected finite numbers"),
+        ("control_points", np.full((2, 2, 2, 3), 1e300), "control_points: expected finite numbers"),
+        ("control_points", np.full((2, 2, 2, 3), np.nan), "control_points: expected finite numbers"),
+    ],
+)
+def test_numbers_out_of_range_are_refused(field, value, message):
+    plain = {"origin": np.zeros(3), "edges": np.eye(3), "control_points": np.zeros((2, 2, 2, 3))}
+    with pytest.raises(OptionError, match=message):
+        ControlBox(**plain | {field: value})

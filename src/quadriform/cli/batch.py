@@ -10,7 +10,7 @@ import numpy as np
 
 from quadriform.cli.exit_codes import complain
 from quadriform.cli.inputs import naming, refuse
-from quadriform.cli.options import stem, surface_file
+from quadriform.cli.options import check_file_names, stem, surface_file
 from quadriform.cli.reporting import REPORT, fit_options, page_of_fit
 from quadriform.cli.screen import emit_json, emit_table, progress_bar, say, tell, warn
 from quadriform.errors import InputError, OptionError, join_warnings
@@ -87,10 +87,7 @@ def plan(
     for path in files:
         own = Path(f"{stem(path)}-model") if output is None else output / stem(path) if several else output
         jobs.append(Job({ALONE: (path, image)}, own, space))
-    folders = [job.folder for job in jobs]
-    for folder in folders:
-        if folders.count(folder) > 1:
-            raise OptionError(f"two inputs would both write to {str(folder)!r}; rename one, or fit them one by one")
+    check_file_names([job.folder for job in jobs], "two inputs")
     return jobs, several
 
 
@@ -119,7 +116,9 @@ def _surfaces_job(inputs: Sequence[Path], surfaces: Sequence[str], output: Path 
             f"INPUT {str(unused[0])!r} belongs to no --surface; give --surface NAME=LABEL, or leave it out"
         )
     first = next(iter(sources.values()))[0]
-    return Job(sources, output or Path(f"{stem(first)}-model"))
+    job = Job(sources, output or Path(f"{stem(first)}-model"))
+    check_file_names(job.targets.values(), "two surfaces")
+    return job
 
 
 def _labels(value: str) -> str:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from quadriform.cli.options import Force, Json, Space, check_space, surface_file
+from quadriform.cli.options import Force, Json, Space, check_file_names, check_space, surface_file
 
 if TYPE_CHECKING:
     from quadriform.shapes.model import DeformableModel
@@ -42,6 +42,7 @@ def export(
     for kind in dict.fromkeys(formats):
         for name, content in _encode(kind, state, film, resolution, layers, like).items():
             files[output / name] = content
+    check_file_names(files, "two surfaces")
     if output.exists():
         for path in files:
             check_writable(path, force, inputs=[model] if like is None else [model, like])

@@ -1,7 +1,9 @@
 """Options that several verbs share, spelled once."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
+from unicodedata import normalize
 
 import typer
 
@@ -59,6 +61,22 @@ def stem(path: Path) -> str:
     """The name of a file without its suffix, .nii.gz counting as one."""
     name = path.name
     return name[: -len(".nii.gz")] if name.lower().endswith(".nii.gz") else path.stem
+
+
+def check_file_names(paths: Iterable[Path], what: str) -> None:
+    """Refuse outputs that are one file, also where a file system ignores case or how accents are coded.
+
+    Raises:
+        OptionError: naming the two.
+    """
+    seen: dict[str, Path] = {}
+    for path in paths:
+        before = seen.setdefault(normalize("NFC", str(path).casefold()), path)
+        if before is not path:
+            pair = (
+                repr(str(path)) if path == before else f"{str(before)!r} and {str(path)!r}, which differ in case only"
+            )
+            raise OptionError(f"{what} would both write to {pair}; rename one, or write them one by one")
 
 
 def surface_file(name: str, suffix: str) -> str:

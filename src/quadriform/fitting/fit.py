@@ -117,7 +117,9 @@ def refine(
     """
     given, notes = without_meshes(points, weights)
     clouds = named(given)
-    surfaces = {ALONE: superquadric} if isinstance(superquadric, Superquadric) else by_name(superquadric, "superquadric")
+    surfaces = (
+        {ALONE: superquadric} if isinstance(superquadric, Superquadric) else by_name(superquadric, "superquadric")
+    )
     if surfaces.keys() != clouds.keys():
         raise OptionError(f"surfaces {sorted(surfaces)} and points {sorted(clouds)} must have the same names")
     counted, chosen = _weights(weights, clouds, method), options_for(method, options)

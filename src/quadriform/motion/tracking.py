@@ -21,7 +21,7 @@ from quadriform.fitting.outcome import Fit, Progress, flat
 from quadriform.fitting.tangent_fit import common_box
 from quadriform.motion.cycle import Cycle
 from quadriform.motion.slice_shifts import SlicePlanes
-from quadriform.points import Array, Frame
+from quadriform.points import Array, Frame, by_name
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
 from quadriform.shapes.spaces import turn_between
@@ -366,8 +366,8 @@ def _slice_numbers(
         raise OptionError(f"slices: expected one entry for each of {len(clouds)} frames, found {len(slices)}")
     result = []
     for number, (given, frame) in enumerate(zip(slices, clouds)):
-        by_name = given if isinstance(given, Mapping) else {ALONE: given}
-        found = {name: np.asarray(by_name.get(name, ())).astype(np.int64) for name in frame}
+        numbers = by_name(given, "slices") if isinstance(given, Mapping) else {ALONE: given}
+        found = {name: np.asarray(numbers.get(name, ())).astype(np.int64) for name in frame}
         for name, cloud in frame.items():
             if found[name].shape != (len(cloud),):
                 raise OptionError(
