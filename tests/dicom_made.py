@@ -52,6 +52,53 @@ def write_nuclear(path, values, position, step, slices, slots, frame_ms=None, **
     _finish(header, path, tags)
 
 
+def write_segmentation(path, masks, origin, spacing, gap, kind="BINARY", shift=None, numbers=None):
+    """Masks (columns, rows, slices) by name as segments; slices without a voxel are not stored, as most writers do.
+
+    `shift` moves frames along the stack, and `numbers` gives frames another segment, by their index.
+    """
+    frames, positions, of = [], [], []
+    for number, mask in enumerate(masks.values(), 1):
+        for k in np.flatnonzero(mask.any(axis=(0, 1))):
+            at = np.add(origin, [0, 0, gap * k + (shift or {}).get(len(frames), 0.0)])
+            of.append((numbers or {}).get(len(frames), number))
+            frames.append(mask[..., k].T)
+            positions.append(at.tolist())
+    images = np.stack(frames)
+    header = _header(images.astype("<i2"), "1.2.6")
+    header.SOPClassUID, header.Modality = "1.2.840.10008.5.1.4.1.1.66.4", "SEG"
+    header.NumberOfFrames, header.PixelRepresentation, header.SegmentationType = len(images), 0, kind
+    if kind == "FRACTIONAL":
+        header.BitsAllocated = header.BitsStored = 8
+        header.HighBit, header.MaximumFractionalValue = 7, 200
+        header.PixelData = (images * np.uint8(180) + 10).astype(np.uint8).tobytes()
+    else:
+        header.BitsAllocated = header.BitsStored = 1
+        header.HighBit = 0
+        header.PixelData = np.packbits(images.ravel(), bitorder="little").tobytes()
+    if len(header.PixelData) % 2:
+        header.PixelData += b"\0"
+    header.SegmentSequence = [_item(SegmentNumber=n, SegmentLabel=name) for n, name in enumerate(masks, 1)]
+    orientation = _of("PlaneOrientationSequence", ImageOrientationPatient=[1, 0, 0, 0, 1, 0])
+    measures = _of("PixelMeasuresSequence", PixelSpacing=list(spacing[::-1]), SliceThickness=99)
+    header.SharedFunctionalGroupsSequence = [_together(orientation, measures)]
+    header.PerFrameFunctionalGroupsSequence = [
+        _together(
+            _of("PlanePositionSequence", ImagePositionPatient=position),
+            _of("SegmentIdentificationSequence", ReferencedSegmentNumber=number),
+        )
+        for position, number in zip(positions, of)
+    ]
+    _finish(header, path, {})
+
+
+def _item(**content):
+    item = Dataset()
+    for keyword, value in content.items():
+        setattr(item, keyword, value)
+    return item
+
+
 def _header(values, series):
     header = Dataset()
     header.file_meta = FileMetaDataset()
@@ -77,10 +124,8 @@ def _finish(header, path, tags):
 
 def _of(sequence, **content):
     """A dataset with one sequence of one item."""
-    item, outer = Dataset(), Dataset()
-    for keyword, value in content.items():
-        setattr(item, keyword, value)
-    setattr(outer, sequence, [item])
+    outer = Dataset()
+    setattr(outer, sequence, [_item(**content)])
     return outer
 
 

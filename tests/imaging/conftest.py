@@ -44,6 +44,7 @@ def save_nifti(tmp_path: Path) -> Callable[..., Path]:
         header.set_data_shape(values.shape)
         header.set_data_dtype(values.dtype)
         header.set_sform(np.eye(4) if affine is None else affine, code=1)
+        header.set_zooms([*np.linalg.norm(header.get_sform()[:3, :3], axis=0), 1, 1, 1, 1][: values.ndim])
         header.set_qform(None, code=0)
         header["magic"], header["vox_offset"], header["scl_slope"], header["scl_inter"] = b"n+1", 352, 1, 0
         header["xyzt_units"] = 2

@@ -70,10 +70,10 @@ def moving(folder, values, time=lambda k, f: {"TriggerTime": 10 + 30 * f}, skip=
     return folder
 
 
-def refused(path, error, *said, **options):
+def refused(path, error, *said, exact=True, **options):
     with pytest.raises(error) as caught:
         read_dicom(path, **options)
-    assert type(caught.value) is error
+    assert not exact or type(caught.value) is error
     message = str(caught.value)
     assert NAME not in message and "\n" not in message
     for words in said:
@@ -270,12 +270,24 @@ class TestSeveralSeries:
 
 class TestDamage:
     def test_a_slice_cut_anywhere_is_refused(self, folder, values):
+        """Refused where it names its series; else left out, with a warning that names it."""
         file = still(folder, values) / "I94.dcm"  # the last of the stack: its absence would not be seen
         data = file.read_bytes()
+        known = data.index(b"\x20\x00\x0e\x00UI") + 8 + len("1.2.3\0")
         for length in [*range(0, len(data) - 8, 23), len(data) - 1]:
             file.write_bytes(data[:length])
-            with pytest.raises(QuadriformError, match="I94"):
-                read_dicom(folder)
+            if length < known:
+                found = read_dicom(folder)
+                assert "I94.dcm" in found.warnings["UNREADABLE_FILES"]
+                assert_array_equal(found.values, values[:, :, :5, 0])
+            else:
+                with pytest.raises(QuadriformError, match="I94"):
+                    read_dicom(folder)
+                refused(folder / "I97.dcm", QuadriformError, "I94", exact=False)
+
+    def test_an_unreadable_slice_is_named_where_the_gap_is(self, folder, values):
+        (still(folder, values) / "I96.dcm").write_bytes(b"\0" * 300)
+        refused(folder, InputError, "14 mm between", "I96.dcm")
 
     def test_pixels_cut_short(self, folder, values):
         file = still(folder, values) / "I94.dcm"
@@ -294,8 +306,13 @@ class TestDamage:
 
     @pytest.mark.parametrize("content", [b"", b"\0" * 50, b"x y z\n" * 50])
     def test_a_file_that_is_none(self, folder, values, content):
+        """It is refused by itself, and does not make its neighbours fail."""
         (still(folder, values) / "junk.dcm").write_bytes(content)
-        refused(folder, FileFormatError, "junk.dcm")
+        refused(folder / "junk.dcm", FileFormatError, "junk.dcm")
+        for path in (folder, folder / "I97.dcm"):
+            found = read_dicom(path)
+            assert_array_equal(found.values, values[..., 0])
+            assert "junk.dcm" in found.warnings["UNREADABLE_FILES"]
 
     @pytest.mark.parametrize(
         "tags, error, said",

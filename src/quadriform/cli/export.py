@@ -85,7 +85,6 @@ def _encode(
     kind: str, state: "DeformableModel", film: "Film", resolution: int, layers: int, like: Path | None
 ) -> dict[str, bytes]:
     """The files of one format, by name."""
-    from quadriform.files.label_maps import encode_label_map
     from quadriform.files.meshes import encode_mesh
     from quadriform.files.vtkhdf import encode_vtkhdf
     from quadriform.files.vtu import encode_vtu
@@ -97,8 +96,21 @@ def _encode(
     if kind == "vtkhdf":
         return {"surfaces.vtkhdf": encode_vtkhdf(*film, resolution=resolution)}
     if kind == "nii" and like is not None:
-        return {"labels.nii.gz": encode_label_map(state, like)}
+        return {"labels.nii.gz": _labels(state, like)}
     return {
         surface_file(name, f".{kind}"): encode_mesh(state.mesh(name, resolution), f".{kind}", state.space, state.unit)
         for name in state.surfaces
     }
+
+
+def _labels(state: "DeformableModel", like: Path) -> bytes:
+    """The labels of a model on the grid of an image of any format, as NIfTI."""
+    from quadriform.cli.inputs import naming
+    from quadriform.files.label_maps import encode_labels, grid_of_model, label_map
+    from quadriform.imaging.reading import frame_count, read_volume
+
+    grid = read_volume(like, 0 if frame_count(like) > 1 else None)
+    with naming(like):
+        to_model = grid_of_model(state, grid.world_from_voxel, grid.space, grid.unit)
+    values = label_map(state, grid.values.shape, to_model)
+    return encode_labels(values, grid.world_from_voxel, grid.space, grid.unit)

@@ -39,6 +39,7 @@ def fit(
     fill_holes: shared.FillHoles = False,
     border: shared.Border = None,
     frame: shared.Frame = None,
+    affine: shared.Affine = None,
     space: shared.Space = None,
     strict: shared.Strict = False,
     force: shared.Force = False,
@@ -51,7 +52,7 @@ def fit(
     from quadriform.cli.batch import plan, run_all, run_one
     from quadriform.imaging.sources import ImageOptions
 
-    image = ImageOptions.parse(label, threshold, region, seed, closing, fill_holes, border, frame)
+    image = ImageOptions.parse(label, threshold, region, seed, closing, fill_holes, border, frame, affine)
     given = how.method_options(
         kind=kind,
         method=method,

@@ -5,9 +5,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from quadriform.cli.options import Frame, Json
+from quadriform.cli.options import Affine, Frame, Json
 
 if TYPE_CHECKING:
+    from quadriform.imaging.volume import Volume
     from quadriform.points import Array
     from quadriform.shapes.moving_model import MovingModel
 
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
 def info(
     file: Annotated[Path, typer.Argument(help="Points, a mesh, an image or a model.")],
     frame: Frame = None,
+    affine: Affine = None,
     as_json: Json = False,
 ) -> None:
     """Say what a file is: counts, extents, frame, unit and hash."""
@@ -22,14 +24,14 @@ def info(
     from quadriform.cli.screen import emit_json, emit_table, warn
     from quadriform.files import sha256_of
     from quadriform.files.models import holds_model
-    from quadriform.imaging.sources import kind_of
+    from quadriform.imaging.sources import files_of, kind_of
 
     with naming(file):
         suffix = file.suffix.lower()
         kind = "model" if suffix == ".json" or (suffix == ".npz" and holds_model(file)) else kind_of(file)
         describe = {"model": _model, "mesh": _mesh, "image": _image}.get(kind or "", _points)
-        record = describe(file, frame)
-    record["sha256"] = sha256_of(file)
+        record = describe(file, frame, affine)
+        record["sha256"] = sha256_of(*files_of(file))
     if as_json:
         emit_json(record)
         return
@@ -50,14 +52,14 @@ def _extent(points: "Array") -> dict[str, list[float]]:
     return {"lowest": low.tolist(), "highest": high.tolist(), "size": (high - low).tolist()}
 
 
-def _points(file: Path, frame: int | None) -> dict[str, Any]:
+def _points(file: Path, frame: int | None, affine: str | None) -> dict[str, Any]:
     from quadriform.files import read_points
 
     points = read_points(file)
     return {"kind": "points", "points": len(points), "extent": _extent(points), "space": "unknown", "unit": "unknown"}
 
 
-def _mesh(file: Path, frame: int | None) -> dict[str, Any]:
+def _mesh(file: Path, frame: int | None, affine: str | None) -> dict[str, Any]:
     from quadriform.errors import FileFormatError
     from quadriform.files import read_mesh, read_points
     from quadriform.files.meshes import read_marks
@@ -79,18 +81,19 @@ def _mesh(file: Path, frame: int | None) -> dict[str, Any]:
     }
 
 
-def _image(file: Path, frame: int | None) -> dict[str, Any]:
+def _image(file: Path, frame: int | None, affine: str | None) -> dict[str, Any]:
     import numpy as np
 
     from quadriform.imaging.reading import read_volume
 
-    volume = read_volume(file, frame)
+    volume = read_volume(file, frame, affine)
     corners = np.array(list(np.ndindex(2, 2, 2))) * (np.array(volume.values.shape) - 1)
     return {
         "kind": "image",
         "voxels": list(volume.values.shape),
         "spacing": volume.spacing.tolist(),
         "type": str(volume.values.dtype),
+        **_named(volume),
         "values": {"lowest": float(volume.values.min()), "highest": float(volume.values.max())},
         "extent": _extent(volume.points_world(corners)),
         "space": volume.space,
@@ -99,7 +102,12 @@ def _image(file: Path, frame: int | None) -> dict[str, Any]:
     }
 
 
-def _model(file: Path, frame: int | None) -> dict[str, Any]:
+def _named(volume: "Volume") -> dict[str, Any]:
+    """The segments of an image that names them."""
+    return {"segments": {one.name: one.number for one in volume.segments}} if volume.segments else {}
+
+
+def _model(file: Path, frame: int | None, affine: str | None) -> dict[str, Any]:
     from quadriform.files import read_model
     from quadriform.files.moving_models import is_moving_model, read_moving_model
 

@@ -22,7 +22,18 @@ Space = Annotated[
 
 IMAGE = "Images"
 Label = Annotated[
-    str | None, typer.Option(help="Label image: the value, or several as 1,2 taken together.", rich_help_panel=IMAGE)
+    str | None,
+    typer.Option(
+        help="Label image: the value, or several as 1,2 taken together; or the name of a segment.",
+        rich_help_panel=IMAGE,
+    ),
+]
+Affine = Annotated[
+    str | None,
+    typer.Option(
+        help="NIfTI header: its sform, its qform, or the sizes in pixdim alone. [default: by what the header supports]",
+        rich_help_panel=IMAGE,
+    ),
 ]
 Threshold = Annotated[
     str | None,

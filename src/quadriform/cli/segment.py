@@ -1,20 +1,18 @@
 """`quadriform segment`: the image front end alone."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
 from quadriform.cli import options as shared
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
 
 def segment(
-    image: Annotated[Path, typer.Argument(help="A NIfTI image.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="The mask, .nii or .nii.gz.")],
+    image: Annotated[
+        Path, typer.Argument(help="An image: NIfTI, NRRD, MetaImage, DICOM, or a folder of DICOM slices.")
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", help="The mask, .nii, .nii.gz or .nrrd.")],
     label: shared.Label = None,
     threshold: shared.Threshold = None,
     region: shared.Region = None,
@@ -22,6 +20,7 @@ def segment(
     closing: shared.Closing = None,
     fill_holes: shared.FillHoles = False,
     frame: shared.Frame = None,
+    affine: shared.Affine = None,
     strict: shared.Strict = False,
     force: shared.Force = False,
     as_json: shared.Json = False,
@@ -31,19 +30,22 @@ def segment(
     from quadriform.cli.screen import emit_json, emit_table, say, warn
     from quadriform.errors import OptionError
     from quadriform.files.atomic import check_writable, write_bytes
+    from quadriform.files.label_maps import LABEL_SUFFIXES, encode_labels
     from quadriform.imaging.segmentation import segment as segment_volume
-    from quadriform.imaging.sources import NIFTI_SUFFIXES, ImageOptions, kept_note, read_object
+    from quadriform.imaging.sources import ImageOptions, kept_note, read_object
 
-    if not output.name.lower().endswith(NIFTI_SUFFIXES):
-        raise OptionError(f"option --output={str(output)!r}: a mask is written as {' or '.join(NIFTI_SUFFIXES)}")
-    options = ImageOptions.parse(label, threshold, region, seed, closing, fill_holes, None, frame)
+    suffix = next((suffix for suffix in LABEL_SUFFIXES if output.name.lower().endswith(suffix)), None)
+    if suffix is None:
+        raise OptionError(f"option --output={str(output)!r}: a mask is written as {' or '.join(LABEL_SUFFIXES)}")
+    options = ImageOptions.parse(label, threshold, region, seed, closing, fill_holes, None, frame, affine)
     check_writable(output, force, inputs=[image])
     with naming(image):
         volume, arguments, notes = read_object(image, options)
         found = segment_volume(volume, **arguments)
         if strict:
             refuse(found.warnings)
-    write_bytes(output, _encode(found.mask, image, output.name.lower().endswith(".gz")), force)
+        content = encode_labels(found.mask.astype("uint8"), volume.world_from_voxel, volume.space, volume.unit, suffix)
+    write_bytes(output, content, force)
     notes += kept_note(found)
     for note in notes:
         say(f"note: {image}: {note}")
@@ -62,19 +64,3 @@ def segment(
         emit_json(record)
     else:
         emit_table([(name, str(record[name])) for name in ("output", "voxels", "shape", "threshold", "components")])
-
-
-def _encode(mask: "NDArray[np.bool_]", image: Path, compressed: bool) -> bytes:
-    """A NIfTI file with the geometry of `image`, both forms and their codes, but none of its other contents."""
-    import gzip
-
-    import nibabel
-    import numpy as np
-
-    source: Any = nibabel.load(image)
-    header = source.header.copy()
-    header.set_data_dtype(np.uint8)
-    header["cal_min"] = header["cal_max"] = 0  # a display window for grey values would hide the mask
-    header.extensions.clear()  # may name the patient
-    content: bytes = type(source)(mask.astype(np.uint8), source.affine, header).to_bytes()
-    return gzip.compress(content, mtime=0) if compressed else content

@@ -1,51 +1,27 @@
-"""A model as a label image on the grid of a given NIfTI image."""
+"""Label images: of a model on a given grid, and as bytes of a NIfTI or NRRD file."""
 
 import gzip
-import os
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from quadriform.errors import FileFormatError, OptionError
-from quadriform.files.reading import quoted, read_bytes
+from quadriform.errors import OptionError, choose
 from quadriform.points import Array
 from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.spaces import turn_between
 from quadriform.shapes.voxels import voxels_inside
 
-METRES = {"mm": 1e-3, "meter": 1.0, "micron": 1e-6, "unknown": 1e-3}
-
-
-def encode_label_map(model: DeformableModel, like: str | os.PathLike[str], compressed: bool = True) -> bytes:
-    """The bytes of a NIfTI file of labels: 1 inside the innermost surface, 2 between it and the next, and so on.
-
-    Args:
-        model: closed surfaces in a known frame and unit.
-        like: the NIfTI image whose grid and transforms are taken, and none of its other contents.
-        compressed: as .nii.gz.
-
-    Raises:
-        OptionError: the frame or unit of the model is unknown.
-        InputError, FileFormatError: `like` cannot be read as NIfTI.
-    """
-    import nibabel
-
-    read_bytes(like)  # refuses what is missing or too large, by name
-    try:
-        source: Any = nibabel.load(like)
-        shape, affine, units = source.shape[:3], source.affine, source.header.get_xyzt_units()[0]
-    except Exception as error:
-        raise FileFormatError(f"{quoted(like)}: expected a NIfTI image ({error})") from error
-    grid = _world_from_voxel(model, affine, units)
-    header = source.header.copy()
-    header.set_data_dtype(np.uint8)
-    header.set_data_shape(shape)
-    header["cal_min"] = header["cal_max"] = 0
-    header.extensions.clear()
-    content: bytes = type(source)(label_map(model, shape, grid), affine, header).to_bytes()
-    return gzip.compress(content, mtime=0) if compressed else content
+LABEL_SUFFIXES = (".nii", ".nii.gz", ".nrrd")
+"""Of the files that labels are written to."""
+ALIGNED = 2
+"""Code of a NIfTI form: aligned to another file."""
+LABELS = 1002
+"""NIfTI's intent code for labels."""
+METRES = {"mm": 1e-3, "m": 1.0}
+SQUARE = 1e-5
+"""A qform is written when it puts voxels where the sform does, to this share of the smallest voxel."""
 
 
 def label_map(model: DeformableModel, shape: tuple[int, ...], world_from_voxel: Array) -> NDArray[np.uint8]:
@@ -64,13 +40,89 @@ def label_map(model: DeformableModel, shape: tuple[int, ...], world_from_voxel: 
     return labels
 
 
-def _world_from_voxel(model: DeformableModel, affine: Array, units: str) -> Array:
+def grid_of_model(model: DeformableModel, world_from_voxel: Array, space: str, unit: str) -> Array:
+    """The transform (4, 4) from voxels of an image into the frame and unit of a model.
+
+    Args:
+        model: in a known frame and unit.
+        world_from_voxel: (4, 4) of the image.
+        space: frame of the image's world.
+        unit: of lengths there, "mm", "m" or "unknown", which counts as mm.
+
+    Raises:
+        OptionError: the frame or unit of the model is unknown.
+        InputError: the frame of the image is unknown.
+    """
     if model.space == "unknown" or model.unit == "unknown":
         raise OptionError(
             f"a label map needs the frame and unit of the model, found space={model.space!r}, unit={model.unit!r}; "
             "set them in the model, e.g. to 'LPS' and 'mm'"
         )
-    scale = METRES[units] / METRES["mm" if model.unit == "mm" else "meter"]
-    to_space = np.eye(4)
-    to_space[:3, :3] = scale * turn_between("RAS", model.space)
-    return to_space @ affine
+    scale = METRES.get(unit, METRES["mm"]) / METRES[model.unit]
+    to_model = np.eye(4)
+    to_model[:3, :3] = scale * turn_between(space, model.space)
+    return np.asarray(to_model @ world_from_voxel)
+
+
+def encode_labels(
+    values: NDArray[np.uint8], world_from_voxel: Array, space: str, unit: str, suffix: str = ".nii.gz"
+) -> bytes:
+    """The bytes of a file of labels.
+
+    Args:
+        values: (i, j, k).
+        world_from_voxel: (4, 4).
+        space: "LPS", "RAS" or "unknown"; the last only as NRRD, for NIfTI always states a frame.
+        unit: "mm", "m" or "unknown".
+        suffix: one of LABEL_SUFFIXES.
+
+    Raises:
+        OptionError: another suffix, or a frame that the format cannot leave open.
+    """
+    if choose(suffix, LABEL_SUFFIXES, "suffix") == ".nrrd":
+        return _nrrd(values, world_from_voxel, space, unit)
+    if space == "unknown":
+        raise OptionError(
+            "the image names no anatomical frame, and NIfTI always states one; write the mask as .nrrd instead"
+        )
+    content = _nifti(values, world_from_voxel, space, unit)
+    return gzip.compress(content, mtime=0) if suffix == ".nii.gz" else content
+
+
+def _nifti(values: NDArray[np.uint8], world_from_voxel: Array, space: str, unit: str) -> bytes:
+    import nibabel
+
+    to_ras = np.eye(4)
+    to_ras[:3, :3] = turn_between(space, "RAS")
+    affine = to_ras @ world_from_voxel
+    image: Any = nibabel.Nifti1Image(values, affine)
+    image.header.set_xyzt_units({"mm": "mm", "m": "meter", "unknown": "unknown"}[unit])
+    image.header.set_intent("label")
+    image.set_sform(affine, ALIGNED)
+    image.set_qform(affine, ALIGNED)  # without shear; the sizes of voxels are set too
+    spacing = np.linalg.norm(affine[:3, :3], axis=0)
+    if np.abs(image.get_qform() - affine).max() > SQUARE * spacing.min() * max(values.shape):
+        image.header["qform_code"] = 0
+    content: bytes = image.to_bytes()
+    return content
+
+
+def _nrrd(values: NDArray[np.uint8], world_from_voxel: Array, space: str, unit: str) -> bytes:
+    frames = {"LPS": "left-posterior-superior", "RAS": "right-anterior-superior"}
+    frame = f"space: {frames[space]}" if space in frames else "space dimension: 3"
+    units = [f'space units: "{unit}" "{unit}" "{unit}"'] if unit != "unknown" else []
+    vectors = [f"({','.join(repr(float(x)) for x in vector)})" for vector in world_from_voxel[:3].T]
+    lines = [
+        "NRRD0004",
+        "type: uint8",
+        "dimension: 3",
+        frame,
+        f"sizes: {' '.join(map(str, values.shape))}",
+        f"space directions: {' '.join(vectors[:3])}",
+        f"space origin: {vectors[3]}",
+        "kinds: domain domain domain",
+        *units,
+        "encoding: gzip",
+    ]
+    text = "\n".join(lines) + "\n\n"
+    return text.encode() + gzip.compress(values.tobytes(order="F"), mtime=0)

@@ -1,40 +1,40 @@
 """DICOM: a folder of slices, one file of a series, or a file of many images.
 
-pydicom decodes headers and pixels; where the planes lie is told by `dicom_headers`, their order by `planes`. Nothing
-of the patient is kept.
+pydicom decodes headers and pixels; what each file is is told by `dicom_files`, where its planes lie by
+`dicom_headers`, and their order by `planes`. Nothing of the patient is kept.
 """
 
-import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from quadriform.errors import FileFormatError, InputError, MaskError, OptionError, QuadriformError
-from quadriform.files.reading import PathLike, check_budget, check_readable, quoted
-from quadriform.imaging.dicom_headers import TAGS, n_images, planes_of
+from quadriform.errors import InputError, MaskError, OptionError, WarningKind, Warnings
+from quadriform.files.reading import PathLike, check_budget, quoted
+from quadriform.imaging.dicom_files import Folder, Series, decoding, examine, examine_folder
+from quadriform.imaging.dicom_headers import is_segmentation, n_images, planes_of
+from quadriform.imaging.dicom_segments import label_map
 from quadriform.imaging.frames import choose_frame, import_reader
-from quadriform.imaging.planes import Plane, Stack, stack_planes
+from quadriform.imaging.planes import LISTED, Plane, Stack, stack_planes
 from quadriform.imaging.volume import Volume
 from quadriform.points import Array
 
 if TYPE_CHECKING:
     from pydicom import Dataset
 
-DICOM_SUFFIXES = (".dcm", ".ima")
-PREAMBLE = 128
-"""Bytes before the letters DICM."""
+Chosen = tuple[dict[Path, "Dataset"], Warnings]
+"""The headers of one series, and what was left out beside it."""
 
 
 def read_dicom(path: PathLike, frame: int | None = None, series: str | None = None) -> Volume:
-    """Read one frame of a DICOM series into world LPS millimetres.
+    """Read one frame of a DICOM series into world LPS millimetres; a segmentation as a label image with names.
 
     Slices are spaced by ImagePositionPatient alone; SliceThickness and SliceLocation are not looked at. Frames are
     sorted by TriggerTime, else AcquisitionTime, else InstanceNumber. RescaleSlope and RescaleIntercept are applied
-    once.
+    once. Files of other series beside it do not matter; files that are damaged before they name their series are
+    left out with the warning UNREADABLE_FILES.
 
     Args:
         path: a folder with the files of a series, one file of a series (the others are looked for beside it), or a
@@ -43,7 +43,8 @@ def read_dicom(path: PathLike, frame: int | None = None, series: str | None = No
         series: SeriesInstanceUID, where a folder holds several.
 
     Raises:
-        InputError: no such file, several series, a ragged one (the slices are named), or pydicom is not installed.
+        InputError: no such file, an object without images (its class is named), several series, a ragged one (the
+            slices are named), or pydicom is not installed.
         FileFormatError: no DICOM, damaged, or cut short.
         FileLimitError: beyond the budget.
         AffineError: positions, orientations or spacings are missing or cannot be.
@@ -51,13 +52,19 @@ def read_dicom(path: PathLike, frame: int | None = None, series: str | None = No
         OptionError: there is no such frame or series.
     """
     path = Path(path)
-    stack = _stack(path, series)
+    headers, warnings = _headers(path, series)
+    file, header = next(iter(headers.items()))
+    if is_segmentation(header):
+        choose_frame(frame, (0, 0, 0, 1), path)
+        with decoding(file):
+            return label_map(header, _pixels(file), file, warnings)
+    stack = _stack(path, headers, warnings)
     first = stack.frames[0][0]
     shape = (*first.size, len(stack.frames[0]), len(stack.frames))
     planes = stack.frames[choose_frame(frame, shape, path)]
     values = np.stack(list(_images(planes)), axis=-1)
     try:
-        return Volume(values, stack.world_from_voxel)
+        return Volume(values, stack.world_from_voxel, warnings=warnings)
     except MaskError as error:
         raise MaskError(f"{quoted(path)}: {error}") from error
 
@@ -68,103 +75,91 @@ def dicom_times(path: Path) -> tuple[int, Array | None]:
     Raises:
         InputError, FileFormatError, AffineError, MaskError: as `read_dicom`.
     """
-    stack = _stack(path)
+    headers, warnings = _headers(path)
+    if any(map(is_segmentation, headers.values())):
+        return 1, None
+    stack = _stack(path, headers, warnings)
     return len(stack.frames), stack.times
 
 
-def is_dicom(path: Path) -> bool:
-    """Whether the letters DICM stand where they should in a file."""
-    return _beginning(path)[PREAMBLE:] == b"DICM"
-
-
-def _stack(path: Path, series: str | None = None) -> Stack:
+def _headers(path: Path, series: str | None = None) -> Chosen:
+    """The headers of the series that is meant; a segmentation and a file of many images are each their own."""
     if path.is_dir():
-        headers = _chosen(_by_series(path), series, path)
+        folder = examine_folder(path)
+        headers = _judged(_chosen(folder, series, path))
     else:
-        header = _header(path)
-        headers = {path: header}
-        if n_images(header) == 1:
-            headers = _by_series(path.parent)[_uid(header)]
-    many = [file for file, header in headers.items() if n_images(header) > 1]
+        examined = examine(path)
+        if examined.fault is not None:
+            raise examined.fault
+        headers = {path: examined.header} if examined.header is not None else {}
+        if any(n_images(header) > 1 or is_segmentation(header) for header in headers.values()):
+            return headers, {}
+        folder = examine_folder(path.parent)
+        headers |= _judged(folder.series.get(examined.series or "", Series()))
+    many = [file for file, header in headers.items() if n_images(header) > 1 or is_segmentation(header)]
     if many and len(headers) > 1:
-        names = ", ".join(file.name for file in many[:6])
+        names = ", ".join(file.name for file in many[:LISTED])
         raise InputError(f"{quoted(path)}: the series has {len(many)} files of many images; choose one of {names}")
+    return headers, _left_out(folder)
+
+
+def _judged(series: Series) -> "dict[Path, Dataset]":
+    """The headers of a series without damaged files."""
+    if series.faults:
+        raise series.faults[0]
+    return series.headers
+
+
+def _left_out(folder: Folder) -> Warnings:
+    if not folder.unreadable:
+        return {}
+    names = ", ".join(file.name for file in list(folder.unreadable)[:LISTED])
+    why = next(iter(folder.unreadable.values()))
+    return {
+        WarningKind.UNREADABLE_FILES: f"{len(folder.unreadable)} files beside the series are left out, for they cannot "
+        f"be read ({names}): {why}; slices may be missing at the ends of the stack"
+    }
+
+
+def _stack(path: Path, headers: "dict[Path, Dataset]", warnings: Warnings) -> Stack:
     planes = []
     for file, header in headers.items():
-        with _decoding(file):
+        with decoding(file):
             planes += planes_of(header, file)
-    return stack_planes(planes, quoted(path))
-
-
-def _by_series(folder: Path) -> dict[str, dict[Path, "Dataset"]]:
-    """Headers of the images in a folder, by SeriesInstanceUID and file.
-
-    Files of other kinds are passed by: hidden ones, indices, and those that neither are DICOM nor should be.
-    """
-    found: dict[str, dict[Path, Dataset]] = {}
-    for file in sorted(folder.iterdir()):
-        if file.is_file() and not file.name.startswith(".") and file.name != "DICOMDIR" and _meant_as_dicom(file):
-            header = _header(file)
-            if _holds_images(header, file):
-                found.setdefault(_uid(header), {})[file] = header
-    return found
-
-
-def _meant_as_dicom(file: Path) -> bool:
-    """A damaged slice must not go unseen: only text, and names of other formats, are no slices."""
-    suffix = file.suffix.lower()
-    return suffix in DICOM_SUFFIXES or is_dicom(file) or (suffix == "" and b"\0" in _beginning(file))
-
-
-def _holds_images(header: "Dataset", file: Path) -> bool:
-    """Reports and outlines, by their class, hold none; anything else without a size is cut short."""
-    if "Rows" in header:
-        return True
-    with _decoding(file):
-        kind = header.file_meta.MediaStorageSOPClassUID
-        if kind.type != "SOP Class" or "Image Storage" in kind.name:
-            raise FileFormatError(f"{quoted(file)}: cut short: it ends within its header; fetch the file again")
-    return False
-
-
-def _beginning(path: Path) -> bytes:
     try:
-        with path.open("rb") as stream:
-            return stream.read(PREAMBLE + 4)
-    except OSError:
-        return b""
+        return stack_planes(planes, quoted(path))
+    except InputError as error:
+        if not warnings:
+            raise
+        raise type(error)(f"{error}; {next(iter(warnings.values()))}") from error
 
 
-def _chosen(found: dict[str, dict[Path, "Dataset"]], series: str | None, folder: Path) -> dict[Path, "Dataset"]:
-    listed = "; ".join(_describe(uid, headers) for uid, headers in found.items())
+def _chosen(folder: Folder, series: str | None, path: Path) -> Series:
+    found = folder.series
+    listed = "; ".join(_describe(uid, one) for uid, one in found.items())
     if not found:
-        raise InputError(f"{quoted(folder)}: no DICOM images in this folder")
+        raise _nothing(folder, path)
     if series is not None and series not in found:
-        raise OptionError(f"option series={series!r}: {quoted(folder)} holds {listed}")
+        raise OptionError(f"option series={series!r}: {quoted(path)} holds {listed}")
     if series is None and len(found) > 1:
-        raise InputError(f"{quoted(folder)}: {len(found)} series: {listed}; give the path of one file of the one meant")
+        raise InputError(f"{quoted(path)}: {len(found)} series: {listed}; give the path of one file of the one meant")
     return found[series] if series is not None else next(iter(found.values()))
 
 
-def _describe(uid: str, headers: dict[Path, "Dataset"]) -> str:
-    file, header = next(iter(headers.items()))
+def _nothing(folder: Folder, path: Path) -> Exception:
+    """The error for a folder without images: a damaged file, else what is there instead."""
+    if folder.unreadable:
+        return next(iter(folder.unreadable.values()))
+    kinds = ", ".join(f"{folder.others.count(kind)} of {kind!r}" for kind in dict.fromkeys(folder.others))
+    return InputError(f"{quoted(path)}: no DICOM images in this folder{'; found ' if kinds else ''}{kinds}")
+
+
+def _describe(uid: str, series: Series) -> str:
+    if not series.headers:
+        return f"{uid} ({len(series.faults)} files, none of which can be read)"
+    file, header = next(iter(series.headers.items()))
     number, modality = header.get("SeriesNumber"), header.get("Modality")
-    return f"{uid} (series {number}, {modality}, {len(headers)} files, the first {file.name})"
-
-
-def _uid(header: "Dataset") -> str:
-    return str(header.get("SeriesInstanceUID"))
-
-
-def _header(file: Path) -> "Dataset":
-    pydicom = import_reader("pydicom", file)
-    check_budget(check_readable(file), quoted(file))
-    with _decoding(file):
-        header = pydicom.dcmread(file, stop_before_pixels=True, specific_tags=TAGS)
-        for keyword in TAGS:
-            header.get(keyword)  # values are decoded when asked for
-        n_images(header)  # so that a count that is none is met here
-        return header
+    return f"{uid} (series {number}, {modality}, {len(series.headers)} files, the first {file.name})"
 
 
 def _bytes(header: "Dataset") -> int:
@@ -187,24 +182,34 @@ def _images(planes: tuple[Plane, ...]) -> Iterator[NDArray[Any]]:
 def _pixels(file: Path) -> NDArray[Any]:
     """The stored values of all images of a file, (images, rows, columns)."""
     pydicom = import_reader("pydicom", file)
-    with _decoding(file):
-        content = pydicom.dcmread(file)
-        if not any(keyword in content for keyword in ("PixelData", "FloatPixelData", "DoubleFloatPixelData")):
-            raise FileFormatError(f"{quoted(file)}: cut short: it ends before its pixels do; fetch the file again")
+    with decoding(file):
+        content = pydicom.dcmread(file, force=True)
         check_budget(_bytes(content), quoted(file))
-        pixels = content.pixel_array
+        pixels = _decoded(content, file)
         return pixels if pixels.ndim == 3 else pixels[None]
 
 
-@contextmanager
-def _decoding(file: Path) -> Iterator[None]:
-    """One error for whatever a decoder meets in a damaged file, and no warnings beside it."""
+def _decoded(content: Any, file: Path) -> NDArray[Any]:
+    """The pixels, when there is a decoder for their compression.
+
+    Raises:
+        InputError: there is none; the message names the compression.
+    """
+    from pydicom import uid
+
+    encodings = {
+        (True, True): uid.ImplicitVRLittleEndian,
+        (False, True): uid.ExplicitVRLittleEndian,
+        (False, False): uid.ExplicitVRBigEndian,
+    }
+    if "TransferSyntaxUID" not in content.file_meta:  # then it is not compressed, and the header shows the byte order
+        content.file_meta.TransferSyntaxUID = encodings[content.original_encoding]
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield
-    except QuadriformError:
-        raise
-    except Exception as error:  # a damaged header can raise anything in the decoder
-        said = " ".join(str(error).split())
-        raise FileFormatError(f"{quoted(file)}: cannot be decoded; is it DICOM, and whole? {said}") from error
+        return np.asarray(content.pixel_array)
+    except RuntimeError as error:
+        if "missing dependencies" not in str(error):
+            raise
+        raise InputError(
+            f"{quoted(file)}: its pixels are compressed ({content.file_meta.TransferSyntaxUID.name}), and no decoder "
+            "for it is installed; pip install 'pylibjpeg[all]', or write the images uncompressed"
+        ) from error

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 RIGHT_ANGLE = 1e-3
 """Rows and columns are of length one and square to each other within this; headers round."""
 
+SEGMENTATIONS = ("1.2.840.10008.5.1.4.1.1.66.4", "1.2.840.10008.5.1.4.1.1.66.7")
+"""Classes: Segmentation Storage and Label Map Segmentation Storage."""
+
 TAGS = [
     "AcquisitionTime",
     "BitsAllocated",
@@ -29,6 +32,7 @@ TAGS = [
     "ImageOrientationPatient",
     "ImagePositionPatient",
     "InstanceNumber",
+    "MaximumFractionalValue",
     "Modality",
     "NumberOfFrames",
     "PerFrameFunctionalGroupsSequence",
@@ -37,7 +41,10 @@ TAGS = [
     "RescaleIntercept",
     "RescaleSlope",
     "Rows",
+    "SOPClassUID",
     "SamplesPerPixel",
+    "SegmentSequence",
+    "SegmentationType",
     "SeriesInstanceUID",
     "SeriesNumber",
     "SharedFunctionalGroupsSequence",
@@ -69,6 +76,11 @@ def planes_of(header: "Dataset", file: Path) -> list[Plane]:
         f"{str(file)!r}: {n_images(header)} images of modality {header.get('Modality')!r} and no position of each; "
         "expected functional groups or a reconstruction of nuclear medicine"
     )
+
+
+def is_segmentation(header: "Dataset") -> bool:
+    """Whether a file holds segments of an image, by its SOP class."""
+    return str(header.get("SOPClassUID")) in SEGMENTATIONS
 
 
 def n_images(header: "Dataset") -> int:

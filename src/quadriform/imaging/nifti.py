@@ -1,9 +1,11 @@
-"""NIfTI-1 and NIfTI-2 in one file, plain or compressed, read to the last byte.
+"""NIfTI-1 and NIfTI-2 in one file or two, plain or compressed, read to the last byte.
 
 nibabel decodes the header. It is asked not to repair it: a voxel size of 0 would silently become 1.
 """
 
 import gzip
+import html
+import re
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.errors import (
-    AffineError,
     FileFormatError,
     FileLimitError,
     InputError,
@@ -22,8 +23,11 @@ from quadriform.errors import (
     WarningKind,
     Warnings,
 )
+from quadriform.imaging.formats import is_pair
 from quadriform.imaging.frames import Size, choose_frame
-from quadriform.imaging.volume import Volume, affine_fault
+from quadriform.imaging.nifti_forms import choose_form, read_forms
+from quadriform.imaging.segments import Segment
+from quadriform.imaging.volume import Volume
 from quadriform.points import Array
 from quadriform.shapes.spaces import HALF_TURN
 
@@ -39,16 +43,45 @@ MILLIMETRES = {1: 1000.0, 2: 1.0, 3: 0.001}
 """From the units code of the header."""
 MILLISECONDS = {8: 1000.0, 16: 1.0, 24: 0.001}
 """From the code of the unit of time."""
-KNOWN_CODES = 5
-"""What the format knows to say of a form: 0 for none, up to "another template"."""
-SAME_FORM = 0.01
-"""Two forms agree when no corner of the image moves by more than this share of the smallest spacing."""
+LABELS = 1002
+"""Intent code of images whose values are labels."""
+MAX_EXTENSIONS = 1 << 24
+"""Bytes between header and voxels that are searched for names of labels."""
+LABEL = re.compile(rb"<Label\s[^>]*?Key=[\"'](\d{1,9})[\"'][^>]*>(.*?)</Label>", re.DOTALL)
+"""An entry of the table of labels that Connectome Workbench and TotalSegmentator write."""
+CDATA = re.compile(rb"^\s*<!\[CDATA\[(.*?)\]\]>\s*$", re.DOTALL)
 
 
-def read_nifti(path: Path, frame: int | None) -> Volume:
+def read_nifti(path: Path, frame: int | None, affine: str | None = None) -> Volume:
     """Read one frame; see `quadriform.imaging.reading.read_volume`."""
-    with _opened(path) as stream:
-        return _read(stream, path, frame)
+    head, data = _files(path)
+    with _opened(head) as stream:
+        header = _read_header(stream, head)
+        if data == head:
+            return _read(stream, header, header.sizeof_hdr, path, data, frame, affine)
+    with _opened(data) as stream:
+        return _read(stream, header, 0, path, data, frame, affine)
+
+
+def _files(path: Path) -> tuple[Path, Path]:
+    """The files of the header and of the voxels: one, or a pair .hdr and .img.
+
+    Raises:
+        InputError: the other file of a pair is missing.
+    """
+    if not is_pair(path):
+        return path, path
+    name, packed = path.name, path.name.lower().endswith(".gz")
+    stem = name[: -len(".hdr.gz" if packed else ".hdr")]
+    found: list[Path] = []
+    for suffix in (".hdr", ".img"):
+        own = name[len(stem) : len(stem) + 4]
+        letters = suffix.upper() if own.isupper() else suffix
+        file = path if own.lower() == suffix else path.with_name(stem + letters + (".gz" if packed else ""))
+        if not file.is_file():
+            raise InputError(f"{str(path)!r}: expected a header (.hdr) and voxels (.img); {file.name!r} is missing")
+        found.append(file)
+    return found[0], found[1]
 
 
 def nifti_times(path: Path) -> tuple[int, Array | None]:
@@ -57,8 +90,9 @@ def nifti_times(path: Path) -> tuple[int, Array | None]:
     Raises:
         InputError, FileFormatError, MaskError: as `read_nifti`.
     """
-    with _opened(path) as stream:
-        header = _read_header(stream, path)
+    head, _ = _files(path)
+    with _opened(head) as stream:
+        header = _read_header(stream, head)
     n = _shape(header, path)[3]
     step, start = float(header["pixdim"][4]), float(header["toffset"])
     scale = MILLISECONDS.get(int(header["xyzt_units"]) & 0x38)
@@ -86,29 +120,51 @@ def _opened(path: Path) -> Iterator[IO[bytes]]:
             raise FileFormatError(f"{str(path)!r}: damaged or cut short: {error}; fetch the file again") from error
 
 
-def _read(stream: IO[bytes], path: Path, frame: int | None) -> Volume:
-    header = _read_header(stream, path)
+def _read(
+    stream: IO[bytes],
+    header: "Nifti1Header",
+    at: int,
+    path: Path,
+    data: Path,
+    frame: int | None,
+    affine: str | None,
+) -> Volume:
+    """The image of a header, from a stream that stands at byte `at` of the file with the voxels."""
     shape, dtype = _shape(header, path), _dtype(header, path)
     chosen = choose_frame(frame, shape, path)
     scale = _scale(header, path)
-    affine, unit, warnings = _world(header, shape, path)
+    world, space, unit, warnings = _world(header, shape, path, affine)
     block = int(np.prod(shape[:3], dtype=object)) * dtype.itemsize
-    start = _start(header, path)
-    _check_promise(start + block * shape[3], path)
+    start = _start(header, path, at)
+    _check_promise(start + block * shape[3], data)
 
-    _skip(stream, start - header.sizeof_hdr + block * chosen)
-    data = stream.read(block)
-    missing = block * (shape[3] - chosen) - len(data) - _skip(stream, MAX_BYTES)
+    extensions = stream.read(min(start - at, MAX_EXTENSIONS))
+    _skip(stream, start - at - len(extensions) + block * chosen)
+    content = stream.read(block)
+    missing = block * (shape[3] - chosen) - len(content) - _skip(stream, MAX_BYTES)
     if missing > 0:
-        raise FileFormatError(f"{str(path)!r}: cut short: {missing} bytes of the {shape} voxels are missing")
+        raise FileFormatError(f"{str(data)!r}: cut short: {missing} bytes of the {shape} voxels are missing")
     if stream.read(1):
-        raise FileLimitError(f"{str(path)!r}: expands to more than the budget of {MAX_BYTES} bytes")
+        raise FileLimitError(f"{str(data)!r}: expands to more than the budget of {MAX_BYTES} bytes")
 
-    values = np.frombuffer(data, dtype).reshape(shape[:3], order="F").astype(dtype.newbyteorder("="), copy=False)
+    values = np.frombuffer(content, dtype).reshape(shape[:3], order="F").astype(dtype.newbyteorder("="), copy=False)
+    segments = _label_table(extensions)
+    labels = bool(segments) or int(header["intent_code"]) == LABELS
     try:
-        return Volume(_scaled(values, *scale), affine, "LPS", unit, warnings)
+        return Volume(_scaled(values, *scale), world, space, unit, warnings, segments, labels)
     except MaskError as error:
         raise MaskError(f"{str(path)!r}: {error}") from error
+
+
+def _label_table(extensions: bytes) -> tuple[Segment, ...]:
+    """The names of labels that stand between header and voxels; 0 is the background whatever it is called."""
+    found = []
+    for key, content in LABEL.findall(extensions):
+        inner = CDATA.match(content)
+        text = inner[1].decode("utf-8", "replace") if inner else html.unescape(content.decode("utf-8", "replace"))
+        if int(key) > 0:
+            found.append(Segment(text.strip(), int(key), (int(key),)))
+    return tuple(found)
 
 
 def _read_header(stream: IO[bytes], path: Path) -> "Nifti1Header":
@@ -116,7 +172,8 @@ def _read_header(stream: IO[bytes], path: Path) -> "Nifti1Header":
     from nibabel.nifti2 import Nifti2Header
 
     first = stream.read(4)
-    for kind, magic in ((Nifti1Header, b"n+1"), (Nifti2Header, b"n+2")):
+    expected = (b"ni1", b"ni2") if is_pair(path) else (b"n+1", b"n+2")
+    for kind, magic in zip((Nifti1Header, Nifti2Header), expected):
         for endianness in ("little", "big"):
             if first == kind.sizeof_hdr.to_bytes(4, endianness):
                 block = first + stream.read(kind.sizeof_hdr - 4)
@@ -125,7 +182,21 @@ def _read_header(stream: IO[bytes], path: Path) -> "Nifti1Header":
                 header = kind(block, endianness=endianness, check=False)
                 if header["magic"].item() == magic:
                     return header
-    raise FileFormatError(f"{str(path)!r}: not a NIfTI image in one file (.nii); its first bytes are {first!r}")
+                raise FileFormatError(f"{str(path)!r}: {_foreign(header['magic'].item(), path)}")
+    raise FileFormatError(f"{str(path)!r}: not a NIfTI image; its first bytes are {first!r}")
+
+
+def _foreign(magic: bytes, path: Path) -> str:
+    """What a header is that begins as NIfTI does, but has other letters than its name needs."""
+    if magic in (b"ni1", b"ni2", b"n+1", b"n+2"):
+        return (
+            "one of a pair of files by its content, and so should be called .hdr"
+            if magic.startswith(b"ni")
+            else ("an image in one file by its content, and so should be called .nii")
+        )
+    if path.name.lower().endswith((".hdr", ".img", ".hdr.gz", ".img.gz")):
+        return "an Analyze image, which does not say where left and right are; convert it to NIfTI"
+    return f"not a NIfTI image: expected the letters 'n+1' or 'n+2' in its header, found {magic!r}"
 
 
 def _shape(header: "Nifti1Header", path: Path) -> Size:
@@ -151,9 +222,9 @@ def _dtype(header: "Nifti1Header", path: Path) -> np.dtype[Any]:
     return dtype
 
 
-def _start(header: "Nifti1Header", path: Path) -> int:
+def _start(header: "Nifti1Header", path: Path, at: int) -> int:
     offset = float(header["vox_offset"])
-    if not header.sizeof_hdr <= offset <= MAX_BYTES:
+    if not at <= offset <= MAX_BYTES:
         raise FileFormatError(f"{str(path)!r}: the header says that its voxels begin at byte {offset:g}")
     return int(offset)
 
@@ -176,8 +247,8 @@ def _skip(stream: IO[bytes], count: int) -> int:
 
 def _scale(header: "Nifti1Header", path: Path) -> tuple[float, float]:
     slope, intercept = float(header["scl_slope"]), float(header["scl_inter"])
-    if slope == 0:
-        return 1.0, 0.0
+    if slope == 0 or (np.isnan(slope) and (np.isnan(intercept) or intercept == 0)):
+        return 1.0, 0.0  # NaN is how nibabel keeps "none" in memory; other programs write it
     if not np.isfinite([slope, intercept]).all():
         raise FileFormatError(f"{str(path)!r}: slope {slope:g} and intercept {intercept:g}; expected finite numbers")
     return slope, intercept
@@ -189,57 +260,14 @@ def _scaled(values: NDArray[Any], slope: float, intercept: float) -> NDArray[Any
     return values.astype(np.float64) * slope + intercept
 
 
-def _world(header: "Nifti1Header", shape: Size, path: Path) -> tuple[Array, str, Warnings]:
-    """World LPS mm from voxels, the unit, and what is doubtful: two forms that disagree, no unit."""
-    stored = {"sform": header.get_sform(), "qform": _qform(header)}
-    codes = {name: int(header[f"{name}_code"]) for name in stored}
-    if not all(0 <= code <= KNOWN_CODES for code in codes.values()):
-        raise AffineError(f"{str(path)!r}: form codes {codes}; expected 0 to {KNOWN_CODES}: the header is damaged")
-    used = next((name for name, code in codes.items() if code > 0), "")
-    fault = affine_fault(stored[used]) if used else "no form has a code above 0"
-    if fault:
-        forms = "; ".join(f"{name} (code {codes[name]}) {form.tolist()}" for name, form in stored.items())
-        raise AffineError(
-            f"{str(path)!r}: no usable transform to the world ({used or 'sform and qform'}: {fault}); {forms}; "
-            "repair the header, or build a Volume from the voxels and a transform of your own"
-        )
+def _world(header: "Nifti1Header", shape: Size, path: Path, affine: str | None) -> tuple[Array, str, str, Warnings]:
+    """World mm from voxels, its frame and unit, and what is doubtful: two forms that disagree, no unit."""
+    forms = read_forms(header, shape, path)
+    used, warnings = choose_form(forms, affine)
     scale = MILLIMETRES.get(int(header["xyzt_units"]) & 7)
-    to_lps = np.eye(4)
-    to_lps[:3, :3] = (scale or 1.0) * HALF_TURN
-    warnings: Warnings = {}
-    if used == "sform" and codes["qform"] > 0 and (difference := _difference(stored, shape)):
-        warnings[WarningKind.AFFINE_REPAIRED] = difference
     if not scale:
         warnings[WarningKind.UNKNOWN_UNIT] = "the image names no unit of length (xyzt_units): its lengths are as stored"
-    return to_lps @ stored[used], "mm" if scale else "unknown", warnings
-
-
-def _qform(header: "Nifti1Header") -> Array:
-    """The qform as stored, NaN where it cannot be computed."""
-    from nibabel.spatialimages import HeaderDataError
-
-    header = header.copy()
-    if header["pixdim"][0] == 0:
-        header["pixdim"][0] = 1  # the format says so
-    try:
-        return header.get_qform()
-    except (HeaderDataError, ValueError):
-        return np.full((4, 4), np.nan)
-
-
-def _difference(forms: dict[str, Array], shape: Size) -> str:
-    """How far apart sform and qform put the corners of the image; empty when they agree."""
-    sform, qform = forms["sform"], forms["qform"]
-    corners = np.array([(*corner, 1) for corner in np.ndindex(2, 2, 2)]) * (*np.array(shape[:3]) - 1, 1)
-    apart = float(np.linalg.norm(corners @ (sform - qform).T, axis=1).max())
-    lengths_s, lengths_q = (np.linalg.norm(form[:3, :3], axis=0) for form in (sform, qform))
-    if apart <= SAME_FORM * lengths_s.min():
-        return ""
-    if affine_fault(qform):
-        return f"the qform is unusable ({affine_fault(qform)}); the sform is used"
-    cosines = (sform[:3, :3] * qform[:3, :3]).sum(axis=0) / (lengths_s * lengths_q)
-    degrees = float(np.degrees(np.arccos(np.clip(cosines, -1, 1))).max())
-    return (
-        f"sform and qform put a corner of the image {apart:.4g} (in the file's unit) apart and differ by "
-        f"{degrees:.3g} degrees; the sform is used"
-    )
+    to_world = np.eye(4)
+    to_world[:3, :3] = (scale or 1.0) * (np.eye(3) if used == "pixdim" else HALF_TURN)
+    space = "unknown" if used == "pixdim" else "LPS"
+    return to_world @ forms.stored[used], space, "mm" if scale else "unknown", warnings

@@ -90,7 +90,7 @@ def stack_planes(planes: Sequence[Plane], where: str) -> Stack:
         InputError: sizes, orientations or spacings differ, a slice or frame is missing or there twice, or there is
             one slice position alone.
     """
-    _check_alike(planes, where)
+    check_alike(planes, where)
     slices = _by_position(planes, where)
     _check_counts(slices, where)
     slices, times = _in_time(slices, where)
@@ -101,7 +101,12 @@ def stack_planes(planes: Sequence[Plane], where: str) -> Stack:
     return Stack(tuple(zip(*slices, strict=True)), affine, times)
 
 
-def _check_alike(planes: Sequence[Plane], where: str) -> None:
+def check_alike(planes: Sequence[Plane], where: str) -> None:
+    """Refuse planes of different sizes, orientations or spacings.
+
+    Raises:
+        InputError: naming the planes.
+    """
     first = planes[0]
     _refuse(where, "images of different sizes", planes, lambda plane: plane.size != first.size, lambda p: f"{p.size}")
     allowed = TURNED * min(np.linalg.norm(first.along_row), np.linalg.norm(first.along_column)) / max(first.size)

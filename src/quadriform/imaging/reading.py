@@ -1,4 +1,4 @@
-"""Images from files: one function, and one reader for each suffix."""
+"""Images from files: one function, and one reader for each format, which is told by the content."""
 
 import os
 import stat
@@ -6,8 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from quadriform.errors import FileFormatError, InputError
-from quadriform.imaging.dicom import DICOM_SUFFIXES, dicom_times, is_dicom, read_dicom
+from quadriform.errors import FileFormatError, InputError, OptionError
+from quadriform.imaging.dicom import dicom_times, read_dicom
+from quadriform.imaging.formats import SUFFIXES, Format, image_format
 from quadriform.imaging.nifti import nifti_times, read_nifti
 from quadriform.imaging.simpleitk_images import read_with_simpleitk, simpleitk_times
 from quadriform.imaging.volume import Volume
@@ -24,34 +25,33 @@ class Reader(NamedTuple):
         times: the number of frames, and their times (frames,) in ms where they are known.
     """
 
-    volume: Callable[[Path, int | None], Volume]
+    volume: Callable[..., Volume]
     times: Callable[[Path], tuple[int, Array | None]]
 
 
-_NIFTI, _SIMPLEITK = Reader(read_nifti, nifti_times), Reader(read_with_simpleitk, simpleitk_times)
-_DICOM = Reader(read_dicom, dicom_times)
-
-READERS: dict[str, Reader] = {
-    **dict.fromkeys((".nii", ".nii.gz"), _NIFTI),
-    **dict.fromkeys((".nrrd", ".nhdr", ".mha", ".mhd"), _SIMPLEITK),
-    **dict.fromkeys(DICOM_SUFFIXES, _DICOM),
+READERS: dict[Format, Reader] = {
+    "nifti": Reader(read_nifti, nifti_times),
+    "simpleitk": Reader(read_with_simpleitk, simpleitk_times),
+    "dicom": Reader(read_dicom, dicom_times),
 }
-"""From a suffix to what reads such a file; folders, and files that say so in their content, are DICOM."""
 
 
-def read_volume(path: PathLike, frame: int | None = None) -> Volume:
+def read_volume(path: PathLike, frame: int | None = None, affine: str | None = None) -> Volume:
     """Read an image into world LPS millimetres.
 
-    NIfTI: the sform is used, else the qform; metres and microns become millimetres; slope and intercept are
-    applied once (a slope of 0 means none, as the format says). The file is read and checked to its end.
+    NIfTI, in one file or a pair: where sform and qform disagree, `quadriform.imaging.nifti_forms` says which is used,
+    and which disagreements are refused; metres and microns become millimetres; slope and intercept are applied once
+    (a slope of 0 or NaN means none). The file is read and checked to its end.
     NRRD and MetaImage (by SimpleITK): `space` is "unknown" where the file names no anatomical frame.
     DICOM (by pydicom): slices are spaced by their positions; see `quadriform.imaging.dicom.read_dicom`, which also
     takes one of several series in a folder.
 
     Args:
-        path: a .nii, .nii.gz, .nrrd, .nhdr, .mha or .mhd file, a folder of DICOM slices, or a DICOM file: one of a
-            series, or one that holds all slices.
+        path: a NIfTI, NRRD, MetaImage or DICOM file, told by its content and not by its name; a folder of DICOM
+            slices, or one file of a series.
         frame: which frame of a four-dimensional image, counted from 0.
+        affine: which transform of a NIfTI header to use: "sform", "qform", or "pixdim" for the sizes of voxels
+            alone, in an unknown frame. None decides by the header.
 
     Returns:
         The image; `unit` is "unknown" where the file does not say, as `warnings` tell by UNKNOWN_UNIT, and by
@@ -66,7 +66,12 @@ def read_volume(path: PathLike, frame: int | None = None) -> Volume:
         OptionError: there is no such frame.
     """
     file = Path(path)
-    return _reader(file).volume(file, frame)
+    reader = _reader(file)
+    if affine is None:
+        return reader.volume(file, frame)
+    if reader is not READERS["nifti"]:
+        raise OptionError(f"option affine={affine!r}: {str(file)!r} is no NIfTI image, and has one transform alone")
+    return reader.volume(file, frame, affine)
 
 
 def frame_count(path: PathLike) -> int:
@@ -117,14 +122,12 @@ def example_volume() -> Volume:
 
 def _reader(path: Path) -> Reader:
     _check_path(path)
-    if path.is_dir():
-        return _DICOM
-    for suffix, reader in READERS.items():
-        if path.name.lower().endswith(suffix):
-            return reader
-    if is_dicom(path):
-        return _DICOM
-    raise FileFormatError(f"{str(path)!r}: not the name of an image; expected a suffix of {' '.join(READERS)}")
+    found = "dicom" if path.is_dir() else image_format(path)
+    if found is None:
+        raise FileFormatError(
+            f"{str(path)!r}: no image by its content, nor by its name; expected a suffix of {' '.join(SUFFIXES)}"
+        )
+    return READERS[found]
 
 
 def _check_path(path: Path) -> None:

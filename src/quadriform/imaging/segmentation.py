@@ -38,10 +38,10 @@ class Labels:
     """The union of some labels of a label image.
 
     Attributes:
-        values: the labels, whole numbers.
+        values: the labels, whole numbers, or names of segments where the file has names.
     """
 
-    values: tuple[int, ...]
+    values: tuple[int | str, ...]
 
 
 Select = float | Percentile | Labels | Literal["otsu"]
@@ -110,7 +110,7 @@ def segment(
     _check_options(component, connectivity, closing)
     region = check_region(region, volume.values.shape)
     inner = volume.crop(region)
-    found, threshold = _select(inner.values, select)
+    found, threshold = _select(inner, select)
     _check_selected(found, inner.values, threshold)
     kept, sizes, n_kept = _keep(found, component, connectivity, region)
     kept = _close(kept, closing)
@@ -148,11 +148,11 @@ def _whole(*numbers: object) -> bool:
     return all(isinstance(number, (int, np.integer)) and not isinstance(number, bool) for number in numbers)
 
 
-def _select(values: NDArray[Any], select: Select) -> tuple[Mask, float | None]:
+def _select(inner: Volume, select: Select) -> tuple[Mask, float | None]:
     if isinstance(select, Labels):
-        return _labelled(values, select.values), None
-    threshold = _threshold(values, select)
-    return values > threshold, threshold
+        return _labelled(inner.values, inner.label_values(select.values)), None
+    threshold = _threshold(inner.values, select)
+    return inner.values > threshold, threshold
 
 
 def _threshold(values: NDArray[Any], select: float | Percentile | str) -> float:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from quadriform.errors import AffineError, FileFormatError, MaskError
 from quadriform.files.reading import quoted
 from quadriform.imaging.frames import Size, choose_frame, import_reader
+from quadriform.imaging.segments import SegmentMap
 from quadriform.imaging.text_headers import TextHeader, check_bytes, read_text_header
 from quadriform.imaging.volume import Volume
 from quadriform.points import Array
@@ -30,9 +31,13 @@ def read_with_simpleitk(path: Path, frame: int | None) -> Volume:
     shape = _shape(reader, header, path)
     chosen = choose_frame(frame, shape, path)
     image = _do(reader.Execute, path)
-    values = _values(image, chosen)
     try:
-        return Volume(values, _affine(image, path), header.space)
+        if header.segments:
+            found = _segment_map(image, header, path)
+            return Volume(
+                found.values, _affine(image, path), header.space, segments=tuple(found.segments), is_label_map=True
+            )
+        return Volume(_values(image, chosen), _affine(image, path), header.space)
     except (MaskError, AffineError) as error:
         raise type(error)(f"{quoted(path)}: {error}") from error
 
@@ -51,7 +56,7 @@ def _reader(path: Path, header: TextHeader) -> "ImageFileReader":
     """A reader that knows the header, and found all bytes there."""
     simpleitk = import_reader("SimpleITK", path)
     reader = simpleitk.ImageFileReader()
-    reader.SetImageIO("NrrdImageIO" if path.suffix.lower() in (".nrrd", ".nhdr") else "MetaImageIO")
+    reader.SetImageIO("NrrdImageIO" if header.is_nrrd else "MetaImageIO")
     reader.SetFileName(str(path))
     _do(reader.ReadImageInformation, path)
     kind = simpleitk.GetPixelIDValueAsString(reader.GetPixelID())
@@ -83,7 +88,8 @@ def _shape(reader: "ImageFileReader", header: TextHeader, path: Path) -> Size:
             f"{quoted(path)}: expected a three-dimensional image, or frames of it; found shape {size} with "
             f"{components} values a voxel"
         )
-    return size[0], size[1], size[2], size[3] if len(size) == 4 else components
+    frames = size[3] if len(size) == 4 else components
+    return size[0], size[1], size[2], 1 if header.segments else frames
 
 
 def _values(image: "Image", frame: int) -> NDArray[Any]:
@@ -96,6 +102,19 @@ def _values(image: "Image", frame: int) -> NDArray[Any]:
     elif array.ndim == 4:
         array = array[..., frame]
     return np.ascontiguousarray(array).T
+
+
+def _segment_map(image: "Image", header: TextHeader, path: Path) -> SegmentMap:
+    """The segments of 3D Slicer as one label image; those of different layers may overlap."""
+    layers = [_values(image, layer) for layer in range(image.GetNumberOfComponentsPerPixel())]
+    found = SegmentMap(np.zeros(layers[0].shape, dtype=np.int32))
+    for segment in header.segments:
+        if not 0 <= segment.layer < len(layers):
+            raise FileFormatError(
+                f"{quoted(path)}: segment {segment.name!r} is in layer {segment.layer}; the file has {len(layers)}"
+            )
+        found.add(segment.name, segment.value, layers[segment.layer] == segment.value)
+    return found
 
 
 def _affine(image: "Image", path: Path) -> Array:

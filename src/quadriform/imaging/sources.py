@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from quadriform.errors import OptionError, Warnings
 from quadriform.files.meshes import MESH_SUFFIXES, read_marks, read_mesh_or_points
 from quadriform.files.points import POINT_SUFFIXES, read_points
+from quadriform.imaging.formats import image_format
 from quadriform.points import Array
 from quadriform.shapes.mesh_points import mesh_points
 from quadriform.shapes.spaces import turn_between
@@ -23,11 +24,6 @@ if TYPE_CHECKING:
 Marks = tuple[str, str]
 """Frame of the world and unit, each maybe "unknown"."""
 
-NIFTI_SUFFIXES = (".nii", ".nii.gz")
-SLICE_SUFFIXES = (".dcm", ".ima")
-IMAGE_SUFFIXES = (*NIFTI_SUFFIXES, ".nrrd", ".nhdr", ".mha", ".mhd", *SLICE_SUFFIXES)
-FEW = 32
-"""A whole-numbered image with no more distinct values is taken as labels."""
 PERCENTILE = re.compile(r"(?:(\d+(?:\.\d+)?)%)?p(\d+(?:\.\d+)?)")
 
 
@@ -36,18 +32,20 @@ class ImageOptions:
     """How an image becomes an object; None leaves a choice to the image or to the library.
 
     Attributes:
-        labels: values of a label image, taken together.
+        labels: values of a label image or names of segments, taken together.
         threshold: a value, "otsu", or (share, percentile).
         frame: of a four-dimensional image.
         segment: arguments for `segment` as they are: region, component, closing, fill_holes.
         border: "open" or "close".
+        affine: which transform of a NIfTI header: "sform", "qform" or "pixdim".
     """
 
-    labels: tuple[int, ...] | None = None
+    labels: tuple[int | str, ...] | None = None
     threshold: float | str | tuple[float, float] | None = None
     frame: int | None = None
     segment: dict[str, Any] = field(default_factory=dict)
     border: str | None = None
+    affine: str | None = None
 
     @classmethod
     def parse(
@@ -60,6 +58,7 @@ class ImageOptions:
         fill_holes: bool,
         border: str | None,
         frame: int | None,
+        affine: str | None = None,
     ) -> "ImageOptions":
         """From the words on the command line.
 
@@ -75,15 +74,20 @@ class ImageOptions:
             segment["component"] = numbers(seed, 3, "--seed")
         if closing is not None:
             segment["closing"] = closing
-        return cls(_labels(label), _threshold(threshold), frame, segment, border)
+        return cls(_labels(label), _threshold(threshold), frame, segment, border, affine)
 
     def with_label(self, label: str) -> "ImageOptions":
         """The same with other labels."""
         return replace(self, labels=_labels(label))
 
 
-def _labels(text: str | None) -> tuple[int, ...] | None:
-    return None if text is None else numbers(text, text.count(",") + 1, "--label")
+def _labels(text: str | None) -> tuple[int | str, ...] | None:
+    """Numbers with commas between, or names; which name is meant is decided by the names in the image."""
+    if text is None or not text.strip():
+        return None if text is None else numbers(text, 1, "--label")
+    if any(letter.isalpha() for letter in text):
+        return (text,)
+    return numbers(text, text.count(",") + 1, "--label")
 
 
 def _threshold(text: str | None) -> float | str | tuple[float, float] | None:
@@ -123,12 +127,16 @@ class Source:
 
 
 def kind_of(path: Path) -> Literal["image", "mesh", "points"] | None:
-    """What a file is by its name; None for anything that `fit` does not read. A folder of DICOM slices is an image."""
+    """What a file is; None for anything that `fit` does not read.
+
+    Images are told by their content, as `read_volume` tells them, meshes and points by their names. A folder with a
+    DICOM file in it is an image.
+    """
+    if image_format(path) is not None:
+        return "image"
     name = path.name.lower()
     if path.is_dir():
-        return "image" if any(file.suffix.lower() in SLICE_SUFFIXES for file in path.iterdir()) else None
-    if name.endswith(IMAGE_SUFFIXES):
-        return "image"
+        return None
     if name.endswith(MESH_SUFFIXES):
         return "mesh"
     return "points" if name.endswith(POINT_SUFFIXES) else None
@@ -158,7 +166,7 @@ def read_object(path: Path, options: ImageOptions) -> tuple["Volume", dict[str, 
     """An image, the arguments that choose the object in it, and what was assumed."""
     from quadriform.imaging.reading import read_volume
 
-    volume = read_volume(path, options.frame)
+    volume = read_volume(path, options.frame, options.affine)
     select, note = _select(volume, options)
     return volume, {"select": select, **options.segment}, note
 
@@ -201,6 +209,7 @@ def _from_image(path: Path, options: ImageOptions) -> Source:
 
 def _select(volume: "Volume", options: ImageOptions) -> tuple[Any, tuple[str, ...]]:
     """How the object is chosen, as `segment` takes it, and what was assumed where nothing was said."""
+    from quadriform.imaging.object_choice import choose_object
     from quadriform.imaging.segmentation import Labels, Percentile
 
     if options.labels is not None:
@@ -209,22 +218,4 @@ def _select(volume: "Volume", options: ImageOptions) -> tuple[Any, tuple[str, ..
         return Percentile(*options.threshold), ()
     if options.threshold is not None:
         return options.threshold, ()
-    labels = _few_labels(volume.values)
-    if labels is None:
-        return "otsu", (
-            "taken as a grey image, thresholded by Otsu's method; --threshold or --label chooses otherwise",
-        )
-    if len(labels) == 0:
-        return 0.5, ()  # refused there as an empty mask, with the values listed
-    together = (
-        f"labels {', '.join(map(str, labels))} together; --label chooses" if len(labels) > 1 else f"label {labels[0]}"
-    )
-    return Labels(labels), (f"taken as a label image, the object is {together}",)
-
-
-def _few_labels(values: np.ndarray) -> tuple[int, ...] | None:
-    """The values other than 0 of a whole-numbered image that has few of them, else None."""
-    present = np.unique(values)
-    if len(present) > FEW or not np.array_equal(present, np.round(present)):
-        return None
-    return tuple(int(value) for value in present if value != 0)
+    return choose_object(volume)

@@ -6,6 +6,7 @@ for 1: where the voxels lie and which spacing was meant is therefore read here t
 References: https://teem.sourceforge.net/nrrd/format.html, https://itk.org/Wiki/MetaIO/Documentation
 """
 
+import re
 import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -25,11 +26,28 @@ MOST_DIMENSIONS = 10
 """MetaImage has no more."""
 WITH_ZLIB_OR_GZIP = 47
 """Window of 32 kB, and either kind of header is recognised."""
+SEGMENT = re.compile(r"^Segment(\d+)_(ID|Name|LabelValue|Layer):=(.*)$", re.MULTILINE)
+"""A remark by which 3D Slicer describes a segment."""
 NRRD_SPACES = {
     *("left-posterior-superior", "right-anterior-superior", "left-anterior-superior", "lps", "ras", "las"),
     *("left-posterior-superior-time", "lpst"),
 }
 """Frames that SimpleITK gives as LPS; with time, it turns none over."""
+
+
+@dataclass(frozen=True)
+class StoredSegment:
+    """A segment of a .seg.nrrd file.
+
+    Attributes:
+        name: in the file's words.
+        value: of its voxels.
+        layer: the image of the file that holds it, from 0; those of one layer do not overlap.
+    """
+
+    name: str
+    value: int
+    layer: int
 
 
 @dataclass(frozen=True)
@@ -44,6 +62,8 @@ class TextHeader:
         space: "LPS" or "unknown", after SimpleITK has read the file.
         kinds: what the axes of a NRRD are called, in lower case.
         stored: how many compressed bytes there are, by the text; None where its format does not say.
+        segments: of a segmentation of 3D Slicer.
+        is_nrrd: not MetaImage.
     """
 
     data: Path
@@ -53,6 +73,8 @@ class TextHeader:
     space: str
     kinds: str
     stored: int | None = None
+    segments: tuple[StoredSegment, ...] = ()
+    is_nrrd: bool = False
 
 
 def read_text_header(path: Path) -> TextHeader:
@@ -60,12 +82,13 @@ def read_text_header(path: Path) -> TextHeader:
 
     Raises:
         InputError: the file, or the one with its voxels, is missing or cannot be read.
-        FileFormatError: it does not begin as its suffix says, or is kept in a way that is not read.
+        FileFormatError: it does not begin as either format does, or is kept in a way that is not read.
     """
     check_budget(check_readable(path), quoted(path))
     with path.open("rb") as stream:
         block = stream.read(MAX_HEADER)
-    header = _nrrd(block, path) if path.suffix.lower() in (".nrrd", ".nhdr") else _meta(block, path)
+    nrrd = block.startswith(b"NRRD") or path.suffix.lower() in (".nrrd", ".nhdr")
+    header = _nrrd(block, path) if nrrd else _meta(block, path)
     check_readable(header.data)
     return header
 
@@ -121,7 +144,29 @@ def _nrrd(block: bytes, path: Path) -> TextHeader:
     start = (end if name is None else 0) + skip if skip >= 0 else None
     compressed, kinds = encoding != "raw", fields.get("kinds", "").lower()
     return TextHeader(
-        _data_file(name, path), start, compressed, _nrrd_spacing(fields), _nrrd_space(fields, path), kinds
+        _data_file(name, path),
+        start,
+        compressed,
+        _nrrd_spacing(fields),
+        _nrrd_space(fields, path),
+        kinds,
+        segments=_segments(block[:end], path),
+        is_nrrd=True,
+    )
+
+
+def _segments(block: bytes, path: Path) -> tuple[StoredSegment, ...]:
+    """The segments that 3D Slicer names in lines such as Segment0_Name:=liver; old files have a layer for each."""
+    found: dict[int, dict[str, str]] = {}
+    for number, key, value in SEGMENT.findall(block.decode("utf-8", "replace")):
+        found.setdefault(int(number), {})[key] = value.strip()
+    return tuple(
+        StoredSegment(
+            fields.get("Name", fields.get("ID", f"Segment_{number}")),
+            _whole(fields.get("LabelValue", "1"), path),
+            _whole(fields.get("Layer", str(order)), path),
+        )
+        for order, (number, fields) in enumerate(sorted(found.items()))
     )
 
 

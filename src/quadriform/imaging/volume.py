@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quadriform.errors import AffineError, MaskError, OptionError, Warnings, choose
+from quadriform.imaging.segments import Segment, values_of
 from quadriform.points import Array, check_points
 from quadriform.shapes.spaces import SPACES
 
@@ -27,6 +28,8 @@ class Volume:
         space: frame of the world, "LPS", "RAS" or "unknown".
         unit: of lengths in the world, "mm", "m" or "unknown".
         warnings: what the reader had to decide on.
+        segments: parts that the file names, as DICOM segmentations, .seg.nrrd and label tables of NIfTI do.
+        is_label_map: whether the file states that its values are labels.
 
     Raises:
         MaskError: `values` have another shape or type, or NaN or infinite voxels.
@@ -38,6 +41,8 @@ class Volume:
     space: str = "LPS"
     unit: str = "mm"
     warnings: Warnings = field(default_factory=dict)
+    segments: tuple[Segment, ...] = ()
+    is_label_map: bool = False
 
     def __post_init__(self) -> None:
         values, affine = np.asarray(self.values), np.array(self.world_from_voxel, dtype=np.float64)
@@ -66,6 +71,15 @@ class Volume:
         """Voxel coordinates (n, 3) of world points (n, 3): the inverse of `points_world`."""
         affine = self.world_from_voxel
         return np.asarray(np.linalg.solve(affine[:3, :3], (points - affine[:3, 3]).T).T, dtype=np.float64)
+
+    def label_values(self, labels: tuple[int | str, ...]) -> tuple[int, ...]:
+        """The voxel values of labels, given as numbers or as names of segments.
+
+        Raises:
+            OptionError: no segment or several are called so.
+        """
+        parts = (values_of(self.segments, label) for label in labels)
+        return tuple(dict.fromkeys(value for part in parts for value in part))
 
     def crop(self, region: Region) -> "Volume":
         """The part inside `region`; its voxels stay where they are in the world.

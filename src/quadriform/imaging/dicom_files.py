@@ -1,0 +1,241 @@
+"""What a DICOM file is, by its content: images, or an object of another class, or damaged."""
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, TYPE_CHECKING
+
+from quadriform.errors import FileFormatError, InputError, QuadriformError
+from quadriform.files.reading import check_budget, check_readable, quoted
+from quadriform.imaging.dicom_headers import TAGS, n_images
+from quadriform.imaging.frames import import_reader
+
+if TYPE_CHECKING:
+    from pydicom import Dataset
+
+DICOM_SUFFIXES = (".dcm", ".ima")
+PREAMBLE = 128
+"""Bytes before the letters DICM."""
+FIRST_GROUPS = (b"\x02\x00", b"\x08\x00", b"\x00\x08")
+"""Groups that a file without these letters can begin with, in either byte order."""
+SHORT = 1 << 16
+"""The first element of such a file is shorter, where it does not name its type."""
+SERIES_TAG = 0x0020000E
+"""Of SeriesInstanceUID."""
+PIXELS = (0x7FE00008, 0x7FE00009, 0x7FE00010)
+UNDEFINED = 0xFFFFFFFF
+"""The length of an element that ends with a mark."""
+IMAGES = ("Image Storage", "Segmentation Storage", "RT Dose Storage", "Parametric Map Storage")
+HINTS = {
+    "RT Structure Set Storage": "; its contours are not read: write them as a mask or a DICOM segmentation first",
+    "Media Storage Directory Storage": ", an index of other files; give the folder with the slices of one series",
+}
+
+
+@dataclass(frozen=True)
+class Examined:
+    """A DICOM file that was looked at.
+
+    Attributes:
+        header: of a file with images; None for others.
+        series: SeriesInstanceUID; None where it could not be read.
+        kind: name of its SOP class; empty where it could not be read.
+        fault: why it gives no images.
+    """
+
+    header: "Dataset | None"
+    series: str | None
+    kind: str
+    fault: QuadriformError | None
+
+
+@dataclass
+class Series:
+    """Files with the same SeriesInstanceUID.
+
+    Attributes:
+        headers: of the files with images.
+        faults: of those that should have images and cannot be read.
+    """
+
+    headers: "dict[Path, Dataset]" = field(default_factory=dict)
+    faults: list[QuadriformError] = field(default_factory=list)
+
+
+@dataclass
+class Folder:
+    """The DICOM files of a folder.
+
+    Attributes:
+        series: with images, by SeriesInstanceUID.
+        others: names of the classes of objects without images.
+        unreadable: faults of files whose series could not be read.
+    """
+
+    series: dict[str, Series] = field(default_factory=dict)
+    others: list[str] = field(default_factory=list)
+    unreadable: dict[Path, QuadriformError] = field(default_factory=dict)
+
+
+def is_dicom(path: Path) -> bool:
+    """Whether a file is DICOM by its content: the letters DICM, or a first element as such files have."""
+    start = beginning(path)
+    return start[PREAMBLE:] == b"DICM" or _begins_with_element(start)
+
+
+def beginning(path: Path) -> bytes:
+    """The first bytes of a file; none where it cannot be read."""
+    try:
+        with path.open("rb") as stream:
+            return stream.read(PREAMBLE + 4)
+    except OSError:
+        return b""
+
+
+def _begins_with_element(start: bytes) -> bool:
+    """A type of two capital letters after the tag, or a short length: written without the letters DICM."""
+    if start[:2] not in FIRST_GROUPS or len(start) < PREAMBLE:
+        return False
+    named = start[4:6].isalpha() and start[4:6].isupper()
+    return named or (start[3] == 0 and 0 < int.from_bytes(start[4:8], "little") < SHORT)
+
+
+def examine_folder(folder: Path) -> Folder:
+    """Look at each file that is DICOM, or should be; hidden files and indices are passed by."""
+    found = Folder()
+    for file in sorted(folder.iterdir()):
+        if not file.is_file() or file.name.startswith(".") or file.name == "DICOMDIR" or not _meant_as_dicom(file):
+            continue
+        examined = examine(file)
+        if examined.header is not None:
+            found.series.setdefault(examined.series or "", Series()).headers[file] = examined.header
+        elif examined.fault is not None and examined.series is not None and _has_images(examined.kind):
+            found.series.setdefault(examined.series, Series()).faults.append(examined.fault)
+        elif examined.kind and not _has_images(examined.kind):
+            found.others.append(examined.kind)
+        elif examined.fault is not None:
+            found.unreadable[file] = examined.fault
+    return found
+
+
+def _meant_as_dicom(file: Path) -> bool:
+    """A damaged slice must not go unseen: only text, and names of other formats, are no slices."""
+    suffix = file.suffix.lower()
+    return suffix in DICOM_SUFFIXES or is_dicom(file) or (suffix == "" and b"\0" in beginning(file))
+
+
+def examine(file: Path) -> Examined:
+    """Read the header of a file, and see whether it holds pixels.
+
+    Raises:
+        InputError: pydicom is not installed.
+    """
+    import_reader("pydicom", file)
+    try:
+        header, pixels, cut = _parsed(file)
+        with decoding(file):
+            for keyword in TAGS:
+                header.get(keyword)  # values are decoded when asked for
+            n_images(header)  # so that a count that is none is met here
+        check_budget(file.stat().st_size, quoted(file))
+        fault = None if pixels else _without_pixels(file, _class_name(header), cut)
+        return Examined(header if fault is None else None, _series(header), _class_name(header), fault)
+    except QuadriformError as error:
+        return _of_damaged(file, error)
+
+
+def _of_damaged(file: Path, fault: QuadriformError) -> Examined:
+    """What a damaged file says of itself before the damage."""
+    try:
+        header, *_ = _parsed(file, SERIES_TAG)
+    except QuadriformError:
+        return Examined(None, None, "", fault)
+    return Examined(None, _series(header), _class_name(header), fault)
+
+
+def _parsed(file: Path, last: int | None = None) -> "tuple[Dataset, bool, bool]":
+    """The header to the tag `last`, whether there are pixels behind it, and whether the file ends within an element."""
+    from pydicom.filereader import read_partial
+    from pydicom.tag import Tag
+
+    size = check_readable(file)
+    if not is_dicom(file):
+        raise FileFormatError(f"{quoted(file)}: not a DICOM file; it begins with {beginning(file)[:8]!r}")
+    with file.open("rb") as stream, decoding(file):
+        seen = _Watch(stream, size, last)
+        header = read_partial(stream, seen, force=True, specific_tags=[Tag(keyword) for keyword in TAGS])
+    if seen.cut_in is not None and seen.cut_in in header:
+        del header[seen.cut_in]  # half a value is none
+    return header, seen.pixels, seen.cut_in is not None
+
+
+class _Watch:
+    """Told of each element while a header is read; stops at the pixels, or behind the tag `last`."""
+
+    def __init__(self, stream: IO[bytes], size: int, last: int | None) -> None:
+        self.stream, self.size, self.last = stream, size, last
+        self.pixels = False
+        self.cut_in: int | None = None
+
+    def __call__(self, tag: int, vr: str | None, length: int) -> bool:
+        self.pixels |= tag in PIXELS
+        at = self.stream.tell()
+        if not self.pixels and length != UNDEFINED and at < self.size < at + length:  # at the end: it was unpacked
+            self.cut_in = tag
+        return self.pixels or (self.last is not None and tag > self.last)
+
+
+def _without_pixels(file: Path, kind: str, cut: bool) -> QuadriformError:
+    if cut:
+        return FileFormatError(f"{quoted(file)}: cut short: it ends within its header; fetch the file again")
+    if not kind:
+        return FileFormatError(f"{quoted(file)}: neither pixels nor a SOP class; is it DICOM, and whole?")
+    if _has_images(kind):
+        return FileFormatError(
+            f"{quoted(file)}: {kind} without pixels: cut short before them, or written without; fetch the file again"
+        )
+    return InputError(
+        f"{quoted(file)}: a DICOM object of the class {kind!r}, which holds no images{HINTS.get(kind, '')}"
+    )
+
+
+def _has_images(kind: str) -> bool:
+    return not kind or kind.endswith(IMAGES) or any(word in kind for word in IMAGES)
+
+
+def _class_name(header: "Dataset") -> str:
+    from pydicom.uid import UID
+
+    meta = getattr(header, "file_meta", None) or {}
+    try:
+        uid = header.get("SOPClassUID") or meta.get("MediaStorageSOPClassUID")
+        return UID(str(uid)).name if uid else ""
+    except Exception:  # a damaged value can raise anything in the decoder
+        return ""
+
+
+def _series(header: "Dataset") -> str | None:
+    try:
+        uid = header.get("SeriesInstanceUID")
+    except Exception:  # a damaged value can raise anything in the decoder
+        return None
+    return None if uid is None else str(uid)
+
+
+@contextmanager
+def decoding(file: Path) -> Iterator[None]:
+    """One error for whatever a decoder meets in a damaged file.
+
+    Its warnings are about values that break rules of DICOM; those that matter to the image are checked here.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    except QuadriformError:
+        raise
+    except Exception as error:  # a damaged header can raise anything in the decoder
+        said = " ".join(str(error).split())
+        raise FileFormatError(f"{quoted(file)}: cannot be decoded; is it DICOM, and whole? {said}") from error

@@ -1,0 +1,72 @@
+"""The format of an image file by its content; by its name only where the content says nothing."""
+
+import re
+import zlib
+from pathlib import Path
+from typing import Literal
+
+from quadriform.imaging.dicom_files import DICOM_SUFFIXES, PREAMBLE, is_dicom
+
+Format = Literal["nifti", "simpleitk", "dicom"]
+
+NIFTI_SUFFIXES = (".nii", ".nii.gz", ".hdr", ".img", ".hdr.gz", ".img.gz")
+TEXT_SUFFIXES = (".nrrd", ".nhdr", ".mha", ".mhd")
+SUFFIXES: dict[str, Format] = {
+    **dict.fromkeys(NIFTI_SUFFIXES, "nifti"),
+    **dict.fromkeys(TEXT_SUFFIXES, "simpleitk"),
+    **dict.fromkeys(DICOM_SUFFIXES, "dicom"),
+}
+HEADER_SIZES = (348, 540)
+"""Of NIfTI-1 and Analyze, and of NIfTI-2: the first four bytes of a file."""
+META_FIRST = re.compile(rb"\s*(ObjectType|NDims|Comment|ObjectSubType)\s*=")
+BLOCK = 4096
+WITH_GZIP = 31
+"""Window of 32 kB, and a gzip header."""
+
+
+def image_format(path: Path) -> Format | None:
+    """The format of an image, or None for what is no image; a folder is DICOM when a file in it is.
+
+    Args:
+        path: of a file or folder.
+    """
+    if path.is_dir():
+        return "dicom" if any(_in_series(file) for file in path.iterdir()) else None
+    return _by_content(path) or _by_name(path)
+
+
+def is_pair(path: Path) -> bool:
+    """Whether a name is that of an image in two files, .hdr and .img."""
+    return path.name.lower().removesuffix(".gz").endswith((".hdr", ".img"))
+
+
+def _in_series(file: Path) -> bool:
+    return (
+        file.is_file() and not file.name.startswith(".") and (file.suffix.lower() in DICOM_SUFFIXES or is_dicom(file))
+    )
+
+
+def _by_content(path: Path) -> Format | None:
+    start = _start(path)
+    if any(start[:4] == size.to_bytes(4, order) for size in HEADER_SIZES for order in ("little", "big")):
+        return "nifti"
+    if start.startswith(b"NRRD000") or META_FIRST.match(start):
+        return "simpleitk"
+    return "dicom" if len(start) > PREAMBLE and is_dicom(path) else None
+
+
+def _by_name(path: Path) -> Format | None:
+    name = path.name.lower()
+    return next((kind for suffix, kind in SUFFIXES.items() if name.endswith(suffix)), None)
+
+
+def _start(path: Path) -> bytes:
+    """The first bytes of a regular file, unpacked where it is packed by gzip."""
+    if not path.is_file():
+        return b""
+    try:
+        with path.open("rb") as stream:
+            start = stream.read(BLOCK)
+        return zlib.decompressobj(WITH_GZIP).decompress(start, BLOCK) if start.startswith(b"\x1f\x8b") else start
+    except (OSError, zlib.error):
+        return b""

@@ -1,0 +1,186 @@
+"""Which of the transforms in a NIfTI header leads to the world: sform, qform, or the sizes of voxels alone.
+
+A header states the sizes of voxels twice: in `pixdim`, from which the qform takes them, and in the sform. Where the
+two transforms disagree:
+
+- in sizes: the qform is used, for `pixdim` supports it, with a warning that names both;
+- in position or direction alone: the sform is used, as other readers do, with a warning that names both;
+- in handedness, or by a shear of the sform: refused, for nothing in the header decides; the caller chooses.
+
+A sform alone whose sizes are not those of `pixdim` is refused too.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from quadriform.errors import AffineError, OptionError, WarningKind, Warnings, choose
+from quadriform.imaging.volume import affine_fault
+from quadriform.points import Array
+
+if TYPE_CHECKING:
+    from nibabel.nifti1 import Nifti1Header
+
+AFFINES = ("sform", "qform", "pixdim")
+"""What can be asked for; the last has sizes, and no position or direction in a known frame."""
+KNOWN_CODES = 5
+"""What the format knows to say of a form: 0 for none, up to "another template"."""
+SAME_FORM = 0.01
+"""Two forms agree when no corner of the image moves by more than this share of the smallest spacing."""
+SAME_SIZE = 0.01
+"""Sizes of voxels agree to this share; headers round."""
+
+
+@dataclass(frozen=True)
+class Forms:
+    """The transforms of a header.
+
+    Attributes:
+        stored: from the name to the transform (4, 4), RAS from voxels; NaN where it cannot be computed.
+        codes: of sform and qform; 0 for one that is not given.
+        sizes: (3,) `pixdim`.
+        shape: voxels along i, j, k.
+        path: for messages.
+    """
+
+    stored: dict[str, Array]
+    codes: dict[str, int]
+    sizes: Array
+    shape: tuple[int, ...]
+    path: Path
+
+    @property
+    def given(self) -> list[str]:
+        """The forms with a code above 0."""
+        return [name for name, code in self.codes.items() if code > 0]
+
+    def described(self) -> str:
+        """All forms, for a message."""
+        return "; ".join(f"{name} (code {code}) {self.stored[name].tolist()}" for name, code in self.codes.items())
+
+    def refuse(self, fault: str) -> AffineError:
+        """The error that names what is there, and the option that chooses."""
+        usable = [name for name in (*self.given, "pixdim") if not affine_fault(self.stored[name])]
+        choice = " or ".join(f"--affine {name} (affine={name!r})" for name in usable)
+        advice = f"choose by {choice}" if usable else "repair the header, or build a Volume with your own transform"
+        return AffineError(f"{str(self.path)!r}: {fault}; {self.described()}; pixdim {_words(self.sizes)}; {advice}")
+
+
+def read_forms(header: "Nifti1Header", shape: tuple[int, ...], path: Path) -> Forms:
+    """The transforms of a header as they are stored.
+
+    Raises:
+        AffineError: codes that the format does not know.
+    """
+    sizes = np.array(header["pixdim"][1:4], dtype=np.float64)
+    stored = {"sform": header.get_sform(), "qform": _qform(header), "pixdim": np.diag([*sizes, 1.0])}
+    codes = {name: int(header[f"{name}_code"]) for name in ("sform", "qform")}
+    if not all(0 <= code <= KNOWN_CODES for code in codes.values()):
+        raise AffineError(f"{str(path)!r}: form codes {codes}; expected 0 to {KNOWN_CODES}: the header is damaged")
+    return Forms(stored, codes, sizes, shape[:3], path)
+
+
+def choose_form(forms: Forms, asked: str | None) -> tuple[str, Warnings]:
+    """The name of the transform to use, and AFFINE_REPAIRED where two of them disagree.
+
+    Args:
+        forms: of the header.
+        asked: one of AFFINES, or None to decide by the rules of this module.
+
+    Raises:
+        AffineError: none can be used, or they disagree and nothing decides.
+        OptionError: `asked` is unknown, or the header has no such transform.
+    """
+    if asked is not None:
+        return _asked(forms, choose(asked, AFFINES, "affine")), {}
+    if not forms.given:
+        raise forms.refuse("no usable transform to the world: no form has a code above 0")
+    first = forms.given[0]
+    if fault := affine_fault(forms.stored[first]):
+        raise forms.refuse(f"no usable transform to the world ({first}: {fault})")
+    if first == "qform":
+        return first, {}
+    fault = affine_fault(forms.stored["qform"])
+    if "qform" not in forms.given or fault:
+        if not _same_sizes(forms):
+            raise forms.refuse(f"the sform has voxels of {_words(_lengths(forms.stored['sform']))}, pixdim has others")
+        said = f"the qform is unusable ({fault}); the sform is used"
+        return first, {WarningKind.AFFINE_REPAIRED: said} if "qform" in forms.given else {}
+    return _of_two(forms)
+
+
+def _asked(forms: Forms, name: str) -> str:
+    if name in forms.codes and name not in forms.given:
+        raise OptionError(f"option affine={name!r}: {str(forms.path)!r} has no {name} (code 0); {forms.described()}")
+    if fault := affine_fault(forms.stored[name]) or ("" if (forms.sizes > 0).all() else "pixdim has no sizes"):
+        raise AffineError(f"{str(forms.path)!r}: affine={name!r} cannot be used: {fault}; {forms.described()}")
+    return name
+
+
+def _of_two(forms: Forms) -> tuple[str, Warnings]:
+    """sform or qform, both given and usable."""
+    sform, qform = forms.stored["sform"], forms.stored["qform"]
+    apart = _apart(forms)
+    if apart <= SAME_FORM * _lengths(sform).min():
+        return "sform", {}
+    volumes = np.linalg.det(sform[:3, :3]), np.linalg.det(qform[:3, :3])
+    if volumes[0] * volumes[1] < 0:
+        raise forms.refuse("sform and qform are mirror images of each other: left and right are exchanged in one")
+    both = (
+        f"sform (code {forms.codes['sform']}, voxels of {_words(_lengths(sform))}) and qform (code "
+        f"{forms.codes['qform']}, {_words(_lengths(qform))}) disagree: they put a corner of the image {apart:.4g} (in "
+        f"the file's unit) apart and differ by {_degrees(sform, qform):.3g} degrees"
+    )
+    if not _same_sizes(forms):
+        return "qform", {
+            WarningKind.AFFINE_REPAIRED: f"{both}; pixdim {_words(forms.sizes)} supports the qform, which is used; "
+            "--affine sform (affine='sform') takes the other"
+        }
+    if abs(volumes[0] / volumes[1] - 1) > SAME_SIZE:
+        raise forms.refuse(f"{both}, and the sform is sheared")
+    return "sform", {
+        WarningKind.AFFINE_REPAIRED: f"{both}; voxels are equal in size, and the sform is used, as other readers do; "
+        "--affine qform (affine='qform') takes the other"
+    }
+
+
+def _same_sizes(forms: Forms) -> bool:
+    """Whether the sform's voxels are those of `pixdim`; a `pixdim` without sizes contradicts nothing."""
+    sizes = forms.sizes
+    if not (np.isfinite(sizes).all() and (sizes > 0).all()):
+        return True
+    return bool((np.abs(_lengths(forms.stored["sform"]) / sizes - 1) <= SAME_SIZE).all())
+
+
+def _apart(forms: Forms) -> float:
+    """How far apart sform and qform put the corners of the image, at most."""
+    corners = np.array([(*corner, 1) for corner in np.ndindex(2, 2, 2)]) * (*np.array(forms.shape) - 1, 1)
+    return float(np.linalg.norm(corners @ (forms.stored["sform"] - forms.stored["qform"]).T, axis=1).max())
+
+
+def _degrees(one: Array, other: Array) -> float:
+    cosines = (one[:3, :3] * other[:3, :3]).sum(axis=0) / (_lengths(one) * _lengths(other))
+    return float(np.degrees(np.arccos(np.clip(cosines, -1, 1))).max())
+
+
+def _lengths(form: Array) -> Array:
+    return np.linalg.norm(form[:3, :3], axis=0)
+
+
+def _words(sizes: Array) -> str:
+    return " x ".join(f"{size:.4g}" for size in sizes)
+
+
+def _qform(header: "Nifti1Header") -> Array:
+    """The qform as stored, NaN where it cannot be computed."""
+    from nibabel.spatialimages import HeaderDataError
+
+    header = header.copy()
+    if header["pixdim"][0] == 0:
+        header["pixdim"][0] = 1  # the format says so
+    try:
+        return header.get_qform()
+    except (HeaderDataError, ValueError):
+        return np.full((4, 4), np.nan)

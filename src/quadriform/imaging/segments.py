@@ -1,0 +1,111 @@
+"""Named segments of a label image, also where they overlap: one voxel value for each combination of segments."""
+
+import re
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadriform.errors import OptionError
+
+SEPARATORS = re.compile(r"[,+]")
+LISTED = 12
+"""So many segments or labels are listed in a message, the largest first."""
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A part of an image that its file names.
+
+    Attributes:
+        name: in the file's words.
+        number: in the file's count.
+        values: the voxel values that mean it; several where it overlaps others.
+    """
+
+    name: str
+    number: int
+    values: tuple[int, ...]
+
+
+@dataclass
+class SegmentMap:
+    """A label image in the making: segments are added one after the other and may overlap.
+
+    Attributes:
+        values: (i, j, k), 0 where there is no segment.
+        segments: so far.
+    """
+
+    values: NDArray[np.int32]
+    segments: list[Segment] = field(default_factory=list)
+
+    def add(self, name: str, number: int, mask: NDArray[Any]) -> None:
+        """One more segment.
+
+        Args:
+            name: in the file's words.
+            number: in the file's count; its voxel value where no other segment has it.
+            mask: (i, j, k) bool, where it is.
+        """
+        used = {value for segment in self.segments for value in segment.values}
+        own: list[int] = []
+        for old in np.unique(self.values[mask]).tolist():
+            free = number if old == 0 and number > 0 and number not in used else max(used | {0}) + 1
+            inside = bool(old) and not (~mask & (self.values == old)).any()
+            new = old if inside else free
+            used.add(new)
+            own.append(new)
+            self.values[mask & (self.values == old)] = new
+            if old not in (0, new):
+                self._share(old, new)
+        self.segments.append(Segment(name, number, tuple(own)))
+
+    def _share(self, old: int, new: int) -> None:
+        """Voxels of `old` that have the value `new` now stay in the segments of `old`."""
+        self.segments = [
+            replace(segment, values=(*segment.values, new)) if old in segment.values else segment
+            for segment in self.segments
+        ]
+
+
+def values_of(segments: tuple[Segment, ...], label: int | str) -> tuple[int, ...]:
+    """The voxel values of a segment by number or name, or of several by names with `,` or `+` between.
+
+    Args:
+        segments: that the image names; without any, a number is the voxel value itself.
+        label: number, name, or names.
+
+    Raises:
+        OptionError: no segment or several are called so.
+    """
+    if isinstance(label, str):
+        return _by_name(segments, label)
+    found = [segment for segment in segments if segment.number == label]
+    if len(found) > 1:
+        raise OptionError(f"option label={label}: {len(found)} segments have this number; {listed(segments)}")
+    return found[0].values if found else (label,)
+
+
+def listed(segments: tuple[Segment, ...]) -> str:
+    """The segments of an image as a message names them."""
+    if not segments:
+        return "the image names no segments; give the value of a label"
+    shown = ", ".join(f"{segment.number} {segment.name!r}" for segment in segments[:LISTED])
+    more = f" and {len(segments) - LISTED} more" if len(segments) > LISTED else ""
+    return f"the image has the segments {shown}{more}"
+
+
+def _by_name(segments: tuple[Segment, ...], name: str) -> tuple[int, ...]:
+    wanted = name.strip()
+    found = [segment for segment in segments if segment.name == wanted]
+    found = found or [segment for segment in segments if segment.name.lower() == wanted.lower()]
+    if len(found) == 1:
+        return found[0].values
+    words = [word.strip() for word in SEPARATORS.split(wanted)]
+    if found or len(words) == 1:
+        fault = f"{len(found)} segments have this name; choose by number" if found else "there is no such segment"
+        raise OptionError(f"option label={wanted!r}: {fault}; {listed(segments)}")
+    parts = (values_of(segments, int(word) if word.isdecimal() else word) for word in words)
+    return tuple(dict.fromkeys(value for part in parts for value in part))
