@@ -4,7 +4,7 @@ BIN := .venv/bin
 READY := .venv/ready
 BENCH := .venv-bench
 
-.PHONY: demo test check bench fuzz mutants kill large coverage docs docs-figures clean
+.PHONY: demo test check bench foreign fuzz mutants kill large coverage docs docs-figures clean
 
 demo: $(READY)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/quadriform demo -o out/demo --force
@@ -34,6 +34,10 @@ $(BENCH)/ready: pyproject.toml constraints.txt CMakeLists.txt $(wildcard src/qua
 # 100,000 damaged files over all readers; a smaller part of it is among the tests.
 fuzz: $(READY)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTHONPATH=tests $(BIN)/python tests/robustness/fuzzing.py
+
+# Files of other people, in the wheels of nibabel, pydicom and scikit-image; a few of them are among the tests.
+foreign: $(READY)
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTHONPATH=tests $(BIN)/python tests/robustness/foreign_files.py
 
 # Fifty whole fits stopped at random instants; a smaller part of it is among the tests.
 kill: $(READY)

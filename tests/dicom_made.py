@@ -52,6 +52,17 @@ def write_nuclear(path, values, position, step, slices, slots, frame_ms=None, **
     _finish(header, path, tags)
 
 
+def write_object(path, uid, series="1.2.9"):
+    """An object of some class, without pixels."""
+    header = Dataset()
+    header.file_meta = FileMetaDataset()
+    header.file_meta.TransferSyntaxUID, header.file_meta.MediaStorageSOPClassUID = ExplicitVRLittleEndian, uid
+    header.PatientName, header.PatientID = NAME, NAME
+    header.SOPClassUID, header.SOPInstanceUID = uid, generate_uid(entropy_srcs=["b"])
+    header.SeriesInstanceUID = series
+    header.save_as(path, enforce_file_format=True)
+
+
 def write_segmentation(path, masks, origin, spacing, gap, kind="BINARY", shift=None, numbers=None):
     """Masks (columns, rows, slices) by name as segments; slices without a voxel are not stored, as most writers do.
 

@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pydicom
 import pytest
-from dicom_made import NAME, write_enhanced, write_nuclear, write_slice
+from dicom_made import NAME, write_enhanced, write_nuclear, write_object, write_slice
 from numpy.testing import assert_allclose, assert_array_equal
 from pydicom.uid import RLELossless
 from scipy.spatial import cKDTree
@@ -266,6 +266,58 @@ class TestSeveralSeries:
 
     def test_a_folder_without_any(self, folder):
         refused(folder, InputError, "no DICOM images")
+
+
+class TestObjectsWithoutImages:
+    CLASSES = (
+        ("1.2.840.10008.5.1.4.1.1.481.3", "RT Structure Set Storage"),
+        ("1.2.840.10008.5.1.4.1.1.481.5", "RT Plan Storage"),
+        ("1.2.840.10008.5.1.4.1.1.88.11", "Basic Text SR Storage"),
+        ("1.2.840.10008.5.1.4.1.1.88.33", "Comprehensive SR Storage"),
+        ("1.2.840.10008.5.1.4.1.1.9.1.1", "12-lead ECG Waveform Storage"),
+        ("1.2.840.10008.5.1.4.1.1.11.1", "Grayscale Softcopy Presentation State Storage"),
+        ("1.2.840.10008.5.1.4.1.1.104.1", "Encapsulated PDF Storage"),
+        ("1.2.840.10008.5.1.4.1.1.66.1", "Spatial Registration Storage"),
+        ("1.2.840.10008.1.3.10", "Media Storage Directory Storage"),
+        ("1.2.3.4.5.6", "1.2.3.4.5.6"),
+    )
+
+    @pytest.mark.parametrize("uid, name", CLASSES)
+    def test_are_refused_by_the_name_of_their_class(self, folder, values, uid, name):
+        write_object(folder / "object.dcm", uid)
+        for path in (folder, folder / "object.dcm"):
+            refused(path, InputError, name)
+
+    def test_do_not_make_images_beside_them_fail(self, folder, values):
+        """Of the same series or another, as scanners put them."""
+        still(folder, values)
+        for number, (uid, _) in enumerate(self.CLASSES):
+            write_object(folder / f"object{number}", uid, series="1.2.3" if number % 2 else "9.9")
+        for path in (folder, folder / "I97.dcm"):
+            found = read_dicom(path)
+            assert_array_equal(found.values, values[..., 0])
+            assert found.warnings == {}
+
+    def test_an_image_without_pixels_is_one_and_cut_short(self, folder, values):
+        write_object(folder / "ct.dcm", "1.2.840.10008.5.1.4.1.1.2")
+        refused(folder / "ct.dcm", FileFormatError, "CT Image Storage without pixels")
+
+    def test_a_series_whose_files_cannot_be_read_is_not_the_neighbours_fault(self, folder, values):
+        write_object(still(folder, values) / "ct.dcm", "1.2.840.10008.5.1.4.1.1.2", series="7.7")
+        assert_array_equal(read_dicom(folder / "I97.dcm").values, values[..., 0])
+        refused(folder, InputError, "2 series", "7.7 (1 files, none of which can be read)")
+
+    @pytest.mark.parametrize("syntax", ["1.2.840.10008.1.2", "1.2.840.10008.1.2.1", "1.2.840.10008.1.2.2"])
+    def test_a_file_without_the_letters_dicm_is_told_by_its_elements(self, folder, values, syntax):
+        for file in list(still(folder, values).iterdir()):
+            content = pydicom.dcmread(file)
+            little, implicit = not syntax.endswith(".2.2"), syntax.endswith("1.2") and len(syntax) == 17
+            content.PixelData = content.pixel_array.astype("<i2" if little else ">i2").tobytes()
+            content.file_meta = pydicom.dataset.FileMetaDataset()
+            bare = pydicom.Dataset(content)
+            file.unlink()
+            bare.save_as(file.with_suffix(""), implicit_vr=implicit, little_endian=little)
+        assert_array_equal(read_volume(folder).values, values[..., 0])
 
 
 class TestDamage:

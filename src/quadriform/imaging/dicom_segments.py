@@ -68,12 +68,10 @@ def _frames(
         return result
     full = float(header.get("MaximumFractionalValue") or 1) if header.get("SegmentationType") == "FRACTIONAL" else 1.0
     for index, image in enumerate(pixels):
-        number = _number(header, index)
-        if number not in result:
-            raise FileFormatError(
-                f"{quoted(file)}: frame {index} is of segment {number}; expected one of {list(names)}"
-            )
-        result[number][index] = image > HALF * full
+        of = _number(header, index)
+        if of is None or of not in result:
+            raise FileFormatError(f"{quoted(file)}: frame {index} is of segment {of}; expected one of {list(names)}")
+        result[of][index] = image > HALF * full
     return result
 
 
