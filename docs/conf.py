@@ -1,12 +1,17 @@
 """How the site is made: `make docs`, or sphinx-build -W --keep-going -b html docs out/docs. It needs no network."""
 
 import json
+import sys
+from pathlib import Path
 from typing import Any
 
 from myst_parser.parsers.sphinx_ import MystParser
 from sphinx.application import Sphinx
 
 import quadriform
+
+sys.path.insert(0, str(Path(__file__).parent))
+from equation_lines import with_lines
 
 project = "quadriform"
 author = "The quadriform developers"
@@ -43,7 +48,13 @@ def _markdown(kind: str, text: str) -> str:
     return text if kind == "markdown" else f"```ipython\n{text}\n```"
 
 
+def _lines(app: Sphinx, page: str, source: list[str]) -> None:
+    if page == "equations":
+        source[0] = with_lines(source[0])
+
+
 def setup(app: Sphinx) -> None:
-    """Let pages be notebooks."""
+    """Let pages be notebooks, and put file and line into the table of equations."""
+    app.connect("source-read", _lines)
     app.add_source_suffix(".ipynb", "ipynb")
     app.add_source_parser(Notebook)

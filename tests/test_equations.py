@@ -1,89 +1,68 @@
 """docs/equations.md is true in both directions: markers in the source against rows of the table."""
 
 import ast
-import io
+import importlib.util
 import re
-import tokenize
-from functools import cache
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-MARKER = re.compile(r"#\s*P\d+\b")
-SECTIONS = {"2.2", "2.4", "3.2.2", "3.3", "3.4.2"}
+PAGE = (ROOT / "docs" / "equations.md").read_text(encoding="utf-8")
+SECTIONS = {"2", "2.2", "2.4", "3.2.1", "3.2.2", "3.2.3", "3.3", "3.4.2", "5", "A.1", "A.3"}
+
+spec = importlib.util.spec_from_file_location("equation_lines", ROOT / "docs" / "equation_lines.py")
+lines = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(lines)
+PLACES = lines.places()
 
 
 def rows():
     """(paper, module:function, test) of each row."""
-    lines = (ROOT / "docs" / "equations.md").read_text(encoding="utf-8").splitlines()
-    cells = [[cell.strip(" `") for cell in line.strip("| ").split(" | ")] for line in lines if line.startswith("|")]
+    table = [line for line in PAGE.splitlines() if line.startswith("|")]
+    cells = [[cell.strip(" `") for cell in line.strip("| ").split(" | ")] for line in table]
     return [(paper, where, test) for paper, _, where, test in cells[2:]]
 
 
-def functions(tree):
-    """Qualified name and node of each function and method; what is nested in a function belongs to it."""
-    for node in tree.body:
-        if isinstance(node, ast.FunctionDef):
-            yield node.name, node
-        elif isinstance(node, ast.ClassDef):
-            yield from (
-                (f"{node.name}.{method.name}", method) for method in node.body if isinstance(method, ast.FunctionDef)
-            )
-
-
-def markers_of(path):
-    """(equation, function) of each marker comment of a source file."""
-    text = path.read_text(encoding="utf-8")
-    spans = [(node.lineno, node.end_lineno, name) for name, node in functions(ast.parse(text))]
-    for token in tokenize.generate_tokens(io.StringIO(text).readline):
-        if token.type == tokenize.COMMENT and MARKER.match(token.string):
-            holders = [name for first, last, name in spans if first <= token.start[0] <= last]
-            assert holders, f"{path}:{token.start[0]}: a marker outside any function"
-            yield from ((equation, holders[0]) for equation in re.findall(r"\bP\d+\b", token.string))
-
-
-@cache
-def all_markers():
-    """Every (equation, module:function) that the source claims."""
-    found = set()
-    for path in sorted((ROOT / "src").rglob("*.py")):
-        module = ".".join(path.relative_to(ROOT / "src").with_suffix("").parts)
-        found |= {(equation, f"{module}:{name}") for equation, name in markers_of(path)}
-    return found
+def names(path):
+    """The functions and methods of a file."""
+    return dict(lines.functions(ast.parse(path.read_text(encoding="utf-8"))))
 
 
 def test_every_marker_has_its_row():
-    assert all_markers() - {(paper, where) for paper, where, _ in rows()} == set()
+    assert set(PLACES) - {(paper, where) for paper, where, _ in rows()} == set()
 
 
 @pytest.mark.parametrize(("paper", "where", "test"), rows(), ids=[f"{r[0]}-{r[1].split(':')[1]}" for r in rows()])
 def test_every_row_is_true(paper, where, test):
+    """The marker is in the function, at the file and line that the site shows, and the test is there."""
+    file, _, line = PLACES[paper, where].rpartition(":")
     module, name = where.split(":")
-    path = ROOT / "src" / (module.replace(".", "/") + ".py")
-    assert name in dict(functions(ast.parse(path.read_text(encoding="utf-8"))))
-    if paper.startswith("P"):
-        assert (paper, where) in all_markers()
-    else:
-        assert re.search(rf"(?<![\d.]){re.escape(paper)}(?![\d.]*\d)", path.read_text(encoding="utf-8")), (
-            f"{module} names no section {paper}"
-        )
+    assert file == f"src/{module.replace('.', '/')}.py"
+    function = names(ROOT / file)[name]
+    assert function.lineno < int(line) <= function.end_lineno
+    shown = (ROOT / file).read_text(encoding="utf-8").splitlines()[int(line) - 1]
+    assert re.search(rf"#.*\b{re.escape(paper)}(?![\d.]*\d)", shown)
     test_file, test_name = test.split("::")
     assert test_name.startswith("test_")
-    assert test_name in dict(functions(ast.parse((ROOT / test_file).read_text(encoding="utf-8"))))
+    assert test_name in names(ROOT / test_file)
 
 
-NAMED = sorted(
-    set(re.findall(r"`quadriform\.([a-z_.]+):([\w.]+)`", (ROOT / "docs" / "equations.md").read_text(encoding="utf-8")))
-)
+def test_the_site_shows_file_and_line_in_every_row():
+    shown = [line for line in lines.with_lines(PAGE).splitlines() if line.startswith(("| P", "| section"))]
+    assert len(shown) == len(rows()) > 40
+    for line, (paper, where, _) in zip(shown, rows()):
+        assert f"`{where}` ({PLACES[paper, where]})" in line
+
+
+NAMED = sorted(set(re.findall(r"`quadriform\.([a-z_.]+):([\w.]+)`", PAGE)))
 
 
 @pytest.mark.parametrize(("module", "name"), NAMED)
 def test_every_named_function_is_there(module, name):
     """Also those of the default method, which no equation of the paper stands for."""
-    path = ROOT / "src" / "quadriform" / (module.replace(".", "/") + ".py")
-    assert name in dict(functions(ast.parse(path.read_text(encoding="utf-8"))))
+    assert name in names(ROOT / "src" / "quadriform" / (module.replace(".", "/") + ".py"))
 
 
 def test_every_equation_of_the_paper_has_a_row():
-    assert {paper for paper, _, _ in rows()} == {f"P{n}" for n in range(1, 20)} | SECTIONS
+    assert {paper for paper, _, _ in rows()} == {f"P{n}" for n in range(1, 20)} | {f"section {n}" for n in SECTIONS}

@@ -93,6 +93,8 @@ def test_the_variant_on_position_moves_without_displacement_and_the_paper_readin
     b, rest, wanted = system()
     still = np.zeros_like(wanted)
     np.testing.assert_array_equal(svd_step(b, 12)[0](still, rest, rest), 0 * rest)
+    moved = rest + svd_position_step(b, 12)[0](wanted, rest, rest)
+    np.testing.assert_allclose(moved, truncated_svd(b, 12)[0] @ (b @ rest + wanted), atol=1e-12)
     assert np.abs(svd_position_step(b, 12)[0](still, rest, rest)).max() > 0.1
 
 

@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
-from shapes_made import even_directions, gap, made, single
+from shapes_made import KINDS, angles, even_directions, gap, lumpy, made, single
 
 from quadriform import fit_superquadric
 from quadriform.errors import DegenerateError, OptionError
+from quadriform.fitting import superquadric_fit
+from quadriform.fitting.residuals import Candidates, distances
 from quadriform.fitting.superquadric_fit import _Unbounded
 from quadriform.shapes.control_box import ControlBox
 
@@ -111,3 +113,44 @@ def test_one_point_fewer_than_parameters_is_refused(kind, count):
 def test_unknown_names_are_refused(options):
     with pytest.raises(OptionError, match="expected one of"):
         fit_superquadric(made().grid(4)[0], **options)
+
+
+def test_the_steps_are_conjugate_gradients_of_p3(monkeypatch):
+    """2.3: explicit derivatives of the mean of (1 - F)^2; steps along Polak and Ribiere's conjugate directions."""
+    cloud = 20 * lumpy(300) + 5
+    seen = {}
+    library = superquadric_fit.minimize
+
+    def watched(criterion, first, callback, **how):
+        seen.update(criterion=criterion, at=[first.copy()])
+
+        def each(intermediate_result):
+            seen["at"].append(intermediate_result.x.copy())
+            callback(intermediate_result)
+
+        return library(criterion, first, callback=each, **how)
+
+    monkeypatch.setattr(superquadric_fit, "minimize", watched)
+    found = fit_superquadric(cloud, method="paper")
+    criterion, at = seen["criterion"], seen["at"]
+    assert found.history[-1] == pytest.approx(((1 - found.superquadric.implicit(cloud)) ** 2).mean(), rel=1e-9)
+    for x in at[:3]:
+        slope = [(criterion(x + h)[0] - criterion(x - h)[0]) / 2e-6 for h in 1e-6 * np.eye(len(x))]
+        np.testing.assert_allclose(criterion(x)[1], slope, rtol=1e-5, atol=1e-7 * np.abs(slope).max())
+    gradient = [criterion(x)[1] for x in at]
+    direction = -gradient[0]
+    for k in range(1, 5):
+        step = at[k] - at[k - 1]
+        assert step @ direction > (1 - 1e-9) * np.linalg.norm(step) * np.linalg.norm(direction)
+        change = gradient[k] - gradient[k - 1]
+        beta = max(0.0, float(gradient[k] @ change / (gradient[k - 1] @ gradient[k - 1])))
+        direction = -gradient[k] + beta * direction
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_residuals_of_the_robust_fit_are_p4(kind, rng):
+    s = made(kind)
+    points = s.natural(angles(kind, 50)) + rng.normal(0, 0.1, (50, 3))
+    found = distances(Candidates.of([s]), points)[0][0]
+    np.testing.assert_allclose(np.abs(found), s.first_order_distance(points), rtol=1e-6, atol=1e-9)
+    np.testing.assert_array_equal(found > 0, s.implicit(points) > 1)

@@ -12,7 +12,7 @@ DEGREES = [1, 2, 4, 7]
 
 
 @pytest.mark.parametrize("degree", [0, *DEGREES])
-def test_basis_is_p19_and_sums_to_one(degree, rng):
+def test_basis_is_bernsteins_and_sums_to_one(degree, rng):
     s = rng.uniform(-0.3, 1.3, 40)  # also where the deformation is extrapolated
     found = bernstein.basis(s, degree)
     wanted = [[comb(degree, i) * (1 - x) ** (degree - i) * x**i for i in range(degree + 1)] for x in s]

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from shapes_made import KINDS, SKEW, angles, even_directions, made
 
 from quadriform.errors import OptionError, PointsError
+from quadriform.shapes.superellipse import norm, signed_power
 from quadriform.shapes.superquadric import Superquadric
 
 MANY_EXPONENTS = [(1.0, 1.0), (0.6, 1.4), (0.3, 0.3), (0.01, 0.01), (2.0, 2.0)]
@@ -39,6 +40,21 @@ def test_f_is_the_papers_p1(rng):
     e1, e2 = s.exponents
     p1 = ((x ** (2 / e2) + y ** (2 / e2)) ** (e2 / e1) + z ** (2 / e1)) ** (e1 / 2)
     np.testing.assert_allclose(s.implicit(points), p1, rtol=1e-12)
+
+
+@pytest.mark.parametrize("exponent", [0.1, 0.5, 1.0, 1.7, 2.0])
+def test_superellipse_is_p10(exponent):
+    """(x / a)^(2/e) + (y / b)^(2/e) = 1 has the norm 1, x = a cos^e, y = b sin^e; k times as far it is k."""
+    c, s = np.cos(np.linspace(0.05, 1.5, 20)), np.sin(np.linspace(0.05, 1.5, 20))
+    np.testing.assert_allclose(norm(c**exponent, s**exponent, exponent), 1, rtol=1e-12)
+    np.testing.assert_allclose(norm(-3 * c**exponent, 3 * s**exponent, exponent), 3, rtol=1e-12)
+    assert norm(np.ones(1), np.ones(1), exponent)[0] == pytest.approx(2 ** (exponent / 2), rel=1e-12)
+
+
+def test_powers_keep_their_sign():
+    """A.1: sign(u) |u|^e."""
+    u = np.array([-2.0, -0.5, 0.0, 0.25, 3.0])
+    np.testing.assert_allclose(signed_power(u, 0.7), np.sign(u) * np.abs(u) ** 0.7, rtol=1e-12)
 
 
 @given(
@@ -90,6 +106,10 @@ def test_regular_parametrisation_keeps_directions():
     rho = np.linalg.norm(scaled, axis=1, keepdims=True)
     np.testing.assert_allclose(scaled / rho, d, atol=1e-14)
     np.testing.assert_allclose(s.surface(7 * d), s.surface(d), atol=1e-13)
+    x, y, z = np.abs(d.T)
+    e1, e2 = s.exponents
+    expected = ((x ** (2 / e2) + y ** (2 / e2)) ** (e2 / e1) + z ** (2 / e1)) ** (-e1 / 2)
+    np.testing.assert_allclose(rho[:, 0], expected, rtol=1e-12)
 
 
 def test_radial_distance_is_section_2_4(rng):

@@ -16,7 +16,7 @@ def data_to_model(model_points: Array, data: Array, neighbours: int = NEIGHBOURS
     A model point chosen by several data points takes the mean of their displacements; one chosen by none takes the
     inverse-distance mean of its `neighbours` nearest chosen ones.
     """
-    chosen = cKDTree(model_points).query(data)[1]
+    chosen = cKDTree(model_points).query(data)[1]  # section 3.2.2
     counts = np.bincount(chosen, minlength=len(model_points))
     sums = np.stack([np.bincount(chosen, data[:, axis], len(model_points)) for axis in range(3)], axis=1)
     assigned = counts > 0

@@ -56,9 +56,9 @@ def two_step(
     for turn in range(options.iterations):
         surface = b @ control
         wanted = [match(part, clouds[name]) for name, part in zip(samples, np.split(surface, ends))]
-        displacement = np.concatenate(wanted)  # P6; the union over the surfaces, 3.4.2
+        displacement = np.concatenate(wanted)  # P6; the union of section 3.4.2
         step = solve(displacement, control, rest)  # P7
-        control = control + step
+        control = control + step  # section 3.3
         moved = b @ step
         history.append(
             Iteration(
@@ -71,7 +71,7 @@ def two_step(
         if progress is not None:
             progress(turn + 1, options.iterations)
         if options.tolerance is not None and history[-1].surface_motion < options.tolerance:
-            break
+            break  # section 3.3, the stop test
     return box.with_control_points(control), tuple(history), strength
 
 

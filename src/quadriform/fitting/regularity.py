@@ -115,7 +115,7 @@ def _asked(singular: Array, strength: float | None) -> int:
 def svd_step(b: Array, strength: float | None) -> tuple[Step, float]:
     """P7 solved for the step by SVD (paper 3.2.3): the smallest dP with B dP nearest to dX."""
     inverse, kept = truncated_svd(b, strength)
-    return lambda wanted, control, rest: inverse @ wanted, float(kept)  # P6, P7
+    return lambda wanted, control, rest: inverse @ wanted, float(kept)  # P6, P7; section 3.2.3
 
 
 def svd_position_step(b: Array, strength: float | None) -> tuple[Step, float]:

@@ -32,7 +32,7 @@ def ellipsoid_by_moments(points: Array) -> Superquadric:
     centre, axes, (l1, l2, l3) = principal_frame(points)
     squared = 1.5 * np.array([l2 + l3 - l1, l1 + l3 - l2, l1 + l2 - l3])  # P13, P14
     sizes = np.sqrt(np.maximum(squared, 1e-12 * squared.max()))
-    return Superquadric(semi_axes=sizes, rotation=axes, translation=centre)
+    return Superquadric(semi_axes=sizes, rotation=axes, translation=centre)  # section A.3
 
 
 def toroid_by_moments(points: Array) -> Superquadric:

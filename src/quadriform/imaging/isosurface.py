@@ -58,7 +58,7 @@ def isosurface(volume: Volume, level: float = 0.5, *, border: Border = "open") -
     floor = SHALLOWEST * np.abs(height).max()
     height = np.where(inside, np.maximum(height, floor), np.minimum(height, -floor))
     padding = 1 if border == "close" else 0
-    vertices, faces = _marching_cubes(_with_lid(height) if padding else height)
+    vertices, faces = _marching_cubes(_with_lid(height) if padding else height)  # section 5
     voxels = vertices - padding
     on_border: NDArray[np.bool_] = np.any((voxels < 0) | (voxels > np.array(inside.shape) - 1), axis=1)
     if np.linalg.det(volume.world_from_voxel[:3, :3]) < 0:

@@ -113,7 +113,7 @@ def segment(
     found, threshold = _select(inner, select)
     _check_selected(found, inner.values, threshold)
     kept, sizes, n_kept = _keep(found, component, connectivity, region)
-    kept = _close(kept, closing)
+    kept = _close(kept, closing)  # section 5
     holes = _holes(kept)
     if fill_holes:
         kept |= holes

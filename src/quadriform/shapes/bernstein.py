@@ -12,7 +12,7 @@ CHUNK = 2048
 
 
 def basis(s: Array, degree: int) -> Array:
-    """B_i(s) = C(l, i) (1 - s)^(l - i) s^i for i = 0 .. l, shape (n, l + 1)."""
+    """B_i(s) = C(l, i) (1 - s)^(l - i) s^i for i = 0 .. l, (n, l + 1): a factor of P18 and P19."""
     result, rest = np.ones((degree + 1, len(s))), 1 - s
     for k in range(degree):
         np.multiply(result[k], s, out=result[k + 1])
@@ -21,7 +21,7 @@ def basis(s: Array, degree: int) -> Array:
     for k in range(degree - 1, -1, -1):
         result[k] *= power
         power *= rest
-    return result.T  # P19
+    return result.T  # P18, P19
 
 
 @lru_cache(maxsize=32)  # asked for in every round of a fit

@@ -65,7 +65,7 @@ class ControlBox:
             superquadric: its pose gives the axes; kinds other than the ellipsoid take the box of their extent.
             shape: control points along each axis.
         """
-        half = superquadric.semi_axes
+        half = superquadric.semi_axes  # section 3.2.1
         if superquadric.kind != "ellipsoid":
             mesh = superquadric.mesh(16)
             half = np.abs(pose.to_local(mesh.vertices, superquadric.rotation, superquadric.translation)).max(axis=0)
@@ -113,14 +113,14 @@ class ControlBox:
         """
         given = check_points(points)
         result = np.empty_like(given)
-        _kernel.deform(self.compiled(), given, result, threads_for(len(given)))  # P18, P19
+        _kernel.deform(self.compiled(), given, result, threads_for(len(given)))  # P19
         return result
 
     def matrix(self, points: ArrayLike) -> Array:
         """Deformation matrix B, (n, (l+1)(m+1)(n+1)), with deformed points = B P; the last index runs fastest."""
         local = self.local(points)
         factors = [bernstein.basis(local[:, axis], degree) for axis, degree in enumerate(self.degrees)]
-        return bernstein.products(factors)  # P5
+        return bernstein.products(factors)  # P5, P18
 
     def jacobian(self, points: ArrayLike) -> Array:
         """d deformed / d point, (n, 3, 3), rows the deformed coordinates; the deformation gradient."""

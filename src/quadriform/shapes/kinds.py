@@ -100,7 +100,7 @@ class Ellipsoid:
 
     def project(self, q: Array, e: Array, hole: float) -> Array:
         """The regular parametrisation (2.2): rho q with rho = 1 / F(q), since F is of degree one."""
-        return q / self.implicit(q, e, hole)[:, None]
+        return q / self.implicit(q, e, hole)[:, None]  # section 2.2
 
     def grid(self, resolution: int, e: Array, hole: float, cut: float) -> tuple[Array, Faces]:
         """Directions of the blown-up cube."""
@@ -113,7 +113,7 @@ class Toroid:
 
     def implicit(self, q: Array, e: Array, hole: float) -> Array:
         """Barr's form, made of degree one in the distance to the core of the tube."""
-        return norm(norm(q[:, 0], q[:, 1], e[1]) - hole, q[:, 2], e[0])
+        return norm(norm(q[:, 0], q[:, 1], e[1]) - hole, q[:, 2], e[0])  # section 2
 
     def derivatives(self, q: Array, e: Array, hole: float) -> Derivatives:
         """The same differentiated."""
@@ -152,7 +152,7 @@ class OneSheet:
 
     def implicit(self, q: Array, e: Array, hole: float) -> Array:
         """Radius over the surface's radius at the same height."""
-        return norm(q[:, 0], q[:, 1], e[1]) / norm(np.ones(len(q)), q[:, 2], e[0])
+        return norm(q[:, 0], q[:, 1], e[1]) / norm(np.ones(len(q)), q[:, 2], e[0])  # section 2
 
     def derivatives(self, q: Array, e: Array, hole: float) -> Derivatives:
         """The same differentiated."""
@@ -193,7 +193,8 @@ class TwoSheets:
 
     def implicit(self, q: Array, e: Array, hole: float) -> Array:
         """Height of the sheet over y and z, divided by |x|."""
-        return norm(norm(np.ones(len(q)), q[:, 2], e[0]), q[:, 1], e[1]) / np.maximum(np.abs(q[:, 0]), WAIST)
+        height = norm(norm(np.ones(len(q)), q[:, 2], e[0]), q[:, 1], e[1])
+        return height / np.maximum(np.abs(q[:, 0]), WAIST)  # section 2
 
     def derivatives(self, q: Array, e: Array, hole: float) -> Derivatives:
         """The same differentiated."""

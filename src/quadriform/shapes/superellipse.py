@@ -20,7 +20,7 @@ def log_abs(u: Array) -> Array:
 @quiet
 def signed_power(u: Array, exponent: float) -> Array:
     """sign(u) |u|^exponent (paper A.1), finite for every finite u."""
-    return np.sign(u) * np.exp(exponent * log_abs(u)) * (u != 0)
+    return np.sign(u) * np.exp(exponent * log_abs(u)) * (u != 0)  # section A.1
 
 
 @quiet

@@ -200,7 +200,7 @@ class Superquadric:
         """`|M0 M|` along the ray from the centre (paper 2.4), (n,), >= the true distance; ellipsoid only."""
         self._only_ellipsoid("radial_distance")
         world = check_points(points)
-        return np.linalg.norm(world - self.project(world), axis=1)
+        return np.linalg.norm(world - self.project(world), axis=1)  # section 2.4
 
     @quiet
     def first_order_distance(self, points: ArrayLike) -> Array:

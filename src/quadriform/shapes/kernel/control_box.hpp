@@ -52,7 +52,7 @@ struct Basis {
         for (int i = 1; i < count; ++i)
             up[i].of = up[i - 1].of * s, down[i].of = down[i - 1].of * (1 - s);
         for (int i = 0; i < count; ++i)
-            value[axis][i].of = box.binomials[axis][i] * up[i].of * down[degree - i].of; // P19
+            value[axis][i].of = box.binomials[axis][i] * up[i].of * down[degree - i].of; // a factor of P18, P19
         if (!GRADIENT)
             return;
         for (int i = 0; i < count; ++i) {
@@ -97,7 +97,7 @@ INLINED void evaluate(const Box &box, Basis &basis, const Lanes3 &point, Lanes3 
             if (GRADIENT)
                 add(row_u, line_u, basis.value[1][j].of);
         }
-        add(sum, row, basis.value[0][i].of); // P18
+        add(sum, row, basis.value[0][i].of); // P19
         if (GRADIENT)
             add(by_s, row, basis.slope[0][i].of);
         if (GRADIENT)

@@ -108,7 +108,7 @@ function restGrid(s, resolution) {
   return { rest, quads: Int32Array.from(grid.quads), cube: grid.cube, cells: n };
 }
 
-/** Bernstein polynomials of a degree at t, and their slopes (P18). */
+/** Bernstein polynomials of a degree at t, and their slopes: factors of P18 and P19. */
 function bernstein(t, degree) {
   let row = [1], below = [1];
   for (let d = 1; d <= degree; d++) {
@@ -137,7 +137,7 @@ function prepared(rest, box) {
   return { count, sizes, factors, slopes };
 }
 
-/** Where control points (3 K) carry prepared points (P19); with other factors along an axis, their derivative. */
+/** Where displaced control points (3 K) carry prepared points (P19); with other factors along an axis, their derivative. */
 function carried(points, control, [A, B, C] = points.factors) {
   const [l, m, n] = points.sizes, result = new Float64Array(3 * points.count);
   for (let v = 0; v < points.count; v++) {
