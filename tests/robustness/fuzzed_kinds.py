@@ -7,7 +7,7 @@ import struct
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass
-from itertools import pairwise
+from itertools import combinations, pairwise
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -130,15 +130,32 @@ def ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def stl(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """A binary STL: equal corners are one vertex."""
+    """A binary STL: equal corners are one vertex, and corners of open edges that differ by rounding."""
     data = path.read_bytes()
     (count,) = struct.unpack_from("<I", data, 80)
     record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("rest", "<u2")])
     corners = np.frombuffer(data, record, count, 84)["corners"].astype(np.float64).reshape(-1, 3)
-    if len(data) != 84 + 50 * count:
+    if len(data) >= 84 + 50 * (count + 1) and any(data[84 + 50 * count :]):
         raise ValueError("bytes that belong to no triangle")
     vertices, index = np.unique(corners, axis=0, return_inverse=True)
-    return vertices, index.reshape(-1, 3)
+    faces = index.reshape(-1, 3)
+    edges = {(row[n - 1], row[n]) for row in faces.tolist() for n in range(3)}
+    return merged(vertices, faces, sorted({k for a, b in edges if (b, a) not in edges for k in (a, b)}))
+
+
+def merged(vertices: np.ndarray, faces: np.ndarray, loose: list[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of loose vertices that are as near as rounding allows, made one, one pair after the other."""
+    if not np.isfinite(vertices).all():
+        return vertices, faces
+    lengths = [np.linalg.norm(vertices[row[n]] - vertices[row[n - 1]]) for row in faces for n in range(3)]
+    extent = 2 * np.quantile(np.abs(vertices - np.median(vertices, axis=0)), 0.9, axis=0).max()
+    step = np.spacing(np.float32(np.median(np.abs(vertices).max(axis=1))))
+    near, name = min(max(1e-6 * extent, 2 * step), 0.1 * np.median(lengths)), np.arange(len(vertices))
+    for one, other in combinations(loose, 2):
+        if np.linalg.norm(vertices[one] - vertices[other]) <= near:
+            name[name == max(name[one], name[other])] = min(name[one], name[other])
+    kept = np.unique(name)
+    return vertices[kept], np.searchsorted(kept, name)[faces]
 
 
 def obj(path: Path) -> tuple[np.ndarray, np.ndarray]:

@@ -11,7 +11,7 @@ from quadriform.cli.options import Json
 if TYPE_CHECKING:
     from quadriform.shapes.comparison import ParameterDifference, Surface
 
-FILE_HELP = "A model, .json or .npz, or a mesh, .ply .stl .obj .vtp."
+FILE_HELP = "A model, .json or .npz, or a mesh, .ply .stl .obj .vtp .vtk."
 
 
 @dataclass(frozen=True)

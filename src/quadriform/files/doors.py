@@ -3,7 +3,7 @@
 import os
 
 from quadriform.errors import OptionError
-from quadriform.files.meshes import MESH_SUFFIXES, read_mesh, write_mesh
+from quadriform.files.meshes import MESH_SUFFIXES, READ_SUFFIXES, read_mesh, write_mesh
 from quadriform.files.models import MODEL_SUFFIXES, read_model, write_model
 from quadriform.files.moving_models import is_moving_model, read_moving_model, write_moving_model
 from quadriform.files.reading import suffix_of
@@ -56,7 +56,7 @@ def load(path: PathLike) -> DeformableModel | MovingModel | Mesh:
         FileFormatError: not what its name says, or damaged.
         FileLimitError: beyond the budget.
     """
-    if suffix_of(path, MODEL_SUFFIXES + MESH_SUFFIXES, "a model or a mesh") in MODEL_SUFFIXES:
+    if suffix_of(path, MODEL_SUFFIXES + READ_SUFFIXES, "a model or a mesh") in MODEL_SUFFIXES:
         moving = str(path).lower().endswith(".json") and is_moving_model(path)
         return read_moving_model(path) if moving else read_model(path)
     return read_mesh(path)

@@ -1,27 +1,35 @@
 """Triangle meshes in and out. The frame and the unit travel in the header wherever the format has room."""
 
-import io
 import os
-import re
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from quadriform.errors import FileFormatError, OutputError
 from quadriform.files.atomic import write_bytes
+from quadriform.files.legacy_vtk import parse_legacy_vtk
 from quadriform.files.marks import check_marks, parse_marks
-from quadriform.files.ply import ply_claims
-from quadriform.files.reading import quoted, read_bytes, signature, suffix_of
+from quadriform.files.obj import parse_obj
+from quadriform.files.ply import parse_ply
+from quadriform.files.polygons import Polygons
+from quadriform.files.reading import quoted, read_bytes, suffix_of
+from quadriform.files.stl import parse_stl
 from quadriform.files.vtp import encode_vtp, parse_vtp
-from quadriform.points import Array, check_points
+from quadriform.points import check_points
 from quadriform.shapes.mesh import Mesh
 
 MESH_SUFFIXES = (".ply", ".stl", ".obj", ".vtp")
 
-OBJ_WORDS = ("v", "vt", "vn", "vp", "f")
-OBJ_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
-OBJ_CORNER = re.compile(r"-?0*[1-9]\d*(/-?\d*){0,2}")
-"""Counted from 1, or backwards from -1; of 0 trimesh makes the first vertex."""
+READERS: dict[str, Callable[[bytes, str], Polygons]] = {
+    ".ply": parse_ply,
+    ".stl": parse_stl,
+    ".obj": parse_obj,
+    ".vtp": parse_vtp,
+    ".vtk": parse_legacy_vtk,
+}
+"""From the suffix to the reader: (content of the file, its name in messages) -> polygons."""
+READ_SUFFIXES = tuple(READERS)
 HEAD = 4096
 """Bytes in which the marks stand, when there are any."""
 SINGLE = 1e-5
@@ -119,9 +127,10 @@ def _moved_by_single_precision(mesh: Mesh) -> float:
 
 
 def read_mesh(path: str | os.PathLike[str]) -> Mesh:
-    """Read the triangles of a .ply, .stl, .obj or .vtp file; polygons with four corners are split.
+    """Return the triangles of a .ply, .stl, .obj, .vtp or legacy .vtk file.
 
-    Vertices that an STL file repeats are merged where they are equal to the bit.
+    Polygons with more corners are divided into triangles over the same area. Corners of an STL are one vertex where
+    they are equal, or, where that leaves the surface open, where they differ by rounding.
 
     Raises:
         InputError: the file is missing or cannot be read.
@@ -138,11 +147,23 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
 
 def read_mesh_or_points(path: str | os.PathLike[str]) -> Mesh:
     """The same for points in a mesh format, too: a mesh without triangles."""
-    suffix = suffix_of(path, MESH_SUFFIXES, "a mesh")
-    data, where = read_bytes(path), quoted(path)
-    vertices, faces = _parse(data, suffix, where)
-    none = np.empty((0, 3), dtype=np.int64)
-    return Mesh(check_points(vertices, where), none if faces is None else np.array(faces, dtype=np.int64))
+    suffix = suffix_of(path, READ_SUFFIXES, "a mesh")
+    return parse_mesh(read_bytes(path), suffix, quoted(path))
+
+
+def parse_mesh(data: bytes, suffix: str, where: str) -> Mesh:
+    """The vertices and triangles of the content of a mesh file; of points in a mesh format no triangles.
+
+    Raises:
+        FileFormatError: not what its suffix says, or damaged.
+        FileLimitError: the header promises more than the budget.
+        PointsError: vertices that are not finite.
+    """
+    polygons = READERS[suffix](data, where)
+    if len(polygons.vertices) == 0:
+        raise FileFormatError(f"{where}: expected vertices x y z, found none")
+    check_points(polygons.vertices, where)
+    return Mesh(polygons.vertices, polygons.triangles(where))
 
 
 def read_marks(path: str | os.PathLike[str]) -> tuple[str, str]:
@@ -152,71 +173,3 @@ def read_marks(path: str | os.PathLike[str]) -> tuple[str, str]:
         InputError: the file is missing or cannot be read.
     """
     return parse_marks(read_bytes(path)[:HEAD])
-
-
-def parse_vertices(data: bytes, suffix: str, where: str) -> Array:
-    """The vertices of a mesh file, or of a cloud in a mesh format.
-
-    Raises:
-        FileFormatError: not what its suffix says, or damaged.
-        FileLimitError: the header promises more than the budget.
-    """
-    return _parse(data, suffix, where)[0]
-
-
-def _parse(data: bytes, suffix: str, where: str) -> tuple[Array, Any]:
-    """Vertices (n, 3) and faces (m, 3), or None for a cloud."""
-    if suffix == ".vtp":
-        return parse_vtp(data, where)
-    claimed = ply_claims(data, where) if suffix == ".ply" else {}
-    if suffix == ".obj":
-        _check_obj(data, where)
-    loaded = _load(data, suffix, where)
-    vertices, faces = np.asarray(loaded.vertices, dtype=np.float64), getattr(loaded, "faces", None)
-    _check_counts(vertices, faces, claimed, where)
-    if suffix == ".stl":
-        vertices, index = np.unique(vertices, axis=0, return_inverse=True)
-        faces = index.reshape(-1)[np.asarray(faces)]
-    return vertices, faces
-
-
-def _load(data: bytes, suffix: str, where: str) -> Any:
-    import trimesh
-
-    options: dict[str, Any] = {".ply": {"fix_texture": False}, ".obj": {"maintain_order": True}}.get(suffix, {})
-    try:  # from memory, so that a mesh cannot make us open the files it names
-        loaded = trimesh.load(io.BytesIO(data), file_type=suffix[1:], process=False, **options)
-        return loaded.to_mesh() if isinstance(loaded, trimesh.Scene) else loaded
-    except Exception as error:  # the loaders promise no error type of their own
-        what = f"{suffix} mesh, found {signature(data)} that cannot be read as one"
-        reason = (str(error).splitlines() or [""])[0][:120]
-        raise FileFormatError(f"{where}: expected a {what} ({type(error).__name__}: {reason})") from error
-
-
-def _check_obj(data: bytes, where: str) -> None:
-    """What trimesh leaves out or guesses without a word: vertices and faces whose lines are not whole."""
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise FileFormatError(f"{where}: expected text in UTF-8, found {signature(data)}") from error
-    for number, line in enumerate(text.splitlines(), 1):
-        word, *rest = line.partition("#")[0].split() or [""]
-        if word.startswith(("v", "f")) and (word not in OBJ_WORDS or line[0].isspace()):
-            words = ", ".join(OBJ_WORDS)
-            raise FileFormatError(f"{where}, line {number}: expected to begin with one of {words}, found {line[:60]!r}")
-        whole = {"v": OBJ_NUMBER, "f": OBJ_CORNER}.get(word)
-        if whole is not None and (len(rest) < 3 or not all(map(whole.fullmatch, rest))):
-            raise FileFormatError(f"{where}, line {number}: expected three numbers or more, found {line[:60]!r}")
-
-
-def _check_counts(vertices: Array, faces: Any, claimed: dict[str, int], where: str) -> None:
-    """What trimesh does not: short files, wrong columns and faces that point nowhere are errors."""
-    if vertices.ndim != 2 or vertices.shape[1] != 3 or len(vertices) == 0:
-        raise FileFormatError(f"{where}: expected vertices x y z, found shape {vertices.shape}")
-    n_faces = 0 if faces is None else len(faces)
-    if len(vertices) != claimed.get("vertex", len(vertices)) or n_faces < claimed.get("face", 0):
-        raise FileFormatError(
-            f"{where}: the header promises {claimed}, found {len(vertices)} vertices, {n_faces} faces"
-        )
-    if n_faces and not (np.min(faces) >= 0 and np.max(faces) < len(vertices)):
-        raise FileFormatError(f"{where}: a face names vertex {np.max(faces)}, but there are {len(vertices)}")

@@ -1,92 +1,242 @@
-"""What a PLY's header promises, held against its bytes: trimesh fills up what is not there, or leaves it out."""
+"""PLY: vertices and polygons of ASCII and binary files. What the header promises is held against what follows."""
 
 import re
-from itertools import pairwise
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from quadriform.errors import FileFormatError
+from quadriform.files.numbers import floats, whole
+from quadriform.files.polygons import Polygons
 from quadriform.files.reading import check_budget, signature
 
-ELEMENT = re.compile(rb"^element\s+(\S+)\s+(\d+)\s*$", re.MULTILINE)
-SIZES = {"char": 1, "uchar": 1, "int8": 1, "uint8": 1, "short": 2, "ushort": 2, "int16": 2, "uint16": 2, "int": 4}
-SIZES |= {"uint": 4, "int32": 4, "uint32": 4, "float": 4, "float32": 4, "double": 8, "float64": 8}
-END = re.compile(rb"end_header\r?\n")
+TYPES = {"char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2"}
+TYPES |= {"uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4"}
+TYPES |= {"float": "f4", "float32": "f4", "double": "f8", "float64": "f8"}
+FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+CORNERS = ("vertex_indices", "vertex_index")
+Values = NDArray[Any] | tuple[NDArray[Any], NDArray[np.int64]]
+"""Numbers (count,) of a property; of a list all numbers one after the other, and how many each list has."""
 
 
-def ply_claims(data: bytes, where: str) -> dict[str, int]:
-    """Element counts of the header, held against the bytes that follow before anything is allocated.
+@dataclass(frozen=True)
+class _Property:
+    name: str
+    type: str
+    length: str | None
+
+
+@dataclass
+class _Element:
+    name: str
+    count: int
+    properties: list[_Property]
+
+
+def parse_ply(data: bytes, where: str) -> Polygons:
+    """Vertices and polygons of a PLY file; other elements and properties are passed over.
 
     Raises:
-        FileFormatError: no PLY, or other rows, bytes or corners than promised.
-        FileLimitError: beyond the budget.
+        FileFormatError: no PLY, other rows, bytes or numbers than promised, or no vertices x, y, z.
+        FileLimitError: the header promises more than the budget.
     """
-    header, end, body = data.partition(b"end_header")
-    if not data.startswith(b"ply") or not end:
-        raise FileFormatError(f"{where}: expected a PLY header, found {signature(data)}")
-    claims = {name.decode("latin-1"): int(count) for name, count in ELEMENT.findall(header)}
-    total = sum(claims.values())
+    order, elements, body = _header(data, where)
+    total = sum(element.count for element in elements)
     check_budget(total, where)
-    found = len(body)
-    if b"format ascii" in header:
-        found = sum(1 for line in body.splitlines() if line.strip())
-        if found != total:
-            raise FileFormatError(f"{where}: the header promises {total} rows, found {found}")
-    if found < total:
-        raise FileFormatError(f"{where}: the header promises {total} elements, found only {found} bytes")
-    if b"format binary" in header:
-        _check_bytes(data, where)
-    return claims
+    if order and len(body) < total:
+        raise FileFormatError(f"{where}: the header promises {total} elements, found only {len(body)} bytes")
+    found = _binary(elements, body, order, where) if order else _ascii(elements, body, total, where)
+    if "vertex" not in found:
+        raise FileFormatError(f"{where}: expected the element vertex, found {', '.join(found) or 'none'}")
+    columns = [_coordinate(found["vertex"], axis, where) for axis in "xyz"]
+    corners, lengths = _polygons(found, where)
+    return Polygons(np.column_stack(columns).astype(np.float64), corners, lengths)
 
 
-def _check_bytes(data: bytes, where: str) -> None:
-    """The bytes of a binary file are those of its elements, no more and no fewer."""
-    end = END.search(data)
+# --- header ------------------------------------------------------------------------------------------------------
+
+
+def _header(data: bytes, where: str) -> tuple[str, list[_Element], bytes]:
+    """Byte order ("" for ASCII), the elements, and what follows the header."""
+    first = re.match(rb"ply[ \t]*(\r\n|\n|\r)", data)  # a body may begin with what looks like half a line end
+    end = re.search(rb"[\r\n]end_header[ \t]*" + first[1], data) if first else None
     if end is None:
-        raise FileFormatError(f"{where}: the PLY header does not end with a line of its own")
-    body, at = np.frombuffer(data, np.uint8, offset=end.end()), 0
-    order = ">" if b"format binary_big_endian" in data[: end.start()] else "<"
-    for count, properties in _elements(data[: end.start()].decode("latin-1")):
-        if not all(map(_known, properties)):
-            raise FileFormatError(f"{where}: a property of a type that PLY does not have")
-        at = _after(body, at, count, properties, order)
-    if at != len(body):
+        raise FileFormatError(f"{where}: expected a PLY header, found {signature(data)}")
+    lines = [line.split() for line in re.split(r"\r\n|\n|\r", data[: end.start()].decode("latin-1"))]
+    order, elements = None, list[_Element]()
+    for words in lines[1:]:
+        match words:
+            case ["format", name, "1.0"] if name in FORMATS:
+                order = FORMATS[name]
+            case ["element", name, count] if count.isascii() and count.isdigit():
+                elements.append(_Element(name, int(count), []))
+            case ["property", *rest] if elements:
+                elements[-1].properties.append(_property(rest, where))
+            case [] | ["comment" | "obj_info", *_]:
+                continue
+            case _:
+                raise FileFormatError(f"{where}: expected a line of a PLY header, found {' '.join(words)[:60]!r}")
+    if order is None or len({element.name for element in elements}) != len(elements):
+        raise FileFormatError(f"{where}: expected one format and elements of different names in the PLY header")
+    return order, elements, data[end.end() :]
+
+
+def _property(words: Sequence[str], where: str) -> _Property:
+    match words:
+        case [kind, name] if kind in TYPES:
+            return _Property(name, TYPES[kind], None)
+        case ["list", length, kind, name] if kind in TYPES and TYPES.get(length, "f")[0] != "f":
+            return _Property(name, TYPES[kind], TYPES[length])
+    raise FileFormatError(f"{where}: a property of a type that PLY does not have: {' '.join(words)[:60]!r}")
+
+
+# --- binary ------------------------------------------------------------------------------------------------------
+
+
+def _binary(elements: list[_Element], body: bytes, order: str, where: str) -> dict[str, dict[str, Values]]:
+    found, at = dict[str, dict[str, Values]](), 0
+    for element in elements:
+        lists = any(each.length for each in element.properties)
+        reader = _rows_with_lists if lists and element.count else _rows
+        found[element.name], at = reader(element, body, at, order, where)
+    if body[at:].strip():  # a line end that was added does no harm
         raise FileFormatError(f"{where}: the header promises {at} bytes after it, found {len(body)}")
+    return found
 
 
-def _known(words: list[str]) -> bool:
-    types = words[1:3] if words[0] == "list" else words[:1]
-    return len(words) == (4 if words[0] == "list" else 2) and set(types) <= SIZES.keys()
+def _rows(element: _Element, body: bytes, at: int, order: str, where: str) -> tuple[dict[str, Values], int]:
+    record = np.dtype([(f"{n}", order + each.type) for n, each in enumerate(element.properties)])
+    end = at + record.itemsize * element.count
+    if end > len(body):
+        raise FileFormatError(f"{where}: the header promises {end} bytes after it, found {len(body)}")
+    table = np.frombuffer(body, record, element.count, at) if record.itemsize else np.empty(element.count, record)
+    return {each.name: table[f"{n}"] for n, each in enumerate(element.properties)}, end
 
 
-def _elements(header: str) -> list[tuple[int, list[list[str]]]]:
-    """Number and properties of each element: words of `type name` or `list type type name`."""
-    lines = [line.split() for line in header.splitlines()]
-    starts = [i for i, words in enumerate(lines) if words[:1] == ["element"] and len(words) == 3 and words[2].isdigit()]
-    spans = pairwise([*starts, len(lines)])
-    return [
-        (int(lines[a][2]), [words[1:] for words in lines[a:b] if words[:1] == ["property"] and words[1:]])
-        for a, b in spans
-    ]
+def _rows_with_lists(element: _Element, body: bytes, at: int, order: str, where: str) -> tuple[dict[str, Values], int]:
+    first = _lengths_of_row(element, body, at, order, where)[0]
+    return _equal_rows(element, first, body, at, order) or _uneven_rows(element, body, at, order, where)
 
 
-def _after(body: np.ndarray, at: int, count: int, properties: list[list[str]], order: str) -> int:
-    """Where an element ends that begins at a byte; beyond the end where it is cut."""
-    if all(words[0] != "list" for words in properties):
-        return at + count * sum(SIZES[words[0]] for words in properties)
-    (kind, *types), *more = properties
-    if kind == "list" and not more and SIZES[types[0]] == 1 and at < len(body):  # all of one length, as a rule
-        record = 1 + SIZES[types[1]] * int(body[at])
-        if len(lengths := body[at : at + count * record : record]) == count and (lengths == body[at]).all():
-            return at + count * record
-    for _ in range(count):
-        for words in properties:
-            size = SIZES[words[-2]]
-            if words[0] == "list":
-                width = SIZES[words[1]]
-                size *= int.from_bytes(body[at : at + width].tobytes(), "little" if order == "<" else "big")
-                at += width
-            at += size
-        if at > len(body):
-            break
-    return at
+def _equal_rows(
+    element: _Element, lengths: list[int], body: bytes, at: int, order: str
+) -> tuple[dict[str, Values], int] | None:
+    """The rows as one table, when the lists of all have the same lengths, as a rule; else None."""
+    fields: list[Any] = []
+    for n, (each, length) in enumerate(zip(element.properties, lengths)):
+        fields += [(f"length {n}", order + each.length)] if each.length else []
+        fields.append((f"{n}", order + each.type, (length,)) if each.length else (f"{n}", order + each.type))
+    record = np.dtype(fields)
+    if at + record.itemsize * element.count > len(body):
+        return None
+    table, found = np.frombuffer(body, record, element.count, at), dict[str, Values]()
+    for n, (each, length) in enumerate(zip(element.properties, lengths)):
+        if each.length and not (table[f"length {n}"] == length).all():
+            return None
+        values = table[f"{n}"]
+        found[each.name] = (values.reshape(-1), np.full(element.count, length)) if each.length else values
+    return found, at + record.itemsize * element.count
+
+
+def _uneven_rows(element: _Element, body: bytes, at: int, order: str, where: str) -> tuple[dict[str, Values], int]:
+    lengths, starts = np.empty((2, element.count, len(element.properties)), dtype=np.int64)
+    for row in range(element.count):
+        lengths[row], starts[row], at = _lengths_of_row(element, body, at, order, where)
+    content, found = np.frombuffer(body, np.uint8), dict[str, Values]()
+    for n, each in enumerate(element.properties):
+        kind = np.dtype(order + each.type)
+        number = np.arange(lengths[:, n].sum()) - np.repeat(np.cumsum(lengths[:, n]) - lengths[:, n], lengths[:, n])
+        begin = np.repeat(starts[:, n], lengths[:, n]) + kind.itemsize * number
+        values = content[begin[:, None] + np.arange(kind.itemsize)].reshape(-1).view(kind)
+        found[each.name] = (values, lengths[:, n]) if each.length else values
+    return found, at
+
+
+def _lengths_of_row(
+    element: _Element, body: bytes, at: int, order: str, where: str
+) -> tuple[list[int], list[int], int]:
+    """How many numbers each property of the row at a byte has, where they begin, and where the row ends."""
+    lengths, starts = [], []
+    for each in element.properties:
+        length = 1
+        if each.length:
+            width = int(each.length[1])
+            length = int.from_bytes(
+                body[at : at + width], "little" if order == "<" else "big", signed=each.length[0] == "i"
+            )
+            at += width
+        lengths.append(length)
+        starts.append(at)
+        at += length * int(each.type[1])
+        if length < 0 or at > len(body):
+            raise FileFormatError(f"{where}: a list of {element.name} with {length} numbers goes beyond the file")
+    return lengths, starts, at
+
+
+# --- ASCII -------------------------------------------------------------------------------------------------------
+
+
+def _ascii(elements: list[_Element], body: bytes, total: int, where: str) -> dict[str, dict[str, Values]]:
+    lines = [words for line in re.split(rb"\r\n|\n|\r", body) if (words := line.split())]
+    if len(lines) != total:
+        raise FileFormatError(f"{where}: the header promises {total} rows, found {len(lines)}")
+    rows = iter(lines)
+    return {each.name: _ascii_rows(each, [next(rows) for _ in range(each.count)], where) for each in elements}
+
+
+def _ascii_rows(element: _Element, rows: list[list[bytes]], where: str) -> dict[str, Values]:
+    words: list[list[bytes]] = [[] for _ in element.properties]
+    lengths: list[list[int]] = [[] for _ in element.properties]
+    for number, row in enumerate(rows):
+        for n, part in enumerate(_parts(element, row, f"{where}, row {number} of {element.name}")):
+            words[n] += part
+            lengths[n].append(len(part))
+    found = dict[str, Values]()
+    for n, each in enumerate(element.properties):
+        place = f"{where}, {each.name} of {element.name}"
+        values: NDArray[Any] = floats(words[n], place)
+        values = values if each.type[0] == "f" else whole(values, place)
+        found[each.name] = (values, np.array(lengths[n], dtype=np.int64)) if each.length else values
+    return found
+
+
+def _parts(element: _Element, row: list[bytes], where: str) -> Iterator[list[bytes]]:
+    """The words of each property of a row."""
+    at = 0
+    for each in element.properties:
+        length = 1
+        if each.length:
+            length = int(row[at]) if at < len(row) and row[at].isdigit() else -1
+            at += 1
+        if length < 0 or at + length > len(row):
+            raise FileFormatError(f"{where}: expected {each.name} as the header promises, found {len(row)} words")
+        yield row[at : at + length]
+        at += length
+    if at != len(row):
+        raise FileFormatError(f"{where}: the header promises {at} numbers, found {len(row)}")
+
+
+# --- vertices and polygons ---------------------------------------------------------------------------------------
+
+
+def _coordinate(vertex: dict[str, Values], axis: str, where: str) -> NDArray[Any]:
+    values = vertex.get(axis, vertex.get(axis.upper()))
+    if values is None or isinstance(values, tuple):
+        raise FileFormatError(f"{where}: expected vertices x y z, found the properties {', '.join(vertex) or 'none'}")
+    return values
+
+
+def _polygons(found: dict[str, dict[str, Values]], where: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Corners and lengths of the element face."""
+    if "tristrips" in found:
+        raise FileFormatError(f"{where}: triangle strips in a PLY are not read; save triangles instead")
+    face = found.get("face", {})
+    values = next((face[name] for name in CORNERS if name in face), None)
+    if isinstance(values, tuple):
+        return values[0].astype(np.int64), values[1]
+    if len(face) and any(len(each[1] if isinstance(each, tuple) else each) for each in face.values()):
+        raise FileFormatError(f"{where}: expected a list {' or '.join(CORNERS)} of face, found {', '.join(face)}")
+    return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from quadriform.errors import FileFormatError
 from quadriform.files.arrays import parse_npy, parse_npz
 from quadriform.files.atomic import write_bytes
-from quadriform.files.meshes import MESH_SUFFIXES, parse_vertices
+from quadriform.files.meshes import READ_SUFFIXES, parse_mesh
 from quadriform.files.reading import quoted, read_bytes, suffix_of
 from quadriform.files.tables import parse_table, written_table
 from quadriform.points import Array, check_points
@@ -23,7 +23,7 @@ def read_points(path: str | os.PathLike[str]) -> Array:
     """Read points (n, 3), in the unit and frame of the file.
 
     Text (.xyz .csv .txt) is a table with three columns, or with a header row that names x, y and z; a .npz holds one
-    array, or one named `points`; a mesh (.ply .stl .obj .vtp) gives its vertices.
+    array, or one named `points`; a mesh (.ply .stl .obj .vtp .vtk) gives its vertices.
 
     Args:
         path: the file.
@@ -34,7 +34,7 @@ def read_points(path: str | os.PathLike[str]) -> Array:
         FileLimitError: it is, or promises to be, beyond the budget.
         PointsError: no points, wrong shape, or not finite values.
     """
-    suffix = suffix_of(path, (*POINT_SUFFIXES, *MESH_SUFFIXES), "a file of points")
+    suffix = suffix_of(path, (*POINT_SUFFIXES, *READ_SUFFIXES), "a file of points")
     data, where = read_bytes(Path(path)), quoted(path)
     if suffix in TABLE_SUFFIXES:
         return check_points(parse_table(data, where), where)
@@ -42,7 +42,7 @@ def read_points(path: str | os.PathLike[str]) -> Array:
         return check_points(parse_npy(data, where), where)
     if suffix == ".npz":
         return check_points(_only_array(data, where), where)
-    return check_points(parse_vertices(data, suffix, where), where)
+    return parse_mesh(data, suffix, where).vertices
 
 
 def write_points(points: ArrayLike, path: str | os.PathLike[str], force: bool = False) -> None:

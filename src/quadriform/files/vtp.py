@@ -1,7 +1,9 @@
-"""VTK's XML polygon files (.vtp), as far as triangles need them: ASCII, or base64 in the file, uncompressed."""
+"""VTK's XML polygon files (.vtp): written as base64; read as ASCII, base64 or raw bytes, compressed or not."""
 
 import base64
+import re
 import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
@@ -9,18 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.errors import FileFormatError
+from quadriform.files.numbers import floats, whole
+from quadriform.files.polygons import Indices, Polygons, strip_triangles
 from quadriform.files.reading import signature
-from quadriform.points import Array
+from quadriform.files.vtk_blocks import DAMAGED, unpacked
 from quadriform.shapes.mesh import Mesh
 
-TYPES = {
-    "Float32": "<f4",
-    "Float64": "<f8",
-    "Int32": "<i4",
-    "Int64": "<i8",
-    "UInt32": "<u4",
-    "UInt64": "<u8",
-}
+TYPES = {"Float32": "f4", "Float64": "f8", "Int8": "i1", "UInt8": "u1", "Int16": "i2", "UInt16": "u2"}
+TYPES |= {"Int32": "i4", "UInt32": "u4", "Int64": "i8", "UInt64": "u8"}
+ORDERS = {"LittleEndian": "<", "BigEndian": ">"}
+APPENDED = re.compile(rb"<AppendedData([^>]*)>")
 
 
 def encode_vtp(mesh: Mesh, space: str, unit: str) -> bytes:
@@ -57,32 +57,51 @@ def text_array(name: str, value: str) -> str:
     return f'<DataArray type="String" Name={quoteattr(name)} NumberOfTuples="1" format="ascii">{codes}</DataArray>'
 
 
-def parse_vtp(data: bytes, where: str) -> tuple[Array, NDArray[np.int64]]:
-    """Vertices (n, 3) and triangles (m, 3) of a .vtp file with one piece.
+def parse_vtp(data: bytes, where: str) -> Polygons:
+    """Vertices, polygons and triangle strips of a .vtp file; lines, single vertices and fields are passed over.
 
     Raises:
-        FileFormatError: no such XML, entities, several pieces, compression, polygons other than triangles, or counts
-            that do not agree.
+        FileFormatError: no such XML, entities, an unknown compression, or counts that do not agree.
+        FileLimitError: an array promises more than the budget.
     """
-    root = _parse_xml(data, where)
-    pieces = root.findall("PolyData/Piece")
-    if root.get("type") != "PolyData" or len(pieces) != 1:
-        raise FileFormatError(f"{where}: expected a VTK PolyData file with one piece, found {len(pieces)} pieces")
-    if root.get("compressor") or root.get("byte_order", "LittleEndian") != "LittleEndian":
-        raise FileFormatError(f"{where}: compressed or big-endian .vtp is not read; save it uncompressed")
-    header = TYPES.get(root.get("header_type", "UInt32"), "<u4")
-    vertices = _values(pieces[0], "Points/DataArray", header, where)
-    polygons = _values(pieces[0], "Polys/DataArray[@Name='connectivity']", header, where)
-    offsets = _values(pieces[0], "Polys/DataArray[@Name='offsets']", header, where)
-    if len(vertices) % 3 or len(vertices) != 3 * _count(pieces[0], "NumberOfPoints", where):
-        raise FileFormatError(f"{where}: NumberOfPoints promises other than the {len(vertices) / 3:g} points found")
-    if not np.array_equal(offsets, 3 * np.arange(1, _count(pieces[0], "NumberOfPolys", where) + 1)):
-        raise FileFormatError(f"{where}: expected NumberOfPolys triangles, found other polygons or another number")
-    if len(polygons) != 3 * len(offsets) or (
-        polygons.size and not 0 <= polygons.min() <= polygons.max() < len(vertices) // 3
-    ):
-        raise FileFormatError(f"{where}: the triangles name vertices that are not there")
-    return vertices.reshape(-1, 3).astype(np.float64), polygons.reshape(-1, 3).astype(np.int64)
+    file = _opened(data, where)
+    pieces = [_piece(piece, file) for piece in file.root.findall("PolyData/Piece")]
+    if file.root.get("type") != "PolyData" or not pieces:
+        kind = file.root.get("type")
+        raise FileFormatError(f"{where}: expected a VTK PolyData file, found {kind!r} with {len(pieces)} pieces")
+    before = np.cumsum([0] + [len(piece.vertices) for piece in pieces])
+    return Polygons(
+        np.concatenate([piece.vertices for piece in pieces]),
+        np.concatenate([piece.corners + start for piece, start in zip(pieces, before)]),
+        np.concatenate([piece.lengths for piece in pieces]),
+    )
+
+
+@dataclass(frozen=True)
+class _File:
+    """The XML of a file, how its arrays are packed, and its appended data."""
+
+    root: ElementTree.Element
+    order: str
+    header: str
+    compressor: str
+    appended: bytes
+    in_base64: bool
+    where: str
+
+
+def _opened(data: bytes, where: str) -> _File:
+    found = APPENDED.search(data)
+    xml, appended, tag = data, b"", b""
+    if found is not None:
+        xml, tag = data[: found.start()] + b"</VTKFile>", found[1]
+        appended = data[found.end() : data.rfind(b"</AppendedData>")].lstrip().removeprefix(b"_")
+    root = _parse_xml(xml, where)
+    order, kind = root.get("byte_order", "LittleEndian"), root.get("header_type", "UInt32")
+    if order not in ORDERS or kind not in ("UInt32", "UInt64"):
+        raise FileFormatError(f"{where}: expected a byte order and header type of VTK, found {order!r} and {kind!r}")
+    order = ORDERS[order]
+    return _File(root, order, order + TYPES[kind], root.get("compressor", ""), appended, b"raw" not in tag, where)
 
 
 def _parse_xml(data: bytes, where: str) -> ElementTree.Element:
@@ -94,27 +113,71 @@ def _parse_xml(data: bytes, where: str) -> ElementTree.Element:
         raise FileFormatError(f"{where}: expected a VTK XML file, found {signature(data)} ({error})") from error
 
 
+def _piece(piece: ElementTree.Element, file: _File) -> Polygons:
+    where, points = file.where, piece.find("Points/DataArray")
+    count = _count(piece, "NumberOfPoints", where)
+    vertices = np.empty(0) if points is None and count == 0 else _values(points, "Points/DataArray", file)
+    if len(vertices) != 3 * count:
+        raise FileFormatError(f"{where}: NumberOfPoints promises other than the {len(vertices) / 3:g} points found")
+    corners, lengths = _cells(piece, "Polys", file)
+    strips = strip_triangles(*_cells(piece, "Strips", file))
+    corners, lengths = np.append(corners, strips), np.append(lengths, np.full(len(strips), 3))
+    if len(corners) and not 0 <= corners.min() <= corners.max() < count:
+        raise FileFormatError(f"{where}: a polygon names a vertex that is not among the {count}")
+    return Polygons(vertices.reshape(-1, 3).astype(np.float64), corners.astype(np.int64), lengths.astype(np.int64))
+
+
+def _cells(piece: ElementTree.Element, name: str, file: _File) -> tuple[Indices, Indices]:
+    """Corners and lengths of the cells of a kind."""
+    count = _count(piece, f"NumberOf{name}", file.where)
+    none = np.empty(0, dtype=np.int64)
+    if count == 0 and piece.find(f"{name}/DataArray[@Name='offsets']") is None:
+        return none, none
+    arrays = [f"{name}/DataArray[@Name='{part}']" for part in ("connectivity", "offsets")]
+    corners, ends = (_values(piece.find(path), path, file).astype(np.int64) for path in arrays)
+    lengths = np.diff(ends, prepend=0)
+    if len(ends) != count or (lengths < 0).any() or len(corners) != (ends[-1] if count else 0):
+        raise FileFormatError(f"{file.where}: NumberOf{name} promises {count} cells, found other offsets")
+    return corners, lengths
+
+
 def _count(piece: ElementTree.Element, name: str, where: str) -> int:
-    try:
-        return int(piece.get(name, "0"))
-    except ValueError as error:
-        raise FileFormatError(f"{where}: {name} is no whole number: {piece.get(name)!r}") from error
+    text = piece.get(name, "0").strip()
+    if not (text.isascii() and text.isdigit()):
+        raise FileFormatError(f"{where}: {name} is no whole number: {text!r}")
+    return int(text)
 
 
-def _values(piece: ElementTree.Element, path: str, header: str, where: str) -> NDArray[Any]:
-    element = piece.find(path)
-    if element is None or element.get("type") not in TYPES or element.get("format") not in ("ascii", "binary"):
-        raise FileFormatError(f"{where}: expected {path} as ascii or inline base64 numbers; appended data is not read")
-    dtype = np.dtype(TYPES[element.get("type", "")])
-    content = (element.text or "").strip()
+def _values(element: ElementTree.Element | None, path: str, file: _File) -> NDArray[Any]:
+    """The numbers of a DataArray."""
+    where = f"{file.where}, {path}"
+    form = "" if element is None else element.get("format", "ascii")
+    if element is None or element.get("type") not in TYPES or form not in ("ascii", "binary", "appended"):
+        raise FileFormatError(f"{where}: expected numbers as ascii, binary or appended, found others or none")
+    dtype, text = np.dtype(file.order + TYPES[element.get("type", "")]), element.text or ""
+    if form == "ascii":
+        values = floats(text.split(), where)
+        return values.astype(dtype) if dtype.kind == "f" else whole(values, where)
     try:
-        if element.get("format") == "ascii":
-            return np.array(content.split(), dtype=dtype)
-        raw = base64.b64decode(content, validate=True)
-        start = np.dtype(header).itemsize
-        size = int(np.frombuffer(raw[:start], dtype=header)[0])
-        if size != len(raw) - start:
-            raise ValueError(f"{size} bytes promised, {len(raw) - start} found")
-        return np.frombuffer(raw, dtype=dtype, offset=start)
-    except (ValueError, OverflowError, IndexError) as error:
-        raise FileFormatError(f"{where}: {path} is damaged ({error})") from error
+        packed = _base64(text.encode()) if form == "binary" else _appended(element, file)
+        content = unpacked(packed, file.header, file.compressor, where)
+        return np.frombuffer(content, dtype=dtype)
+    except DAMAGED as error:
+        raise FileFormatError(f"{where} is damaged ({error})") from error
+
+
+def _appended(element: ElementTree.Element, file: _File) -> bytes:
+    """The bytes that belong to an element: from its offset to the next one."""
+    offsets = sorted(int(each.get("offset", "-1")) for each in file.root.iter("DataArray") if each.get("offset"))
+    start = int(element.get("offset", "-1"))
+    if not 0 <= start < len(file.appended):
+        raise ValueError(f"offset {start} in {len(file.appended)} bytes of appended data")
+    end = min((offset for offset in offsets if offset > start), default=len(file.appended))
+    part = file.appended[start:end]
+    return _base64(part) if file.in_base64 else part
+
+
+def _base64(text: bytes) -> bytes:
+    """Bytes of base64; header and numbers may each end with their own padding."""
+    parts = re.findall(rb"[^=]+=*", b"".join(text.split()))
+    return b"".join(base64.b64decode(part, validate=True) for part in parts)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.errors import OptionError, Warnings
-from quadriform.files.meshes import MESH_SUFFIXES, read_marks, read_mesh_or_points
+from quadriform.files.meshes import READ_SUFFIXES, read_marks, read_mesh_or_points
 from quadriform.files.points import POINT_SUFFIXES, read_points
 from quadriform.imaging.formats import image_format
 from quadriform.points import Array
@@ -137,7 +137,7 @@ def kind_of(path: Path) -> Literal["image", "mesh", "points"] | None:
     name = path.name.lower()
     if path.is_dir():
         return None
-    if name.endswith(MESH_SUFFIXES):
+    if name.endswith(READ_SUFFIXES):
         return "mesh"
     return "points" if name.endswith(POINT_SUFFIXES) else None
 

@@ -1,0 +1,153 @@
+"""VTK's older files (.vtk), ASCII and binary, as far as they hold polygons."""
+
+import re
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadriform.errors import FileFormatError
+from quadriform.files.numbers import floats, whole
+from quadriform.files.polygons import Indices, Polygons, strip_triangles
+from quadriform.files.reading import check_budget, signature
+
+TYPES = {"float": ">f4", "double": ">f8", "char": ">i1", "unsigned_char": ">u1", "short": ">i2", "int": ">i4"}
+TYPES |= {"unsigned_short": ">u2", "unsigned_int": ">u4", "long": ">i8", "unsigned_long": ">u8", "vtkidtype": ">i4"}
+TYPES |= {"vtktypeint8": ">i1", "vtktypeuint8": ">u1", "vtktypeint16": ">i2", "vtktypeuint16": ">u2"}
+TYPES |= {"vtktypeint32": ">i4", "vtktypeuint32": ">u4", "vtktypeint64": ">i8", "vtktypeuint64": ">u8"}
+HEAD = re.compile(rb"# vtk DataFile Version (\d+)\.\d+[^\n]*\n[^\n]*\n\s*(ASCII|BINARY)\s*?\n", re.IGNORECASE)
+CELLS = ("vertices", "lines", "polygons", "triangle_strips")
+END = ("point_data", "cell_data")
+
+
+def parse_legacy_vtk(data: bytes, where: str) -> Polygons:
+    """Vertices, polygons and triangle strips of a .vtk file; lines, single vertices and fields are passed over.
+
+    Raises:
+        FileFormatError: no such file, another data set than POLYDATA, cut short, or counts that do not agree.
+        FileLimitError: a header promises more than the budget.
+    """
+    head = HEAD.match(data)
+    if head is None:
+        raise FileFormatError(f"{where}: expected a legacy VTK file, found {signature(data)}")
+    cursor = _Cursor(data, head.end(), head[2].upper() == b"BINARY", where)
+    words = cursor.line()
+    if [word.lower() for word in words] != ["dataset", "polydata"]:
+        raise FileFormatError(f"{where}: expected DATASET POLYDATA, found {' '.join(words)[:60]!r}")
+    sections = _sections(cursor, int(head[1]) >= 5)
+    vertices = sections.get("points", np.empty(0)).reshape(-1, 3).astype(np.float64)
+    corners, lengths = sections.get("polygons", _no_cells())
+    strips = strip_triangles(*sections.get("triangle_strips", _no_cells()))
+    corners, lengths = np.append(corners, strips), np.append(lengths, np.full(len(strips), 3))
+    return Polygons(vertices, corners.astype(np.int64), lengths.astype(np.int64))
+
+
+class _Cursor:
+    """A place in the file; `where` is for messages."""
+
+    def __init__(self, data: bytes, at: int, binary: bool, where: str) -> None:
+        self.data, self.at, self.binary, self.where = data, at, binary, where
+
+    def line(self) -> list[str]:
+        """Words of the next line that is not blank; none at the end."""
+        while self.at < len(self.data):
+            end = self.data.find(b"\n", self.at)
+            end = len(self.data) if end < 0 else end
+            words = self.data[self.at : end].decode("ascii", "surrogateescape").split()
+            self.at = end + 1
+            if words:
+                return words
+        return []
+
+    def values(self, count: int, kind: str) -> NDArray[Any]:
+        """Numbers (count,) of a type of VTK."""
+        if kind.lower() not in TYPES:
+            raise FileFormatError(f"{self.where}: expected numbers of a type of VTK, found {kind[:60]!r}")
+        dtype = np.dtype(TYPES[kind.lower()])
+        check_budget(count * dtype.itemsize, self.where)
+        if self.binary:
+            if count * dtype.itemsize > len(self.data) - self.at:
+                raise FileFormatError(f"{self.where}: {count} numbers promised, found {len(self.data) - self.at} bytes")
+            values = np.frombuffer(self.data, dtype, count, self.at)
+            self.at += count * dtype.itemsize
+            return values
+        words = self.data[self.at :].split(None, count)
+        if len(words) < count:
+            raise FileFormatError(f"{self.where}: {count} numbers promised, found {len(words)}")
+        self.at = len(self.data) - (len(words[count]) if len(words) > count else 0)
+        numbers = floats(words[:count], self.where)
+        return numbers.astype(dtype) if dtype.kind == "f" else whole(numbers, self.where)
+
+
+def _sections(cursor: _Cursor, offsets: bool) -> dict[str, Any]:
+    """Points and cells by the names of their sections."""
+    found: dict[str, Any] = {}
+    while (words := cursor.line()) and words[0].lower() not in END:
+        match [words[0].lower(), *words[1:]]:
+            case ["points", count, kind]:
+                found["points"] = cursor.values(3 * _count(count, cursor), kind)
+            case [name, first, second] if name in CELLS:
+                read = _cells_by_offsets if offsets else _cells_by_lengths
+                found[name] = read(cursor, _count(first, cursor), _count(second, cursor))
+            case ["metadata", *_]:
+                _pass_metadata(cursor)
+            case ["field", _, count]:
+                for _ in range(_count(count, cursor)):
+                    _pass_field(cursor)
+            case _:
+                raise FileFormatError(f"{cursor.where}: expected a section of POLYDATA, found {' '.join(words)[:60]!r}")
+    return found
+
+
+def _count(word: str, cursor: _Cursor) -> int:
+    if not (word.isascii() and word.isdigit()):
+        raise FileFormatError(f"{cursor.where}: expected a count, found {word[:60]!r}")
+    return int(word)
+
+
+def _no_cells() -> tuple[Indices, Indices]:
+    return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
+
+
+def _cells_by_offsets(cursor: _Cursor, n_offsets: int, n_corners: int) -> tuple[Indices, Indices]:
+    """Corners and lengths as files of version 5 hold them."""
+    arrays = []
+    for name, count in (("offsets", n_offsets), ("connectivity", n_corners)):
+        words = cursor.line()
+        if len(words) != 2 or words[0].lower() != name:
+            raise FileFormatError(f"{cursor.where}: expected {name.upper()} and a type, found {' '.join(words)[:60]!r}")
+        arrays.append(cursor.values(count, words[1]).astype(np.int64))
+    lengths = np.diff(arrays[0])
+    if (lengths < 0).any() or (n_offsets and (arrays[0][0] != 0 or arrays[0][-1] != n_corners)):
+        raise FileFormatError(f"{cursor.where}: the offsets of the cells do not go from 0 to {n_corners}")
+    return arrays[1], lengths
+
+
+def _cells_by_lengths(cursor: _Cursor, count: int, size: int) -> tuple[Indices, Indices]:
+    """Corners and lengths as files before version 5 hold them: each cell begins with its length."""
+    values, lengths, at = cursor.values(size, "int").astype(np.int64), np.empty(count, dtype=np.int64), 0
+    is_length = np.zeros(size, dtype=bool)
+    for cell in range(count):
+        if at >= size or values[at] < 0:
+            raise FileFormatError(f"{cursor.where}: {count} cells promised, found {cell} in {size} numbers")
+        lengths[cell], is_length[at] = values[at], True
+        at += 1 + int(values[at])
+    if at != size:
+        raise FileFormatError(f"{cursor.where}: {count} cells with {size} numbers promised, found {at}")
+    return values[~is_length], lengths
+
+
+def _pass_metadata(cursor: _Cursor) -> None:
+    """To the blank line that ends it."""
+    end = re.compile(rb"\n[ \t\r]*\n").search(cursor.data, cursor.at - 1)
+    cursor.at = len(cursor.data) if end is None else end.end()
+
+
+def _pass_field(cursor: _Cursor) -> None:
+    words = cursor.line()
+    if len(words) == 1 and words[0].lower() == "metadata":
+        _pass_metadata(cursor)
+        words = cursor.line()
+    if len(words) != 4:
+        raise FileFormatError(f"{cursor.where}: expected an array of a field, found {' '.join(words)[:60]!r}")
+    cursor.values(_count(words[1], cursor) * _count(words[2], cursor), words[3])

@@ -1,0 +1,82 @@
+"""Wavefront OBJ: vertices and polygons; textures, normals, materials and groups do not matter to the surface."""
+
+import re
+from array import array
+from collections.abc import Iterator
+
+import numpy as np
+
+from quadriform.errors import FileFormatError
+from quadriform.files.polygons import Polygons
+from quadriform.files.reading import signature
+from quadriform.points import Array
+
+NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+CORNER = re.compile(r"(-?0*[1-9]\d{0,17})(/-?\d*){0,2}")
+"""Counted from 1, or backwards from -1, the vertex that was defined last."""
+COMMENT = re.compile(r"(?:^|\s)#")
+"""A # within a word is damage."""
+POINTS = ("v", "vt", "vn", "vp", "f")
+FREE_FORM = ("curv", "curv2", "surf")
+
+
+def parse_obj(data: bytes, where: str) -> Polygons:
+    """Vertices and polygons of an OBJ file.
+
+    Raises:
+        FileFormatError: no text, a line of vertices or polygons that is not whole, or free-form surfaces.
+    """
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise FileFormatError(f"{where}: expected text in UTF-8, found UTF-16; save it in UTF-8")
+    if b"\0" in data:
+        raise FileFormatError(f"{where}: expected text, found {signature(data)}")
+    rows, corners, lengths = array("d"), array("q"), array("q")
+    for number, words in _lines(data.removeprefix(b"\xef\xbb\xbf").decode("ascii", "surrogateescape")):
+        word, *rest = words
+        if word in FREE_FORM:
+            raise FileFormatError(f"{where}, line {number}: free-form surfaces ({word}) are not read; save polygons")
+        if word[0] in "vf" and word not in POINTS:
+            found = " ".join(words)[:60]
+            raise FileFormatError(f"{where}, line {number}: expected one of {', '.join(POINTS)}, found {found!r}")
+        if word == "v":
+            rows.extend(_numbers(rest, number, where))
+        elif word == "f":
+            found_corners = _corners(rest, len(rows) // 3, number, where)
+            corners.extend(found_corners)
+            lengths.append(len(found_corners))
+    vertices: Array = np.frombuffer(rows, dtype=np.float64).reshape(-1, 3) if rows else np.empty((0, 3))
+    return Polygons(vertices, np.array(corners, dtype=np.int64), np.array(lengths, dtype=np.int64))
+
+
+def _lines(text: str) -> Iterator[tuple[int, list[str]]]:
+    """Words of each line with its number, comments left out, and lines that end with a backslash joined to the next."""
+    words: list[str] = []
+    for number, line in enumerate(re.split(r"\r\n|\r|\n", text), 1):
+        content = COMMENT.split(line, maxsplit=1)[0].rstrip()
+        words += content.removesuffix("\\").split()
+        if words and not content.endswith("\\"):
+            yield number, words
+            words = []
+    if words:
+        yield number, words
+
+
+def _numbers(words: list[str], number: int, where: str) -> list[float]:
+    """The coordinates; a weight and a colour may follow."""
+    if len(words) < 3 or not all(map(NUMBER.fullmatch, words)):
+        found = " ".join(["v", *words])[:60]
+        raise FileFormatError(f"{where}, line {number}: expected three numbers or more, found {found!r}")
+    return [float(word) for word in words[:3]]
+
+
+def _corners(words: list[str], count: int, number: int, where: str) -> list[int]:
+    """Vertices of a polygon, counted from 0; negative ones are counted back from the vertices that there are so far."""
+    matches = [CORNER.fullmatch(word) for word in words]
+    if len(words) < 3 or not all(matches):
+        found = " ".join(["f", *words])[:60]
+        raise FileFormatError(f"{where}, line {number}: expected three numbers or more, found {found!r}")
+    given = [int(match[1]) for match in matches if match]
+    corners = [index - 1 if index > 0 else count + index for index in given]
+    if min(corners) < 0:
+        raise FileFormatError(f"{where}, line {number}: vertex {min(given)} is before the first of {count}")
+    return corners

@@ -1,0 +1,103 @@
+"""STL, binary and ASCII: a list of triangles, whose corners are put together to vertices."""
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from quadriform.errors import FileFormatError
+from quadriform.files.numbers import floats
+from quadriform.files.polygons import Indices, Polygons
+from quadriform.files.reading import signature
+from quadriform.points import Array
+from quadriform.shapes.mesh import Mesh
+
+HEAD, TRIANGLE = 84, 50
+"""Bytes before the triangles of a binary file, and of each."""
+NEAR = 1e-6
+"""Corners on open edges closer than this share of the extent are one vertex, or closer than two steps of single
+precision where these are larger, but never further than `SHORT` of the median edge."""
+SHORT = 0.1
+NAMES = ("solid", "endsolid", "facet", "outer", "endloop", "endfacet", "vertex", "color")
+
+
+def parse_stl(data: bytes, where: str) -> Polygons:
+    """Vertices and triangles of an STL file.
+
+    Corners are one vertex where they are equal to the bit. Where that leaves the surface open, those that differ by
+    rounding are put together, too.
+
+    Raises:
+        FileFormatError: neither binary nor ASCII STL, cut short, or triangles without three corners.
+    """
+    corners = _binary(data, where)
+    corners = _ascii(data, where) if corners is None else corners
+    if len(corners) == 0:
+        raise FileFormatError(f"{where}: expected an STL file with triangles, found {signature(data)} without any")
+    vertices, index = np.unique(corners, axis=0, return_inverse=True)
+    faces = index.reshape(-1).reshape(-1, 3)
+    if np.isfinite(vertices).all() and not Mesh(vertices, faces).is_closed():
+        vertices, faces = _merged(vertices, faces)
+    return Polygons(vertices, faces.reshape(-1), np.full(len(faces), 3))
+
+
+def _binary(data: bytes, where: str) -> Array | None:
+    """Corners (3 m, 3) of a binary file; None where the bytes are not those of its count of triangles."""
+    if len(data) < HEAD:
+        return None
+    count = int.from_bytes(data[80:HEAD], "little")
+    more = len(data) - HEAD - TRIANGLE * count
+    if more < 0 or (more >= TRIANGLE and any(data[HEAD + TRIANGLE * count :])):
+        if data.lstrip()[:5].lower() == b"solid" or b"\0" not in data:
+            return None
+        found = f"the header promises {count} triangles, found {len(data) - HEAD} bytes of {TRIANGLE} each"
+        raise FileFormatError(f"{where}: {found}")
+    record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    return np.frombuffer(data, record, count, HEAD)["corners"].astype(np.float64).reshape(-1, 3)
+
+
+def _ascii(data: bytes, where: str) -> Array:
+    lines = data.decode("ascii", "surrogateescape").replace("\0", " ").splitlines()
+    words = [line.split() for line in lines]
+    kinds = [row[0].lower() if row else "" for row in words]
+    if next(filter(None, kinds), "") != "solid":
+        raise FileFormatError(f"{where}: expected an STL file, binary or ASCII, found {signature(data)}")
+    corners: list[list[str]] = []
+    facets = 0
+    for number, (row, kind) in enumerate(zip(words, kinds), 1):
+        if (kind and kind not in NAMES) or (kind == "vertex" and len(row) != 4):
+            found = " ".join(row)[:60]
+            raise FileFormatError(f"{where}, line {number}: expected a line of an ASCII STL, found {found!r}")
+        facets += kind == "endfacet"
+        if kind == "vertex":
+            corners.append(row[1:])
+        elif kind == "endfacet" and len(corners) != 3 * facets:
+            raise FileFormatError(f"{where}, line {number}: expected three corners in each facet, found another number")
+    counts = {name: kinds.count(name) for name in ("facet", "endfacet", "solid", "endsolid")}
+    whole = counts["facet"] == counts["endfacet"] and counts["solid"] == counts["endsolid"]
+    if not whole or len(corners) != 3 * counts["facet"]:
+        raise FileFormatError(f"{where}: the file is cut short: {counts}, {len(corners)} corners")
+    return floats((word for row in corners for word in row), where).reshape(-1, 3)
+
+
+def _merged(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
+    """The same with vertices of open edges that differ by rounding as one, the first of them."""
+    edge = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
+    lengths = np.linalg.norm(vertices[edge[:, 1]] - vertices[edge[:, 0]], axis=1)
+    near = min(_rounding(vertices), SHORT * float(np.median(lengths)))
+    key, back = edge @ [len(vertices), 1], edge @ [1, len(vertices)]
+    loose = np.unique(edge[~np.isin(key, back)])  # what is wound the wrong way is not loose
+    if len(loose) == 0:
+        return vertices, faces
+    pairs = loose[cKDTree(vertices[loose]).query_pairs(near, output_type="ndarray")]
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(vertices),) * 2)
+    group = connected_components(graph, directed=False)[1]
+    _, first, index = np.unique(group, return_index=True, return_inverse=True)
+    return vertices[first], index.reshape(-1)[faces]
+
+
+def _rounding(vertices: Array) -> float:
+    """Distance that rounding explains, from sizes that single wrong corners do not change."""
+    extent = 2 * float(np.quantile(np.abs(vertices - np.median(vertices, axis=0)), 0.9, axis=0).max())
+    largest = np.float32(np.median(np.abs(vertices).max(axis=1)))
+    return max(NEAR * extent, 2 * float(np.spacing(largest)))
