@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from quadriform.fitting.neighbourhood import TIE
 from quadriform.fitting.residuals import Candidates
-from quadriform.fitting.start import hyperboloid_by_quadric, tori_by_moments
+from quadriform.fitting.start import hyperboloids, tori
 from quadriform.points import Array
 from quadriform.shapes import pose
 from quadriform.shapes.superquadric import Superquadric
@@ -96,8 +96,8 @@ def ellipsoids(points: Array, weights: Array, rotations: Array) -> Candidates:
 
 
 def other_kind(points: Array, kind: str) -> Candidates:
-    """Starts of a toroid or hyperboloid, each also turned by 45 degrees."""
-    first = tori_by_moments(points) if kind == "toroid" else [hyperboloid_by_quadric(points, kind)]
+    """Starts of a toroid or hyperboloid about several axes, each also turned by 45 degrees about its own."""
+    first = tori(points) if kind == "toroid" else hyperboloids(points, kind)
     return Candidates.of(first + [_eighth_turned(s) for s in first])
 
 

@@ -1,6 +1,10 @@
-"""Where a superquadric fit starts: moments of the points (paper A.3) and, for the open kinds, a plain quadric."""
+"""Where a superquadric fit starts: moments of the points (paper A.3) and, for the other kinds, a quadric too.
 
-from itertools import permutations
+The inertia of a toroid or hyperboloid may be nearly the same about all axes, and then its principal axes are those of
+the noise. The axes of the quadric nearest to the points depend on other moments, so they serve as candidates beside.
+"""
+
+from itertools import permutations, product
 
 import numpy as np
 
@@ -35,18 +39,44 @@ def ellipsoid_by_moments(points: Array) -> Superquadric:
     return Superquadric(semi_axes=sizes, rotation=axes, translation=centre)  # section A.3
 
 
-def toroid_by_moments(points: Array) -> Superquadric:
-    """An elliptic torus about the principal axis that suits best."""
-    return min(
-        tori_by_moments(points),
-        key=lambda torus: float(((torus.implicit(points) - 1) ** 2).sum()),
-    )
+def quadric_frame(points: Array) -> tuple[Array, Array]:
+    """Centre (3,) and axes (3, 3) of the quadric x'Qx + 2 b'x + c = 0 nearest to (n, 3) points, algebraically.
+
+    The centre of the points where the quadric has none among them.
+    """
+    middle, scale = points.mean(axis=0), np.ptp(points, axis=0).max()
+    x, y, z = ((points - middle) / scale).T
+    columns = (x * x, y * y, z * z, 2 * y * z, 2 * x * z, 2 * x * y, 2 * x, 2 * y, 2 * z, np.ones(len(x)))
+    rows = np.linalg.qr(np.stack(columns, axis=1), mode="r")
+    xx, yy, zz, yz, xz, xy, *linear, _ = np.linalg.svd(rows)[2][-1]
+    q = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    offset = -np.linalg.lstsq(q, np.array(linear), rcond=None)[0]
+    axes = np.linalg.eigh(q)[1]
+    return middle + scale * offset * (np.abs(offset).max() < 1), axes
 
 
-def tori_by_moments(points: Array) -> list[Superquadric]:
-    """An elliptic torus about each principal axis; ring and tube from means and spreads around it."""
+def _frames(points: Array) -> list[tuple[Array, Array]]:
+    """Candidates for centre (3,) and axes (3, 3), the latter up to order and sign: by inertia and by a quadric."""
     centre, axes, _ = principal_frame(points)
-    return [_torus_about(points, centre, np.roll(axes, shift, axis=1)) for shift in range(3)]
+    return [(centre, axes), quadric_frame(points)]
+
+
+def toroid_by_moments(points: Array) -> Superquadric:
+    """The elliptic torus that suits best."""
+    return min(tori(points), key=lambda torus: float(((torus.implicit(points) - 1) ** 2).sum()))
+
+
+def tori(points: Array) -> list[Superquadric]:
+    """An elliptic torus about each candidate for an axis; ring and tube from means and spreads around it."""
+    return [
+        _torus_about(points, centre, _right_handed(np.roll(axes, shift, axis=1)))
+        for centre, axes in _frames(points)
+        for shift in range(3)
+    ]
+
+
+def _right_handed(axes: Array) -> Array:
+    return axes * [np.sign(np.linalg.det(axes)), 1, 1]
 
 
 def _torus_about(points: Array, centre: Array, axes: Array) -> Superquadric:
@@ -60,40 +90,42 @@ def _torus_about(points: Array, centre: Array, axes: Array) -> Superquadric:
 
 
 def hyperboloid_by_quadric(points: Array, kind: str) -> Superquadric:
-    """The quadric +-(x/a1)^2 +-(y/a2)^2 - (z/a3)^2 = 1 nearest to the points, over the orders of the principal axes.
+    """The best of `hyperboloids`."""
+    return hyperboloids(points, kind)[0]
+
+
+def hyperboloids(points: Array, kind: str) -> list[Superquadric]:
+    """The quadrics +-(x/a1)^2 +-(y/a2)^2 - (z/a3)^2 = 1 nearest to (n, 3) points, in all orders of candidate axes.
+
+    Those of the right kind only, the best first.
 
     Raises:
-        DegenerateError: no order of the axes gives a hyperboloid.
+        DegenerateError: there is none.
     """
     signs = np.array([1.0, 1.0, -1.0] if kind == "hyperboloid1" else [1.0, -1.0, -1.0])
-    centre, axes, _ = principal_frame(points)
-    best, best_cost = None, np.inf
-    for order in permutations(range(3)):
-        turned = axes[:, order]
-        turned = turned * [np.linalg.det(turned), 1, 1]
+    found: list[tuple[float, Superquadric]] = []
+    for (centre, axes), order in product(_frames(points), permutations(range(3))):
+        turned = _right_handed(axes[:, order])
         squares = signs * ((points - centre) @ turned) ** 2
         coefficients = np.linalg.lstsq(squares, np.ones(len(points)), rcond=None)[0]
-        cost = float(((squares @ coefficients - 1) ** 2).sum())
-        if (coefficients > 0).all() and cost < best_cost * (1 - 1e-9):
-            best, best_cost = (turned, coefficients**-0.5), cost
-    if best is None:
+        if (coefficients > 0).all():
+            cost = float(((squares @ coefficients - 1) ** 2).sum())
+            found.append((cost, _hyperboloid(points, kind, centre, turned, 1 / np.sqrt(coefficients))))
+    if not found:
         raise DegenerateError(
             f"points do not look like kind={kind!r}; expected them around a hyperboloid, try 'ellipsoid'"
         )
-    return Superquadric(
-        kind,
-        best[1],
-        np.ones(2),
-        best[0],
-        centre,
-        height=_reach(points, centre, best, kind),
-    )
+    least = min(cost for cost, _ in found)
+    found.sort(key=lambda each: 0.0 if each[0] <= least * (1 + 1e-9) else each[0])  # of equal ones the first
+    return [each for _, each in found]
 
 
-def _reach(points: Array, centre: Array, frame: tuple[Array, Array], kind: str) -> float:
+def _hyperboloid(points: Array, kind: str, centre: Array, axes: Array, sizes: Array) -> Superquadric:
+    """A hyperboloid that is cut where the points end."""
     axis = 0 if kind == "hyperboloid2" else 2
-    reach = float(np.abs((points - centre) @ frame[0][:, axis]).max())
-    return max(reach, 1.01 * frame[1][axis]) if axis == 0 else reach
+    reach = float(np.abs((points - centre) @ axes[:, axis]).max())
+    height = max(reach, 1.01 * sizes[0]) if axis == 0 else reach
+    return Superquadric(kind, sizes, np.ones(2), axes, centre, height=height)
 
 
 def start(points: Array, kind: str) -> Superquadric:
