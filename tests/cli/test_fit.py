@@ -139,6 +139,29 @@ def test_existing_results_need_force(terminal, cloud, tmp_path):
     assert (tmp_path / "out/model.json").read_bytes() != before
 
 
+def test_results_are_replaced_as_a_whole(terminal, cloud, tmp_path):
+    """No surface of an earlier model stays beside the new one; what is no result stays."""
+    words = ("--surface", f"epi={cloud}", "--surface", f"endo={cloud}", "-o", "out", *QUICK)
+    assert terminal("fit", *words).code == 0
+    for name in ("notes.txt", "surface-mine.ply"):
+        (tmp_path / "out" / name).write_bytes(b"mine")
+    assert terminal("fit", cloud, "-o", "out", *QUICK).code == 5
+    assert terminal("fit", cloud, "-o", "out", "--force", *QUICK).code == 0
+    written = ["model.json", "notes.txt", "report.html", "surface-mine.ply", "surface.ply"]
+    assert files_in(tmp_path / "out") == written
+    assert (tmp_path / "out/surface-mine.ply").read_bytes() == b"mine"
+
+
+def test_results_may_lie_beside_their_input(terminal, cloud, tmp_path):
+    """The folder in which somebody works; the second time only with force, and the input stays."""
+    before = cloud.read_bytes()
+    assert terminal("fit", cloud, "-o", ".", *QUICK).code == 0
+    assert terminal("fit", cloud, "-o", ".", *QUICK).code == 5
+    assert terminal("fit", cloud, "-o", ".", "--force", *QUICK).code == 0
+    assert files_in(tmp_path) == ["cloud.xyz", "model.json", "report.html", "surface.ply"]
+    assert cloud.read_bytes() == before
+
+
 def test_one_broken_input_does_not_stop_the_others(terminal, cloud, tmp_path):
     (tmp_path / "broken.xyz").write_text("1 2\n")
     (tmp_path / "flat.xyz").write_text("".join(f"{i} {i * i} 0\n" for i in range(30)))
@@ -372,7 +395,7 @@ def test_inputs_that_are_not_there(terminal, cloud, tmp_path, where):
     assert_refused(terminal("fit", where, "-o", "out"), 4, "", where)
 
 
-@pytest.mark.parametrize("out", ["cloud.xyz", "cloud.xyz/out", "/proc/out"])
+@pytest.mark.parametrize("out", ["cloud.xyz", "cloud.xyz/out", "/proc/out", "x" * 300])
 def test_outputs_that_cannot_be_written_are_refused_before_the_work(terminal, cloud, tmp_path, out, monkeypatch):
     from quadriform.cli import batch
 

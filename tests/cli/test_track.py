@@ -176,3 +176,11 @@ def test_each_alone_gives_a_model_a_frame(terminal, ellipsoid, tmp_path):
     assert done.code == 0, done.err
     assert isinstance(qf.load(tmp_path / "out" / "frame_001.json"), qf.DeformableModel)
     assert not (tmp_path / "out" / "model.json").exists()
+    assert terminal("track", *files, "-o", "out", "--box", "3,3,3").code == 5
+    assert terminal("track", *files, "-o", "out", "--box", "3,3,3", "--force").code == 0
+    written = ["frames.csv", "model.json", "report.html"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == written
+    (tmp_path / "new").mkdir()
+    (tmp_path / "new" / "frame_001.json").write_bytes(b"mine")
+    refused = terminal("track", *files, "-o", "new", "--strategy", "alone")
+    assert refused.code == 5 and "frame_001.json': exists already" in refused.err

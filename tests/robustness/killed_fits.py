@@ -1,8 +1,9 @@
 """Whole `quadriform fit` runs stopped at random instants: python killed_fits.py [COUNT] [SEED] (`make kill`).
 
 A run is killed, ended or interrupted in turn; every other one at any instant of its time, the rest just after it began
-to write. Each of its files must then be the old one or the new one, byte for byte, and a run after all of them must do
-as if nothing had been. A program of its own, for it forks: each run is a process in which all is imported already.
+to write. All its files must then be the old ones or all the new ones, byte for byte; a run that was stopped while it
+moved them, so that there is no model, must leave the old ones to be put back by the next. A run after all of them must
+do as if nothing had been. A program of its own, for it forks: each run is a process in which all is imported already.
 Prints what became of the runs; exits with 1 where a promise was broken.
 """
 
@@ -19,6 +20,7 @@ import numpy as np
 from shapes_made import lumpy
 
 from quadriform.cli.main import main
+from quadriform.files.result_folder import restore
 
 SIGNALS = {9: "killed", 15: "ended", 2: "interrupted"}
 ENDED = {9: (-9, 0), 15: (-15, 0), 2: (130, 0)}
@@ -78,9 +80,12 @@ def first_write(folder: Path, child: int) -> None:
             return
 
 
-def fate(found: dict[str, bytes], old: dict[str, bytes], new: dict[str, bytes]) -> str:
-    which = {"old" if found[n] == old[n] else "new" if found[n] == new[n] else "TORN" for n in NAMES}
-    return "TORN" if "TORN" in which else " and ".join(sorted(which, reverse=True))
+def fate(folder: Path, old: dict[str, bytes], new: dict[str, bytes]) -> str:
+    moving = not (folder / "out" / "model.json").exists()
+    if moving:
+        restore(folder / "out")
+    found = contents(folder)
+    return ("put back" if moving else "old") if found == old else "new" if found == new and not moving else "TORN"
 
 
 def versions(folder: Path) -> tuple[dict[str, bytes], dict[str, bytes], float]:
@@ -106,7 +111,7 @@ def harness(folder: Path, count: int, seed: int) -> tuple[Counter, list[str]]:
         if turn % 2:
             first_write(folder, child)
         time.sleep(rng.uniform(0, 0.01 if turn % 2 else seconds))
-        ended, which, more = stopped(child, signal), fate(contents(folder), old, new), strays(folder)
+        ended, which, more = stopped(child, signal), fate(folder, old, new), strays(folder)
         happened[SIGNALS[signal], which] += 1
         allowed = before if signal == 2 else [name for name in more if name.startswith(".quadriform-")]
         if which == "TORN" or ended not in ENDED[signal] or set(more) - set(before) - set(allowed):

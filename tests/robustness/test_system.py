@@ -108,6 +108,19 @@ def test_row_68_a_file_that_cannot_grow_leaves_the_old_one(saved, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == before
 
 
+@pytest.mark.parametrize("limit", [1000, 12_000, 60_000])
+def test_row_68_results_that_do_not_fit_on_the_disk_leave_the_old_ones(cloud, tmp_path, limit):
+    """The model fits, the surface too, the page does not: all files stay those of the earlier run."""
+    words = ("fit", cloud, "-o", tmp_path / "out", "--method", "paper", "--iterations", "1")
+    assert main([str(word) for word in words]) == 0
+    before = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
+    np.savetxt(cloud, lumpy(300, seed=5), fmt="%.17g")
+    done = python("-c", LIMITED.replace("(1000, 1000)", f"({limit}, {limit})"), *words, "--force")
+    assert done.returncode == 5
+    assert len(done.stderr.splitlines()) == 1 and "writing failed, nothing was changed" in done.stderr
+    assert {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()} == before
+
+
 @pytest.mark.slow
 def test_row_69_stopped_at_fifty_instants(tmp_path):
     """The target is the old file or the new one, whole; all that may be left is the temporary file of a killed one."""

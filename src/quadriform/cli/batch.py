@@ -12,11 +12,13 @@ from quadriform.cli.exit_codes import complain
 from quadriform.cli.inputs import naming, refuse
 from quadriform.cli.options import check_file_names, stem, surface_file
 from quadriform.cli.reporting import REPORT, fit_options, page_of_fit
+from quadriform.cli.results import MODEL, earlier_results
 from quadriform.cli.screen import emit_json, emit_table, progress_bar, say, tell, warn
 from quadriform.errors import InputError, OptionError, join_warnings
 from quadriform.files import save, sha256_of, write_mesh
-from quadriform.files.atomic import check_folder, check_writable, make_folder, write_bytes
+from quadriform.files.atomic import write_bytes
 from quadriform.files.frame_numbers import natural
+from quadriform.files.result_folder import check_results, replaced_together
 from quadriform.fitting.fit import ALONE, fit
 from quadriform.fitting.outcome import Fit, flat
 from quadriform.imaging.input_files import input_files, title_of, without_folders
@@ -164,7 +166,8 @@ def run_all(jobs: Sequence[Job], options: Mapping[str, Any], strict: bool, force
 
 
 def _run(job: Job, options: Mapping[str, Any], strict: bool, force: bool) -> Record:
-    _check_outputs(job, force)
+    names = [MODEL, *(path.name for path in job.targets.values()), REPORT]
+    check_results(job.folder, names, force, job.files)
     begin = time.perf_counter()
     with naming(*job.files):
         sources = {name: read_source(path, image) for name, (path, image) in job.sources.items()}
@@ -178,11 +181,11 @@ def _run(job: Job, options: Mapping[str, Any], strict: bool, force: bool) -> Rec
             refuse(found.warnings)
     record = _record(job, found, time.perf_counter() - begin)
     page = _page(job, sources, found, record | fit_options(options))
-    make_folder(job.folder)
-    save(found.model, job.folder / "model.json", force)
-    for name, path in job.targets.items():
-        write_mesh(found.model.mesh(name), path, found.model.space, found.model.unit, force)
-    write_bytes(job.report, page, force)
+    with replaced_together(job.folder, MODEL, force, earlier_results(job.folder) if force else ()) as folder:
+        save(found.model, folder / MODEL)
+        for name, path in job.targets.items():
+            write_mesh(found.model.mesh(name), folder / path.name, found.model.space, found.model.unit)
+        write_bytes(folder / REPORT, page)
     return record
 
 
@@ -213,13 +216,6 @@ def _input_files(job: Job) -> tuple[InputFile, ...]:
     return tuple(file for files in each for file in files)
 
 
-def _check_outputs(job: Job, force: bool) -> None:
-    check_folder(job.folder)
-    if job.folder.exists():
-        for path in (job.folder / "model.json", *job.targets.values(), job.report):
-            check_writable(path, force, inputs=job.files)
-
-
 def _common_marks(sources: Mapping[str, Source]) -> tuple[str, str]:
     marks = {(source.space, source.unit) for source in sources.values()}
     if len(marks) > 1:
@@ -236,7 +232,7 @@ def _record(job: Job, found: Fit, seconds: float) -> Record:
     return {
         "input": job.name,
         "status": found.status,
-        "outputs": [str(path) for path in (job.folder / "model.json", *job.targets.values(), job.report)],
+        "outputs": [str(path) for path in (job.folder / MODEL, *job.targets.values(), job.report)],
         "points": found.n_points,
         "parameters": found.model.n_parameters,
         "compression_ratio": found.compression_ratio,

@@ -27,7 +27,8 @@ def demo(
     """
     from quadriform.cli.screen import emit_table, progress_bar, say, warn
     from quadriform.files import save
-    from quadriform.files.atomic import check_folder, check_writable, make_folder, write_bytes
+    from quadriform.files.atomic import write_bytes
+    from quadriform.files.result_folder import check_results, replaced_together
     from quadriform.fitting.fit import ALONE, fit
     from quadriform.fitting.outcome import rms
     from quadriform.imaging.image_points import points_from_image
@@ -36,10 +37,7 @@ def demo(
     from quadriform.report.slices import slices_png
 
     names = ("model.json", "surface.ply", "slices.png", "report.html")
-    check_folder(output)
-    folder = make_folder(output)
-    for name in names:
-        check_writable(folder / name, force)
+    check_results(output, names, force)
     volume = example_volume()
     found = points_from_image(volume, select="otsu", closing=2, border="close")
     warn(found.warnings)
@@ -51,15 +49,15 @@ def demo(
     marked = _marked(result, volume.space, volume.unit, found.warnings)
     model = marked.model
 
-    save(model, folder / "model.json", force)
-    mesh = model.mesh(resolution=48)
-    save(model, folder / "surface.ply", force)
-    before = model.superquadric().mesh(48)
+    mesh, before = model.mesh(resolution=48), model.superquadric().mesh(48)
     shown = {"superquadric alone (11 numbers)": before, f"model ({model.n_parameters} numbers)": mesh}
     picture = slices_png(volume.values, volume.world_from_voxel, shown, SOURCE)
-    write_bytes(folder / "slices.png", picture, force)
     report = fit_report(marked, {ALONE: found.points}, title=SOURCE, record=found.record, image=volume)
-    write_bytes(folder / "report.html", report, force)
+    with replaced_together(output, names[0], force) as folder:
+        save(model, folder / "model.json")
+        save(model, folder / "surface.ply")
+        write_bytes(folder / "slices.png", picture)
+        write_bytes(folder / "report.html", report)
 
     data = ~found.on_border
     residuals, alone = result.residuals, result.superquadric_residuals
@@ -74,7 +72,7 @@ def demo(
         ("iterations, time", f"{result.iterations}, {seconds:.1f} s"),
     ]
     emit_table(rows, SOURCE)
-    say(f"written to {folder}: {', '.join(names)}")
+    say(f"written to {output}: {', '.join(names)}")
 
 
 def _marked(result: "Fit", space: str, unit: str, warnings: "Warnings") -> "Fit":

@@ -31,25 +31,23 @@ def export(
     """Write the surfaces of a model as meshes, its wall as hexahedra, its motion as a film, its inside as labels."""
     from quadriform.cli.screen import emit, emit_json
     from quadriform.errors import OptionError, choose
-    from quadriform.files.atomic import check_folder, check_writable, make_folder, write_bytes
+    from quadriform.files.atomic import check_folder, write_bytes
+    from quadriform.files.result_folder import check_results, replaced_together
 
     formats = [choose(name.strip().lower(), FORMATS, "--to") for name in to.split(",")]
     if ("nii" in formats) != (like is not None):
         raise OptionError("options --to nii and --like IMAGE go together: labels need a grid")
     check_folder(output)
     state, film = _read(model, at, frames, check_space(space))
-    files: dict[Path, bytes] = {}
+    files: dict[str, bytes] = {}
     for kind in dict.fromkeys(formats):
-        for name, content in _encode(kind, state, film, resolution, layers, like).items():
-            files[output / name] = content
-    check_file_names(files, "two surfaces")
-    if output.exists():
-        for path in files:
-            check_writable(path, force, inputs=[model] if like is None else [model, like])
-    make_folder(output)
-    for path, content in files.items():
-        write_bytes(path, content, force)
-    outputs = [str(path) for path in files]
+        files |= _encode(kind, state, film, resolution, layers, like)
+    check_file_names([output / name for name in files], "two surfaces")
+    check_results(output, list(files), force, [model] if like is None else [model, like])
+    with replaced_together(output, next(iter(files)), force) as folder:
+        for name, content in files.items():
+            write_bytes(folder / name, content)
+    outputs = [str(output / name) for name in files]
     if as_json:
         emit_json({"outputs": outputs})
     else:

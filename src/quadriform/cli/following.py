@@ -13,10 +13,12 @@ import numpy as np
 from quadriform.cli.inputs import naming, refuse
 from quadriform.cli.options import stem
 from quadriform.cli.reporting import REPORT, page_of_track, track_options
+from quadriform.cli.results import FRAMES, MODEL, earlier_results, frame_model
 from quadriform.cli.screen import emit_json, emit_table, progress_bar, say, warn
 from quadriform.errors import join_warnings
 from quadriform.files import save, sha256_of
-from quadriform.files.atomic import check_folder, check_writable, make_folder, write_bytes
+from quadriform.files.atomic import write_bytes
+from quadriform.files.result_folder import check_results, replaced_together
 from quadriform.imaging.frame_sources import Frames, frame_files, keep_slices, read_frames
 from quadriform.imaging.input_files import input_files, title_of, without_folders
 from quadriform.imaging.sources import files_of, space_to_write
@@ -46,35 +48,30 @@ def follow(
     files = frame_files(inputs)
     shown = inputs if any(map(Path.is_dir, inputs)) else files  # in the order of time
     folder = output or Path(f"{stem(inputs[0])}-track")
-    targets = [folder / "model.json", folder / "frames.csv", folder / REPORT]
-    check_folder(folder)
-    if folder.exists():
-        for path in targets:
-            check_writable(path, force, inputs=files)
+    earlier = earlier_results(folder)
+    check_results(folder, [MODEL, FRAMES, REPORT, *earlier], force, files)
     begin = time.perf_counter()
     with naming(*inputs):
         frames = read_frames(files, surfaces)
         if shift_slices:
             keep_slices(frames)
+        if options["strategy"] == "alone":
+            check_results(folder, [frame_model(number) for number in range(len(frames.clouds))], force, files)
         for note in dict.fromkeys(frames.notes):
             say(f"note: {note}")
         found = _track(frames, shift_slices, space, options, shown, files)
         if strict:
             refuse(found.warnings)
-    record = _record(shown, targets, found, time.perf_counter() - begin)
+    models = {MODEL: found.moving} if found.moving else {frame_model(n): m for n, m in enumerate(found.models)}
+    record = _record(shown, [folder / name for name in (*models, FRAMES, REPORT)], found, time.perf_counter() - begin)
     title = title_of(shown)
     space = next(iter(frames.marks))[0]
     page = page_of_track(found, frames.clouds, frames.slices, space, title, record | track_options(options))
-    make_folder(folder)
-    if found.moving is None:
-        targets[0] = folder / "frame_000.json"
-        for number, model in enumerate(found.models):
-            save(model, folder / f"frame_{number:03d}.json", force)
-        record["outputs"][0] = f"{targets[0]} and the others"
-    else:
-        save(found.moving, targets[0], force)
-    write_bytes(targets[1], _csv(record["frames"]), force)
-    write_bytes(targets[2], page, force)
+    with replaced_together(folder, next(iter(models)), force, earlier) as staging:
+        for name, model in models.items():
+            save(model, staging / name)
+        write_bytes(staging / FRAMES, _csv(record["frames"]))
+        write_bytes(staging / REPORT, page)
     warn(record["warnings"])
     if as_json:
         emit_json(record)

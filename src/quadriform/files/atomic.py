@@ -33,7 +33,7 @@ def check_writable(path: PathLike, force: bool = False, inputs: Sequence[PathLik
     except OutputError:
         raise
     except (OSError, ValueError) as error:
-        raise OutputError(f"{where}: cannot be written: {_reason(error)}") from error
+        raise OutputError(f"{where}: cannot be written: {reason(error)}") from error
 
 
 def _check_target(target: Path, force: bool, inputs: Sequence[PathLike]) -> None:
@@ -53,20 +53,29 @@ def _check_target(target: Path, force: bool, inputs: Sequence[PathLike]) -> None
     raise OutputError(f"{where}: exists already; give another name, or force it to be replaced")
 
 
-def check_folder(folder: PathLike) -> None:
+def check_folder(folder: PathLike, names: Sequence[str] = ()) -> None:
     """Refuse a folder that can neither be written to nor be made; nothing is made yet.
 
+    Args:
+        folder: that is to hold the files.
+        names: of the files.
+
     Raises:
-        OutputError: the folder, or its nearest existing parent, is no folder or is read-only.
+        OutputError: the folder, or its nearest existing parent, is no folder or is read-only, or a name is too long.
     """
     existing = Path(folder).absolute()
     try:
+        missing = [*names]
         while not existing.exists() and existing != existing.parent:
+            missing.append(existing.name)
             existing = existing.parent
+        for name in missing:
+            with contextlib.suppress(FileNotFoundError):
+                os.stat(existing / name)  # refuses names that the disk cannot have
         with tempfile.TemporaryFile(dir=existing):
             pass
     except (OSError, ValueError) as error:
-        raise OutputError(f"{str(folder)!r}: cannot be used as a folder for results: {_reason(error)}") from error
+        raise OutputError(f"{str(folder)!r}: cannot be used as a folder for results: {reason(error)}") from error
 
 
 def make_folder(folder: PathLike) -> Path:
@@ -78,7 +87,7 @@ def make_folder(folder: PathLike) -> Path:
     try:
         Path(folder).mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
-        raise OutputError(f"{str(folder)!r}: cannot be made: {_reason(error)}") from error
+        raise OutputError(f"{str(folder)!r}: cannot be made: {reason(error)}") from error
     return Path(folder)
 
 
@@ -93,7 +102,7 @@ def write_bytes(path: PathLike, data: bytes, force: bool = False) -> None:
     try:
         _replace(target, data)
     except OSError as error:
-        raise OutputError(f"{str(target)!r}: writing failed, nothing was changed: {_reason(error)}") from error
+        raise OutputError(f"{str(target)!r}: writing failed, nothing was changed: {reason(error)}") from error
 
 
 def create_bytes(path: PathLike, data: bytes) -> bool:
@@ -114,11 +123,11 @@ def create_bytes(path: PathLike, data: bytes) -> bool:
     except FileExistsError:
         return False
     except OSError as error:
-        raise OutputError(f"{str(target)!r}: writing failed, nothing was changed: {_reason(error)}") from error
+        raise OutputError(f"{str(target)!r}: writing failed, nothing was changed: {reason(error)}") from error
     finally:
         with contextlib.suppress(OSError):
             os.unlink(temporary)
-    _sync_folder(target.parent)
+    sync_folder(target.parent)
     return True
 
 
@@ -132,7 +141,7 @@ def _replace(target: Path, data: bytes) -> None:
         with contextlib.suppress(OSError):
             os.unlink(temporary)
         raise
-    _sync_folder(target.parent)
+    sync_folder(target.parent)
 
 
 def _beside(target: Path) -> Path:
@@ -164,7 +173,7 @@ def _fill(path: Path, data: bytes) -> None:
         os.fsync(stream.fileno())
 
 
-def _sync_folder(folder: Path) -> None:
+def sync_folder(folder: Path) -> None:
     """Make the new name durable, where the system lets a folder be opened (Windows does not)."""
     with contextlib.suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)
@@ -174,5 +183,6 @@ def _sync_folder(folder: Path) -> None:
             os.close(descriptor)
 
 
-def _reason(error: Exception) -> str:
+def reason(error: Exception) -> str:
+    """What the system says of an error."""
     return error.strerror if isinstance(error, OSError) and error.strerror else str(error)
