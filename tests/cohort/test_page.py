@@ -3,6 +3,7 @@
 import re
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+from html import unescape
 
 import numpy as np
 import pytest
@@ -22,9 +23,13 @@ for library in ("zarr", "pyarrow", "sklearn"):
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
-    """Seven subjects, one of them broken, one warned for its strangers."""
+    """Seven subjects, one of them broken, one warned: half of its points are no surface."""
     folder = tmp_path_factory.mktemp("page")
     cohort = listed(folder, 7, broken=(2,))
+    spoilt = folder / "clouds" / "person04" / "0.npy"
+    points = np.load(spoilt)
+    points[::2] = points.mean(axis=0) + 1.6 * (points[::2] - points.mean(axis=0))
+    np.save(spoilt, points)
     run(cohort, folder / "out", partial(engines.given, ThreadPoolExecutor(1), 1), Choices(TINY))
     return folder / "out"
 
@@ -40,6 +45,21 @@ def test_the_page_tells_of_every_subject(results):
     assert "6 of 7 subjects have a model, 1 failed" in text
     assert all(f"person{number:02d}" in text for number in range(7))
     assert "PointsError" in text and str(results.parent) not in text
+
+
+def test_the_warnings_of_each_model_are_on_the_page_and_in_the_table(results):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    text = unescape((results / "cohort.html").read_text(encoding="utf-8"))
+    table = parquet.read_table(results / "metrics").to_pylist()
+    models = {path.parent.name: load(path) for path in sorted((results / "subjects").glob("*/model.json"))}
+    assert any(model.warnings for model in models.values())
+    for name, model in models.items():
+        told = {row["quantity"].removeprefix("warning "): row["text"] for row in table if row["subject"] == name}
+        assert model.record.title == name and [source.name for source in model.record.sources] == ["0.npy", "1.npy"]
+        for kind, sentence in model.warnings.items():
+            assert f"<strong>{kind}</strong>: {sentence}" in text
+            assert told[kind] == sentence
+    assert '<div class="verdict warned">' in text
 
 
 def test_its_links_lead_to_the_models(results):

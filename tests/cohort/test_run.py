@@ -95,7 +95,7 @@ def test_models_come_back_from_the_store(serial):
 
 def test_measures_are_one_number_a_row(serial):
     table = parquet.read_table(serial[0] / "metrics").to_pylist()
-    assert set(table[0]) == {"subject", "frame", "quantity", "value", "unit"}
+    assert set(table[0]) == {"subject", "frame", "quantity", "value", "unit", "text"}
     mine = [row for row in table if row["subject"] == "person05"]
     moving = load(serial[0] / "subjects" / "person05" / "model.json")
     volumes = [row["value"] for row in mine if row["quantity"] == "volume surface"]

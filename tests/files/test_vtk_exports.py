@@ -24,7 +24,7 @@ def state(grown=1.0):
 
 def test_a_vtu_holds_the_very_same_wall():
     wall = wall_mesh(state(), layers=2, resolution=4)
-    piece = ElementTree.fromstring(encode_vtu(wall, "LPS", "mm")).find("UnstructuredGrid/Piece")
+    piece = ElementTree.fromstring(encode_vtu(wall, {"SPACE": "LPS", "UNIT": "mm"})).find("UnstructuredGrid/Piece")
     types = {"Float64": "<f8", "Int64": "<i8", "UInt8": "u1"}
     read = {
         array.get("Name"): np.frombuffer(base64.b64decode(array.text)[8:], types[array.get("type")])

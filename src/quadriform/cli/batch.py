@@ -184,7 +184,8 @@ def _run(job: Job, options: Mapping[str, Any], strict: bool, force: bool) -> Rec
     with replaced_together(job.folder, MODEL, force, earlier_results(job.folder) if force else ()) as folder:
         save(found.model, folder / MODEL)
         for name, path in job.targets.items():
-            write_mesh(found.model.mesh(name), folder / path.name, found.model.space, found.model.unit)
+            mesh, marks = found.model.mesh(name), found.model.record.marks
+            write_mesh(mesh, folder / path.name, found.model.space, found.model.unit, more=marks)
         write_bytes(folder / REPORT, page)
     return record
 

@@ -6,34 +6,39 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from quadriform.cli.options import Json
+from quadriform.cli.options import Json, Strict
 
 if TYPE_CHECKING:
     from quadriform.shapes.comparison import ParameterDifference, Surface
+    from quadriform.shapes.record import ModelRecord
 
 FILE_HELP = "A model, .json or .npz, or a mesh, .ply .stl .obj .vtp .vtk."
 
 
 @dataclass(frozen=True)
 class _Body:
-    """A model of one surface or a mesh, with the frame and unit of its file."""
+    """A model of one surface or a mesh, with the frame and unit of its file, and the record of a model's fit."""
 
     file: Path
     shape: "Surface"
     space: str
     unit: str
+    record: "ModelRecord | None" = None
 
 
 def compare(
     a: Annotated[Path, typer.Argument(help=FILE_HELP)],
     b: Annotated[Path, typer.Argument(help="Another, in the same unit; of LPS and RAS it is brought to that of A.")],
     surface: Annotated[str | None, typer.Option(help="Which surface, where a model has several.")] = None,
+    strict: Strict = False,
     as_json: Json = False,
 ) -> None:
     """Distances between two surfaces both ways, volumes, overlap, and how the numbers of two models differ."""
     from quadriform.cli.inputs import naming
     from quadriform.cli.screen import emit_json, emit_table, say
+    from quadriform.cli.verdicts import repeat
     from quadriform.errors import OptionError
+    from quadriform.shapes.record import together
 
     one = _read(a, surface)
     two = _in_space(_read(b, surface), one.space)
@@ -45,11 +50,14 @@ def compare(
         "space": _common(one, two, "space"),
         "unit": _common(one, two, "unit"),
     }
+    fits = {which: body.record for which, body in (("A", one), ("B", two)) if body.record is not None}
+    told = repeat(together(fits), strict, a, b) if fits else {}
     with naming(a, b):
         record |= _record(one.shape, two.shape)
     for which in ("a", "b"):
         if record[f"volume_{which}"] is None:
             say(f"note: {record[which]}: the surface is open: no volume, no overlap")
+    record |= told
     if as_json:
         emit_json(record)
         return
@@ -105,7 +113,7 @@ def _read(file: Path, surface: str | None) -> _Body:
             "quadriform export --to ply --at TIME"
         )
     try:
-        return _Body(file, alone(shape, surface), shape.space, shape.unit)
+        return _Body(file, alone(shape, surface), shape.space, shape.unit, shape.record)
     except OptionError as error:
         raise OptionError(f"{str(file)!r}: {error}; --surface NAME chooses one") from error
 
@@ -152,6 +160,8 @@ def _rows(record: dict[str, Any]) -> list[tuple[str, str, str]]:
     cubed = unit and f"{unit}^3"
     rows += [(f"volume {which.upper()}", _words(record[f"volume_{which}"]), cubed) for which in "ab"]
     rows.append(("Dice overlap", _words(record["dice"]), ""))
+    if "status" in record:
+        rows.append(("status of the fits", record["status"], ", ".join(record["warnings"])))
     units = {"exponents": "", "rotation_radians": "rad"}
     for name, value in (record["parameters"] or {}).items():
         words = name.replace("_rms", ", RMS").replace("_radians", "").replace("_", " ")

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from quadriform.cli.options import Force, Json, Space, check_space
+from quadriform.cli.options import Force, Json, Space, Strict, check_space
 
 
 def deform(
@@ -14,6 +14,7 @@ def deform(
     output: Annotated[Path, typer.Option("--output", "-o", help="Points, or a mesh when POINTS is one.")],
     inverse: Annotated[bool, typer.Option("--inverse", help="From the deformed space back.")] = False,
     space: Space = None,
+    strict: Strict = False,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -23,6 +24,7 @@ def deform(
     """
     from quadriform.cli.inputs import naming, turn_to_model
     from quadriform.cli.screen import emit, emit_json
+    from quadriform.cli.verdicts import repeat
     from quadriform.files import read_mesh, read_model, read_points, write_mesh
     from quadriform.files.atomic import check_writable
     from quadriform.files.meshes import MESH_SUFFIXES
@@ -35,6 +37,7 @@ def deform(
     as_mesh = suffix_of(output, (*POINT_SUFFIXES, *MESH_SUFFIXES), "points or a mesh") in MESH_SUFFIXES
     check_writable(output, force, inputs=[model, points])
     carrier, asked = read_model(model), check_space(space)
+    told = repeat(carrier.record, strict, model)
     with naming(model):
         wanted = space_to_write(asked, carrier.space)
     carry = carrier.undeform if inverse else carrier.deform
@@ -48,6 +51,6 @@ def deform(
     else:
         write_points(moved, output, force)
     if as_json:
-        emit_json({"points": len(moved), "inverse": inverse, "output": str(output)})
+        emit_json({"points": len(moved), "inverse": inverse, "output": str(output)} | told)
     else:
         emit(f"{len(moved)} points {'carried back' if inverse else 'deformed'}: {output}")

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from quadriform.cli.options import Force, Json, Space, check_file_names, check_space, surface_file
+from quadriform.cli.options import Force, Json, Space, Strict, check_file_names, check_space, surface_file
 
 if TYPE_CHECKING:
     from quadriform.shapes.model import DeformableModel
@@ -25,11 +25,13 @@ def export(
     frames: Annotated[int, typer.Option(min=2, max=1000, help="vtkhdf: states of a moving model's cycle.")] = 25,
     at: Annotated[float | None, typer.Option(help="A moving model's time for all formats but vtkhdf.")] = None,
     space: Space = None,
+    strict: Strict = False,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Write the surfaces of a model as meshes, its wall as hexahedra, its motion as a film, its inside as labels."""
     from quadriform.cli.screen import emit, emit_json
+    from quadriform.cli.verdicts import repeat
     from quadriform.errors import OptionError, choose
     from quadriform.files.atomic import check_folder, write_bytes
     from quadriform.files.result_folder import check_results, replaced_together
@@ -39,6 +41,7 @@ def export(
         raise OptionError("options --to nii and --like IMAGE go together: labels need a grid")
     check_folder(output)
     state, film = _read(model, at, frames, check_space(space))
+    told = repeat(state.record, strict, model)
     files: dict[str, bytes] = {}
     for kind in dict.fromkeys(formats):
         files |= _encode(kind, state, film, resolution, layers, like)
@@ -49,7 +52,7 @@ def export(
             write_bytes(folder / name, content)
     outputs = [str(output / name) for name in files]
     if as_json:
-        emit_json({"outputs": outputs})
+        emit_json({"outputs": outputs} | told)
     else:
         emit("\n".join(outputs))
 
@@ -90,14 +93,15 @@ def _encode(
 
     if kind == "vtu":
         wall = wall_mesh(state, layers=layers, resolution=resolution)
-        return {"wall.vtu": encode_vtu(wall, state.space, state.unit)}
+        return {"wall.vtu": encode_vtu(wall, {"SPACE": state.space, "UNIT": state.unit} | state.record.marks)}
     if kind == "vtkhdf":
         return {"surfaces.vtkhdf": encode_vtkhdf(*film, resolution=resolution)}
     if kind == "nii" and like is not None:
         return {"labels.nii.gz": _labels(state, like)}
+    meshes = {name: state.mesh(name, resolution) for name in state.surfaces}
     return {
-        surface_file(name, f".{kind}"): encode_mesh(state.mesh(name, resolution), f".{kind}", state.space, state.unit)
-        for name in state.surfaces
+        surface_file(name, f".{kind}"): encode_mesh(mesh, f".{kind}", state.space, state.unit, state.record.marks)
+        for name, mesh in meshes.items()
     }
 
 
@@ -111,4 +115,5 @@ def _labels(state: "DeformableModel", like: Path) -> bytes:
     with naming(like):
         to_model = grid_of_model(state, grid.world_from_voxel, grid.space, grid.unit)
     values = label_map(state, grid.values.shape, to_model)
-    return encode_labels(values, grid.world_from_voxel, grid.space, grid.unit)
+    note = f"quadriform, STATUS={state.status}"
+    return encode_labels(values, grid.world_from_voxel, grid.space, grid.unit, note=note)

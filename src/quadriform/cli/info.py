@@ -5,11 +5,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from quadriform.cli.options import Affine, Frame, Json
+from quadriform.cli.options import Affine, Frame, Json, Strict
 
 if TYPE_CHECKING:
     from quadriform.imaging.volume import Volume
     from quadriform.points import Array
+    from quadriform.shapes.model import DeformableModel
     from quadriform.shapes.moving_model import MovingModel
 
 
@@ -17,14 +18,16 @@ def info(
     file: Annotated[Path, typer.Argument(help="Points, a mesh, an image or a model.")],
     frame: Frame = None,
     affine: Affine = None,
+    strict: Strict = False,
     as_json: Json = False,
 ) -> None:
     """Say what a file is: counts, extents, frame, unit and hash."""
-    from quadriform.cli.inputs import naming
-    from quadriform.cli.screen import emit_json, emit_table, warn
+    from quadriform.cli.inputs import naming, refuse
+    from quadriform.cli.screen import emit_json, emit_table, tell
     from quadriform.files import sha256_of
     from quadriform.files.models import holds_model
     from quadriform.imaging.sources import files_of, kind_of
+    from quadriform.shapes.record import remarks
 
     with naming(file):
         suffix = file.suffix.lower()
@@ -32,19 +35,25 @@ def info(
         describe = {"model": _model, "mesh": _mesh, "image": _image}.get(kind or "", _points)
         record = describe(file, frame, affine)
         record["sha256"] = sha256_of(*files_of(file))
+    tell(remarks(record.get("warnings", {}), record.get("notes", ()), "from the fit" if kind == "model" else ""))
     if as_json:
         emit_json(record)
-        return
-    warn(record.get("warnings", {}))
-    emit_table([(name.replace("_", " "), _words(value)) for name, value in record.items()], title=str(file))
+    else:
+        emit_table([(name.replace("_", " "), _words(value)) for name, value in record.items()], title=str(file))
+    if strict:
+        with naming(file):
+            refuse(record.get("warnings", {}))
 
 
 def _words(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, dict):
-        return "\n".join(f"{name}: {_words(item)}" for name, item in value.items()) or "none"
-    return ", ".join(map(_words, value)) if isinstance(value, list) else str(value)
+        told = {name: item for name, item in value.items() if item not in ("", None)}
+        return "\n".join(f"{name}: {_words(item)}" for name, item in told.items()) or "none"
+    if isinstance(value, list):
+        return ("\n" if value and not isinstance(value[0], float | int) else ", ").join(map(_words, value)) or "none"
+    return "none" if value is None else str(value)
 
 
 def _extent(points: "Array") -> dict[str, list[float]]:
@@ -62,7 +71,7 @@ def _points(file: Path, frame: int | None, affine: str | None) -> dict[str, Any]
 def _mesh(file: Path, frame: int | None, affine: str | None) -> dict[str, Any]:
     from quadriform.errors import FileFormatError
     from quadriform.files import read_mesh, read_points
-    from quadriform.files.meshes import read_marks
+    from quadriform.files.meshes import read_marks, read_status
 
     space, unit = read_marks(file)
     try:
@@ -78,6 +87,7 @@ def _mesh(file: Path, frame: int | None, affine: str | None) -> dict[str, Any]:
         "extent": _extent(mesh.vertices),
         "space": space,
         "unit": unit,
+        "status": read_status(file),
     }
 
 
@@ -122,7 +132,7 @@ def _model(file: Path, frame: int | None, affine: str | None) -> dict[str, Any]:
         "extent": {name: _extent(model.mesh(name).vertices) for name in model.surfaces},
         "space": model.space,
         "unit": model.unit,
-        "input_sha256": model.input_sha256 or "unknown",
+        **_record(model),
     }
 
 
@@ -139,5 +149,15 @@ def _moving(model: "MovingModel") -> dict[str, Any]:
         "extent at the first knot": {name: _extent(first.mesh(name).vertices) for name in model.surfaces},
         "space": model.space,
         "unit": model.unit,
-        "input_sha256": model.input_sha256 or "unknown",
+        **_record(model),
     }
+
+
+def _record(model: "DeformableModel | MovingModel") -> dict[str, Any]:
+    """What is recorded of the fit of a model, and of its input."""
+    from quadriform.cli.verdicts import verdict
+    from quadriform.files.records import record_document
+
+    found = record_document(model.record)
+    found = {name: found[name] for name in ("title", "status", "warnings", "notes", "sources", "coverage")}
+    return {"input_sha256": model.input_sha256 or "unknown"} | found | verdict(model.record)

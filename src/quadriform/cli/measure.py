@@ -44,8 +44,8 @@ def measure(
     as_json: Json = False,
 ) -> None:
     """Volumes, ejection fraction, mass, wall thickness, strain, twist and the 17 segments of a beating heart."""
-    from quadriform.cli.inputs import refuse
-    from quadriform.cli.screen import emit_json, emit_table, warn
+    from quadriform.cli.inputs import naming, refuse
+    from quadriform.cli.screen import emit_json, emit_table, tell
     from quadriform.files.atomic import check_writable
     from quadriform.files.reading import suffix_of
     from quadriform.heart.measure import measure as measure_heart
@@ -59,14 +59,16 @@ def measure(
     planes, inserts = landmarks(base, contours, rv_insertion, frames)
     found = measure_heart(frames, times, base=planes, rv_inserts=inserts, ed=ed, observed=tracked)
     if strict:
-        refuse(found.warnings)
-    warn(found.warnings)
+        with naming(*models):
+            refuse(found.warnings)
+    tell(found.remarks)
     if output is not None:
         write_measures(found, output, force)
     if as_json:
         emit_json(found.record())
         return
     rows = [(row.quantity, f"{row.value:.4g}", row.unit, "" if row.observed else "not observed") for row in found.rows]
+    rows.append(("status", found.status, "", ", ".join(found.warnings)))
     emit_table(rows, title=f"cavity: {found.rows[0].how}", header=("quantity", "value", "unit", ""))
 
 

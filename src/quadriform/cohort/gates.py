@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from itertools import groupby
 from pathlib import Path
 
-from quadriform.cohort.measures import WARNING
+from quadriform.cohort.measures import NOTE, WARNING
 from quadriform.cohort.stores import parts, read_measures
 
 SHOWN = ("rms", "min det J", "ejection fraction", "myocardial mass")
@@ -24,7 +24,8 @@ class Verdict:
         trouble: how many warnings.
         rms: distance of its points to its model.
         id: name.
-        warnings: their kinds.
+        warnings: kind -> sentence.
+        notes: sentences.
         values: quantity -> number of the subject.
         volumes: surface -> smallest and largest over the frames.
         frames: how many.
@@ -33,7 +34,8 @@ class Verdict:
     trouble: int
     rms: float
     id: str
-    warnings: tuple[str, ...] = field(compare=False)
+    warnings: dict[str, str] = field(compare=False)
+    notes: tuple[str, ...] = field(compare=False)
     values: dict[str, float] = field(compare=False)
     volumes: dict[str, tuple[float, float]] = field(compare=False)
     frames: int = field(compare=False)
@@ -69,7 +71,7 @@ def overview(results: Path, most: int) -> Overview:
 
     def told() -> Iterator[Verdict]:
         for verdict in _verdicts(results, found.units):
-            found.kinds.update(verdict.warnings)
+            found.kinds.update(verdict.warnings.keys())
             found.warned += bool(verdict.warnings)
             found.rms.append(verdict.rms)
             yield verdict
@@ -81,14 +83,16 @@ def overview(results: Path, most: int) -> Overview:
 def _verdicts(results: Path, units: dict[str, str]) -> Iterator[Verdict]:
     for part in parts(results):
         for name, rows in groupby(read_measures(part), key=lambda row: row["subject"]):
-            warnings, values = [], {}
+            warnings, notes, values = {}, [], {}
             volumes: dict[str, tuple[float, float]] = {}
             frames = 0
             for row in rows:
                 quantity, value = row["quantity"], row["value"]
                 units.setdefault(quantity, row["unit"])
                 if quantity.startswith(WARNING):
-                    warnings.append(quantity.removeprefix(WARNING))
+                    warnings[quantity.removeprefix(WARNING)] = row.get("text") or ""
+                elif quantity == NOTE:
+                    notes.append(row.get("text") or "")
                 elif quantity.startswith(VOLUME) and row["frame"] is not None:
                     surface = quantity.removeprefix(VOLUME)
                     low, high = volumes.get(surface, (value, value))
@@ -96,4 +100,4 @@ def _verdicts(results: Path, units: dict[str, str]) -> Iterator[Verdict]:
                     frames = max(frames, row["frame"] + 1)
                 elif row["frame"] is None:
                     values[quantity] = value
-            yield Verdict(len(warnings), values["rms"], name, tuple(warnings), values, volumes, frames)
+            yield Verdict(len(warnings), values["rms"], name, warnings, tuple(notes), values, volumes, frames)

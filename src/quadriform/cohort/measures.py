@@ -9,9 +9,12 @@ from quadriform.errors import QuadriformError, WarningKind, Warnings
 from quadriform.heart.measure import measure
 from quadriform.points import Array
 from quadriform.shapes.model import DeformableModel
+from quadriform.shapes.record import ModelRecord
 
 WARNING = "warning "
-"""Before the kind of a warning, as a quantity with the value 1."""
+"""Before the kind of a warning, as a quantity with the value 1 and the sentence as its text."""
+NOTE = "note"
+"""A quantity with the value 1, for each note."""
 LENGTHS = ("rms", "noise")
 
 
@@ -24,12 +27,14 @@ class Measure:
         frame: of which frame; None of the subject as a whole.
         value: the number.
         unit: of it; "1" for counts and ratios.
+        text: the sentence of a warning or a note; empty for numbers.
     """
 
     quantity: str
     frame: int | None
     value: float
     unit: str
+    text: str = ""
 
 
 def measures_of(
@@ -37,7 +42,7 @@ def measures_of(
     times: Array,
     frame_rms: Sequence[float] | Array,
     about: Mapping[str, float],
-    warnings: Warnings,
+    record: ModelRecord,
 ) -> tuple[Measure, ...]:
     """All numbers of a subject.
 
@@ -46,7 +51,7 @@ def measures_of(
         times: (F,) of the frames.
         frame_rms: (F,) RMS distance of the points of each frame.
         about: of the whole subject: points, rms, noise.
-        warnings: of the fit. A ventricle that cannot be measured is no warning: the measures are then not there.
+        record: of the fit. A ventricle that cannot be measured is no warning: the measures are then not there.
     """
     unit = models[0].unit
     whole = dict(about) | {"parameters": models[0].n_parameters, "min det J": min(m.min_jacobian() for m in models)}
@@ -54,7 +59,7 @@ def measures_of(
     for number, (model, rms) in enumerate(zip(models, frame_rms)):
         rows.append(Measure("frame rms", number, float(rms), unit))
         rows += [Measure(f"volume {name}", number, model.volume(name), f"{unit}^3") for name in model.surfaces]
-    rows += [Measure(f"{WARNING}{kind}", None, 1.0, "1") for kind in warnings]
+    rows += _told(record.warnings) + [Measure(NOTE, None, 1.0, "1", note) for note in record.notes]
     return (*rows, *_of_the_heart(models, times))
 
 
@@ -67,8 +72,12 @@ def _of_the_heart(models: Sequence[DeformableModel], times: Array) -> list[Measu
     except QuadriformError:
         return []
     rows = [Measure(row.quantity, None, row.value, row.unit) for row in found.rows if row.observed]
-    rows += [Measure(f"{WARNING}{kind}", None, 1.0, "1") for kind in found.warnings if kind in _OF_MEASURES]
+    rows += _told({kind: text for kind, text in found.own_warnings.items() if kind in _OF_MEASURES})
     return [row for row in rows if np.isfinite(row.value)]
+
+
+def _told(warnings: Warnings) -> list[Measure]:
+    return [Measure(f"{WARNING}{kind}", None, 1.0, "1", text) for kind, text in warnings.items()]
 
 
 _OF_MEASURES = (WarningKind.BASE_MISSES, WarningKind.APEX_AMBIGUOUS)

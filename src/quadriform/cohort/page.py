@@ -35,7 +35,7 @@ def write_page(results: Path, layout: Layout, modes: Modes | None) -> None:
     found = overview(results, MOST_SUBJECTS)
     parts = [_verdict(results, layout, found)]
     if modes is not None:
-        parts.append(_shape(modes))
+        parts.append(_shape(modes, found.warned))
     parts += [_subjects(found, layout), _failed(results)]
     style = source("viewer/viewer.css") + source("cohort/cohort.css")
     write_bytes(results / NAME, page("Cohort", LEAD, parts, style), force=True)
@@ -48,7 +48,8 @@ def _verdict(results: Path, layout: Layout, found: Overview) -> Section:
         f"{done} of {layout.subjects} subjects have a model, {failed} failed; {found.warned} of the models carry "
         f"warnings.{middle}"
     )
-    body = Markup('<div class="verdict{}"><p>{}</p></div>').format(" warned" if failed else "", sentence)
+    status = "warned" if failed or found.warned else "ok"
+    body = Markup('<div class="verdict {}"><p>{}</p></div>').format(status, sentence)
     if found.kinds:
         counted = [(kind, count, f"{100 * count / done:.1f} %") for kind, count in found.kinds.most_common()]
         body += table(("warning", "subjects", "share"), counted)
@@ -62,7 +63,7 @@ def _unit(layout: Layout) -> str:
 # --- shape -------------------------------------------------------------------------------------------------------
 
 
-def _shape(modes: Modes) -> Section:
+def _shape(modes: Modes, warned: int) -> Section:
     unit = modes.mean.unit.replace("unknown", "units")
     words = [
         f"one sigma moves the surface by {sigma:.3g} {unit} (RMS), {100 * share:.1f} % of the variance"
@@ -83,6 +84,7 @@ def _shape(modes: Modes) -> Section:
         f"Mean and principal modes of {modes.subjects} subjects in their first frame, brought to one frame and one "
         "reference, so that control points correspond; place and orientation are taken away, size is not."
     )
+    text += " Models with warnings are among them." if warned else ""
     return Section("Shape", Markup('<p class="note">{}</p>').format(text) + body)
 
 
@@ -116,11 +118,17 @@ def _of(found: Overview, quantity: str) -> str:
 
 def _row(verdict: Verdict, shown: Sequence[str], surfaces: Sequence[str]) -> dict[str, Any]:
     status = "warned" if verdict.warnings else "ok"
-    cells: list[tuple[str, Any]] = [(status, status), (", ".join(verdict.warnings), len(verdict.warnings))]
-    cells.append((str(verdict.frames), verdict.frames))
+    cells: list[tuple[str, Any]] = [(str(verdict.frames), verdict.frames)]
     cells += [_number(verdict.values.get(name)) for name in shown]
     cells += [_number(end) for name in surfaces for end in verdict.volumes.get(name, (None, None))]
-    return {"id": verdict.id, "link": f"subjects/{quote(verdict.id)}/model.json", "status": status, "cells": cells}
+    return {
+        "id": verdict.id,
+        "link": f"subjects/{quote(verdict.id)}/model.json",
+        "status": status,
+        "warnings": verdict.warnings,
+        "notes": verdict.notes,
+        "cells": cells,
+    }
 
 
 def _number(value: float | None) -> tuple[str, Any]:

@@ -230,6 +230,7 @@ def _table(outcomes: Sequence[Outcome]) -> "pyarrow.Table":
             "quantity": pa.array([m.quantity for _, m in rows], pa.string()).dictionary_encode(),
             "value": pa.array([m.value for _, m in rows], pa.float64()),
             "unit": pa.array([m.unit for _, m in rows], pa.string()).dictionary_encode(),
+            "text": pa.array([m.text for _, m in rows], pa.string()).dictionary_encode(),
         }
     )
 
@@ -240,7 +241,7 @@ def parts(results: Path) -> list[Path]:
 
 
 def read_measures(part: Path) -> Iterator[dict[str, Any]]:
-    """The rows of a part: subject, frame, quantity, value and unit.
+    """The rows of a part: subject, frame, quantity, value, unit and text (not in parts that older versions wrote).
 
     Raises:
         InputError: the file is missing or damaged.

@@ -10,7 +10,7 @@ import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -20,30 +20,35 @@ from quadriform.cohort.layout import Layout
 from quadriform.cohort.manifest import Row
 from quadriform.cohort.measures import Measure, measures_of
 from quadriform.cohort.sources import files_by_surface, read_subject
-from quadriform.errors import FitError, InputError, OutputError, QuadriformError, Warnings
+from quadriform.errors import FitError, InputError, OutputError, QuadriformError, join_warnings
 from quadriform.files import load, save, sha256_of
 from quadriform.files.atomic import make_folder, write_bytes
 from quadriform.files.models import parse_json
 from quadriform.files.reading import quoted, read_bytes
 from quadriform.files.strict import Field
 from quadriform.fitting.fit import ALONE, fit
+from quadriform.fitting.outcome import Fit
 from quadriform.imaging.frame_sources import Frames, keep_slices
+from quadriform.imaging.input_files import input_files, without_folders
 from quadriform.imaging.sources import files_of
-from quadriform.motion.tracking import track
+from quadriform.motion.tracking import Track, track
 from quadriform.points import Array
 from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
+from quadriform.shapes.record import ModelRecord, remarks
 from quadriform.shapes.spaces import turn_between
 
 MODEL, RECORD = "model.json", "record.json"
 FORMAT = "quadriform-cohort-record"
-VERSION = 1
+VERSION = 2
+"""Since 2 with the sentences of warnings, and with notes; subjects with older records are done again."""
 ONE_FRAME = ("method", "iterations")
 SEVERAL_FRAMES = ("strategy", "period", "shift_slices")
 """Options that only subjects of one frame, or of several, can have."""
 FITTED, KEPT, FAILED = "fitted", "kept", "failed"
 AnyModel = DeformableModel | MovingModel
+FitOrTrack = TypeVar("FitOrTrack", Fit, Track)
 
 
 @dataclass(frozen=True)
@@ -161,13 +166,15 @@ def _work(task: Task) -> Outcome:
         return kept
     _remove(task)  # it is out of date: if this fails, it would be taken for this one's
     frames, read = read_subject(task.row, task.folder)
-    model, measures, warnings = _modelled(frames, task)
-    if task.strict and warnings:
-        raise FitError("refused for its warnings: " + "; ".join(f"{k}: {text}" for k, text in warnings.items()))
-    model = replace(model, input_sha256=sha256_of(read[0], *read[1:]))
+    frames.notes = list(without_folders(frames.notes, files))
+    model, measures = _modelled(frames, task)
+    if task.strict and model.warnings:
+        raise FitError("refused for its warnings: " + "; ".join(map(str, remarks(model.warnings))))
+    record = replace(model.record, title=task.row.id, sources=input_files(files_by_surface(task.row, task.folder)))
+    model = replace(model, input_sha256=sha256_of(read[0], *read[1:]), record=record)
     numbers = numbers_of(model, task.layout)
     make_folder(task.target)
-    write_bytes(task.target / RECORD, _record(key, measures, warnings), force=True)
+    write_bytes(task.target / RECORD, _record(key, measures, model.record), force=True)
     save(model, task.target / MODEL, force=True)  # the last: where it lies, the subject is done
     return Outcome(task.row.number, task.row.id, FITTED, numbers, measures)
 
@@ -175,7 +182,7 @@ def _work(task: Task) -> Outcome:
 # --- model -------------------------------------------------------------------------------------------------------
 
 
-def _modelled(frames: Frames, task: Task) -> tuple[AnyModel, tuple[Measure, ...], Warnings]:
+def _modelled(frames: Frames, task: Task) -> tuple[AnyModel, tuple[Measure, ...]]:
     options = dict(task.row.options)
     several = len(frames.clouds) > 1
     unfit = [name for name in (ONE_FRAME if several else SEVERAL_FRAMES) if name in options]
@@ -185,28 +192,32 @@ def _modelled(frames: Frames, task: Task) -> tuple[AnyModel, tuple[Measure, ...]
     return make(frames, task, options)
 
 
-def _fitted(frames: Frames, task: Task, options: dict[str, Any]) -> tuple[AnyModel, tuple[Measure, ...], Warnings]:
+def _fitted(frames: Frames, task: Task, options: dict[str, Any]) -> tuple[AnyModel, tuple[Measure, ...]]:
     clouds = frames.clouds[0]
-    found = fit(clouds[ALONE] if clouds.keys() == {ALONE} else clouds, **options)
+    found = _with_reading(fit(clouds[ALONE] if clouds.keys() == {ALONE} else clouds, **options), frames)
     model = _marked(found.model, frames, task.layout)
-    warnings = frames.warnings | found.warnings
     about = {"points": found.n_points, "rms": found.rms, "noise": found.noise}
-    return model, measures_of([model], np.zeros(1), [found.rms], about, warnings), warnings
+    return model, measures_of([model], np.zeros(1), [found.rms], about, model.record)
 
 
-def _followed(frames: Frames, task: Task, options: dict[str, Any]) -> tuple[AnyModel, tuple[Measure, ...], Warnings]:
+def _followed(frames: Frames, task: Task, options: dict[str, Any]) -> tuple[AnyModel, tuple[Measure, ...]]:
     if options.pop("shift_slices", False):
         keep_slices(frames)
         options["slices"] = frames.slices
-    found = track(frames.clouds, **frames.timed(options))
+    found = _with_reading(track(frames.clouds, **frames.timed(options)), frames)
     if found.moving is None:
         raise InputError("expected a strategy that gives one moving model")
     model = _marked(found.moving, frames, task.layout)
-    warnings = frames.warnings | found.warnings
     count = sum(len(values) for frame in found.residuals for values in frame.values())
     about = {"points": count, "rms": found.rms, "noise": found.noise}
     models = [model.at(time) for time in found.times]
-    return model, measures_of(models, found.times, found.frame_rms, about, warnings), warnings
+    return model, measures_of(models, found.times, found.frame_rms, about, model.record)
+
+
+def _with_reading(found: FitOrTrack, frames: Frames) -> FitOrTrack:
+    """The same with the warnings and notes of reading the files before its own."""
+    warnings = join_warnings(frames.warnings, found.warnings)
+    return replace(found, warnings=warnings, notes=(*frames.notes, *found.notes))
 
 
 def _marked(model: Any, frames: Frames, layout: Layout) -> Any:
@@ -266,13 +277,15 @@ def _key(task: Task, files: list[Path]) -> str:
     return hashlib.sha256("\n".join(about).encode()).hexdigest()
 
 
-def _record(key: str, measures: tuple[Measure, ...], warnings: Warnings) -> bytes:
+def _record(key: str, measures: tuple[Measure, ...], fit: ModelRecord) -> bytes:
     document = {
         "format": FORMAT,
         "version": VERSION,
         "key": key,
-        "warnings": {str(kind): text for kind, text in warnings.items()},
-        "measures": [[m.quantity, m.frame, m.value, m.unit] for m in measures],
+        "status": fit.status,
+        "warnings": {str(kind): text for kind, text in fit.warnings.items()},
+        "notes": list(fit.notes),
+        "measures": [[m.quantity, m.frame, m.value, m.unit, m.text] for m in measures],
     }
     return (json.dumps(document, allow_nan=False, separators=(",", ":")) + "\n").encode()
 
@@ -281,14 +294,14 @@ def _kept(task: Task, key: str) -> Outcome | None:
     """What an earlier run left of the same work; None when there is nothing, or it cannot be used."""
     try:
         record = Field(_document(task.target / RECORD), "", "record")
-        if record.member("key").text() != key:
+        if record.member("version").whole() != VERSION or record.member("key").text() != key:
             return None
         model = load(task.target / MODEL)
         if isinstance(model, Mesh):
             return None
         measures = tuple(_measures(record.member("measures")))
         return Outcome(task.row.number, task.row.id, KEPT, numbers_of(model, task.layout), measures)
-    except QuadriformError:
+    except (QuadriformError, ValueError):
         return None
 
 
@@ -298,8 +311,9 @@ def _document(path: Path) -> Mapping[str, Any]:
 
 def _measures(field: Field) -> Iterator[Measure]:
     for item in field.items():
-        quantity, frame, value, unit = item.items()
-        yield Measure(quantity.text(), None if frame.value is None else frame.whole(), value.number(), unit.text())
+        quantity, frame, value, unit, text = item.items()
+        at = None if frame.value is None else frame.whole()
+        yield Measure(quantity.text(), at, value.number(), unit.text(), text.text())
 
 
 def _remove(task: Task) -> None:

@@ -65,7 +65,12 @@ def grid_of_model(model: DeformableModel, world_from_voxel: Array, space: str, u
 
 
 def encode_labels(
-    values: NDArray[np.uint8], world_from_voxel: Array, space: str, unit: str, suffix: str = ".nii.gz"
+    values: NDArray[np.uint8],
+    world_from_voxel: Array,
+    space: str,
+    unit: str,
+    suffix: str = ".nii.gz",
+    note: str = "",
 ) -> bytes:
     """The bytes of a file of labels.
 
@@ -75,6 +80,7 @@ def encode_labels(
         space: "LPS", "RAS" or "unknown"; the last only as NRRD, for NIfTI always states a frame.
         unit: "mm", "m" or "unknown".
         suffix: one of LABEL_SUFFIXES.
+        note: description of at most 80 ASCII characters, for NIfTI.
 
     Raises:
         OptionError: another suffix, or a frame that the format cannot leave open.
@@ -85,11 +91,11 @@ def encode_labels(
         raise OptionError(
             "the image names no anatomical frame, and NIfTI always states one; write the mask as .nrrd instead"
         )
-    content = _nifti(values, world_from_voxel, space, unit)
+    content = _nifti(values, world_from_voxel, space, unit, note)
     return gzip.compress(content, mtime=0) if suffix == ".nii.gz" else content
 
 
-def _nifti(values: NDArray[np.uint8], world_from_voxel: Array, space: str, unit: str) -> bytes:
+def _nifti(values: NDArray[np.uint8], world_from_voxel: Array, space: str, unit: str, note: str) -> bytes:
     import nibabel
 
     to_ras = np.eye(4)
@@ -98,6 +104,7 @@ def _nifti(values: NDArray[np.uint8], world_from_voxel: Array, space: str, unit:
     image: Any = nibabel.Nifti1Image(values, affine)
     image.header.set_xyzt_units({"mm": "mm", "m": "meter", "unknown": "unknown"}[unit])
     image.header.set_intent("label")
+    image.header["descrip"] = note
     image.set_sform(affine, ALIGNED)
     image.set_qform(affine, ALIGNED)  # without shear; the sizes of voxels are set too
     spacing = np.linalg.norm(affine[:3, :3], axis=0)

@@ -10,7 +10,8 @@ UNITS = ("mm", "m", "unknown")
 
 SPACE = re.compile(rb"\bSPACE=(LPS|RAS)\b")
 UNIT = re.compile(rb"\bUNIT=(mm|m)\b")
-VTP_TEXT = re.compile(rb'<DataArray type="String" Name="(SPACE|UNIT)"[^>]*format="ascii">([\d\s]*)<')
+STATUS = re.compile(rb"\bSTATUS=(ok|warned|unreliable|unknown)\b")
+VTP_TEXT = re.compile(rb'<DataArray type="String" Name="(SPACE|UNIT|STATUS)"[^>]*format="ascii">([\d\s]*)<')
 
 
 def check_marks(space: str, unit: str) -> None:
@@ -30,7 +31,17 @@ def parse_marks(data: bytes) -> tuple[str, str]:
         data: the first bytes of the file. `SPACE=LPS` in a comment or header is what other programs write too; in
             .vtp it is field data, whose text VTK spells in character codes.
     """
+    space, unit = (pattern.search(_with_field_data(data)) for pattern in (SPACE, UNIT))
+    return (space[1].decode() if space else "unknown", unit[1].decode() if unit else "unknown")
+
+
+def parse_status(data: bytes) -> str:
+    """Status of the fit that the head of a mesh file is marked with; "unknown" where it is not."""
+    found = STATUS.search(_with_field_data(data))
+    return found[1].decode() if found else "unknown"
+
+
+def _with_field_data(data: bytes) -> bytes:
     for codes in VTP_TEXT.findall(data):
         data += b" " + codes[0] + b"=" + bytes(int(code) for code in codes[1].split() if 0 < int(code) < 128)
-    space, unit = (pattern.search(data) for pattern in (SPACE, UNIT))
-    return (space[1].decode() if space else "unknown", unit[1].decode() if unit else "unknown")
+    return data

@@ -1,7 +1,7 @@
 """Triangle meshes in and out. The frame and the unit travel in the header wherever the format has room."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -9,7 +9,7 @@ import numpy as np
 from quadriform.errors import FileFormatError, OutputError
 from quadriform.files.atomic import write_bytes
 from quadriform.files.legacy_vtk import parse_legacy_vtk
-from quadriform.files.marks import check_marks, parse_marks
+from quadriform.files.marks import check_marks, parse_marks, parse_status
 from quadriform.files.obj import parse_obj
 from quadriform.files.ply import parse_ply
 from quadriform.files.polygons import Polygons
@@ -30,6 +30,8 @@ READERS: dict[str, Callable[[bytes, str], Polygons]] = {
 }
 """From the suffix to the reader: (content of the file, its name in messages) -> polygons."""
 READ_SUFFIXES = tuple(READERS)
+STL_HEAD = 80
+"""Bytes of the header of a binary STL."""
 HEAD = 4096
 """Bytes in which the marks stand, when there are any."""
 SINGLE = 1e-5
@@ -37,7 +39,12 @@ SINGLE = 1e-5
 
 
 def write_mesh(
-    mesh: Mesh, path: str | os.PathLike[str], space: str = "unknown", unit: str = "unknown", force: bool = False
+    mesh: Mesh,
+    path: str | os.PathLike[str],
+    space: str = "unknown",
+    unit: str = "unknown",
+    force: bool = False,
+    more: Mapping[str, str] | None = None,
 ) -> None:
     """Write a mesh as .ply, .stl, .obj or .vtp, all or nothing.
 
@@ -51,16 +58,17 @@ def write_mesh(
         space: "LPS", "RAS" or "unknown".
         unit: "mm", "m" or "unknown".
         force: replace an existing file.
+        more: other words that the file carries beside frame and unit, such as `ModelRecord.marks`.
 
     Raises:
         FileFormatError: another suffix.
         OutputError: the target cannot be written, or single precision would spoil an STL.
     """
     suffix = suffix_of(path, MESH_SUFFIXES, "a mesh")
-    write_bytes(path, encode_mesh(mesh, suffix, space, unit), force)
+    write_bytes(path, encode_mesh(mesh, suffix, space, unit, more), force)
 
 
-def encode_mesh(mesh: Mesh, suffix: str, space: str, unit: str) -> bytes:
+def encode_mesh(mesh: Mesh, suffix: str, space: str, unit: str, more: Mapping[str, str] | None = None) -> bytes:
     """The bytes of a mesh file; arguments as for `write_mesh`.
 
     Raises:
@@ -68,9 +76,10 @@ def encode_mesh(mesh: Mesh, suffix: str, space: str, unit: str) -> bytes:
         OutputError: single precision would spoil an STL.
     """
     check_marks(space, unit)
+    marks = {"SPACE": space, "UNIT": unit} | dict(more or {})
     if suffix == ".vtp":
-        return encode_vtp(mesh, space, unit)
-    note = f"SPACE={space} UNIT={unit}"
+        return encode_vtp(mesh, marks)
+    note = " ".join(f"{name}={value}" for name, value in marks.items())
     if suffix == ".obj":
         return _encode_obj(mesh, note)
     moved = _moved_by_single_precision(mesh)
@@ -83,7 +92,13 @@ def encode_mesh(mesh: Mesh, suffix: str, space: str, unit: str) -> bytes:
             "write .ply, .vtp or .obj instead"
         )
     content: bytes = _to_trimesh(mesh).export(file_type="stl")
-    return note.encode().ljust(80) + content[80:]
+    return _head_of_stl(note) + content[STL_HEAD:]
+
+
+def _head_of_stl(note: str) -> bytes:
+    """The header of 80 bytes, with as many whole words of a note as it has room for."""
+    whole = note if len(note) <= STL_HEAD else note[: STL_HEAD + 1].rpartition(" ")[0]
+    return whole.encode().ljust(STL_HEAD)
 
 
 def _encode_ply(mesh: Mesh, note: str, fits_single: bool) -> bytes:
@@ -173,3 +188,12 @@ def read_marks(path: str | os.PathLike[str]) -> tuple[str, str]:
         InputError: the file is missing or cannot be read.
     """
     return parse_marks(read_bytes(path)[:HEAD])
+
+
+def read_status(path: str | os.PathLike[str]) -> str:
+    """Status of the fit ("unknown" where it has none) that a mesh file is marked with.
+
+    Raises:
+        InputError: the file is missing or cannot be read.
+    """
+    return parse_status(read_bytes(path)[:HEAD])

@@ -31,7 +31,7 @@ def encode_vtkhdf(
         states: the model at each time; all with the same undeformed surfaces, so that a vertex is a material point.
         times: as many increasing numbers.
         surfaces: names; None is all. The point data `surface` counts them from 0; attributes hold their names, the
-            frame and the unit.
+            frame, the unit, and the status of the fit.
         resolution: as in `Superquadric.mesh`.
 
     Raises:
@@ -49,6 +49,8 @@ def encode_vtkhdf(
         root.attrs["Version"] = np.array([2, 0], dtype="<i8")
         root.attrs["Type"] = np.bytes_("PolyData")
         root.attrs["SPACE"], root.attrs["UNIT"] = np.bytes_(states[0].space), np.bytes_(states[0].unit)
+        for name, value in states[0].record.marks.items():
+            root.attrs[name] = np.bytes_(value)
         root.attrs["SURFACES"] = np.bytes_(",".join(names).encode())
         root["NumberOfPoints"] = np.array([len(rest)], dtype="<i8")
         root["Points"] = np.concatenate([state.deform(rest) for state in states]).astype("<f8")

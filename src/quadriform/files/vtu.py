@@ -1,16 +1,18 @@
 """VTK's XML files of unstructured grids (.vtu): the wall as hexahedra, with its local axes."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
-from quadriform.files.vtp import data_array, text_array
+from quadriform.files.vtp import data_array, field_data
 from quadriform.shapes.wall import HexMesh
 
 HEXAHEDRON = 12
 """VTK's number of this kind of cell."""
 
 
-def encode_vtu(mesh: HexMesh, space: str, unit: str) -> bytes:
-    """The bytes of a .vtu file in double precision; frame and unit as field data.
+def encode_vtu(mesh: HexMesh, marks: Mapping[str, str]) -> bytes:
+    """The bytes of a .vtu file in double precision; marks, such as frame and unit, as field data.
 
     The cells carry `radial`, `circumferential` and `longitudinal` unit vectors and `depth`, from 0 at the inner to 1
     at the outer surface.
@@ -28,7 +30,7 @@ def encode_vtu(mesh: HexMesh, space: str, unit: str) -> bytes:
         '<?xml version="1.0"?>',
         '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64">',
         "<UnstructuredGrid>",
-        f"<FieldData>{text_array('SPACE', space)}{text_array('UNIT', unit)}</FieldData>",
+        field_data(marks),
         f'<Piece NumberOfPoints="{n}" NumberOfCells="{m}">',
         f"<Points>{data_array('Points', mesh.vertices.astype('<f8'), 'Float64', 3)}</Points>",
         f"<Cells>{''.join(cells)}</Cells>",

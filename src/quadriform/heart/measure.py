@@ -15,6 +15,7 @@ from quadriform.heart.volumes import DENSITY, volume
 from quadriform.heart.wall_rows import wall_rows
 from quadriform.points import Array
 from quadriform.shapes.model import DeformableModel
+from quadriform.shapes.record import together
 
 
 def measure(
@@ -64,7 +65,8 @@ def measure(
         inserts = _inserts_at(rv_inserts, start, len(frames.models))
         more, moving = wall_rows(frames, planes[start], axis, (start, end), inserts, observed, warnings)
         rows, curves = rows + more, curves | moving
-    return Measures(tuple(rows), warnings, frames.times, curves, start, end)
+    fit = together({f"frame {number}": model.record for number, model in enumerate(frames.models)})
+    return Measures(tuple(rows), warnings, frames.times, curves, start, end, fit)
 
 
 def _ends(volumes: Array, ed: int | None) -> tuple[int, int | None]:

@@ -5,16 +5,18 @@ import io
 import json
 import os
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from quadriform.errors import OptionError, Warnings
+from quadriform.errors import OptionError, Warnings, join_warnings
 from quadriform.files.atomic import write_bytes
 from quadriform.files.reading import suffix_of
 from quadriform.points import Array
+from quadriform.shapes.record import ModelRecord, Remark, remarks, remarks_of, worst
 
 TABLE_SUFFIXES = (".csv", ".json")
-SCHEMA = "quadriform-measures-1"
+SCHEMA = "quadriform-measures-2"
+"""Since 2 with status and notes, and with the warnings of the models' fits among the warnings."""
 
 
 @dataclass(frozen=True)
@@ -42,19 +44,36 @@ class Measures:
 
     Attributes:
         rows: the table.
-        warnings: kind -> sentence.
+        own_warnings: of measuring, kind -> sentence.
         times: (F,) of the frames.
         curves: quantity -> (F,) over the cycle, units as in the rows; volume, thickness, strains and twist.
         ed: frame of end diastole.
         es: frame of end systole, None when there is one frame.
+        fit: the record of the models' fits, those of all frames together.
     """
 
     rows: tuple[Row, ...]
-    warnings: Warnings
+    own_warnings: Warnings
     times: Array
     curves: dict[str, Array]
     ed: int
     es: int | None
+    fit: ModelRecord = field(default_factory=ModelRecord)
+
+    @property
+    def warnings(self) -> Warnings:
+        """Those of the models' fits and those of measuring: kind -> sentence."""
+        return join_warnings(self.fit.warnings, self.own_warnings)
+
+    @property
+    def status(self) -> str:
+        """How far the numbers can be trusted: "ok", "warned", "unreliable", or "unknown"."""
+        return worst(self.fit.status, "warned" if self.own_warnings else "ok")
+
+    @property
+    def remarks(self) -> list[Remark]:
+        """Warnings and notes of the models' fits, then the warnings of measuring."""
+        return [*remarks_of(self.fit), *remarks(self.own_warnings)]
 
     def __getitem__(self, quantity: str) -> float:
         """The value of a quantity.
@@ -80,14 +99,17 @@ class Measures:
             "es_frame": self.es,
             "times": self.times.tolist(),
             "curves": {name: values.tolist() for name, values in self.curves.items()},
+            "status": self.status,
             "warnings": {str(kind): text for kind, text in self.warnings.items()},
+            "notes": [remark.text for remark in self.remarks if not remark.kind],
         }
 
 
 def write_measures(measures: Measures, path: str | os.PathLike[str], force: bool = False) -> None:
     """Write the table as .csv, or everything as .json, all or nothing.
 
-    Each row of a .csv has the number of all rows: a table that was cut shows it.
+    Each row of a .csv has the number of all rows: a table that was cut shows it. Each also has the status and all
+    warnings, so that no number is read without them.
 
     Args:
         measures: what to write.
@@ -108,8 +130,9 @@ def write_measures(measures: Measures, path: str | os.PathLike[str], force: bool
 def _csv(measures: Measures) -> str:
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(["quantity", "value", "unit", "how", "observed", "rows"])
+    writer.writerow(["quantity", "value", "unit", "how", "observed", "rows", "status", "warnings"])
+    verdict = [measures.status, "; ".join(str(remark) for remark in measures.remarks if remark.kind)]
     for row in measures.rows:
         observed = "yes" if row.observed else "no"
-        writer.writerow([row.quantity, repr(row.value), row.unit, row.how, observed, len(measures.rows)])
+        writer.writerow([row.quantity, repr(row.value), row.unit, row.how, observed, len(measures.rows), *verdict])
     return stream.getvalue()

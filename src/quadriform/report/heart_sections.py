@@ -47,7 +47,10 @@ def _function(measures: Measures) -> Markup:
         for row in measures.rows
         if row.quantity in (*READERS, "stroke volume")
     ]
-    return table(("quantity", "value", "readers", "how"), rows) + Markup('<p class="note">{}</p>').format(YARDSTICK)
+    told = [Markup("<li><strong>{}</strong>: {}</li>").format(*each) for each in measures.own_warnings.items()]
+    warnings = Markup("<ul>{}</ul>").format(Markup("").join(told)) if told else Markup("")
+    yardstick = Markup('<p class="note">{}</p>').format(YARDSTICK)
+    return warnings + table(("quantity", "value", "readers", "how"), rows) + yardstick
 
 
 def _bullseyes(measures: Measures) -> Markup:

@@ -15,6 +15,7 @@ from quadriform.report.parts import table
 from quadriform.report.viewer import Scene, viewer
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
+from quadriform.shapes.record import remarks_of
 
 Shown = DeformableModel | MovingModel | Fit | Track
 HEIGHT = 760
@@ -49,19 +50,20 @@ def as_html(thing: Shown) -> str:
 
 def _page(thing: Shown) -> bytes:
     model, scene, rows = _parts(thing)
-    facts = [("numbers in the model", str(model.n_parameters)), *rows]
+    told = [(remark.kind or "note", remark.text) for remark in remarks_of(model.record)]
+    facts = [("status", model.status), *told, ("numbers in the model", str(model.n_parameters)), *rows]
     return page("model", "", [Section("Model", viewer(model, scene) + table((), facts))], source("viewer/viewer.css"))
 
 
 def _parts(thing: Shown) -> tuple[DeformableModel | MovingModel, Scene, list[tuple[str, str]]]:
     if isinstance(thing, Fit):
-        rows = [("status", ", ".join(thing.warnings) or thing.status), ("points", str(thing.n_points))]
+        rows = [("points", str(thing.n_points))]
         fields = [] if thing.finer is None else [uncertainty_field(thing)]
         return thing.model, Scene(errors=[thing.rms], fields=fields), rows
     if isinstance(thing, Track):
         if thing.moving is None:
             raise OptionError("show: frames that were tracked alone are no moving model; show one of their models")
-        return thing.moving, Scene(errors=thing.frame_rms.tolist()), [("status", thing.status)]
+        return thing.moving, Scene(errors=thing.frame_rms.tolist()), []
     if isinstance(thing, MovingModel):
         return thing, Scene(errors=[None] * len(thing.frame_times)), []
     if isinstance(thing, DeformableModel):

@@ -18,6 +18,7 @@ from quadriform.report.slices import planes_section
 from quadriform.report.viewer import Field, Plane, Scene, viewer
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
+from quadriform.shapes.record import remarks, remarks_of
 
 LEAD = "A superquadric carried by a box of control points; everything on this page is in this one file."
 WALLS = {"endo", "epi"}
@@ -61,7 +62,7 @@ def fit_report(
         f"{fit.superquadric_rms:.4g} {unit}. Noise along the normal {fit.noise:.3g} {unit}."
     )
     parts = [
-        sections.verdict(sentence, fit.warnings),
+        sections.verdict(sentence, fit.status, remarks(fit.warnings, fit.notes)),
         Section("Model", viewer(model, scene)),
         sections.errors(residuals, before, unit, voxel),
     ]
@@ -104,7 +105,7 @@ def track_report(
     )
     together = {name: np.concatenate([frame[name] for frame in found.residuals]) for name in model.surfaces}
     parts = [
-        sections.verdict(sentence, found.warnings),
+        sections.verdict(sentence, found.status, remarks(found.warnings, found.notes)),
         Section("Model", viewer(model, scene)),
         *([] if measures is None else heart_sections(measures)),
         sections.errors(together, None, unit, None),
@@ -134,8 +135,10 @@ def model_report(
     models = [model.at(t) for t in model.frame_times] if isinstance(model, MovingModel) else [model]
     scene = Scene(title, errors=[None] * len(models), fields=_thickness(models), cavity=_cavity(model), planes=planes)
     sentence = f"a {'moving ' if moving else ''}model of {model.n_parameters} numbers; its data is not with it."
+    fit = model.record
+    status, told = (fit.status, remarks_of(fit)) if measures is None else (measures.status, measures.remarks)
     parts = [
-        sections.verdict(sentence, {} if measures is None else measures.warnings),
+        sections.verdict(sentence, status, told),
         Section("Model", viewer(model, scene)),
         *([] if measures is None else heart_sections(measures)),
         sections.parameters(model, None),

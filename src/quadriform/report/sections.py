@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup, escape
 
-from quadriform.errors import Warnings
 from quadriform.fitting.outcome import Iteration
 from quadriform.points import Array
 from quadriform.report import charts
@@ -16,6 +15,7 @@ from quadriform.report.page import Section, rendered
 from quadriform.report.parts import figure, table
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
+from quadriform.shapes.record import Remark
 
 PAPER = (
     "E. Bardinet, L. D. Cohen, N. Ayache, A Parametric Deformable Model to Fit Unstructured 3D Data, Computer Vision "
@@ -26,9 +26,18 @@ LIBRARIES = ("numpy", "scipy")
 Clouds = Mapping[str, Array]
 
 
-def verdict(sentence: str, warnings: Warnings) -> Section:
-    """The answer in words, and everything to be wary of, before any picture."""
-    return Section("Verdict", rendered("verdict.html.j2", sentence=sentence, warnings=warnings))
+def verdict(sentence: str, status: str, remarks: Sequence[Remark]) -> Section:
+    """The answer in words, and everything to be wary of, before any picture.
+
+    Args:
+        sentence: the answer.
+        status: "ok", "warned", "unreliable" or "unknown".
+        remarks: warnings and notes.
+    """
+    warnings = [remark for remark in remarks if remark.kind]
+    notes = [remark for remark in remarks if not remark.kind]
+    body = rendered("verdict.html.j2", sentence=sentence, status=status, warnings=warnings, notes=notes)
+    return Section("Verdict", body)
 
 
 def errors(residuals: Clouds, before: Clouds | None, unit: str, voxel: float | None) -> Section:

@@ -1,6 +1,6 @@
 """What stays with a model beside its geometry: how far its fit can be trusted, and what it was made from."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from quadriform.errors import OptionError, Warnings, choose, join_warnings
@@ -85,13 +85,15 @@ class ModelRecord:
         if bool(self.warnings) != (self.status in ("warned", "unreliable")):
             found = ", ".join(self.warnings) or "no warnings"
             raise OptionError(f"status={self.status!r}: expected warnings exactly where it is not good, found {found}")
-        warnings = {kind: plain(text) for kind, text in self.warnings.items()}
-        for key, value in (
-            ("warnings", warnings),
-            ("notes", tuple(map(plain, self.notes))),
-            ("title", plain(self.title)),
-        ):
-            object.__setattr__(self, key, value)
+        object.__setattr__(self, "warnings", {kind: plain(text) for kind, text in self.warnings.items()})
+        object.__setattr__(self, "notes", tuple(map(plain, self.notes)))
+        object.__setattr__(self, "title", plain(self.title))
+
+    @property
+    def marks(self) -> dict[str, str]:
+        """Status and kinds of warnings by the names under which files of other formats carry them."""
+        kinds = {"WARNINGS": ",".join(self.warnings)} if self.warnings else {}
+        return {"STATUS": self.status} | kinds
 
 
 @dataclass(frozen=True)
@@ -112,17 +114,16 @@ class Remark:
         return ": ".join(filter(None, [self.about, self.kind, self.text]))
 
 
-def remarks(warnings: Warnings, notes: tuple[str, ...] = (), about: str = "") -> list[Remark]:
+def remarks(warnings: Warnings, notes: Sequence[str] = (), about: str = "") -> list[Remark]:
     """Warnings, then notes, each ready to be shown."""
-    return [Remark(text, str(kind), about) for kind, text in warnings.items()] + [
-        Remark(text, about=about) for text in notes
-    ]
+    every = [Remark(text, str(kind), about) for kind, text in warnings.items()]
+    return every + [Remark(text, about=about) for text in notes]
 
 
-def remarks_of(record: ModelRecord, about: str = "from the fit") -> list[Remark]:
-    """All that a record says of the fit of its model, for everything that uses the model later."""
-    notes = (NOT_RECORDED, *record.notes) if record.status == "unknown" else record.notes
-    return remarks(record.warnings, notes, about)
+def remarks_of(record: ModelRecord) -> list[Remark]:
+    """All that a record says of the fit of its model, for whatever is made of the model later."""
+    unknown = [Remark(NOT_RECORDED)] if record.status == "unknown" else []
+    return remarks(record.warnings, record.notes, "from the fit") + unknown
 
 
 def together(records: Mapping[str, ModelRecord]) -> ModelRecord:
