@@ -42,7 +42,7 @@ def test_every_faulty_row_is_named_by_its_line_and_none_by_its_id(write):
         "d,a.ply,endo=b.ply,",
         "e,,endo=label:1,",
         "f,a.nii,endo,",
-        "g,a.nii,endo=label:x,",
+        "g,a.nii,endo=label:-1,",
         "h,a.nii,endo=label:1;endo=label:2,",
         "i,a.ply,,weekly",
         "j,a.ply",

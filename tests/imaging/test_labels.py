@@ -1,13 +1,16 @@
 """The labels of public data sets, checked against how their surfaces enclose each other."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from quadriform.errors import InputError, MaskError, OptionError
 from quadriform.imaging.image_points import points_from_image
-from quadriform.imaging.labels import PRESETS, STRUCTURES, parse_surface, read_structures, surface_labels
+from quadriform.imaging.labels import STRUCTURES, Preset, parse_surface, preset_labels, read_structures, surface_labels
 from quadriform.imaging.reading import read_volume
 from quadriform.imaging.segmentation import Labels, segment
+from quadriform.imaging.segments import Segment
 from quadriform.imaging.volume import Volume
 
 
@@ -20,23 +23,80 @@ def heart(cavity, myocardium, rv):
     return Volume(values, np.eye(4))
 
 
+SCANNED = {
+    "acdc": (3, 2, 1),
+    "ukbb": (1, 2, 3),
+    "mnms": (1, 2, 3),
+    "totalsegmentator": (3, 1, 5),
+    "totalsegmentator, version 1": (46, 44, 48),
+}
+
+
+def by_preset(volume, preset, surface):
+    return int(segment(volume, select=preset_labels(volume, Preset(preset, surface))).mask.sum())
+
+
 class TestPresets:
+    @pytest.mark.parametrize("name", SCANNED)
+    def test_the_epicardium_encloses_the_cavity_and_no_right_ventricle(self, name):
+        volume = heart(*SCANNED[name])
+        preset = name.partition(",")[0]
+        assert {surface: by_preset(volume, preset, surface) for surface in ("endo", "epi", "rv")} == {
+            "endo": 4**3,
+            "epi": 6**3,
+            "rv": 4**3,
+        }
+
+    def test_other_chambers_do_not_matter_to_totalsegmentator(self):
+        values = heart(3, 1, 5).values.copy()
+        values[9:13, 3:7, 8] = 2
+        values[0, 0, :4] = 6
+        assert by_preset(Volume(values, np.eye(4)), "totalsegmentator", "endo") == 4**3
+
     @pytest.mark.parametrize(
-        "preset, labels",
-        [("acdc", (3, 2, 1)), ("ukbb", (1, 2, 3)), ("mnms", (1, 2, 3)), ("totalsegmentator", (1, 2, 3))],
+        "preset, labels", [("acdc", (1, 2, 3)), ("ukbb", (3, 2, 1)), ("totalsegmentator", (1, 2, 3))]
     )
-    def test_the_epicardium_encloses_the_cavity_and_no_right_ventricle(self, preset, labels):
-        volume = heart(*labels)
-        sizes = {name: int(segment(volume, select=of).mask.sum()) for name, of in PRESETS[preset].items()}
-        assert sizes == {"endo": 4**3, "epi": 6**3, "rv": 4**3}
+    @pytest.mark.parametrize("surface", ["endo", "epi", "rv"])
+    def test_another_numbering_is_refused(self, preset, labels, surface):
+        with pytest.raises(MaskError, match=f"does not follow the preset '{preset}'"):
+            by_preset(heart(*labels), preset, surface)
+
+    def test_labels_that_the_data_set_has_not_are_refused(self):
+        values = heart(3, 2, 1).values.copy()
+        values[0, 0, 0] = 7
+        with pytest.raises(MaskError, match="other labels too: 7"):
+            by_preset(Volume(values, np.eye(4)), "acdc", "endo")
+
+    @pytest.mark.parametrize("gone", [2, 3])
+    def test_a_part_without_voxels_is_refused(self, gone):
+        values = np.where(heart(3, 2, 1).values == gone, 0, heart(3, 2, 1).values)
+        with pytest.raises(MaskError, match="has no voxels"):
+            by_preset(Volume(values, np.eye(4)), "acdc", "epi")
+
+    def test_totals_of_whole_bodies_are_refused(self):
+        """TotalSegmentator's second version: 1 is the spleen, 3 and 5 other organs, and the heart is one label, 51."""
+        values = np.zeros((20, 20, 20), np.uint8)
+        values[1:6, 1:6, 1:6], values[8:12, 1:6, 1:6], values[8:18, 8:18, 8:18] = 1, 3, 51
+        with pytest.raises(MaskError, match="label:"):
+            by_preset(Volume(values, np.eye(4)), "totalsegmentator", "endo")
+
+    def test_names_in_the_header_come_first(self):
+        """Whatever the numbers are."""
+        names = {"heart_ventricle_left": 1, "heart_myocardium": 2, "heart_ventricle_right": 3}
+        segments = tuple(Segment(name, number, (number,)) for name, number in names.items())
+        named = replace(heart(1, 2, 3), segments=segments)
+        assert by_preset(named, "totalsegmentator", "endo") == 4**3
+        other = replace(heart(3, 1, 5), segments=(Segment("liver", 3, (3,)), Segment("spleen", 1, (1,))))
+        with pytest.raises(MaskError, match="no such segment"):
+            by_preset(other, "totalsegmentator", "endo")
 
     def test_a_label_that_is_not_there_is_named_with_those_that_are(self):
         with pytest.raises(MaskError, match=r"no voxel has the label 3; .*0: .*1: 64, 2: 152"):
-            segment(heart(1, 2, 0), select=PRESETS["ukbb"]["rv"])
+            segment(heart(1, 2, 0), select=Labels((3,)))
 
     def test_an_empty_image_too(self):
         with pytest.raises(MaskError, match="no voxel has the label 1, 2; values and voxels: 0: 1600"):
-            points_from_image(heart(0, 0, 0), select=PRESETS["ukbb"]["epi"])
+            points_from_image(heart(0, 0, 0), select=Labels((1, 2)))
 
 
 class TestOwnLabels:
@@ -57,12 +117,15 @@ class TestParsing:
             ("endo=label:1", "endo", (1,)),
             ("epi=label:1+2", "epi", (1, 2)),
             ("wall=label: 10 + 20", "wall", (10, 20)),
-            ("endo=preset:acdc", "endo", (3,)),
-            ("epi=preset:mnms", "epi", (1, 2)),
+            ("endo=label:heart_ventricle_left", "endo", ("heart_ventricle_left",)),
+            ("epi=label:kidney, left+spleen", "epi", ("kidney, left+spleen",)),
         ],
     )
     def test_what_the_terminal_says(self, text, name, labels):
         assert parse_surface(text) == (name, Labels(labels))
+
+    def test_a_preset_is_checked_later_against_the_image(self):
+        assert parse_surface("endo=preset:acdc") == ("endo", Preset("acdc", "endo"))
 
     @pytest.mark.parametrize(
         "text", ["endo", "endo=1", "endo=label:", "endo=label:1,2", "endo=label:-1", "=label:1", "endo=file:a.nii", ""]
@@ -80,19 +143,20 @@ class TestParsing:
 class TestStructures:
     @pytest.fixture
     def folder(self, save_nifti, tmp_path):
-        volume = heart(1, 2, 3)
+        volume = heart(3, 1, 5)
         for name, label in STRUCTURES.items():
             save_nifti((volume.values == label).astype(np.uint8), name=f"{name}.nii.gz")
         return tmp_path
 
     def test_masks_become_one_label_image(self, folder):
         volume = read_structures(folder)
-        np.testing.assert_array_equal(volume.values, heart(1, 2, 3).values)
+        np.testing.assert_array_equal(volume.values, heart(3, 1, 5).values)
+        assert by_preset(volume, "totalsegmentator", "endo") == 4**3
         assert (volume.space, volume.unit) == ("LPS", "mm")
 
     def test_the_right_ventricle_may_be_missing(self, folder):
         (folder / "heart_ventricle_right.nii.gz").unlink()
-        np.testing.assert_array_equal(read_structures(folder).values, heart(1, 2, 0).values)
+        np.testing.assert_array_equal(read_structures(folder).values, heart(3, 1, 0).values)
 
     def test_the_wall_may_not(self, folder):
         (folder / "heart_myocardium.nii.gz").unlink()
@@ -118,6 +182,6 @@ class TestStructures:
 
 def test_a_real_wall_lies_around_its_cavity(shared):
     volume = read_volume(shared / "data" / "pig_cine_mri" / "sax_lv_labels_crop_4d.nii.gz", frame=0)
-    endo = segment(volume, select=PRESETS["ukbb"]["endo"], component="all")
-    epi = segment(volume, select=PRESETS["ukbb"]["epi"], component="all")
+    endo = segment(volume, select=preset_labels(volume, Preset("ukbb", "endo")), component="all")
+    epi = segment(volume, select=Labels((1, 2)), component="all")
     assert (epi.mask & endo.mask).sum() == endo.mask.sum() < epi.mask.sum()

@@ -107,11 +107,10 @@ def _surfaces_job(inputs: Sequence[Path], surfaces: Sequence[str], output: Path 
         surface_file(name, "")  # refuses names that no file can have
         if not equals or not value or name in sources:
             raise OptionError(f"option --surface={text!r}: expected NAME=FILE or NAME=LABEL, each name once")
-        value = _labels(value)
-        is_label = bool(inputs) and value.replace(",", "").isdigit()
-        if is_label and len(inputs) != 1:
+        chosen = _of_image(text, value, image)
+        if chosen is not None and len(inputs) != 1:
             raise OptionError(f"option --surface={text!r}: a label needs exactly one INPUT image, found {len(inputs)}")
-        sources[name] = (inputs[0], image.with_label(value)) if is_label else (Path(value), image)
+        sources[name] = (Path(value), image) if chosen is None else (inputs[0], chosen)
     unused = [path for path in inputs if path not in [file for file, _ in sources.values()]]
     if unused:
         raise OptionError(
@@ -123,10 +122,13 @@ def _surfaces_job(inputs: Sequence[Path], surfaces: Sequence[str], output: Path 
     return job
 
 
-def _labels(value: str) -> str:
-    """label:1+2 as 1,2; anything else as it is."""
-    words = value.removeprefix("label:").split("+")
-    return ",".join(words) if value.startswith("label:") and all(word.isdigit() for word in words) else value
+def _of_image(text: str, value: str, image: ImageOptions) -> ImageOptions | None:
+    """How a surface is read from the one image: label:1+2, preset:acdc, or numbers alone. None for a file."""
+    from quadriform.imaging.labels import parse_surface
+
+    if value.startswith(("label:", "preset:")):
+        return image.with_surface(parse_surface(text)[1])
+    return image.with_label(value) if value.replace(",", "").isdigit() else None
 
 
 # --- one job -----------------------------------------------------------------------------------------------------

@@ -12,7 +12,10 @@ Inputs = Annotated[list[Path] | None, typer.Argument(help="Points, meshes, image
 Output = Annotated[Path | None, typer.Option("--output", "-o", help="Folder for the results. [default: INPUT-model]")]
 Surface = Annotated[
     list[str] | None,
-    typer.Option(help="NAME=FILE, or NAME=label:1+2 of the one label image; give it once for each surface."),
+    typer.Option(
+        help="NAME=FILE, or of the one label image NAME=label:1+2, NAME=label:SEGMENT or NAME=preset:acdc; give it "
+        "once for each surface."
+    ),
 ]
 
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,10 @@ from quadriform.points import Array
 MOST_EXACT = 2**53
 """Larger whole numbers are not exact as times."""
 WALLS = ("endo", "epi")
+if TYPE_CHECKING:
+    from quadriform.imaging.labels import Preset
+    from quadriform.imaging.segmentation import Labels
+
 SAME_GRID = 1e-3
 """Transforms of images whose entries differ by less, in the unit of the image, are the same."""
 
@@ -115,8 +119,10 @@ def read_frames(files: Sequence[Path], surfaces: Sequence[str]) -> Frames:
     Raises:
         QuadriformError: a file gives no points, or the frames differ in their marks.
     """
+    from quadriform.imaging.labels import parse_surface
+
     frames = Frames()
-    labels = dict(_label(text) for text in surfaces)
+    labels = dict(map(parse_surface, surfaces))
     if files and all(map(is_guide_points, files)):
         _add_contours(frames, files, labels)
         return frames
@@ -145,7 +151,7 @@ def _number(frames: Frames, files: Sequence[Path]) -> None:
         frames.number(numbers)
 
 
-def _add_contours(frames: Frames, files: Sequence[Path], labels: Mapping[str, str]) -> None:
+def _add_contours(frames: Frames, files: Sequence[Path], labels: "Mapping[str, Labels | Preset]") -> None:
     if labels:
         raise OptionError(
             f"option --surface does not go with contours such as {files[0].name!r}: their types name surfaces"
@@ -176,7 +182,7 @@ def _say_of_contours(frames: Frames, files: Sequence[Path], every: Sequence[Guid
         frames.number([frame.frame for frame in read])
 
 
-def _add_image(frames: Frames, file: Path, labels: Mapping[str, str]) -> None:
+def _add_image(frames: Frames, file: Path, labels: "Mapping[str, Labels | Preset]") -> None:
     from quadriform.imaging.reading import frame_count, frame_times
 
     count = frame_count(file)
@@ -184,7 +190,7 @@ def _add_image(frames: Frames, file: Path, labels: Mapping[str, str]) -> None:
         frames.times = frame_times(file)
     for number in range(count):
         options = replace(ImageOptions(), frame=number if count > 1 else None)
-        chosen = {name: options.with_label(value) for name, value in labels.items()} or {ALONE: options}
+        chosen = {name: options.with_surface(value) for name, value in labels.items()} or {ALONE: options}
         sources = {name: read_source(file, option) for name, option in chosen.items()}
         first = next(iter(sources.values()))
         notes = [note for source in sources.values() for note in source.notes]
@@ -195,14 +201,6 @@ def _add_image(frames: Frames, file: Path, labels: Mapping[str, str]) -> None:
         frames.slices.append({name: source.slices for name, source in sources.items() if source.slices is not None})
         frames.grids.append(None if first.image is None else first.image.world_from_voxel)
         frames.add(clouds, (first.space, first.unit), warnings, notes)
-
-
-def _label(text: str) -> tuple[str, str]:
-    """A surface's name and its labels, as --label takes them."""
-    from quadriform.imaging.labels import parse_surface
-
-    name, labels = parse_surface(text)
-    return name, ",".join(map(str, labels.values))
 
 
 def keep_slices(frames: Frames) -> None:

@@ -1,18 +1,21 @@
 """Which labels of a label image are which surface of the heart: the conventions of public data sets, by name.
 
 The endocardium encloses the cavity; the epicardium encloses the cavity and the wall. To sum all labels, the right
-ventricle's too, is the mistake that these names are to spare.
+ventricle's too, is the mistake that these names avoid. An image is checked against the convention before it is used.
 """
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from quadriform.errors import InputError, MaskError, OptionError, choose
 from quadriform.files.reading import PathLike, quoted
+from quadriform.imaging.hollow import BACKGROUND, CAVITY, WALL, faces_between
 from quadriform.imaging.reading import read_volume
 from quadriform.imaging.segmentation import Labels
+from quadriform.imaging.segments import LISTED, Segment
 from quadriform.imaging.volume import Volume
 
 
@@ -38,25 +41,60 @@ def surface_labels(cavity: Iterable[int], myocardium: Iterable[int], rv: Iterabl
     return surfaces | ({"rv": Labels(rv)} if rv else {})
 
 
-_LV_1 = surface_labels(cavity=(1,), myocardium=(2,), rv=(3,))
+@dataclass(frozen=True)
+class Convention:
+    """Labels of the parts of a heart, as one data set has them.
 
-PRESETS: dict[str, dict[str, Labels]] = {
-    "acdc": surface_labels(cavity=(3,), myocardium=(2,), rv=(1,)),
+    Attributes:
+        cavity: of the left ventricle.
+        myocardium: of the left ventricle.
+        rv: cavity of the right ventricle; it may be missing from an image.
+        only: whether images of the data set have no other labels.
+    """
+
+    cavity: int | str
+    myocardium: int | str
+    rv: int | str
+    only: bool = True
+
+
+@dataclass(frozen=True)
+class Preset:
+    """A surface by the convention of a data set.
+
+    Attributes:
+        data_set: one of PRESETS.
+        surface: "endo", "epi" or "rv".
+    """
+
+    data_set: str
+    surface: str
+
+
+NAMES = Convention("heart_ventricle_left", "heart_myocardium", "heart_ventricle_right", only=False)
+"""TotalSegmentator's names, which its files of several labels have in their headers."""
+_LV_1 = (Convention(1, 2, 3),)
+PRESETS: dict[str, tuple[Convention, ...]] = {
+    "acdc": (Convention(3, 2, 1),),
     "ukbb": _LV_1,
     "mnms": _LV_1,
-    "totalsegmentator": _LV_1,
+    "totalsegmentator": (Convention(3, 1, 5, only=False), Convention(46, 44, 48, only=False)),
 }
-"""From the name of a data set to surfaces and their labels; totalsegmentator as `read_structures` numbers them."""
+"""From the name of a data set to its conventions. TotalSegmentator has one for its task heartchambers_highres, and one
+for the task total of its first version; the second version's total has the heart as one label."""
+SURFACES = ("endo", "epi", "rv")
+ENCLOSED = 0.5
+"""The cavity of a left ventricle meets its wall over at least this share of its surface."""
 
-STRUCTURES = {"heart_ventricle_left": 1, "heart_myocardium": 2, "heart_ventricle_right": 3}
-"""From TotalSegmentator's files, one a structure, to our labels."""
+STRUCTURES = {"heart_ventricle_left": 3, "heart_myocardium": 1, "heart_ventricle_right": 5}
+"""From TotalSegmentator's files, one a structure, to the labels of its task heartchambers_highres."""
 
 
-def parse_surface(text: str) -> tuple[str, Labels]:
-    """Read what the terminal is told of a surface: `endo=label:1`, `epi=label:1+2` or `endo=preset:acdc`.
+def parse_surface(text: str) -> tuple[str, Labels | Preset]:
+    """Read a surface as the terminal has it: `endo=label:1`, `epi=label:1+2`, `endo=label:NAME`, `endo=preset:acdc`.
 
     Returns:
-        The name of the surface, and its labels.
+        The name of the surface, and its labels, or the data set whose convention they follow.
 
     Raises:
         OptionError: another form, or a preset that has no such surface.
@@ -67,10 +105,80 @@ def parse_surface(text: str) -> tuple[str, Labels]:
         words = [word.strip() for word in value.split("+")]
         if all(word.isdecimal() for word in words):
             return name, Labels(tuple(int(word) for word in words))
+        if any(letter.isalpha() for letter in value):
+            return name, Labels((value.strip(),))
     if name and kind == "preset":
-        surfaces = PRESETS[choose(value, tuple(PRESETS), "preset")]
-        return name, surfaces[choose(name, tuple(surfaces), "surface")]
-    raise OptionError(f"surface {text!r}: expected name=label:1, name=label:1+2 or name=preset:{'|'.join(PRESETS)}")
+        return name, Preset(choose(value, tuple(PRESETS), "preset"), choose(name, SURFACES, "surface"))
+    raise OptionError(
+        f"surface {text!r}: expected name=label:1, name=label:1+2, name=label:NAME of a segment, or "
+        f"name=preset:{'|'.join(PRESETS)}"
+    )
+
+
+def preset_labels(volume: Volume, preset: Preset) -> Labels:
+    """The labels of a surface by a data set's convention, when the image follows it.
+
+    The labels must be there, and no others where the data set has none; and the cavity must lie in the wall, more so
+    than the right ventricle does.
+
+    Raises:
+        MaskError: the image follows none of the data set's conventions, or several.
+    """
+    known = PRESETS[choose(preset.data_set, tuple(PRESETS), "preset")]
+    if preset.data_set == "totalsegmentator" and volume.segments:
+        known = (NAMES,)
+    faults = {convention: _misfit(volume, convention) for convention in known}
+    fitting = [convention for convention, fault in faults.items() if not fault]
+    if len(fitting) != 1:
+        why = "; ".join(f"cavity {one.cavity}, myocardium {one.myocardium}: {fault}" for one, fault in faults.items())
+        raise MaskError(
+            f"the image does not follow the preset {preset.data_set!r}: {why or 'several of its numberings fit'}; name "
+            "the labels with label:..."
+        )
+    one = fitting[0]
+    enclosed = {"endo": (one.cavity,), "epi": (one.cavity, one.myocardium), "rv": (one.rv,)}
+    return Labels(enclosed[choose(preset.surface, SURFACES, "surface")])
+
+
+def _misfit(volume: Volume, convention: Convention) -> str:
+    """What in an image contradicts a convention; empty where nothing does."""
+    present = set(np.unique(volume.values).tolist()) - {0}
+    try:
+        cavity, myocardium = (volume.label_values((label,)) for label in (convention.cavity, convention.myocardium))
+    except OptionError as error:
+        return str(error)
+    rv = volume.label_values((convention.rv,)) if _has(volume, convention.rv) else ()
+    if not (present & set(cavity) and present & set(myocardium)):
+        return f"one of them has no voxels; labels in the image: {_short(present)}"
+    if convention.only and (others := present - {*cavity, *myocardium, *rv}):
+        return f"the image has other labels too: {_short(others)}"
+    shares = [_share_at_wall(volume, part, myocardium) for part in (cavity, rv)]
+    if shares[0] < ENCLOSED or shares[0] <= shares[1]:
+        beside = f", the right ventricle over {shares[1]:.0%}" if present & set(rv) else ""
+        return f"the cavity meets the wall over {shares[0]:.0%} of its surface{beside}: it does not lie in the wall"
+    return ""
+
+
+def _has(volume: Volume, label: int | str) -> bool:
+    return not isinstance(label, str) or any(segment.name == label for segment in volume.segments)
+
+
+def _short(labels: set[int]) -> str:
+    shown = ", ".join(f"{label:g}" for label in sorted(labels)[:LISTED])
+    return f"{shown} and {len(labels) - LISTED} more" if len(labels) > LISTED else shown
+
+
+def _share_at_wall(volume: Volume, part: tuple[int, ...], wall: tuple[int, ...]) -> float:
+    """The share of a part's surface where it meets the wall; 0 where the part is empty."""
+    inside = np.isin(volume.values, part)
+    if not inside.any():
+        return 0.0
+    tissue = np.where(inside, CAVITY, np.where(np.isin(volume.values, wall), WALL, BACKGROUND)).astype(np.int8)
+    areas = [
+        np.linalg.norm(faces_between(tissue, CAVITY, other, volume.world_from_voxel)[1], axis=1).sum()
+        for other in (WALL, BACKGROUND)
+    ]
+    return float(areas[0] / max(sum(areas), np.finfo(float).tiny))
 
 
 def read_structures(folder: PathLike) -> Volume:
@@ -81,7 +189,7 @@ def read_structures(folder: PathLike) -> Volume:
             heart_ventricle_right.nii.gz.
 
     Returns:
-        Cavity 1, myocardium 2, right ventricle 3: the labels of the preset "totalsegmentator".
+        Myocardium 1, cavity 3, right ventricle 5, with their names: as TotalSegmentator's own file of several labels.
 
     Raises:
         InputError: a file is missing.
@@ -101,7 +209,8 @@ def read_structures(folder: PathLike) -> Volume:
         if taken := int((values[inside] != 0).sum()):
             raise MaskError(f"{quoted(files[name])}: {taken} voxels are of another structure too; expected none")
         values[inside] = STRUCTURES[name]
-    return Volume(values, first.world_from_voxel, first.space, first.unit, first.warnings)
+    segments = tuple(Segment(name, STRUCTURES[name], (STRUCTURES[name],)) for name in masks)
+    return Volume(values, first.world_from_voxel, first.space, first.unit, first.warnings, segments, is_label_map=True)
 
 
 def _check_mask(mask: Volume, first: Volume, file: Path) -> None:

@@ -18,7 +18,8 @@ from quadriform.shapes.spaces import turn_between
 from quadriform.words import numbers, ranges
 
 if TYPE_CHECKING:
-    from quadriform.imaging.segmentation import Segmentation
+    from quadriform.imaging.labels import Preset
+    from quadriform.imaging.segmentation import Labels, Segmentation
     from quadriform.imaging.volume import Volume
 
 Marks = tuple[str, str]
@@ -38,6 +39,7 @@ class ImageOptions:
         segment: arguments for `segment` as they are: region, component, closing, fill_holes.
         border: "open" or "close".
         affine: which transform of a NIfTI header: "sform", "qform" or "pixdim".
+        preset: a surface by the convention of a data set, which the image is checked against.
     """
 
     labels: tuple[int | str, ...] | None = None
@@ -46,6 +48,7 @@ class ImageOptions:
     segment: dict[str, Any] = field(default_factory=dict)
     border: str | None = None
     affine: str | None = None
+    preset: "Preset | None" = None
 
     @classmethod
     def parse(
@@ -79,6 +82,12 @@ class ImageOptions:
     def with_label(self, label: str) -> "ImageOptions":
         """The same with other labels."""
         return replace(self, labels=_labels(label))
+
+    def with_surface(self, rule: "Labels | Preset") -> "ImageOptions":
+        """The same with the labels of a surface, or the preset that has them."""
+        from quadriform.imaging.labels import Preset
+
+        return replace(self, preset=rule) if isinstance(rule, Preset) else replace(self, labels=rule.values)
 
 
 def _labels(text: str | None) -> tuple[int | str, ...] | None:
@@ -209,9 +218,12 @@ def _from_image(path: Path, options: ImageOptions) -> Source:
 
 def _select(volume: "Volume", options: ImageOptions) -> tuple[Any, tuple[str, ...]]:
     """How the object is chosen, as `segment` takes it, and what was assumed where nothing was said."""
+    from quadriform.imaging.labels import preset_labels
     from quadriform.imaging.object_choice import choose_object
     from quadriform.imaging.segmentation import Labels, Percentile
 
+    if options.preset is not None:
+        return preset_labels(volume, options.preset), ()
     if options.labels is not None:
         return Labels(options.labels), ()
     if isinstance(options.threshold, tuple):
