@@ -8,6 +8,7 @@ import pytest
 from scipy import ndimage
 
 from quadriform.errors import MaskError
+from quadriform.imaging.image_points import points_from_image
 from quadriform.imaging.object_choice import choose_object
 from quadriform.imaging.reading import example_volume, read_volume
 from quadriform.imaging.segmentation import Labels, segment
@@ -106,6 +107,17 @@ def test_grey_images_are_thresholded(ball, rng, name):
     select, notes = choose_object(volume)
     assert select == "otsu" and "grey image" in notes[0]
     assert abs(int(segment(volume).mask.sum()) / ball.sum() - 1) < 0.1
+
+
+def test_python_and_terminal_have_one_rule(ball, rng):
+    """What decides for the terminal is the default of `segment` and `points_from_image`."""
+    many, few = image(parcels(ball, 70, rng)), image(parcels(ball, 3, rng))
+    for take in (segment, points_from_image):
+        with pytest.raises(MaskError, match="--label"):
+            take(many)
+    assert segment(few).mask.sum() == ball.sum() and "together" in segment(few).notes[0]
+    assert points_from_image(few).record["select"] == {"labels": [1, 2, 3]}
+    assert "together" in points_from_image(few).record["notes"][0]
 
 
 def test_a_steady_ramp_is_asked_for(ball):

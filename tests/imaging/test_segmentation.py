@@ -197,7 +197,7 @@ class TestNoObject:
 
     def test_a_constant_image_has_no_otsu(self):
         with pytest.raises(MaskError, match="all voxels are 7"):
-            segment(image(np.full((4, 4, 4), 7)))
+            segment(image(np.full((4, 4, 4), 7)), select="otsu")
 
     def test_a_mask_that_filling_makes_full(self):
         values = np.ones((4, 4, 4))

@@ -21,7 +21,7 @@ MOST_EXACT = 2**53
 WALLS = ("endo", "epi")
 if TYPE_CHECKING:
     from quadriform.imaging.labels import Preset
-    from quadriform.imaging.segmentation import Labels
+    from quadriform.imaging.selection import Labels
 
 SAME_GRID = 1e-3
 """Transforms of images whose entries differ by less, in the unit of the image, are the same."""

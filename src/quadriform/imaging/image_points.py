@@ -8,7 +8,9 @@ from numpy.typing import NDArray
 
 from quadriform.errors import OptionError, Warnings, choose
 from quadriform.imaging.isosurface import Border, height_of, isosurface
-from quadriform.imaging.segmentation import Component, Labels, Percentile, Segmentation, Select, segment
+from quadriform.imaging.object_choice import choose_object
+from quadriform.imaging.segmentation import Component, Segmentation, segment
+from quadriform.imaging.selection import Labels, Percentile, Select
 from quadriform.imaging.volume import Region, Volume
 from quadriform.points import Array
 from quadriform.shapes.mesh import Mesh
@@ -41,7 +43,7 @@ class ImagePoints:
 def points_from_image(
     volume: Volume,
     *,
-    select: Select = "otsu",
+    select: Select = "auto",
     region: Region | None = None,
     component: Component = "largest",
     connectivity: Literal[6, 26] = 26,
@@ -54,7 +56,8 @@ def points_from_image(
 
     Args:
         volume: grey image, mask or label image.
-        select: a value, `Percentile(fraction, of)`, "otsu" or `Labels(values)`; objects are above a threshold.
+        select: a value, `Percentile(fraction, of)`, "otsu" or `Labels(values)`; objects are above a threshold. "auto"
+            decides by the whole image, as `quadriform.imaging.object_choice` says.
         region: half-open ranges of voxels ((i0, i1), (j0, j1), (k0, k1)); None is the whole image.
         component: "largest", "all", or the voxel (i, j, k) of the component that is wanted.
         connectivity: 26 or 6.
@@ -69,6 +72,7 @@ def points_from_image(
         OptionError: an option is unknown or out of its range.
     """
     choose(surface, ("mask", "grey"), "surface")
+    select, notes = choose_object(volume) if select == "auto" else (select, ())
     if surface == "grey" and isinstance(select, Labels):
         raise OptionError("option surface='grey' needs a threshold, and labels have none; use surface='mask'")
     segmentation = segment(
@@ -94,6 +98,7 @@ def points_from_image(
         "surface": surface,
         "isolevel": level,
         "border": border,
+        "notes": list(notes),
     }
     warnings = segmentation.warnings | result.warnings
     record = options | _findings(segmentation)

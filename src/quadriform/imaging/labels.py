@@ -14,8 +14,8 @@ from quadriform.errors import InputError, MaskError, OptionError, choose
 from quadriform.files.reading import PathLike, quoted
 from quadriform.imaging.hollow import BACKGROUND, CAVITY, WALL, faces_between
 from quadriform.imaging.reading import read_volume
-from quadriform.imaging.segmentation import Labels
 from quadriform.imaging.segments import LISTED, Segment
+from quadriform.imaging.selection import Labels
 from quadriform.imaging.volume import Volume
 
 

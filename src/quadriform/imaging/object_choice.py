@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.errors import MaskError
-from quadriform.imaging.segmentation import Labels, Select
 from quadriform.imaging.segments import LISTED
+from quadriform.imaging.selection import Labels, Select
 from quadriform.imaging.volume import Volume
 
 FEW = 32

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from quadriform.errors import DegenerateError, MaskError, OptionError, WarningKind, Warnings
 from quadriform.imaging.border import border_cut
+from quadriform.imaging.object_choice import choose_object
+from quadriform.imaging.selection import Labels, Percentile, Select
 from quadriform.imaging.volume import Region, Volume, check_region, slices
 from quadriform.points import check_number
 
@@ -20,32 +22,6 @@ OTSU_INTEGERS = 1 << 16
 """Whole numbers over a wider range, and all others, are sorted: bins would fill the memory, or split a value."""
 
 
-@dataclass(frozen=True)
-class Percentile:
-    """A threshold relative to the bright end: `fraction` times the percentile `of` the values in the region.
-
-    Attributes:
-        fraction: 0.5 is half of the percentile.
-        of: percentile from 0 to 100; 99.9 leaves out a few hot voxels.
-    """
-
-    fraction: float
-    of: float
-
-
-@dataclass(frozen=True)
-class Labels:
-    """The union of some labels of a label image.
-
-    Attributes:
-        values: the labels, whole numbers, or names of segments where the file has names.
-    """
-
-    values: tuple[int | str, ...]
-
-
-Select = float | Percentile | Labels | Literal["otsu"]
-"""How an object is told from its background. Objects are strictly above a threshold."""
 Component = Literal["largest", "all"] | Sequence[int]
 """Which connected component is kept; a seed is a voxel (i, j, k) of the whole image."""
 
@@ -63,6 +39,7 @@ class Segmentation:
         components_kept: how many of them `mask` holds.
         hole_voxels: in enclosed holes after closing; part of `mask` when filled.
         warnings: BORDER_CUT, ANISOTROPIC.
+        notes: what was assumed about the object, one sentence each.
     """
 
     mask: Mask
@@ -73,6 +50,7 @@ class Segmentation:
     components_kept: int
     hole_voxels: int
     warnings: Warnings
+    notes: tuple[str, ...] = ()
 
     def object_volume(self) -> Volume:
         """The mask inside the region, as an image of 0 and 1 in its place in the world."""
@@ -83,7 +61,7 @@ class Segmentation:
 def segment(
     volume: Volume,
     *,
-    select: Select = "otsu",
+    select: Select = "auto",
     region: Region | None = None,
     component: Component = "largest",
     connectivity: Literal[6, 26] = 26,
@@ -94,7 +72,8 @@ def segment(
 
     Args:
         volume: grey image, mask or label image.
-        select: a value, `Percentile(fraction, of)`, "otsu" or `Labels(values)`.
+        select: a value, `Percentile(fraction, of)`, "otsu" or `Labels(values)`; "auto" decides by the whole image, as
+            `choose_object` says.
         region: half-open ranges of voxels ((i0, i1), (j0, j1), (k0, k1)); None is the whole image. Nothing
             outside it is looked at: Otsu and percentiles do not see it, and its edge counts as a border.
         component: "largest", "all", or the voxel (i, j, k) of the component that is wanted.
@@ -103,12 +82,14 @@ def segment(
         fill_holes: fill what the object encloses.
 
     Raises:
-        MaskError: nothing or everything is the object, labels are missing or not whole, the seed is background.
+        MaskError: nothing or everything is the object, labels are missing or not whole, the seed is background, or
+            "auto" finds several objects and none is chosen.
         DegenerateError: the object is one voxel, or one slice thick.
         OptionError: an option is unknown or out of its range.
     """
     _check_options(component, connectivity, closing)
     region = check_region(region, volume.values.shape)
+    select, notes = choose_object(volume) if select == "auto" else (select, ())
     inner = volume.crop(region)
     found, threshold = _select(inner, select)
     _check_selected(found, inner.values, threshold)
@@ -122,7 +103,7 @@ def segment(
     mask = np.zeros(volume.values.shape, dtype=bool)
     mask[slices(region)] = kept
     warnings = volume.warnings | segment_warnings(kept, inner)
-    return Segmentation(mask, volume, region, threshold, sizes, n_kept, int(holes.sum()), warnings)
+    return Segmentation(mask, volume, region, threshold, sizes, n_kept, int(holes.sum()), warnings, notes)
 
 
 def _check_options(component: Component, connectivity: int, closing: int) -> None:
@@ -162,7 +143,7 @@ def _threshold(values: NDArray[Any], select: float | Percentile | str) -> float:
     if select == "otsu":
         return otsu(values)
     if isinstance(select, str):
-        raise OptionError(f"option select={select!r}; expected a number, a Percentile, Labels or 'otsu'")
+        raise OptionError(f"option select={select!r}; expected a number, a Percentile, Labels, 'otsu' or 'auto'")
     return check_number(select, "select", -np.inf)
 
 

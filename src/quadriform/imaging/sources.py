@@ -19,7 +19,8 @@ from quadriform.words import numbers, ranges
 
 if TYPE_CHECKING:
     from quadriform.imaging.labels import Preset
-    from quadriform.imaging.segmentation import Labels, Segmentation
+    from quadriform.imaging.segmentation import Segmentation
+    from quadriform.imaging.selection import Labels
     from quadriform.imaging.volume import Volume
 
 Marks = tuple[str, str]
@@ -220,7 +221,7 @@ def _select(volume: "Volume", options: ImageOptions) -> tuple[Any, tuple[str, ..
     """How the object is chosen, as `segment` takes it, and what was assumed where nothing was said."""
     from quadriform.imaging.labels import preset_labels
     from quadriform.imaging.object_choice import choose_object
-    from quadriform.imaging.segmentation import Labels, Percentile
+    from quadriform.imaging.selection import Labels, Percentile
 
     if options.preset is not None:
         return preset_labels(volume, options.preset), ()

@@ -9,7 +9,8 @@ from quadriform.errors import MaskError, OptionError, WarningKind, Warnings
 from quadriform.imaging.border import border_cut, side_vectors
 from quadriform.imaging.hollow import BACKGROUND, CAVITY, WALL, Tissue, base_of_hollow, faces_between, fill_hollow
 from quadriform.imaging.isosurface import height_of, isosurface
-from quadriform.imaging.segmentation import Component, Labels, Mask, Percentile, Segmentation, Select, segment
+from quadriform.imaging.segmentation import Component, Mask, Segmentation, segment
+from quadriform.imaging.selection import Labels, Percentile, Select
 from quadriform.imaging.thinning import thinned
 from quadriform.imaging.volume import Region, Volume, slices
 from quadriform.points import Array, check_number, check_points

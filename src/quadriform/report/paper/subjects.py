@@ -13,7 +13,8 @@ from quadriform.fitting.outcome import Fit
 from quadriform.imaging.image_points import points_from_image
 from quadriform.imaging.isosurface import isosurface
 from quadriform.imaging.reading import example_volume, read_volume
-from quadriform.imaging.segmentation import Labels, Mask
+from quadriform.imaging.segmentation import Mask
+from quadriform.imaging.selection import Labels
 from quadriform.imaging.thinning import thinned
 from quadriform.imaging.ventricle import HALF, ventricle_from_labels, ventricle_from_perfusion
 from quadriform.imaging.volume import Region, Volume
