@@ -7,6 +7,7 @@ what comes before them, the reading of the points. Run it with `make foreign`; a
 import contextlib
 import importlib.util
 import os
+import shutil
 import sys
 import tempfile
 import warnings
@@ -19,6 +20,7 @@ import quadriform as qf
 from quadriform.cli import batch
 from quadriform.cli.main import main
 from quadriform.errors import InputError, QuadriformError
+from quadriform.imaging.formats import image_format
 
 FOLDERS = {
     "nibabel": (
@@ -129,18 +131,30 @@ def _stderr_to(descriptor: int) -> Iterator[None]:
         os.close(before)
 
 
+def with_copies(paths: Sequence[Path], folder: Path) -> Iterator[Path]:
+    """Files and folders, and of each DICOM file a copy in a folder of its own, where no neighbour speaks for it."""
+    for number, path in enumerate(paths):
+        yield path
+        if path.is_file() and image_format(path) == "dicom":
+            alone = folder / f"alone{number}"
+            alone.mkdir()
+            shutil.copy(path, alone)
+            yield from (alone, alone / path.name)
+
+
 def run(paths: Sequence[Path]) -> int:
     """Read all files in every way, print what goes wrong, and return how many calls did."""
     count: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as folder:
         os.environ["TMPDIR"] = folder
         tempfile.tempdir = None
-        for path in paths:
+        every = list(with_copies(paths, Path(folder)))
+        for path in every:
             for name, shown in faults(path, Path(folder)).items():
                 count[name] += 1
                 print(f"{name} {path}: {shown[-600:]}")
-    total = len(paths) * len(calls(Path(), Path()))
-    print(f"{sum(count.values())} of {total} calls on {len(paths)} files: exit code 70, traceback or Python warning")
+    total = len(every) * len(calls(Path(), Path()))
+    print(f"{sum(count.values())} of {total} calls on {len(every)} files: exit code 70, traceback or Python warning")
     return sum(count.values())
 
 

@@ -84,10 +84,7 @@ def points_from_image(
         closing=closing,
         fill_holes=fill_holes,
     )
-    shown, level = segmentation.object_volume(), 0.5
-    if surface == "grey" and segmentation.threshold is not None:
-        level = segmentation.threshold
-        shown = height_of(shown, volume.crop(segmentation.region), level)
+    shown, level = _shown(segmentation, surface)
     result = isosurface(shown, level, border=border)
     options = {
         "select": _named(select),
@@ -103,6 +100,14 @@ def points_from_image(
     warnings = segmentation.warnings | result.warnings
     record = options | _findings(segmentation)
     return ImagePoints(result.mesh.vertices, result.on_border, result.mesh, segmentation, warnings, record)
+
+
+def _shown(found: Segmentation, surface: str) -> tuple[Volume, float]:
+    """The image whose isosurface is taken, and the level."""
+    mask = found.object_volume()
+    if surface == "mask" or found.threshold is None:
+        return mask, 0.5
+    return height_of(mask, found.volume.crop(found.region), found.threshold), found.threshold
 
 
 def _findings(segmentation: Segmentation) -> dict[str, Any]:
