@@ -38,6 +38,24 @@ def test_nearly_flat_bodies_are_fitted(thin, exponents):
     found = qf.fit(points, box=(3, 3, 3))
     assert np.isfinite(found.model.box.control_points).all()
     assert found.rms < 1e-2
+    true = qf.Superquadric(semi_axes=(3.0, 2.0, thin), exponents=exponents).volume()
+    assert "ILL_CONDITIONED" in found.warnings or found.model.volume() == pytest.approx(true, rel=0.02)
+
+
+def test_the_sides_of_a_thin_body_are_not_taken_for_each_other():
+    """Old bug: sides nearer to each other than their points; a twelfth of the volume was left, and nothing was said."""
+    thin = made(semi_axes=(3.0, 2.0, 0.1))
+    found = qf.fit(thin.surface(even_directions(400)))
+    assert found.model.volume() == pytest.approx(thin.volume(), rel=0.05)
+    assert found.noise < 0.02
+
+
+@pytest.mark.parametrize("noise", [0.02, 0.2])
+def test_a_body_as_thin_as_the_noise_is_warned_of(noise, rng):
+    thin = made(semi_axes=(3.0, 2.0, 0.1))
+    points = thin.surface(even_directions(400))
+    found = qf.refine(thin, points + noise * rng.normal(size=points.shape), box=(3, 3, 3))
+    assert ("ILL_CONDITIONED" in found.warnings) == (noise > 0.05)
 
 
 @pytest.mark.parametrize("strength", [1e-30, 1e-18])

@@ -145,6 +145,16 @@ class Rounds:
         box, solution = self._step(box, few, [None] * len(few))
         return Refined(box, tuple(few), solution, tuple(self.history))
 
+    def not_worse(self, found: Refined, sheets: Sequence[Sheet]) -> Refined:
+        """The coarse stages, or one round from the start where they left it for a place farther from their points.
+
+        Sides of a thin body that are nearer to each other than its points are can be taken for each other.
+        """
+        rest = ControlBox.undeformed(self.target.origin, self.target.edges, found.box.control_points.shape[:3])
+        before = sum((closest_on(s.superquadric, rest, s.points).signed ** 2).sum() for s in found.sheets)
+        after = sum((sheet.distances(found.box) ** 2).sum() for sheet in found.sheets)
+        return self.resumed(sheets, rest) if before < after else found
+
     def fine(self, sheets: Sequence[Sheet], coarse: Refined) -> Refined:
         """Rounds on more points, whose foot points only slide, and the last few on all.
 
@@ -278,4 +288,4 @@ def coarse_unfolded(rounds: Rounds, box: ControlBox, sheets: Sequence[Sheet]) ->
         found = rounds.coarse(box if points == COARSE_POINTS[0] else rounds.begun(few)[0], few)
         if not found.tangled:
             break
-    return found
+    return rounds.not_worse(found, sheets)

@@ -31,6 +31,8 @@ PROBES = 8
 """Resolution of the points by which a round's motion of the surfaces is told."""
 VAGUE = 1e12
 """Condition above which less than four digits of the control points are sure."""
+THIN = 0.25
+"""A noise above this share of a body's mean thickness leaves it open which points are of which side."""
 HalfSpace = tuple[Array, Array]
 
 
@@ -221,19 +223,33 @@ def _tangled_last(trials: Sequence[_Trial]) -> Iterator[_Trial]:
 
 
 def _result(task: _Task, trial: _Trial, refined: Refined, warnings: Warnings) -> Result:
+    model = DeformableModel(trial.surfaces, refined.box)
     return Result(
-        model=DeformableModel(trial.surfaces, refined.box),
+        model=model,
         history=refined.history,
         strength=refined.solution.strength,
         noise=refined.solution.noise,
         covariance=refined.solution.covariance(),
         finer=_finer(refined, task.options.regularity),
         inliers=_all_inliers(task, refined),
-        warnings=warnings | _vague(refined.solution),
+        warnings=warnings | (_thin(model, refined.solution.noise) or _vague(refined.solution)),
         beyond=task.beyond,
         covered=trial.coarse.covered and task.beyond is None,
         ends=tuple(name for name, sheet in zip(task.clouds, trial.coarse.sheets) if sheet.ends()),
     )
+
+
+def _thin(model: DeformableModel, noise: float) -> Warnings:
+    """The warning about bodies so thin that the noise does not tell their two sides apart."""
+    texts = []
+    for name, surface in model.surfaces.items():
+        mesh = model.mesh(name, 2 * PROBES)
+        thickness = 2 * abs(mesh.volume()) / mesh.area()
+        if not surface.kind.startswith("hyperboloid") and noise > THIN * thickness:
+            about = "the body" if len(model.surfaces) == 1 else name
+            texts.append(f"{about} is {thickness / noise:.1f} times as thick as the noise of the points")
+    end = "their sides are not told apart and volumes mean nothing; expected 4 times or more"
+    return {WarningKind.ILL_CONDITIONED: f"{', '.join(texts)}: {end}"} if texts else {}
 
 
 def _vague(solution: Solution) -> Warnings:
