@@ -4,7 +4,7 @@ BIN := .venv/bin
 READY := .venv/ready
 BENCH := .venv-bench
 
-.PHONY: demo test check bench foreign fuzz mutants kill large coverage docs docs-figures clean
+.PHONY: demo test kernels check bench foreign fuzz mutants kill large coverage docs docs-figures clean
 
 demo: $(READY)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/quadriform demo -o out/demo --force
@@ -13,6 +13,10 @@ demo: $(READY)
 # as Python does unless told otherwise, for nearly a hundred processes start on the way.
 test: $(READY)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
+
+# The numerical tests under each kernel of OpenBLAS that the processor has; another kernel rounds as another processor does.
+kernels: $(READY)
+	PYTHONPATH=tests $(BIN)/python tests/robustness/kernels.py
 
 check: $(READY)
 	$(BIN)/ruff check src tests benchmarks docs
