@@ -54,6 +54,10 @@ class FileFormatError(QuadriformError, ValueError):
     exit_code = 4
 
 
+class ColumnsError(PointsError, FileFormatError):
+    """Which columns of a table are x, y and z cannot be told; naming them by `columns` helps."""
+
+
 class FileLimitError(QuadriformError, MemoryError):
     """A file or its declared content is beyond the budget."""
 

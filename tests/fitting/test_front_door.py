@@ -59,7 +59,7 @@ BAD = [
     ("A19", CLOUD.astype(str), PointsError, "type <U"),
     ("A19", CLOUD.astype("datetime64[s]"), PointsError, "datetime64"),
     ("A19", masked(), PointsError, "masked"),
-    ("A19", np.zeros(20, [("x", float), ("y", float), ("z", float)]), PointsError, "type"),
+    ("A19", np.zeros(20, [("a", float), ("b", float), ("c", float)]), PointsError, "columns named x, y and z"),
     ("A19", [[1, 2, 3], [4, 5]], PointsError, "unequal length"),
     ("A19", None, PointsError, "object"),
     ("A19", "points.xyz", PointsError, "type <U"),

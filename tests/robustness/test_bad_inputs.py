@@ -56,7 +56,7 @@ def with_strangers(share):
 
 
 def structured():
-    return np.zeros(20, dtype=[("x", float), ("y", float), ("z", float)])
+    return np.zeros(20, dtype=[("a", float), ("b", float), ("c", float)])
 
 
 REFUSED = {
@@ -87,7 +87,7 @@ REFUSED = {
     "19 text": (lambda: CLOUD.astype(str), PointsError, "type <U"),
     "19 times": (lambda: CLOUD.astype(int).astype("datetime64[s]"), PointsError, "type datetime64"),
     "19 masked": (lambda: np.ma.masked_greater(CLOUD, 20), PointsError, "masked"),
-    "19 structured": (structured, PointsError, "expected real numbers"),
+    "19 structured": (structured, PointsError, "expected columns named x, y and z"),
     "19 ragged": (lambda: [[1.0, 2, 3], [4.0, 5]], PointsError, "unequal length"),
     "20 (3, n)": (lambda: CLOUD.T, PointsError, r"\(3, 200\); try points.T"),
     "20 (n, 2)": (lambda: CLOUD[:, :2], PointsError, r"expected an array of shape \(n, 3\), found \(200, 2\)"),

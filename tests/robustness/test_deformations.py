@@ -23,9 +23,14 @@ def test_normals_of_a_file_are_not_read(tmp_path, sign):
     np.testing.assert_array_equal(qf.read_points(tmp_path / "cloud.ply"), points)
 
 
-def test_row_34_a_fit_takes_no_normals():
-    with pytest.raises(OptionError, match="option normals is not one of"):
-        qf.fit(lumpy(100), normals=lumpy(100))
+@pytest.mark.parametrize("signs", ["flipped", "arbitrary", "zero"])
+def test_row_34_the_signs_of_normals_do_not_matter(signs):
+    cloud, rng = lumpy(100), np.random.default_rng(3)
+    normals = qf.fit(cloud, box=(2, 2, 2)).model.foot_points(cloud).normals
+    sign = {"flipped": -1, "arbitrary": rng.choice([-1.0, 1.0], (100, 1)), "zero": 0}[signs]
+    plain = qf.fit(cloud, normals=None if signs == "zero" else normals, box=(3, 3, 3))
+    found = qf.fit(cloud, normals=7 * sign * normals, box=(3, 3, 3))
+    np.testing.assert_allclose(found.residuals, plain.residuals, atol=1e-12)
 
 
 def test_row_35_more_control_points_than_points():

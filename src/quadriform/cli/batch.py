@@ -19,7 +19,8 @@ from quadriform.files import save, sha256_of, write_mesh
 from quadriform.files.atomic import write_bytes
 from quadriform.files.frame_numbers import natural
 from quadriform.files.result_folder import check_results, replaced_together
-from quadriform.fitting.fit import ALONE, fit
+from quadriform.fitting.clouds import ALONE
+from quadriform.fitting.fit import fit
 from quadriform.fitting.outcome import Fit, flat
 from quadriform.imaging.input_files import input_files, title_of, without_folders
 from quadriform.imaging.sources import ImageOptions, Source, files_of, kind_of, read_source, space_to_write
@@ -203,7 +204,7 @@ def _fit(job: Job, sources: Mapping[str, Source], options: Mapping[str, Any]) ->
     """The fit with the marks of its input on the model, and with the warnings of the reading before its own."""
     space, unit = _common_marks(sources)
     wanted = space_to_write(job.space, space)
-    clouds = {name: source.points for name, source in sources.items()}
+    clouds = {name: source.cloud for name, source in sources.items()}
     with progress_bar(job.name) as progress:
         found = fit(clouds[ALONE] if clouds.keys() == {ALONE} else clouds, progress=progress, **options)
     record = replace(found.model.record, title=title_of(job.files, most=len(job.files)), sources=_input_files(job))

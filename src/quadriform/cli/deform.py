@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from quadriform.cli.options import Force, Json, Space, Strict, check_space
+from quadriform.cli.options import Columns, Force, Json, Space, Strict, check_space
 
 
 def deform(
@@ -13,6 +13,7 @@ def deform(
     points: Annotated[Path, typer.Argument(help="Points or a mesh to carry along.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Points, or a mesh when POINTS is one.")],
     inverse: Annotated[bool, typer.Option("--inverse", help="From the deformed space back.")] = False,
+    columns: Columns = None,
     space: Space = None,
     strict: Strict = False,
     force: Force = False,
@@ -25,10 +26,10 @@ def deform(
     from quadriform.cli.inputs import naming, turn_to_model
     from quadriform.cli.screen import emit, emit_json
     from quadriform.cli.verdicts import repeat
-    from quadriform.files import read_mesh, read_model, read_points, write_mesh
+    from quadriform.files import read_mesh, read_model, write_mesh
     from quadriform.files.atomic import check_writable
     from quadriform.files.meshes import MESH_SUFFIXES
-    from quadriform.files.points import POINT_SUFFIXES, write_points
+    from quadriform.files.points import POINT_SUFFIXES, read_point_set, write_points
     from quadriform.files.reading import suffix_of
     from quadriform.imaging.sources import marks_of, space_to_write
     from quadriform.shapes.mesh import Mesh
@@ -43,8 +44,9 @@ def deform(
     carry = carrier.undeform if inverse else carrier.deform
     mesh = read_mesh(points) if as_mesh else None
     with naming(points):
-        turn = turn_to_model(points, marks_of(points), (carrier.space, carrier.unit))
-        moved = carry((read_points(points) if mesh is None else mesh.vertices) @ turn.T)
+        turn = turn_to_model(points, marks_of(points, columns), (carrier.space, carrier.unit))
+        given = read_point_set(points, columns).in_metric_unit().points if mesh is None else mesh.vertices
+        moved = carry(given @ turn.T)
     moved = moved @ turn_between(carrier.space, wanted).T
     if mesh is not None:
         write_mesh(Mesh(moved, mesh.faces), output, wanted, carrier.unit, force)

@@ -29,7 +29,8 @@ def demo(
     from quadriform.files import save
     from quadriform.files.atomic import write_bytes
     from quadriform.files.result_folder import check_results, replaced_together
-    from quadriform.fitting.fit import ALONE, fit
+    from quadriform.fitting.clouds import ALONE
+    from quadriform.fitting.fit import fit
     from quadriform.fitting.outcome import rms
     from quadriform.imaging.image_points import points_from_image
     from quadriform.imaging.reading import example_volume

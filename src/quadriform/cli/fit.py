@@ -1,5 +1,6 @@
 """`quadriform fit`: points, meshes, masks or grey images become models."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -43,6 +44,8 @@ def fit(
     border: shared.Border = None,
     frame: shared.Frame = None,
     affine: shared.Affine = None,
+    columns: shared.Columns = None,
+    unit: shared.Unit = None,
     space: shared.Space = None,
     strict: shared.Strict = False,
     force: shared.Force = False,
@@ -56,6 +59,7 @@ def fit(
     from quadriform.imaging.sources import ImageOptions
 
     image = ImageOptions.parse(label, threshold, region, seed, closing, fill_holes, border, frame, affine)
+    image = replace(image, columns=columns, unit=unit)
     given = how.method_options(
         kind=kind,
         method=method,

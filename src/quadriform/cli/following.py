@@ -32,6 +32,7 @@ Record = dict[str, Any]
 def follow(
     inputs: Sequence[Path],
     surfaces: Sequence[str],
+    columns: str | None,
     output: Path | None,
     shift_slices: bool,
     space: str | None,
@@ -52,7 +53,7 @@ def follow(
     check_results(folder, [MODEL, FRAMES, REPORT, *earlier], force, files)
     begin = time.perf_counter()
     with naming(*inputs):
-        frames = read_frames(files, surfaces)
+        frames = read_frames(files, surfaces, columns)
         if shift_slices:
             keep_slices(frames)
         if options["strategy"] == "alone":

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from quadriform.cli.options import Affine, Frame, Json, Strict
+from quadriform.cli.options import Affine, Columns, Frame, Json, Strict
 
 if TYPE_CHECKING:
     from quadriform.imaging.volume import Volume
@@ -18,6 +18,7 @@ def info(
     file: Annotated[Path, typer.Argument(help="Points, a mesh, an image or a model.")],
     frame: Frame = None,
     affine: Affine = None,
+    columns: Columns = None,
     strict: Strict = False,
     as_json: Json = False,
 ) -> None:
@@ -32,8 +33,8 @@ def info(
     with naming(file):
         suffix = file.suffix.lower()
         kind = "model" if suffix == ".json" or (suffix == ".npz" and holds_model(file)) else kind_of(file)
-        describe = {"model": _model, "mesh": _mesh, "image": _image}.get(kind or "", _points)
-        record = describe(file, frame, affine)
+        describe = {"model": _model, "mesh": _mesh, "image": _image}.get(kind or "")
+        record = _points(file, columns) if describe is None else describe(file, frame, affine)
         record["sha256"] = sha256_of(*files_of(file))
     tell(remarks(record.get("warnings", {}), record.get("notes", ()), "from the fit" if kind == "model" else ""))
     if as_json:
@@ -61,11 +62,21 @@ def _extent(points: "Array") -> dict[str, list[float]]:
     return {"lowest": low.tolist(), "highest": high.tolist(), "size": (high - low).tolist()}
 
 
-def _points(file: Path, frame: int | None, affine: str | None) -> dict[str, Any]:
-    from quadriform.files import read_points
+def _points(file: Path, columns: str | None) -> dict[str, Any]:
+    from quadriform.files.points import read_point_set
+    from quadriform.fitting.precision import precision
 
-    points = read_points(file)
-    return {"kind": "points", "points": len(points), "extent": _extent(points), "space": "unknown", "unit": "unknown"}
+    found = read_point_set(file, columns)
+    return {
+        "kind": "points",
+        "points": len(found.points),
+        "normals": "none" if found.normals is None else len(found.normals),
+        "extent": _extent(found.points),
+        "space": "unknown",
+        "unit": found.unit,
+        "warnings": {str(kind): text for kind, text in precision(found.number_type, found.points).items()},
+        "notes": list(found.notes),
+    }
 
 
 def _mesh(file: Path, frame: int | None, affine: str | None) -> dict[str, Any]:

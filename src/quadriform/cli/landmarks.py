@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 from quadriform.cli.inputs import turn_to_model
 from quadriform.errors import InputError, OptionError
-from quadriform.files import read_points
 from quadriform.files.guide_points import GuidePoints, is_guide_points, read_guide_point_frames, read_guide_points
+from quadriform.files.points import read_point_set
 from quadriform.imaging.sources import Marks, marks_of
 from quadriform.points import Array
 
@@ -69,7 +69,7 @@ def _loop(file: Path, marks: Marks) -> Array:
     """All points of a file, but of contours the mitral ones."""
     if is_guide_points(file):
         return _mitral(read_guide_points(file), file) @ turn_to_model(file, CONTOURS, marks).T
-    return read_points(file) @ turn_to_model(file, marks_of(file), marks).T
+    return read_point_set(file).in_metric_unit().points @ turn_to_model(file, marks_of(file), marks).T
 
 
 def _mitral(points: GuidePoints, file: Path) -> Array:

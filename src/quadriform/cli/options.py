@@ -20,6 +20,17 @@ Space = Annotated[
     ),
 ]
 
+Columns = Annotated[
+    str | None,
+    typer.Option(
+        help="Tables and arrays: where the columns have no names, names for them from left to right, such as "
+        "x,y,z,nx,ny,nz; where they have others, those of x, y and z."
+    ),
+]
+Unit = Annotated[
+    str | None, typer.Option(help="Unit of the lengths of a file that names none: mm, m; of tables also cm, um ...")
+]
+
 IMAGE = "Images"
 Label = Annotated[
     str | None,

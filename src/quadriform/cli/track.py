@@ -47,6 +47,7 @@ def track(
     strength: Annotated[
         float | None, typer.Option(help="How strongly the box is held in space; contours like 1e-6. [default: auto]")
     ] = None,
+    columns: shared.Columns = None,
     space: shared.Space = None,
     strict: shared.Strict = False,
     force: shared.Force = False,
@@ -64,7 +65,7 @@ def track(
     if strength is not None:
         options["strength"] = strength
     wanted = shared.check_space(space)
-    follow(frames, surface or [], output, shift_slices, wanted, options, strict, force, as_json)
+    follow(frames, surface or [], columns, output, shift_slices, wanted, options, strict, force, as_json)
 
 
 def _times(text: str) -> list[float]:

@@ -26,7 +26,8 @@ from quadriform.files.atomic import make_folder, write_bytes
 from quadriform.files.models import parse_json
 from quadriform.files.reading import quoted, read_bytes
 from quadriform.files.strict import Field
-from quadriform.fitting.fit import ALONE, fit
+from quadriform.fitting.clouds import ALONE
+from quadriform.fitting.fit import fit
 from quadriform.fitting.outcome import Fit
 from quadriform.imaging.frame_sources import Frames, keep_slices
 from quadriform.imaging.input_files import input_files, without_folders

@@ -25,12 +25,13 @@ def parse_npy(data: bytes, where: str) -> NDArray[Any]:
     """Return the array of a .npy file; numbers and text only, never pickled objects.
 
     Raises:
-        FileFormatError: not .npy, damaged, too short or too long for its header, or of a type with objects or fields.
+        FileFormatError: not .npy, damaged, too short or too long for its header, or of a type with objects or nested
+            fields.
         FileLimitError: the header promises more than the budget.
     """
     stream = io.BytesIO(data)
     shape, fortran_order, dtype = _npy_header(stream, data, where)
-    if dtype.kind not in "biufcSU":
+    if not all(kind.kind in "biufcSU" for kind in _kinds(dtype)):
         raise FileFormatError(f"{where}: expected an array of plain numbers, found type {dtype}")
     if any(length < 0 for length in shape):
         raise FileFormatError(f"{where}: the header has a negative length in shape {shape}")
@@ -43,6 +44,11 @@ def parse_npy(data: bytes, where: str) -> NDArray[Any]:
         raise FileFormatError(f"{where}: the header promises {promised} bytes of shape {shape}, found {found}")
     values = np.frombuffer(data, dtype=dtype, offset=stream.tell()) if found else np.zeros(0, dtype)
     return values.reshape(shape, order="F" if fortran_order else "C")
+
+
+def _kinds(dtype: np.dtype[Any]) -> list[np.dtype[Any]]:
+    """The types of an array's numbers: its own, or those of its fields, which may be rows of numbers themselves."""
+    return [dtype] if dtype.names is None else [dtype[name].base for name in dtype.names]
 
 
 def _npy_header(stream: io.BytesIO, data: bytes, where: str) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:

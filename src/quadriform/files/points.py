@@ -7,42 +7,60 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from quadriform.errors import FileFormatError
+from quadriform.columns import Chosen
+from quadriform.errors import FileFormatError, OptionError
 from quadriform.files.arrays import parse_npy, parse_npz
 from quadriform.files.atomic import write_bytes
-from quadriform.files.meshes import READ_SUFFIXES, parse_mesh
+from quadriform.files.marks import parse_marks
+from quadriform.files.meshes import HEAD, READ_SUFFIXES, parse_mesh
 from quadriform.files.reading import quoted, read_bytes, suffix_of
 from quadriform.files.tables import parse_table, written_table
+from quadriform.point_sets import PointSet, point_set
 from quadriform.points import Array, check_points
 
 TABLE_SUFFIXES = (".xyz", ".csv", ".txt")
 POINT_SUFFIXES = (*TABLE_SUFFIXES, ".npy", ".npz")
 
 
-def read_points(path: str | os.PathLike[str]) -> Array:
+def read_points(path: str | os.PathLike[str], columns: Chosen = None) -> Array:
     """Read points (n, 3), in the unit and frame of the file.
 
-    Text (.xyz .csv .txt) is a table with three columns, or with a header row that names x, y and z; a .npz holds one
-    array, or one named `points`; a mesh (.ply .stl .obj .vtp .vtk) gives its vertices.
+    Text (.xyz .csv .txt) is a table with three columns, or whose columns have names; an array (.npy .npz) has three
+    columns or fields named x, y and z; a .npz holds one array, or one named `points`; a mesh (.ply .stl .obj .vtp
+    .vtk) gives its vertices. Only the names of columns say which they are, see `quadriform.columns`.
 
     Args:
         path: the file.
+        columns: where the names do not say it: names for the columns from left to right, such as "x,y,z,nx,ny,nz";
+            where the columns have other names, those of x, y and z, such as "East,North,Height".
 
     Raises:
         InputError: the file is missing or cannot be read.
+        ColumnsError: columns of which nobody knows which are x, y and z.
+        OptionError: columns that are not there.
         FileFormatError: it is not what its name says, or damaged; text with the line number.
         FileLimitError: it is, or promises to be, beyond the budget.
         PointsError: no points, wrong shape, or not finite values.
     """
+    return read_point_set(path, columns).points
+
+
+def read_point_set(path: str | os.PathLike[str], columns: Chosen = None) -> PointSet:
+    """Read points, with the unit, the normals and the type of the numbers where the file has them.
+
+    Arguments and errors are those of `read_points`.
+    """
     suffix = suffix_of(path, (*POINT_SUFFIXES, *READ_SUFFIXES), "a file of points")
     data, where = read_bytes(Path(path)), quoted(path)
     if suffix in TABLE_SUFFIXES:
-        return check_points(parse_table(data, where), where)
+        return parse_table(data, where, columns)
     if suffix == ".npy":
-        return check_points(parse_npy(data, where), where)
+        return point_set(parse_npy(data, where), where, columns)
     if suffix == ".npz":
-        return check_points(_only_array(data, where), where)
-    return parse_mesh(data, suffix, where).vertices
+        return point_set(_only_array(data, where), where, columns)
+    if columns is not None:
+        raise OptionError(f"{where}: option columns goes with tables and arrays, found a mesh, which names its own")
+    return PointSet(parse_mesh(data, suffix, where).vertices, unit=parse_marks(data[:HEAD])[1])
 
 
 def write_points(points: ArrayLike, path: str | os.PathLike[str], force: bool = False) -> None:

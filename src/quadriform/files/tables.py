@@ -1,51 +1,85 @@
-"""Points from text: one row a line, separators found from the first row, anything doubtful refused."""
+"""Points from text: one row a line, separators found from the first row, anything doubtful refused.
+
+Columns are found by their names, in a header row or in a comment before the first row; see `quadriform.columns`.
+"""
 
 import math
 import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import permutations
 
 import numpy as np
 
-from quadriform.errors import FileFormatError
+from quadriform.columns import AXES, Chosen, Columns, chosen_columns, columns_of, names_axes, unit_of
+from quadriform.errors import ColumnsError, FileFormatError
 from quadriform.files.reading import signature
-from quadriform.points import Array
+from quadriform.point_sets import PointSet, naming_hint, unit_normals
+from quadriform.points import Array, check_points
 
-COUNT = re.compile(r"#\s*points:\s*(\d+)\s*")
+COUNT = re.compile(r"#\s*points:\s*(\d{1,15})\s*")
 WITH_COUNT = ["x", "y", "z", "rows"]
 QUOTED = re.compile(r'^"([^"]*)"$')
 DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
+COMMENTS = ("#", "//", "%")
+SEPARATOR = re.compile(r"sep=([;,\t|])")
+"""The first line that Excel writes and reads."""
+LABEL = re.compile(r"(columns?|fields?|header|format|names?|data)\s*[:=]\s*", re.IGNORECASE)
+UNIT_COMMENT = re.compile(r"(?:length\s+)?units?\s*[:=]\s*\"?(\S+?)\"?", re.IGNORECASE)
+UNIT_AT_END = re.compile(r"([^\[(]*\S)\s+[\[(]([^\])]*)[\])]")
+OTHER_ORDERS = {"".join(order) for order in permutations(AXES)} - {AXES}
 
 
-def parse_table(data: bytes, where: str) -> Array:
-    """Return the points (n, 3) of a text table.
+@dataclass(frozen=True)
+class _Text:
+    """A table taken apart: the comments before its first row, and number and content of each row."""
 
-    Accepted: UTF-8 with or without BOM, any line end, comments after `#`, blank lines, one header row, and comma,
-    semicolon, tab or spaces between the fields. Three columns are x, y, z; with more, a header must name x, y and z.
-    A first line `# points: 40` must be the number of rows, and so must each value of a fourth column `rows`; the last
-    line must then end: only so is a file that was cut no shorter one.
+    comments: list[str]
+    rows: list[tuple[int, str]]
+    separator: str | None
+    count: int | None
+    where: str
+
+    def split(self, row: tuple[int, str]) -> list[str]:
+        return _split(row[1], self.separator, self.where, row[0])
+
+
+def parse_table(data: bytes, where: str, columns: Chosen = None) -> PointSet:
+    """Return the points of a text table, in the unit of the file, with normals where it has them.
+
+    Accepted: UTF-8 with or without BOM, any line end, comments after `#`, `//` or `%`, blank lines, `sep=;` in the
+    first line, one header row, and comma, semicolon, tab or spaces between the fields. The names of the columns, in the
+    header row or in a comment before the first row, say which are x, y, z and nx, ny, nz; three columns without names
+    are x, y, z. A number alone in the first line, or `# points: 40`, must be the number of rows, and so must each value
+    of a fourth column `rows`; with the two of ours the last line must end: only so is a file that was cut no shorter
+    one.
 
     Args:
         data: the bytes of the file.
         where: how error messages name the file.
+        columns: which columns to take, as `chosen_columns` has it.
 
     Raises:
+        ColumnsError: columns that cannot be told apart.
+        OptionError: columns that are not there.
         FileFormatError: not text, decimal commas, ragged rows or words among the numbers, with the line number; other
             rows than the first line promises.
     """
     lines = _lines(data, where)
-    rows = _rows(lines, where)
-    separator = _separator(rows[0][1])
-    header = _split(rows[0][1], separator, where, rows[0][0])
-    has_names = not any(_is_number(field) for field in header)
-    columns = _columns(header if has_names else [], len(header), f"{where}, line {rows[0][0]}")
+    text = _taken_apart(lines, where)
+    first = text.split(text.rows[0])
+    names, has_header = _names(text, first, columns)
+    body = text.rows[has_header:]
     if promised := COUNT.fullmatch(lines[0]):
-        _check_count(int(promised[1]), len(rows) - has_names, data, where)
-    with_count = [field.lower() for field in header] == WITH_COUNT
-    chosen = [*columns, WITH_COUNT.index("rows")] if with_count else columns
-    numbers = [_numbers(row, separator, len(header), chosen, where) for row in rows[has_names:]]
-    table = np.array(numbers).reshape(-1, len(chosen))
-    for promise in np.unique(table[:, 3:]):
-        _check_count(promise, len(table), data, where)
-    return np.ascontiguousarray(table[:, :3])
+        _check_count(int(promised[1]), len(body), where)
+        _check_end(data, where)
+    if text.count is not None:
+        _check_count(text.count, len(body), where)
+    if has_header and [field.lower() for field in first] == WITH_COUNT:
+        for promise in np.unique(_values(text, body, len(first), (3,))):
+            _check_count(promise, len(body), where)
+            _check_end(data, where)
+    return _point_set(text, body, names, len(first), columns)
 
 
 def written_table(points: Array, suffix: str) -> str:
@@ -56,9 +90,119 @@ def written_table(points: Array, suffix: str) -> str:
     return ",".join(WITH_COUNT) + "\n" + "".join(lines)
 
 
-def _check_count(promised: float, found: int, data: bytes, where: str) -> None:
+def _point_set(
+    text: _Text, body: list[tuple[int, str]], names: list[str] | None, width: int, columns: Chosen
+) -> PointSet:
+    what = f"{text.where}, line {text.rows[0][0]}"
+    if columns is not None:
+        found = chosen_columns(columns, names, width, what)
+    elif names is not None:
+        found = columns_of(names, what)
+    else:
+        found = _unnamed(text, body, width, what)
+    places = found.points + (found.normals or ())
+    values = _values(text, body, width, places)
+    points = check_points(values[:, :3], text.where)
+    normals = None if found.normals is None else unit_normals(values[:, 3:], len(points), f"{text.where}: normals")
+    unit = _common_unit(text, found, what)
+    return PointSet(points, normals, unit, notes=(found.note,) if found.note else ())
+
+
+def _values(text: _Text, body: list[tuple[int, str]], width: int, places: tuple[int, ...]) -> Array:
+    return np.array([_numbers(row, text, width, places) for row in body], dtype=np.float64).reshape(-1, len(places))
+
+
+# --- names of columns --------------------------------------------------------------------------------------------
+
+
+def _names(text: _Text, first: list[str], columns: Chosen) -> tuple[list[str] | None, bool]:
+    """The names of the columns, or None, and whether the first row holds them."""
+    wanted = columns.split(",") if isinstance(columns, str) else columns or ()
+    if not any(map(_is_number, first)) or names_axes(first) or (wanted and _all_in(wanted, first)):
+        return first, True
+    _check_numbered(text, first)
+    found = [names for comment in text.comments if (names := _names_in(comment, text.separator, len(first)))]
+    if any(columns_of(names, text.where) != columns_of(found[0], text.where) for names in found[1:]):
+        raise ColumnsError(f"{text.where}: two comments name the columns differently; choose by --columns")
+    return (found[0] if found else None), False
+
+
+def _all_in(wanted: Sequence[str | int], first: list[str]) -> bool:
+    return all(isinstance(name, str) and name.strip() in first for name in wanted)
+
+
+def _check_numbered(text: _Text, first: list[str]) -> None:
+    """Refuse a first row 0, 1, 2 ... that is no point but the numbers that pandas gives to columns without names."""
+    numbered = first == list(map(str, range(len(first)))) and len(text.rows) > 1
+    if numbered and not all(field.lstrip("+-").isdecimal() for field in text.split(text.rows[1])):
+        raise ColumnsError(
+            f"{text.where}, line {text.rows[0][0]}: the row {', '.join(first)} may be a point or the numbers of "
+            f"the columns; leave the line out, or say --columns {','.join(first[:3])} (columns= in Python)"
+        )
+
+
+def _names_in(comment: str, separator: str | None, width: int) -> list[str] | None:
+    """The names of the columns, where a comment holds as many with x, y and z among them."""
+    text = LABEL.sub("", comment, count=1) if LABEL.match(comment) else comment
+    if (end := UNIT_AT_END.fullmatch(text)) and unit_of(end[2]):
+        text = end[1]
+        suffix = f" [{end[2]}]"
+    else:
+        suffix = ""
+    for each in dict.fromkeys([separator, ",", ";", "\t", None]):
+        names = _fields(text, each)
+        if len(names) == width and names_axes(names):
+            return [name + suffix for name in names]
+    return None
+
+
+def _unnamed(text: _Text, body: list[tuple[int, str]], width: int, what: str) -> Columns:
+    """Three columns without names are x, y, z, where no comment says otherwise."""
+    if width == 3:
+        for comment in text.comments:
+            words = re.split(r"[\s,;:=]+", comment.lower())
+            letters = "".join(word for word in words if word and word in AXES and len(word) == 1)
+            if letters in OTHER_ORDERS or OTHER_ORDERS & set(words):
+                raise ColumnsError(
+                    f"{text.where}: the comment {comment[:60]!r} may say that the columns are not x, y, z; name them "
+                    "from left to right by --columns, such as z,y,x (columns= in Python)"
+                )
+        return Columns((0, 1, 2))
+    if width < 3:
+        raise ColumnsError(f"{what}: expected 3 columns x, y, z, or more with names, found {width}")
+    raise ColumnsError(
+        f"{what}: expected 3 columns, or a header that names x, y and z; found {width} columns without names"
+        + _looks(text, body, width)
+    )
+
+
+def _looks(text: _Text, body: list[tuple[int, str]], width: int) -> str:
+    """How to name columns, and what they look like; nothing is said of words among the numbers."""
+    rows = [text.split(row) for row in body]
+    numbers = [[_to_number(field) for field in row] for row in rows if len(row) == width]
+    every = np.array([[math.nan if each is None else each for each in row] for row in numbers]).reshape(-1, width)
+    whole = text.separator == "," and width == 6 and all(field.lstrip("+-").isdecimal() for field in rows[0])
+    return naming_hint(every) + ("; decimal commas are not read" if whole else "")
+
+
+def _common_unit(text: _Text, found: Columns, what: str) -> str:
+    """The unit in the names of the columns, or that of a comment such as `# unit: mm`."""
+    said = [match[1] for comment in text.comments if (match := UNIT_COMMENT.fullmatch(comment))]
+    units = {unit for word in said if (unit := unit_of(word))} | ({found.unit} - {"unknown"})
+    if len(units) > 1:
+        raise ColumnsError(f"{what}: expected one unit of length, found {' and '.join(sorted(units))}")
+    return next(iter(units), "unknown")
+
+
+# --- lines and fields --------------------------------------------------------------------------------------------
+
+
+def _check_count(promised: float, found: int, where: str) -> None:
     if promised != found:
         raise FileFormatError(f"{where}: the table says that it has {promised:.15g} points, found {found}")
+
+
+def _check_end(data: bytes, where: str) -> None:
     if not data.endswith((b"\n", b"\r")):
         raise FileFormatError(
             f"{where}: the last line has no end: its last number may be cut; add a line end if it is not"
@@ -77,24 +221,54 @@ def _lines(data: bytes, where: str) -> list[str]:
     return text.splitlines() or [""]
 
 
-def _rows(lines: list[str], where: str) -> list[tuple[int, str]]:
-    """Line numbers and contents of the lines that hold something."""
-    bare = ((number, line.split("#", 1)[0].strip()) for number, line in enumerate(lines, 1))
-    rows = [(number, line) for number, line in bare if line]
+def _taken_apart(lines: list[str], where: str) -> _Text:
+    """Comments, rows, separator, and the number of rows where the first line is nothing else."""
+    given = SEPARATOR.fullmatch(lines[0].strip().strip('"'))
+    comments: list[str] = []
+    rows: list[tuple[int, str]] = []
+    for number, line in enumerate(lines, 1):
+        mark = next((mark for mark in COMMENTS if line.lstrip().startswith(mark)), None)
+        if mark and not rows:
+            comments.append(line.lstrip().lstrip("#/%! \t").rstrip())
+        content = "" if mark or (given and number == 1) else line.split("#", 1)[0].strip(" ")
+        if content.strip():
+            rows.append((number, content))
     if not rows:
         raise FileFormatError(f"{where}: the table has no rows; expected x y z on each line")
+    count = None
+    if (
+        len(rows) > 1
+        and re.fullmatch(r"\s*\d{1,15}\s*", rows[0][1])
+        and len(_fields(rows[1][1], _separator(rows[1][1]))) >= 3
+    ):
+        count = int(rows.pop(0)[1])
+    separator = given[1] if given else _separator(rows[0][1])
+    return _Text(comments, _without_last(rows, separator), separator, count, where)
+
+
+def _without_last(rows: list[tuple[int, str]], separator: str | None) -> list[tuple[int, str]]:
+    """The rows without the separator that ends each of them."""
+    if separator and all(line.rstrip(" ").endswith(separator) for _, line in rows):
+        return [(number, line.rstrip(" ")[:-1]) for number, line in rows]
     return rows
 
 
 def _separator(line: str) -> str | None:
     for separator in ";\t,":
-        if separator in line:
+        if separator in line.strip():
             return separator
     return None  # any run of blanks
 
 
+def _fields(line: str, separator: str | None) -> list[str]:
+    """The fields of a line; blanks before a unit in brackets separate nothing."""
+    if separator is None:
+        line = re.sub(r"\s+(?=[\[(])", "", line)
+    return [QUOTED.sub(r"\1", field.strip()) for field in line.split(separator)]
+
+
 def _split(line: str, separator: str | None, where: str, number: int) -> list[str]:
-    fields = [QUOTED.sub(r"\1", field.strip()) for field in line.split(separator)]
+    fields = _fields(line, separator)
     if "," in line:
         # Between "1, 2, 3" and "1,5 2,5 3,5" the blanks decide: in the second they stand inside the fields.
         blanks_inside = any(len(field.split()) > 1 for field in fields)
@@ -104,29 +278,16 @@ def _split(line: str, separator: str | None, where: str, number: int) -> list[st
     return fields
 
 
-def _columns(names: list[str], width: int, where: str) -> list[int]:
-    lower = [name.lower() for name in names]
-    if all(axis in lower for axis in "xyz"):
-        return [lower.index(axis) for axis in "xyz"]
-    if width != 3:
-        raise FileFormatError(
-            f"{where}: expected 3 columns, or a header row that names x, y and z; found {width} columns "
-            "(decimal commas are not read)"
-        )
-    return [0, 1, 2]
-
-
-def _numbers(row: tuple[int, str], separator: str | None, width: int, columns: list[int], where: str) -> list[float]:
-    number, line = row
-    fields = _split(line, separator, where, number)
+def _numbers(row: tuple[int, str], text: _Text, width: int, places: tuple[int, ...]) -> list[float]:
+    fields = text.split(row)
     if len(fields) != width:
         raise FileFormatError(
-            f"{where}, line {number}: expected {width} columns as in the first row, found {len(fields)}"
+            f"{text.where}, line {row[0]}: expected {width} columns as in the first row, found {len(fields)}"
         )
-    chosen = [fields[column] for column in columns]
+    chosen = [fields[place] for place in places]
     values = [_to_number(field) for field in chosen]
     if None in values:
-        raise FileFormatError(f"{where}, line {number}: expected numbers, found {chosen[values.index(None)]!r}")
+        raise FileFormatError(f"{text.where}, line {row[0]}: expected numbers, found {chosen[values.index(None)]!r}")
     return [math.nan if value is None else value for value in values]
 
 

@@ -36,6 +36,12 @@ class Distinct:
         place = place.reshape(-1).astype(np.int64)
         return cls(distinct, np.bincount(place, weights).astype(np.float64), there, place)
 
+    def of_distinct(self, values: Array) -> Array:
+        """Values (n, ...) of the whole cloud for its distinct points (m, ...): of copies those of the first."""
+        first = np.empty(len(self.points), dtype=np.int64)
+        first[self.place[::-1]] = np.flatnonzero(self.there)[::-1]
+        return values[first]
+
     def spread(self, values: Array) -> Array:
         """Values (m,) of the distinct points for the whole cloud (n,), zero where a point does not count."""
         result = np.zeros(len(self.there))

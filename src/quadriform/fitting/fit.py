@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from quadriform.columns import Chosen
 from quadriform.errors import OptionError, Warnings, choose
-from quadriform.fitting.clouds import Given, without_meshes
+from quadriform.fitting.clouds import ALONE, Given, common_unit, point_sets, without_meshes
 from quadriform.fitting.duplicates import Distinct
 from quadriform.fitting.fit_warnings import coverages, fit_warnings, named_texts, start_notes
 from quadriform.fitting.large import MANY, on_all, sampled
@@ -19,17 +20,18 @@ from quadriform.fitting.refinement import ill_conditioned, two_step
 from quadriform.fitting.superquadric_fit import fit_superquadric
 from quadriform.fitting.tangent_fit import Result, fit_tangent
 from quadriform.fitting.threads import one_blas_thread
-from quadriform.points import Array, Frame, by_name, check_points, check_spread, check_weights
+from quadriform.point_sets import PointSet
+from quadriform.points import Array, Frame, by_name, check_weights
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.record import ModelRecord
+from quadriform.shapes.spaces import SPACES
 from quadriform.shapes.superquadric import Superquadric
 
-ALONE = "surface"
-"""The name of the surface when there is only one."""
-
 Clouds = ArrayLike | Mapping[str, ArrayLike]
+Normals = dict[str, Array]
+"""Name -> (n, 3), of the clouds that have normals."""
 Weights = ArrayLike | Mapping[str, ArrayLike] | None
 
 
@@ -41,6 +43,10 @@ def fit(
     method: str = "tangent",
     weights: Weights = None,
     progress: Progress | None = None,
+    columns: Chosen = None,
+    normals: ArrayLike | Mapping[str, ArrayLike] | None = None,
+    unit: str | None = None,
+    space: str = "unknown",
     **options: object,
 ) -> Fit:
     """Fit a superquadric, and refine it by a free-form deformation.
@@ -50,35 +56,43 @@ def fit(
     Args:
         points: (n, 3) points around a body in any unit and frame, or a triangle mesh, of which the points are spread
             over its area unless its vertices are dense; or several of these by name, which then share one control box,
-            that of the outermost.
+            that of the outermost. Of a structured array or a data frame the columns named x, y and z are taken, with
+            the normals nx, ny, nz and the unit in the names, such as "x [mm]".
         kind: of superquadric: "ellipsoid", "toroid", "hyperboloid1" or "hyperboloid2".
         method: "tangent": the best fit of these numbers that we know; "paper": Bardinet, Cohen and Ayache 1998.
         weights: (n,) >= 0, or by name; a point of weight k counts as k points. Not for meshes.
         progress: called with (steps done, about how many).
+        columns: which columns are which, where the names do not say it, such as "x,y,z,nx,ny,nz" for (n, 6).
+        normals: (n, 3), or by name, in place of those in columns; signs may be arbitrary, zero means none. They say
+            which side of the surface a point belongs to, instead of normals that its neighbours suggest.
+        unit: of the points, "mm" or "m", which the model is marked with; that of the columns unless given.
+        space: frame of the world of the points, "LPS", "RAS" or "unknown", which the model is marked with.
         **options: as in `refine`.
 
     Raises:
         PointsError, DegenerateError, OptionError: the input cannot be fitted.
     """
     given, notes = without_meshes(points, weights)
-    clouds = named(given)
+    sets = {name: each.in_metric_unit() for name, each in point_sets(given, columns, normals).items()}
+    clouds, unit, space = _points(sets), common_unit(sets, unit), choose(space, (*SPACES, "unknown"), "space")
     choose(kind, tuple(KINDS), "kind")
     chosen = options_for(method, options)
     counted = _weights(weights, clouds, method)
     way = "paper" if method == "paper" else "robust"
     bare = weights is None
 
-    def whole(few: dict[str, Array], counts: dict[str, Array]) -> Fit:
+    def whole(few: dict[str, Array], counts: dict[str, Array], facing: Normals) -> Fit:
         starts = {n: fit_superquadric(cloud, kind, way, None if bare else counts[n]) for n, cloud in few.items()}
         surfaces = {name: start.superquadric for name, start in starts.items()}
-        refined = _refine(surfaces, few, counts, chosen, kind, progress)
+        refined = _refine(surfaces, few, counts, facing, chosen, kind, progress)
         if method != "paper":
             # the refined model speaks for itself, but for a start that would be another one in another order of points
             return replace(refined, notes=(*refined.notes, *start_notes(starts, refined.model)))
         said = named_texts({name: s.warnings for name, s in starts.items()})
         return replace(refined, warnings=said | refined.warnings)
 
-    return _with(lost(given, clouds), notes, _few_first(clouds, counted, chosen, whole))
+    found = _few_first(clouds, counted, _normals(sets), chosen, whole)
+    return _with(lost(sets), notes, sets, replace(found, model=replace(found.model, unit=unit, space=space)))
 
 
 @one_blas_thread
@@ -116,7 +130,8 @@ def refine(
         PointsError, DegenerateError, OptionError: the input cannot be fitted.
     """
     given, notes = without_meshes(points, weights)
-    clouds = named(given)
+    sets = point_sets(given)
+    clouds = _points(sets)
     surfaces = (
         {ALONE: superquadric} if isinstance(superquadric, Superquadric) else by_name(superquadric, "superquadric")
     )
@@ -126,33 +141,43 @@ def refine(
     if start is not None and isinstance(chosen, PaperOptions):
         raise OptionError("option start is not one of method='paper'; use method='tangent'")
 
-    def whole(few: dict[str, Array], counts: dict[str, Array]) -> Fit:
-        return _refine(surfaces, few, counts, chosen, None, progress, start)
+    def whole(few: dict[str, Array], counts: dict[str, Array], facing: Normals) -> Fit:
+        return _refine(surfaces, few, counts, facing, chosen, None, progress, start)
 
-    return _with(lost(given, clouds), notes, _few_first(clouds, counted, chosen, whole))
-
-
-def _with(warnings: Warnings, notes: tuple[str, ...], found: Fit) -> Fit:
-    return replace(found, warnings=warnings | found.warnings, notes=notes + found.notes)
+    return _with(lost(sets), notes, sets, _few_first(clouds, counted, _normals(sets), chosen, whole))
 
 
-def lost(points: Clouds, clouds: dict[str, Array]) -> Warnings:
-    """What clouds had lost before they came, a warning or none, from the same checked."""
-    given = by_name(points, "points") if isinstance(points, Mapping) else {ALONE: points}
-    return named_texts({name: precision(each, clouds[name]) for name, each in given.items()})
+def _with(warnings: Warnings, notes: tuple[str, ...], sets: Mapping[str, PointSet], found: Fit) -> Fit:
+    of_sets = tuple(dict.fromkeys(note for each in sets.values() for note in each.notes))
+    return replace(found, warnings=warnings | found.warnings, notes=notes + of_sets + found.notes)
+
+
+def _points(sets: Mapping[str, PointSet]) -> dict[str, Array]:
+    return {name: each.points for name, each in sets.items()}
+
+
+def _normals(sets: Mapping[str, PointSet]) -> Normals:
+    return {name: each.normals for name, each in sets.items() if each.normals is not None}
+
+
+def lost(sets: Mapping[str, PointSet]) -> Warnings:
+    """What clouds had lost before they came: a warning or none."""
+    return named_texts({name: precision(each.number_type, each.points) for name, each in sets.items()})
 
 
 def _few_first(
     clouds: dict[str, Array],
     weights: dict[str, Array],
+    normals: Normals,
     options: PaperOptions | TangentOptions,
-    fitted: Callable[[dict[str, Array], dict[str, Array]], Fit],
+    fitted: Callable[[dict[str, Array], dict[str, Array], Normals], Fit],
 ) -> Fit:
     """The fit of clouds with weights; of very large clouds that of a sample, gone on with on all points."""
     if isinstance(options, PaperOptions) or max(map(len, clouds.values())) <= MANY:
-        return fitted(clouds, weights)
+        return fitted(clouds, weights, normals)
     few = {name: sampled(cloud, weights[name]) for name, cloud in clouds.items()}
-    found = fitted({n: clouds[n][index] for n, index in few.items()}, {n: weights[n][few[n]] for n in few})
+    facing = {name: each[few[name]] for name, each in normals.items()}
+    found = fitted({n: clouds[n][index] for n, index in few.items()}, {n: weights[n][few[n]] for n in few}, facing)
     every = on_all(found, clouds, weights, few, options)
     return replace(
         every,
@@ -167,6 +192,7 @@ def _refine(
     surfaces: dict[str, Superquadric],
     clouds: dict[str, Array],
     weights: dict[str, Array],
+    normals: Normals,
     options: PaperOptions | TangentOptions,
     kind: str | None,
     progress: Progress | None,
@@ -186,7 +212,10 @@ def _refine(
     limit = None if options.max_error is None else options.max_error / frame.scale
     beyond = options.beyond(clouds, frame)
     begin = None if start is None else start.placed(1 / frame.scale, -frame.centre / frame.scale)
-    result = fit_tangent(_placed(surfaces, frame), local, counted, options, beyond, limit, kind, progress, begin)
+    facing = {name: parts[name].of_distinct(each) for name, each in normals.items()}
+    result = fit_tangent(
+        _placed(surfaces, frame), local, counted, options, beyond, limit, kind, progress, begin, facing
+    )
     inliers = {name: parts[name].spread(found) for name, found in (result.inliers or {}).items()}
     there = {name: part.there for name, part in parts.items()}
     found = _in_world(replace(result, inliers=inliers, counted=there), clouds, frame)
@@ -229,22 +258,6 @@ def _in_world(result: Result, clouds: dict[str, Array], frame: Frame) -> Fit:
         covariance=None if result.covariance is None else frame.scale**2 * result.covariance,
         finer=None if result.finer is None else replace(result.finer, scale=frame.scale),
     )
-
-
-def named(points: Clouds) -> dict[str, Array]:
-    """Checked clouds by name; a single one is called "surface".
-
-    Raises:
-        PointsError, DegenerateError, OptionError: a cloud cannot be fitted, or there is none.
-    """
-    given = by_name(points, "points") if isinstance(points, Mapping) else {ALONE: points}
-    if not given:
-        raise OptionError("points: an empty mapping; expected at least one named cloud")
-    single = given.keys() == {ALONE}
-    clouds = {n: check_points(cloud, "points" if single else f"{n}: points") for n, cloud in given.items()}
-    for cloud in clouds.values():
-        check_spread(cloud, needed=11)
-    return clouds
 
 
 def _weights(weights: Weights, clouds: dict[str, Array], method: str) -> dict[str, Array]:

@@ -20,6 +20,8 @@ CROWD, LONELY = 10, 3.0
 """A point is alone when its tenth neighbour is farther than three times the usual."""
 TIE, TIED = 1e-6, 12
 """Distances that differ by this share are equal, but for rounding; so many neighbours more are looked at for them."""
+DISAGREE = 0.05
+"""Given normals of which more pairs of neighbours face opposite ways have arbitrary signs."""
 AROUND, EDGE_GAP, EDGES = 20, np.radians(150), 0.01
 """At an edge 20 neighbours leave a gap of 150 degrees; of a closed surface less than one point in a hundred does."""
 
@@ -55,6 +57,20 @@ class Neighbourhood:
     def alone_across(self) -> Array:
         """How little the data says across the line it runs along, (n,): 0 on a surface, 1 on a curve."""
         return np.clip(1 - self.flatness / EVEN, 0, 1) ** 2
+
+
+def outward_normals(points: Array, given: Array) -> Array:
+    """Given normals (n, 3) facing outwards.
+
+    Where neighbours agree on the side they face, it is the same for all of them or the opposite one, as the outermost
+    point shows; where they do not, the signs mean nothing and are found as in `oriented`.
+    """
+    one, other = _flattest_paths(points, given).nonzero()
+    if (np.einsum("ij,ij->i", given[one], given[other]) < 0).mean() > DISAGREE:
+        return oriented(points, given)
+    outward = points - points.mean(axis=0)
+    root = np.linalg.norm(outward, axis=1).argmax()
+    return given if given[root] @ outward[root] >= 0 else -given
 
 
 def oriented(points: Array, normals: Array) -> Array:

@@ -5,7 +5,6 @@ whatever the source had.
 """
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from quadriform.errors import WarningKind, Warnings
 from quadriform.points import Array
@@ -19,7 +18,7 @@ ENOUGH = 10_000
 """Points whose values tell the type they had."""
 
 
-def precision(given: ArrayLike, points: Array) -> Warnings:
+def precision(given: object, points: Array) -> Warnings:
     """PRECISION_LOSS when the step between neighbouring values of the largest coordinate is coarse beside the cloud.
 
     Args:

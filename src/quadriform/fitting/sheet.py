@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.fitting.inliers import Mixture
-from quadriform.fitting.neighbourhood import Neighbourhood, crowded, has_edge, is_surface, oriented
+from quadriform.fitting.neighbourhood import Neighbourhood, crowded, has_edge, is_surface, oriented, outward_normals
 from quadriform.fitting.sampling import outwards
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
@@ -29,6 +29,7 @@ class Sheet:
         points: (n, 3).
         weights: (n,), how often each point counts.
         beyond: half-space (point, direction) where the data ends on purpose, or None.
+        normals: (n, 3) that were given, unit or zero where a point has none; None without.
         around: what the neighbours of each point tell.
         origins: (n, 3), foot points on the superquadric.
         inliers: (n,), probabilities.
@@ -39,6 +40,7 @@ class Sheet:
     points: Array
     weights: Array
     beyond: tuple[Array, Array] | None = None
+    normals: Array | None = None
     around: Neighbourhood = field(init=False)
     origins: Array = field(init=False)
     inliers: Array = field(init=False)
@@ -57,7 +59,8 @@ class Sheet:
         if robust:
             order = order[self._crowded[order]]
         chosen = order[np.linspace(0, len(order) - 1, min(count, len(order))).astype(int)]
-        return Sheet(self.superquadric, self.points[chosen], self.weights[chosen], self.beyond)
+        normals = None if self.normals is None else self.normals[chosen]
+        return Sheet(self.superquadric, self.points[chosen], self.weights[chosen], self.beyond, normals)
 
     @cached_property
     def _crowded(self) -> NDArray[np.bool_]:
@@ -70,8 +73,12 @@ class Sheet:
         return other
 
     def facing(self) -> "FacingCloud":
-        """The points with outward normals."""
-        return FacingCloud(self.points, oriented(self.points, self.around.normals), self.around.flatness)
+        """The points with outward normals: those that were given, where there are any."""
+        if self.normals is None:
+            return FacingCloud(self.points, oriented(self.points, self.around.normals), self.around.flatness)
+        given: NDArray[np.bool_] = np.any(self.normals, axis=1)
+        normals = outward_normals(self.points, np.where(given[:, None], self.normals, self.around.normals))
+        return FacingCloud(self.points, normals, np.where(given, 1.0, self.around.flatness))
 
     def is_covered(self) -> bool:
         """Whether the data samples the whole surface, or all of it on this side of the base."""

@@ -17,7 +17,8 @@ from quadriform.fitting.residuals import Candidates, distances
 from quadriform.fitting.robust_superquadric import cut_to, fit_robust, in_world
 from quadriform.fitting.start import start
 from quadriform.fitting.threads import one_blas_thread
-from quadriform.points import Array, Frame, check_points, check_spread, check_weights
+from quadriform.point_sets import point_set
+from quadriform.points import Array, Frame, check_spread, check_weights
 from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.superquadric import EXPONENTS, Superquadric
@@ -55,16 +56,17 @@ def fit_superquadric(
     choose(kind, tuple(KINDS), "kind")
     choose(method, ("robust", "paper"), "method")
     given, notes = without_meshes(points, weights)
-    world = check_points(given)
+    checked = point_set(given)
+    world, notes = checked.points, notes + checked.notes
     if method == "robust":
         robust = fit_robust(world, kind, check_weights(weights, len(world)), dict(fixed or {}))
-        return replace(robust, warnings=precision(given, world) | robust.warnings, notes=notes)
+        return replace(robust, warnings=precision(checked.number_type, world) | robust.warnings, notes=notes)
     if weights is not None or fixed:
         raise OptionError("method='paper' takes neither weights nor fixed; use method='robust'")
     check_spread(world, needed=12 if kind == "toroid" else 11)
     frame = Frame.of(world)
     found = in_world(fit_paper(frame.to_local(world), kind), frame)
-    return replace(found, warnings=precision(given, world) | found.warnings, notes=notes)
+    return replace(found, warnings=precision(checked.number_type, world) | found.warnings, notes=notes)
 
 
 class _Unbounded:

@@ -79,6 +79,7 @@ class _Task:
     beyond: HalfSpace | None
     progress: Progress | None
     start: ControlBox | None
+    normals: Mapping[str, Array]
 
     @cached_property
     def _sheets(self) -> list[Sheet]:
@@ -86,7 +87,8 @@ class _Task:
         result = []
         for name, cloud in self.clouds.items():
             there = self.weights[name] > 0
-            result.append(Sheet(Superquadric(), cloud[there], self.weights[name][there], self.beyond))
+            facing = self.normals[name][there] if name in self.normals else None
+            result.append(Sheet(Superquadric(), cloud[there], self.weights[name][there], self.beyond, facing))
         return result
 
     @cached_property
@@ -119,6 +121,7 @@ def fit_tangent(
     kind: str | None,
     progress: Progress | None,
     start: ControlBox | None = None,
+    normals: Mapping[str, Array] | None = None,
 ) -> Result:
     """Refine all surfaces at once; everything in the centred, scaled frame.
 
@@ -132,8 +135,9 @@ def fit_tangent(
         kind: other starts of this kind may take the place of the given ones; None keeps them.
         progress: called after each round.
         start: a deformed box to go on from; its number of control points goes before that of the options.
+        normals: name -> (n, 3) unit or zero, of the clouds that were given some.
     """
-    task = _Task(clouds, weights, options, beyond, progress, start)
+    task = _Task(clouds, weights, options, beyond, progress, start, normals or {})
     starts = [surfaces] if kind is None else candidates(clouds, surfaces, kind)
     if start is not None:
         return _best_start(task, starts, check_box(start.control_points.shape[:3]))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from quadriform.errors import InputError, OptionError, Warnings, join_warnings
 from quadriform.files.frame_numbers import frame_numbers, in_time, listed, missing_numbers
 from quadriform.files.guide_points import FILE_NAME, GuidePoints, is_guide_points, read_guide_point_frames
-from quadriform.fitting.fit import ALONE
+from quadriform.fitting.clouds import ALONE
 from quadriform.imaging.sources import ImageOptions, Marks, kind_of, read_source
 from quadriform.points import Array
 
@@ -109,12 +109,13 @@ def _files_in(folder: Path) -> list[Path]:
     return chosen
 
 
-def read_frames(files: Sequence[Path], surfaces: Sequence[str]) -> Frames:
+def read_frames(files: Sequence[Path], surfaces: Sequence[str], columns: str | None = None) -> Frames:
     """The frames of files in the order of time: contours, 4-D images, or a file of points, a mesh or an image each.
 
     Args:
         files: as `frame_files` finds and orders them.
         surfaces: NAME=label:VALUES of label images, such as epi=label:1+2; empty for points of one surface.
+        columns: of tables and arrays, as `read_points` takes them.
 
     Raises:
         QuadriformError: a file gives no points, or the frames differ in their marks.
@@ -132,7 +133,7 @@ def read_frames(files: Sequence[Path], surfaces: Sequence[str]) -> Frames:
         if kind_of(file) == "image":
             _add_image(frames, file, labels)
         else:
-            source = read_source(file, ImageOptions())
+            source = read_source(file, ImageOptions(columns=columns))
             frames.add({ALONE: source.points}, (source.space, source.unit), source.warnings, source.notes)
     if len(frames.marks) > 1:
         raise InputError(f"the frames differ in frame of the world or unit: {sorted(frames.marks)}")

@@ -8,10 +8,13 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from quadriform.errors import OptionError, Warnings
+from quadriform.columns import MILLIMETRES, unit_of
+from quadriform.errors import InputError, OptionError, Warnings, choose
 from quadriform.files.meshes import READ_SUFFIXES, read_marks, read_mesh_or_points
-from quadriform.files.points import POINT_SUFFIXES, read_points
+from quadriform.files.points import POINT_SUFFIXES, read_point_set
+from quadriform.fitting.precision import precision
 from quadriform.imaging.formats import image_format
+from quadriform.point_sets import PointSet
 from quadriform.points import Array
 from quadriform.shapes.mesh_points import mesh_points
 from quadriform.shapes.spaces import turn_between
@@ -31,7 +34,7 @@ PERCENTILE = re.compile(r"(?:(\d+(?:\.\d+)?)%)?p(\d+(?:\.\d+)?)")
 
 @dataclass(frozen=True)
 class ImageOptions:
-    """How an image becomes an object; None leaves a choice to the image or to the library.
+    """How a file becomes points, above all an image; None leaves a choice to the file or to the library.
 
     Attributes:
         labels: values of a label image or names of segments, taken together.
@@ -41,6 +44,8 @@ class ImageOptions:
         border: "open" or "close".
         affine: which transform of a NIfTI header: "sform", "qform" or "pixdim".
         preset: a surface by the convention of a data set, which the image is checked against.
+        columns: of a table or an array, as `read_points` takes them.
+        unit: of the lengths of a file that names none: "mm", "m", "um" and so on.
     """
 
     labels: tuple[int | str, ...] | None = None
@@ -50,6 +55,8 @@ class ImageOptions:
     border: str | None = None
     affine: str | None = None
     preset: "Preset | None" = None
+    columns: str | None = None
+    unit: str | None = None
 
     @classmethod
     def parse(
@@ -125,6 +132,7 @@ class Source:
         notes: what was assumed, one sentence each.
         slices: (n,) the slice of each point of an image, as `slice_numbers` counts them.
         image: from which the points came.
+        normals: (n, 3) that a table or an array has, or None.
     """
 
     points: Array
@@ -134,6 +142,12 @@ class Source:
     notes: tuple[str, ...] = ()
     slices: NDArray[np.int64] | None = None
     image: "Volume | None" = None
+    normals: Array | None = None
+
+    @property
+    def cloud(self) -> PointSet:
+        """The points as `fit` takes them, with their normals."""
+        return PointSet(self.points, self.normals)
 
 
 def kind_of(path: Path) -> Literal["image", "mesh", "points"] | None:
@@ -164,12 +178,40 @@ def read_source(path: Path, options: ImageOptions) -> Source:
         InputError, FileFormatError, FileLimitError, DegenerateError: the file gives no points.
     """
     kind = kind_of(path)
+    if kind in ("image", "mesh") and options.columns is not None:
+        raise OptionError(f"option --columns goes with tables and arrays, found the {kind} {str(path)!r}")
     if kind == "image":
-        return _from_image(path, options)
+        return _in_unit(_from_image(path, options), options.unit, path)
     if kind == "mesh":
         points, note = mesh_points(read_mesh_or_points(path))
-        return Source(points, *marks_of(path), notes=() if note is None else (f"{path}: {note}",))
-    return Source(read_points(path))  # refuses unknown suffixes
+        source = Source(points, *marks_of(path), notes=() if note is None else (f"{path}: {note}",))
+        return _in_unit(source, options.unit, path)
+    return _from_table(path, options)  # refuses unknown suffixes
+
+
+def _from_table(path: Path, options: ImageOptions) -> Source:
+    found = read_point_set(path, options.columns)
+    found = _said_unit(found, options.unit, path).in_metric_unit()
+    notes = tuple(f"{path}: {note}" for note in found.notes)
+    warnings = precision(found.number_type, found.points)
+    return Source(found.points, unit=found.unit, warnings=warnings, notes=notes, normals=found.normals)
+
+
+def _in_unit(source: Source, unit: str | None, path: Path) -> Source:
+    """The points of an image or a mesh in the unit that was said, where it names none itself."""
+    found = _said_unit(PointSet(source.points, unit=source.unit), unit, path)
+    if found.unit not in ("mm", "m", "unknown"):
+        raise OptionError(f"option --unit={unit!r}: of images and meshes expected mm or m")
+    return replace(source, unit=found.unit)
+
+
+def _said_unit(found: PointSet, unit: str | None, path: Path) -> PointSet:
+    if unit is None:
+        return found
+    said = choose(unit_of(unit) or unit, tuple(MILLIMETRES), "--unit")
+    if found.unit not in ("unknown", said):
+        raise InputError(f"{str(path)!r}: option --unit={unit!r} contradicts the file, which has {found.unit}")
+    return replace(found, unit=said)
 
 
 def read_object(path: Path, options: ImageOptions) -> tuple["Volume", dict[str, Any], tuple[str, ...]]:
@@ -187,9 +229,12 @@ def kept_note(segmentation: "Segmentation") -> tuple[str, ...]:
     return (f"kept {kept} of {found} connected components; --seed chooses another",) if found > kept else ()
 
 
-def marks_of(path: Path) -> Marks:
-    """Frame of the world and unit that a file of points or a mesh is marked with; tables are not."""
-    return read_marks(path) if kind_of(path) == "mesh" else ("unknown", "unknown")
+def marks_of(path: Path, columns: str | None = None) -> Marks:
+    """Frame of the world and unit of a mesh; of a table or an array the unit in the names of its columns."""
+    kind = kind_of(path)
+    if kind == "mesh":
+        return read_marks(path)
+    return "unknown", read_point_set(path, columns).in_metric_unit().unit if kind == "points" else "unknown"
 
 
 def space_to_write(asked: str | None, found: str) -> str:

@@ -14,13 +14,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from quadriform.errors import OptionError, PointsError, WarningKind, Warnings, choose
 from quadriform.fitting.candidates import ellipsoids
-from quadriform.fitting.clouds import Given, without_meshes
-from quadriform.fitting.fit import ALONE, Clouds, fit, lost, named, refine
+from quadriform.fitting.clouds import ALONE, Given, common_unit, point_sets, without_meshes
+from quadriform.fitting.fit import Clouds, fit, lost, refine
 from quadriform.fitting.options import check_box, check_strength
 from quadriform.fitting.outcome import Fit, Progress, flat
 from quadriform.fitting.tangent_fit import common_box
 from quadriform.motion.cycle import Cycle
 from quadriform.motion.slice_shifts import SlicePlanes
+from quadriform.point_sets import PointSet
 from quadriform.points import Array, Frame, by_name
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
@@ -35,6 +36,7 @@ STRANGER = 0.5
 
 SliceNumbers = Sequence[Mapping[str, ArrayLike] | ArrayLike]
 _Frames = list[dict[str, Array]]
+_Sets = list[dict[str, PointSet]]
 AnyModel = TypeVar("AnyModel", DeformableModel, MovingModel)
 
 
@@ -91,6 +93,11 @@ class Track:
         """The same for each frame, (F,)."""
         return np.array([np.sqrt((flat(found) ** 2).mean()) for found in self.residuals])
 
+    def in_unit(self, unit: str) -> "Track":
+        """The same, its models marked with the unit of the lengths that they have."""
+        moving = None if self.moving is None else replace(self.moving, unit=unit)
+        return replace(self, models=tuple(replace(model, unit=unit) for model in self.models), moving=moving)
+
     def in_space(self, space: str) -> "Track":
         """Models and shifts in another frame of the world, "LPS" or "RAS".
 
@@ -146,7 +153,8 @@ def track(
     choose(strategy, tuple(STRATEGIES), "strategy")
     taken = [without_meshes(frame) for frame in frames]
     given, notes = [points for points, _ in taken], dict.fromkeys(note for _, found in taken for note in found)
-    clouds = _checked(given)
+    sets = _checked(given)
+    clouds = [{name: each.points for name, each in frame.items()} for frame in sets]
     at = _times(times, len(clouds))
     basis = _basis(at, period)
     numbers = _slice_numbers(slices, clouds, strategy)
@@ -159,8 +167,19 @@ def track(
         progress,
     )
     found = STRATEGIES[strategy](task)
-    warnings = found.warnings | _by_frame([lost(*each) for each in zip(given, clouds)])
-    return replace(found, warnings=warnings, notes=tuple(notes))
+    warnings = found.warnings | _by_frame([lost(frame) for frame in sets])
+    assumed = dict.fromkeys(note for frame in sets for each in frame.values() for note in each.notes)
+    marked = found.in_unit(_unit_of(sets))
+    return replace(marked, warnings=warnings, notes=(*notes, *assumed))
+
+
+def _unit_of(sets: _Sets) -> str:
+    """The unit in the names of the columns of all frames.
+
+    Raises:
+        OptionError: several.
+    """
+    return common_unit({f"frame {n}: {name}": each for n, frame in enumerate(sets) for name, each in frame.items()})
 
 
 @dataclass(frozen=True)
@@ -314,13 +333,13 @@ def _by_frame(found: Sequence[Warnings]) -> Warnings:
     }
 
 
-def _checked(frames: Sequence[Clouds]) -> _Frames:
+def _checked(frames: Sequence[Clouds]) -> _Sets:
     if len(frames) < 2:
         raise OptionError(f"frames: expected two or more, found {len(frames)}; a single one is for fit")
-    result: _Frames = []
+    result: _Sets = []
     for number, frame in enumerate(frames):
         try:
-            result.append(named(frame))
+            result.append({name: each.in_metric_unit() for name, each in point_sets(frame).items()})
         except PointsError as error:
             raise type(error)(f"frame {number}: {error}") from error
         if result[-1].keys() != result[0].keys():

@@ -8,7 +8,8 @@ import numpy as np
 
 from quadriform.errors import InputError
 from quadriform.files.guide_points import read_guide_points
-from quadriform.fitting.fit import ALONE, fit
+from quadriform.fitting.clouds import ALONE
+from quadriform.fitting.fit import fit
 from quadriform.fitting.outcome import Fit
 from quadriform.imaging.image_points import points_from_image
 from quadriform.imaging.isosurface import isosurface

@@ -1,0 +1,90 @@
+"""Columns, normals and units on the terminal."""
+
+import json
+
+import numpy as np
+import pytest
+from shapes_made import lumpy
+
+CLOUD = lumpy(80)
+
+
+@pytest.fixture
+def six(tmp_path):
+    np.savetxt(tmp_path / "six.txt", np.hstack([CLOUD[:, ::-1], CLOUD / np.linalg.norm(CLOUD, axis=1)[:, None]]))
+    return tmp_path / "six.txt"
+
+
+def fitted(terminal, path, tmp_path, *words):
+    result = terminal("fit", path, "-o", tmp_path / "out", "--box", "2,2,2", "--json", "--force", *words)
+    assert result.code == 0, result.err
+    return json.loads(result.out)
+
+
+def test_columns_without_names_are_named_by_the_caller(terminal, six, tmp_path):
+    refused = terminal("fit", six, "-o", tmp_path / "out")
+    assert refused.code == 4 and "look like unit normals" in refused.err and "--columns x,y,z,nx,ny,nz" in refused.err
+    assert not (tmp_path / "out").exists()
+    np.savetxt(tmp_path / "plain.xyz", CLOUD)
+    plain = fitted(terminal, tmp_path / "plain.xyz", tmp_path)
+    assert fitted(terminal, six, tmp_path, "--columns", "z,y,x")["error"] == plain["error"]
+    assert fitted(terminal, six, tmp_path, "--columns", "z,y,x,nx,ny,nz")["points"] == 80
+    assert terminal("fit", six, "-o", tmp_path / "o", "--columns", "a,b,c").code == 2
+    assert terminal("info", six, "--columns", "z,y,x").code == 0
+
+
+@pytest.mark.parametrize(
+    ("header", "words", "unit"),
+    [
+        ("x [mm],y [mm],z [mm]", (), "mm"),
+        ("x [m],y [m],z [m]", (), "m"),
+        ("x [um],y [um],z [um]", (), "mm"),
+        ("x,y,z", (), "unknown"),
+        ("x,y,z", ("--unit", "mm"), "mm"),
+        ("x,y,z", ("--unit", "cm"), "mm"),
+        ("x [mm],y [mm],z [mm]", ("--unit", "mm"), "mm"),
+    ],
+)
+def test_units_travel_to_the_model(terminal, tmp_path, header, words, unit):
+    np.savetxt(tmp_path / "p.csv", CLOUD, delimiter=",", header=header, comments="")
+    record = fitted(terminal, tmp_path / "p.csv", tmp_path, *words)
+    assert record["unit"] == unit
+    assert json.loads((tmp_path / "out" / "model.json").read_text(encoding="utf-8"))["unit"] == unit
+    scale = {"um": 1e-3, "cm": 10}.get("um" if "[um]" in header else words[-1] if words else "", 1)
+    box = json.loads((tmp_path / "out" / "model.json").read_text(encoding="utf-8"))["box"]["control_points"]
+    assert np.ptp(np.reshape(box, (-1, 3)), axis=0).max() == pytest.approx(scale * np.ptp(CLOUD, axis=0).max(), rel=1)
+
+
+def test_units_that_contradict_each_other_are_refused(terminal, tmp_path):
+    np.savetxt(tmp_path / "mm.csv", CLOUD, delimiter=",", header="x [mm],y [mm],z [mm]", comments="")
+    np.savetxt(tmp_path / "m.csv", CLOUD / 2, delimiter=",", header="x [m],y [m],z [m]", comments="")
+    result = terminal("fit", tmp_path / "mm.csv", "--unit", "m", "-o", tmp_path / "out")
+    assert result.code == 4 and "--unit='m' contradicts the file, which has mm" in result.err
+    files = [f"--surface=epi={tmp_path / 'mm.csv'}", f"--surface=endo={tmp_path / 'm.csv'}"]
+    assert "differ in frame or unit" in terminal("fit", *files, "-o", tmp_path / "out").err
+    assert terminal("track", tmp_path / "mm.csv", tmp_path / "m.csv", "-o", tmp_path / "out").code == 4
+    assert terminal("fit", tmp_path / "mm.csv", "--unit", "stone", "-o", tmp_path / "out").code == 2
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_order_of_napari_is_said(terminal, tmp_path):
+    np.savetxt(tmp_path / "p.csv", CLOUD[:, ::-1], delimiter=",", header="axis-0,axis-1,axis-2", comments="")
+    record = fitted(terminal, tmp_path / "p.csv", tmp_path)
+    assert any("taken as z, y, x" in note for note in record["notes"])
+
+
+@pytest.mark.parametrize("name", ["p.xyz", "p.npy", "p.ply"])
+def test_points_far_from_the_origin_are_warned_of_and_written(terminal, tmp_path, name):
+    """Single precision at 5e6: reported from every reader; results can be written."""
+    far = (20 * CLOUD / np.abs(CLOUD).max() + 5e6).astype(np.float32)
+    if name == "p.npy":
+        np.save(tmp_path / name, far)
+    elif name == "p.xyz":
+        np.savetxt(tmp_path / name, far)
+    else:
+        header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(far)}\n"
+        header += "".join(f"property float {axis}\n" for axis in "xyz") + "end_header\n"
+        (tmp_path / name).write_bytes(header.encode() + far.astype("<f4").tobytes())
+    record = fitted(terminal, tmp_path / name, tmp_path)
+    assert "float32" in record["warnings"]["PRECISION_LOSS"]
+    assert b"property double x" in (tmp_path / "out" / "surface.ply").read_bytes()[:300]
