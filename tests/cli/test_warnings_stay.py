@@ -135,6 +135,13 @@ def test_each_number_of_a_table_has_the_verdict_beside_it(call, made, tmp_path):
     assert whole["warnings"].items() >= warnings_of(made, "cycle").items()
 
 
+def test_the_table_of_frames_has_the_verdict_too(made):
+    with open(made / "cycle" / "frames.csv", newline="", encoding="utf-8") as stream:
+        rows = list(csv.DictReader(stream))
+    expected = "; ".join(f"{kind}: {text}" for kind, text in warnings_of(made, "cycle").items())
+    assert [(row["status"], row["warnings"]) for row in rows] == [("warned", expected)] * 2
+
+
 @pytest.mark.parametrize("name", ["ed", "cycle"])
 def test_pages_show_them_before_any_picture(call, made, tmp_path, name):
     assert call("report", f"{name}/model.json", "-o", tmp_path / "page.html").code == 0

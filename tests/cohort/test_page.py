@@ -1,6 +1,7 @@
 """The page of a cohort: what it says of each subject, how it sorts, and modes of shape that move the model."""
 
 import re
+from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from html import unescape
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from cohort_made import TINY, listed
 
+from quadriform.cli.cohort_run import _record, _rows
 from quadriform.cohort import engines
 from quadriform.cohort.gates import overview
 from quadriform.cohort.layout import read_layout
@@ -22,7 +24,7 @@ for library in ("zarr", "pyarrow", "sklearn"):
 
 
 @pytest.fixture(scope="module")
-def results(tmp_path_factory):
+def ran(tmp_path_factory):
     """Seven subjects, one of them broken, one warned: half of its points are no surface."""
     folder = tmp_path_factory.mktemp("page")
     cohort = listed(folder, 7, broken=(2,))
@@ -30,8 +32,13 @@ def results(tmp_path_factory):
     points = np.load(spoilt)
     points[::2] = points.mean(axis=0) + 1.6 * (points[::2] - points.mean(axis=0))
     np.save(spoilt, points)
-    run(cohort, folder / "out", partial(engines.given, ThreadPoolExecutor(1), 1), Choices(TINY))
-    return folder / "out"
+    summary = run(cohort, folder / "out", partial(engines.given, ThreadPoolExecutor(1), 1), Choices(TINY))
+    return folder / "out", summary
+
+
+@pytest.fixture(scope="module")
+def results(ran):
+    return ran[0]
 
 
 def words(page):
@@ -60,6 +67,16 @@ def test_the_warnings_of_each_model_are_on_the_page_and_in_the_table(results):
             assert f"<strong>{kind}</strong>: {sentence}" in text
             assert told[kind] == sentence
     assert '<div class="verdict warned">' in text
+
+
+def test_the_terminal_counts_them(ran):
+    results, summary = ran
+    models = [load(path) for path in (results / "subjects").glob("*/model.json")]
+    assert summary.warned == sum(model.status == "warned" for model in models) == 1
+    assert summary.kinds == Counter(str(kind) for model in models for kind in model.warnings)
+    record = _record(results, summary)
+    assert (record["warned"], record["warnings"]) == (1, dict(summary.kinds))
+    assert ("with warnings", "\n".join(["1", *(f"{kind}: 1" for kind in summary.kinds)])) in _rows(record)
 
 
 def test_its_links_lead_to_the_models(results):

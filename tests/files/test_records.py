@@ -186,6 +186,37 @@ def test_names_of_surfaces_that_no_file_can_hold_are_refused(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("suffix", ["json", "npz"])
+def test_a_model_that_lost_a_surface_loses_what_is_known_of_it(tmp_path, suffix):
+    one = replace(still(LATER), surfaces={"epi": made()})
+    qf.save(one, tmp_path / f"m.{suffix}")
+    back = qf.load(tmp_path / f"m.{suffix}").record
+    assert (back.coverage, back.supported, back.extends_beyond) == ({}, {"epi": 1.0}, {"epi": 12.5})
+    assert [source.name for source in back.sources] == ["b.ply"] and back.warnings == LATER.warnings
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"coverage": {"shape": 1.1}},
+        {"coverage": {"shape": np.nan}},
+        {"supported": {"shape": -0.1}},
+        {"extends_beyond": {"shape": np.inf}},
+    ],
+)
+def test_shares_and_lengths_that_cannot_be_are_refused(wrong):
+    with pytest.raises(OptionError, match=next(iter(wrong))):
+        ModelRecord(**wrong)
+
+
+def test_a_kind_of_warning_or_a_hash_that_cannot_be_is_refused():
+    with pytest.raises(OptionError, match="'SOMETHING_NEW' is unknown"):
+        ModelRecord("warned", {"SOMETHING_NEW": "x"})
+    with pytest.raises(OptionError, match="64 hexadecimal digits"):
+        InputFile("a", sha256="0f")
+    assert ModelRecord("warned", {"FOLDING": "x"}).warnings == {WarningKind.FOLDING: "x"}
+
+
 def test_a_status_that_the_warnings_contradict_is_no_record():
     with pytest.raises(OptionError, match="status='ok'"):
         ModelRecord(status="ok", warnings=RECORD.warnings)

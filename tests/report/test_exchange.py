@@ -22,7 +22,7 @@ def test_trimesh_has_the_same_numbers_and_volume():
     mesh, shell = MODEL.mesh("endo", 8), qf.to_trimesh(MODEL, "endo", resolution=8)
     assert np.array_equal(shell.vertices, mesh.vertices) and np.array_equal(shell.faces, mesh.faces)
     assert shell.is_watertight and np.isclose(shell.volume, mesh.volume(), rtol=1e-12)
-    assert (shell.units, shell.metadata["space"]) == ("mm", "LPS")
+    assert (shell.units, shell.metadata["space"], shell.metadata["status"]) == ("mm", "LPS", "unknown")
 
 
 def test_a_mesh_goes_over_as_it_is_and_claims_no_unit():

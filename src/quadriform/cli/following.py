@@ -22,6 +22,7 @@ from quadriform.files.result_folder import check_results, replaced_together
 from quadriform.imaging.frame_sources import Frames, frame_files, keep_slices, read_frames
 from quadriform.imaging.input_files import input_files, title_of, without_folders
 from quadriform.imaging.sources import files_of, space_to_write
+from quadriform.shapes.record import remarks
 
 if TYPE_CHECKING:
     from quadriform.motion.tracking import Track
@@ -71,7 +72,7 @@ def follow(
     with replaced_together(folder, next(iter(models)), force, earlier) as staging:
         for name, model in models.items():
             save(model, staging / name)
-        write_bytes(staging / FRAMES, _csv(record["frames"]))
+        write_bytes(staging / FRAMES, _csv(record["frames"], found))
         write_bytes(staging / REPORT, page)
     warn(record["warnings"])
     if as_json:
@@ -136,12 +137,13 @@ def _record(inputs: Sequence[Path], targets: Sequence[Path], found: "Track", sec
     }
 
 
-def _csv(frames: Sequence[Mapping[str, Any]]) -> bytes:
-    """A row a frame, each with the number of all rows: a table that was cut shows it."""
+def _csv(frames: Sequence[Mapping[str, Any]], found: "Track") -> bytes:
+    """A row a frame, each with the number of all rows, by which a cut table shows, and with status and warnings."""
+    told = {"rows": len(frames), "status": found.status, "warnings": "; ".join(map(str, remarks(found.warnings)))}
     stream = io.StringIO(newline="")
-    writer = csv.DictWriter(stream, [*frames[0], "rows"], lineterminator="\n")
+    writer = csv.DictWriter(stream, [*frames[0], *told], lineterminator="\n")
     writer.writeheader()
-    writer.writerows({**frame, "rows": len(frames)} for frame in frames)
+    writer.writerows({**frame, **told} for frame in frames)
     return stream.getvalue().encode()
 
 

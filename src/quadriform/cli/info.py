@@ -169,6 +169,6 @@ def _record(model: "DeformableModel | MovingModel") -> dict[str, Any]:
     from quadriform.cli.verdicts import verdict
     from quadriform.files.records import record_document
 
-    found = record_document(model.record)
+    found = record_document(model.record, model.surfaces)
     found = {name: found[name] for name in ("title", "status", "warnings", "notes", "sources", "coverage")}
     return {"input_sha256": model.input_sha256 or "unknown"} | found | verdict(model.record)

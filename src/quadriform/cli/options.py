@@ -11,7 +11,7 @@ from quadriform.errors import OptionError, choose
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON on stdout instead of a table.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
-Strict = Annotated[bool, typer.Option("--strict", help="Refuse a result with warnings (exit code 3).")]
+Strict = Annotated[bool, typer.Option("--strict", help="Refuse a result, or a model, with warnings (exit code 3).")]
 Space = Annotated[
     str | None,
     typer.Option(

@@ -76,6 +76,11 @@ def _of_the_heart(models: Sequence[DeformableModel], times: Array) -> list[Measu
     return [row for row in rows if np.isfinite(row.value)]
 
 
+def kinds_of(measures: Sequence[Measure]) -> tuple[str, ...]:
+    """The kinds of the warnings among the measures of a subject."""
+    return tuple(m.quantity.removeprefix(WARNING) for m in measures if m.quantity.startswith(WARNING))
+
+
 def _told(warnings: Warnings) -> list[Measure]:
     return [Measure(f"{WARNING}{kind}", None, 1.0, "1", text) for kind, text in warnings.items()]
 

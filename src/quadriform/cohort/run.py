@@ -12,6 +12,7 @@ from typing import Any
 from quadriform.cohort import failures, stores
 from quadriform.cohort.layout import Layout, settle
 from quadriform.cohort.manifest import Manifest, read_manifest
+from quadriform.cohort.measures import kinds_of
 from quadriform.cohort.modes import write_modes
 from quadriform.cohort.page import write_page
 from quadriform.cohort.running import Engine, completed
@@ -61,6 +62,8 @@ class Summary:
         counts: how many were "fitted", "kept" and "failed".
         complete: whether every block of the cohort is done, by this run or another.
         failed: rows of the table of failures, those of other runs included.
+        warned: how many of the subjects of its share have a model with warnings.
+        kinds: of warnings, how many of these subjects have each.
         seconds: how long it took.
         layout: of the results.
     """
@@ -69,6 +72,8 @@ class Summary:
     counts: Mapping[str, int]
     complete: bool
     failed: int
+    warned: int
+    kinds: Mapping[str, int]
     seconds: float
     layout: Layout
 
@@ -106,10 +111,12 @@ def run(
     tasks = _tasks(listed, results, layout, blocks, choices)
     total = sum(len(layout.members(block)) for block in blocks)
     counts: Counter[str] = Counter()
+    warned: Counter[tuple[str, ...]] = Counter()
     try:
         with engine() as started:
             for outcome in _stored(results, layout, _outcomes(tasks, started)):
                 counts[outcome.how] += 1
+                warned[kinds_of(outcome.measures)] += 1
                 told(outcome, counts.total(), total)
     except BrokenExecutor as error:
         raise OutputError(f"the workers are gone: {error}; what is done is kept, run again with --resume") from error
@@ -117,7 +124,11 @@ def run(
     complete = len(stores.parts(results)) == layout.blocks
     if complete:
         write_page(results, layout, write_modes(results, layout))
-    return Summary(total, counts, complete, failed, time.perf_counter() - begin, layout)
+    kinds: Counter[str] = Counter()
+    for each, times in warned.items():
+        kinds.update(dict.fromkeys(each, times))
+    seconds = time.perf_counter() - begin
+    return Summary(total, counts, complete, failed, total - warned[()], kinds, seconds, layout)
 
 
 def _tasks(listed: Manifest, results: Path, layout: Layout, blocks: range, choices: Choices) -> Iterator[Task]:

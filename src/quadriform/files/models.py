@@ -19,12 +19,12 @@ from quadriform.files.marks import SPACES, UNITS, check_marks
 from quadriform.files.packed import NUMBERS, TEXT, Unpacking, packed
 from quadriform.files.reading import quoted, read_bytes, signature, suffix_of
 from quadriform.files.records import FIELDS, read_record, record_document
-from quadriform.files.strict import SHA256, Field
+from quadriform.files.strict import Field
 from quadriform.points import LARGEST
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
-from quadriform.shapes.record import ModelRecord
+from quadriform.shapes.record import SHA256, ModelRecord
 from quadriform.shapes.superquadric import Superquadric
 
 MODEL_SUFFIXES = (".json", ".npz")
@@ -103,7 +103,7 @@ def head_document(name: str, version: int, model: DeformableModel | MovingModel)
         "space": model.space,
         "unit": model.unit,
         "input_sha256": model.input_sha256,
-        **record_document(model.record),
+        **record_document(model.record, model.surfaces),
         "surfaces": [surface_document(each, surface) for each, surface in model.surfaces.items()],
     }
 

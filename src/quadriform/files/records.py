@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from quadriform.errors import WarningKind, Warnings
-from quadriform.files.strict import SHA256, Field
-from quadriform.shapes.record import STATUSES, Estimate, InputFile, ModelRecord
+from quadriform.files.strict import Field
+from quadriform.shapes.record import SHA256, STATUSES, Estimate, InputFile, ModelRecord
 
 FIELDS = ("status", "warnings", "notes", "title", "sources", "coverage", "supported", "extends_beyond", "estimates")
 """The last three are written as null until a later version of the software finds them; readers take them already."""
@@ -13,19 +13,24 @@ SOURCE = ("name", "sha256", "surface", "frame", "note")
 ESTIMATE = ("value", "unit", "supported", "sd")
 
 
-def record_document(record: ModelRecord) -> dict[str, Any]:
-    """The fields of a document that hold a record."""
+def record_document(record: ModelRecord, surfaces: Mapping[str, object]) -> dict[str, Any]:
+    """The fields of a document that hold a record, as far as it is about the surfaces that the model still has."""
+    sources = [source for source in record.sources if not source.surface or source.surface in surfaces]
     return {
         "status": record.status,
         "warnings": {str(kind): text for kind, text in record.warnings.items()},
         "notes": list(record.notes),
         "title": record.title,
-        "sources": [{key: getattr(source, key) for key in SOURCE} for source in record.sources],
-        "coverage": dict(record.coverage) or None,
-        "supported": dict(record.supported) or None,
-        "extends_beyond": dict(record.extends_beyond) or None,
+        "sources": [{key: getattr(source, key) for key in SOURCE} for source in sources],
+        "coverage": _of(record.coverage, surfaces),
+        "supported": _of(record.supported, surfaces),
+        "extends_beyond": _of(record.extends_beyond, surfaces),
         "estimates": {n: {key: getattr(e, key) for key in ESTIMATE} for n, e in record.estimates.items()} or None,
     }
+
+
+def _of(values: Mapping[str, float], surfaces: Mapping[str, object]) -> dict[str, float] | None:
+    return {name: value for name, value in values.items() if name in surfaces} or None
 
 
 def read_record(root: Field, surfaces: Mapping[str, object]) -> ModelRecord:

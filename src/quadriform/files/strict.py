@@ -11,9 +11,6 @@ from quadriform.errors import FileFormatError
 from quadriform.points import Array
 from quadriform.words import plain
 
-SHA256 = re.compile(r"([0-9a-f]{64})?")
-"""A hash of a file, or nothing."""
-
 
 @dataclass(frozen=True)
 class Field:

@@ -23,11 +23,13 @@ class Surfaces:
         meshes: name -> triangles.
         space: "LPS", "RAS" or "unknown".
         unit: "mm", "m" or "unknown".
+        status: of the model's fit: "ok", "warned", "unreliable" or "unknown".
     """
 
     meshes: dict[str, Mesh]
     space: str = "unknown"
     unit: str = "unknown"
+    status: str = "unknown"
 
     @property
     def only(self) -> Mesh:
@@ -61,7 +63,8 @@ def surfaces_of(drawable: Drawable, surface: str | None, time: float | None, res
         return Surfaces({"surface": drawable})
     model = _model(drawable, time)
     names = model.surfaces if surface is None else [surface]
-    return Surfaces({name: model.mesh(name, int(resolution)) for name in names}, model.space, model.unit)
+    meshes = {name: model.mesh(name, int(resolution)) for name in names}
+    return Surfaces(meshes, model.space, model.unit, model.status)
 
 
 def _model(drawable: Drawable, time: float | None) -> DeformableModel:

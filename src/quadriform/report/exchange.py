@@ -21,7 +21,8 @@ def to_trimesh(
         resolution: 1 to 512, as in `DeformableModel.mesh`.
 
     Returns:
-        Float64, nothing merged or reordered; `metadata["space"]` is "LPS", "RAS" or "unknown".
+        Float64, nothing merged or reordered; `metadata["space"]` is "LPS", "RAS" or "unknown",
+        `metadata["status"]` that of the model's fit.
 
     Raises:
         OptionError: nothing that has a surface, an unknown surface or none of several, a time too many or too few.
@@ -30,7 +31,9 @@ def to_trimesh(
 
     found = surfaces_of(model, surface, time, resolution)
     mesh = found.only
-    shell = Trimesh(mesh.vertices.copy(), mesh.faces.copy(), process=False, metadata={"space": found.space})
+    shell = Trimesh(
+        mesh.vertices.copy(), mesh.faces.copy(), process=False, metadata={"space": found.space, "status": found.status}
+    )
     if found.unit != "unknown":
         shell.units = found.unit
     return shell
@@ -46,7 +49,7 @@ def to_pyvista(model: Drawable, surface: str | None = None, *, time: float | Non
         resolution: 1 to 512.
 
     Returns:
-        Float64 points; the field data `SPACE` and `UNIT` are those that our .vtp files carry.
+        Float64 points; the field data `SPACE`, `UNIT` and `STATUS` are those that our .vtp files carry.
 
     Raises:
         OptionError: as `to_trimesh`, or pyvista is not installed.
@@ -60,4 +63,5 @@ def to_pyvista(model: Drawable, surface: str | None = None, *, time: float | Non
     shell = pyvista.PolyData.from_regular_faces(mesh.vertices.copy(), mesh.faces.copy())
     shell.field_data["SPACE"] = [found.space]
     shell.field_data["UNIT"] = [found.unit]
+    shell.field_data["STATUS"] = [found.status]
     return shell

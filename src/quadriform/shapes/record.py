@@ -1,13 +1,17 @@
 """What stays with a model beside its geometry: how far its fit can be trusted, and what it was made from."""
 
+import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from quadriform.errors import OptionError, Warnings, choose, join_warnings
+from quadriform.errors import OptionError, WarningKind, Warnings, choose, join_warnings
 from quadriform.words import plain
 
 STATUSES = ("ok", "warned", "unreliable", "unknown")
 """From good to bad; "unknown" where nobody recorded how the fit went: models built by hand and older files."""
+SHA256 = re.compile(r"([0-9a-f]{64})?")
+"""A hash of a file, or nothing."""
 NOT_RECORDED = "how the fit of this model went is not recorded (made by hand, or by an older version)"
 
 
@@ -30,6 +34,8 @@ class InputFile:
     note: str = ""
 
     def __post_init__(self) -> None:
+        if not SHA256.fullmatch(self.sha256):
+            raise OptionError(f"sha256={self.sha256!r}: expected 64 hexadecimal digits, or nothing")
         for key in ("name", "note"):
             object.__setattr__(self, key, plain(getattr(self, key)))
 
@@ -67,7 +73,8 @@ class ModelRecord:
         estimates: name -> estimate, such as that of the volume; reserved, empty.
 
     Raises:
-        OptionError: an unknown status, or one that its warnings contradict.
+        OptionError: an unknown status or kind of warning, a status that the warnings contradict, or a share or length
+            that cannot be.
     """
 
     status: str = "unknown"
@@ -85,7 +92,13 @@ class ModelRecord:
         if bool(self.warnings) != (self.status in ("warned", "unreliable")):
             found = ", ".join(self.warnings) or "no warnings"
             raise OptionError(f"status={self.status!r}: expected warnings exactly where it is not good, found {found}")
-        object.__setattr__(self, "warnings", {kind: plain(text) for kind, text in self.warnings.items()})
+        for name, most in (("coverage", 1.0), ("supported", 1.0), ("extends_beyond", math.inf)):
+            values = {surface: float(value) for surface, value in getattr(self, name).items()}
+            if not all(0 <= value <= most and math.isfinite(value) for value in values.values()):
+                raise OptionError(f"{name}={values}: expected finite numbers from 0 to {most:g}")
+            object.__setattr__(self, name, values)
+        kinds = {choose(kind, tuple(WarningKind), "warnings"): plain(text) for kind, text in self.warnings.items()}
+        object.__setattr__(self, "warnings", {WarningKind(kind): text for kind, text in kinds.items()})
         object.__setattr__(self, "notes", tuple(map(plain, self.notes)))
         object.__setattr__(self, "title", plain(self.title))
 
