@@ -51,9 +51,10 @@ kill: $(READY)
 large: $(READY)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/robustness/little_room.py 10000000
 
-# Each guard taken out in a copy, for a test to notice.
+# Each guard taken out in a copy, then forty random changes of what is computed, for a test to notice; about half an hour.
 mutants: $(READY)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/robustness/mutants.py
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/robustness/logic_mutants.py
 
 # Lines and branches that the tests run, and the functions with lines that none runs; slower than the tests alone.
 coverage: $(READY)

@@ -3,12 +3,14 @@
 Prints the table of docs/reliability.md, one line a guard with the test that failed first; exits with 1 where none did.
 """
 
+import contextlib
 import os
 import re
 import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -229,13 +231,18 @@ def noticed_by(mutant: Mutant, copy: Path, environment: dict[str, str]) -> str:
     return failed[1] if failed else ""
 
 
-def tested(names: list[str], copy: Path, environment: dict[str, str]) -> subprocess.CompletedProcess[str]:
+def tested(
+    names: Sequence[str], copy: Path, environment: dict[str, str], options: Sequence[str] = (), limit: float = 900.0
+) -> subprocess.CompletedProcess[str]:
     """Tests of the copy, up to the first that fails."""
-    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *(f"tests/{n}" for n in names)]
-    return subprocess.run(command, cwd=copy, env=environment, capture_output=True, encoding="utf-8", timeout=900)
+    files = [f"tests/{name}" for name in names]
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *options, *files]
+    return subprocess.run(command, cwd=copy, env=environment, capture_output=True, encoding="utf-8", timeout=limit)
 
 
-def main() -> int:
+@contextlib.contextmanager
+def copied() -> Iterator[tuple[Path, dict[str, str]]]:
+    """A copy of the project, and the environment in which its own code is imported."""
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "copy"
         left_out = shutil.ignore_patterns(".git", ".venv*", "out", "__pycache__", ".*_cache")
@@ -243,7 +250,11 @@ def main() -> int:
         shutil.copy(_kernel.__file__, copy / "src" / "quadriform" / "shapes")
         (copy / "alone").mkdir()
         (copy / "alone" / "sitecustomize.py").write_text(ALONE, encoding="utf-8")
-        environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(copy / "alone"), str(copy / "src")])}
+        yield copy, os.environ | {"PYTHONPATH": os.pathsep.join([str(copy / "alone"), str(copy / "src")])}
+
+
+def main() -> int:
+    with copied() as (copy, environment):
         print("| guard | in | noticed by |\n| --- | --- | --- |")
         found = []
         for mutant in MUTANTS:

@@ -1,0 +1,80 @@
+"""The random changes of `make mutants`: each site gives other code that can be compiled, and no check is touched."""
+
+import ast
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import logic_mutants as mutants
+
+FILES = sorted(
+    file for package in mutants.PACKAGES for file in (mutants.ROOT / "src/quadriform" / package).glob("*.py")
+)
+
+
+def made(code):
+    """All changes of a piece of code, as (before, after)."""
+    found = []
+    for node, above in mutants.walk(ast.parse(code)):
+        if not mutants.is_left_out(node, above):
+            found += [(ast.unparse(node), each and ast.unparse(each)) for each in mutants.variants(node, above)]
+    return found
+
+
+@pytest.mark.parametrize(
+    ("line", "changes"),
+    [
+        ("x = a + b", [("a + b", "a - b")]),
+        ("x = a / b ** c", [("a / b ** c", "a * b ** c"), ("b ** c", "b * c")]),
+        ("x = a < b", [("a < b", "a >= b")]),
+        ("x = a < 2", [("a < 2", "a >= 2"), ("a < 2", "a <= 2"), ("2", "3")]),
+        ("x = not a and -b", [("not a and -b", "not a or -b"), ("not a", "a"), ("-b", "b")]),
+        ("x = a[1:] * 0.5", [("a[1:] * 0.5", "a[1:] / 0.5"), ("1", "2"), ("0.5", "0.55")]),
+        ("x += f(a, b)", [("x += f(a, b)", None), ("f(a, b)", "f(b, a)")]),
+        ("f(a)", [("f(a)", None)]),
+        ("x = max(a, 1e-300)", []),
+        ("x = 'a' + f'{b + 1}'", []),
+    ],
+)
+def test_what_becomes_of_a_line(line, changes):
+    assert made(f"def f(a, b):\n    {line}") == [(before, after) for before, after in changes]
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "LIMIT = 3 + 4",
+        "def check_size(a):\n    x = a + 1",
+        "def f(a: int = 3) -> int:\n    _check_size(a, b)",
+        "def f(a):\n    if a < 1:\n        raise E(a + 1)",
+        "@dec(1 + 2)\ndef f(a):\n    x: int = 3",
+        "class A:\n    size = 3 + 4",
+    ],
+)
+def test_checks_messages_and_constants_are_left_alone(code):
+    assert made(code) == []
+
+
+def test_a_sample_is_the_same_for_a_seed_and_changes_the_code():
+    sample = mutants.drawn(40, 3)
+    assert sample == mutants.drawn(40, 3) and sample != mutants.drawn(40, 4)
+    assert len(set(sample)) == len(sample) == 40
+    for change in sample:
+        text = (mutants.ROOT / "src" / "quadriform" / change.file).read_text(encoding="utf-8")
+        new = mutants.changed(text, change)
+        compile(new, change.file, "exec")
+        assert new != ast.unparse(ast.parse(text)), change
+
+
+def test_tests_of_a_file_begin_with_those_of_its_name():
+    assert next(iter(mutants.stages("files/atomic.py"))) == ["files/test_atomic.py"]
+    assert "fitting" in [name for names in mutants.stages("fitting/sheet.py") for name in names]
+
+
+def test_what_is_explained_is_there():
+    """An explanation goes with its change."""
+    texts = {str(change) for file in FILES for change in mutants.changes(file)} if mutants.KNOWN else set()
+    assert set(mutants.KNOWN) <= texts
