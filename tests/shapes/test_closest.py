@@ -1,7 +1,10 @@
 """Closest points: against closed forms, against brute force, and the side they lie on."""
 
+from itertools import product
+
 import numpy as np
 import pytest
+from scipy.optimize import nnls
 from scipy.spatial import cKDTree
 from shapes_made import SKEW, made, turned
 
@@ -46,6 +49,61 @@ def brute(surface, box, targets):
     nearest = cKDTree(box.deform(vertices)).query(targets, k=4)[1]
     polished = [box.deform(settle(surface, box, targets, vertices[column], 60)) for column in nearest.T]
     return np.linalg.norm(targets - polished, axis=2).min(axis=0)
+
+
+def graded(surface, n=14):
+    """Undeformed surface points that crowd towards the planes of symmetry and the axes, (m, 3)."""
+    small = np.concatenate([[0], np.logspace(-8, 0, n)])
+    u, v = (grid.ravel() for grid in np.meshgrid(small, small, indexing="ij"))
+    octant = np.concatenate([np.roll(np.column_stack([np.ones_like(u), u, v]), axis, axis=1) for axis in range(3)])
+    signs = np.array(np.meshgrid(*[(-1, 1)] * 3)).reshape(3, -1).T
+    directions = np.unique((octant[:, None] * signs).reshape(-1, 3), axis=0)
+    return surface.project(directions * surface.semi_axes @ surface.rotation.T + surface.translation)
+
+
+def brute_beside_planes(surface, box, targets):
+    """Distance to the nearest of many vertices, most of them beside planes of symmetry, from the ten nearest."""
+    vertices = np.concatenate([surface.grid(60)[0], graded(surface, 40)])
+    nearest = cKDTree(box.deform(vertices)).query(targets, k=10)[1]
+    polished = [box.deform(settle(surface, box, targets, vertices[column], 120)) for column in nearest.T]
+    return np.linalg.norm(targets - polished, axis=2).min(axis=0)
+
+
+RIDGES = [(2.0, 0.4), (2.0, 2.0), (1.0, 2.0), (1.5, 1.5), (0.3, 1.9), (1.9, 1.2), (4.0, 1.0), (1.0, 3.0)]
+
+
+@pytest.mark.parametrize(("exponents", "size"), [*product(RIDGES, (0.0, 0.15)), ((3.0, 2.5), 0.0)])
+def test_beside_edges_and_cusps_nothing_is_nearer(exponents, size, rng):
+    """Exponents above 1, where the curvature is infinite along the planes of symmetry; inside, outside, at tips."""
+    surface, box = deformed(exponents, size, seed=3)
+    near = box.deform(graded(surface, 3))
+    spread = box.deform(surface.project(rng.normal(size=(60, 3))))
+    targets = np.concatenate([near, near + rng.normal(0, 0.2, near.shape), spread + rng.normal(0, 0.3, spread.shape)])
+    targets = np.concatenate([targets, rng.uniform(-5, 5, (60, 3))])
+    found = closest_on(surface, box, targets)
+    close = 1e-9 if max(exponents) <= 2 else 5e-9  # at the tip of a thin arm
+    assert (np.abs(found.signed) - brute_beside_planes(surface, box, targets)).max() < close * SIZE
+    np.testing.assert_allclose(surface.implicit(found.origins), 1, rtol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(targets - found.points, axis=1), np.abs(found.signed), atol=1e-12)
+
+
+@pytest.mark.parametrize("semi_axes", [(1.0, 1.0, 1.0), (3.0, 2.0, 4.0)])
+def test_an_octahedron_by_its_faces_edges_and_corners(semi_axes, rng):
+    """Exponents of 2: eight triangles, the nearest point of each by SciPy's least squares over its corners."""
+    surface = Superquadric(semi_axes=semi_axes, exponents=(2, 2))
+    corners = np.diag(semi_axes)
+    targets = rng.normal(size=(60, 3)) * 1.5 * np.array(semi_axes)
+    outside = surface.implicit(targets) > 1
+    exact = []
+    for target in targets[outside]:
+        triangle = corners * np.where(target < 0, -1, 1)
+        rows = np.vstack([triangle.T, np.full(3, 1e6)])  # weights of the corners, >= 0, whose sum is one
+        weights = nnls(rows, np.append(target, 1e6))[0]
+        exact.append(np.linalg.norm(target - weights / weights.sum() @ triangle))
+    found = closest_on(surface, ControlBox.around(surface), targets).signed
+    np.testing.assert_allclose(found[outside], exact, atol=1e-7)
+    plane = (1 - surface.implicit(targets[~outside])) / np.linalg.norm(1 / np.array(semi_axes))
+    np.testing.assert_allclose(-found[~outside], plane, atol=1e-9)
 
 
 def test_sphere(rng):

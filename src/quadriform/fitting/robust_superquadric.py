@@ -14,7 +14,7 @@ from quadriform.fitting.robust_search import Problem, Solution, solve
 from quadriform.fitting.superquadric_warnings import robust_warnings
 from quadriform.points import Array, Frame, check_spread
 from quadriform.shapes import pose
-from quadriform.shapes.superquadric import Superquadric
+from quadriform.shapes.superquadric import EXPONENTS, Superquadric
 
 FIXABLE = ("semi_axes", "exponents", "rotation", "translation")
 
@@ -55,6 +55,8 @@ def _in_frame(fixed: dict[str, ArrayLike], frame: Frame) -> dict[str, Array]:
         checked = Superquadric(**fixed)  # type: ignore[arg-type]
     except OptionError as error:
         raise OptionError(f"option fixed: {error}") from error
+    if "exponents" in fixed and checked.exponents.max() > EXPONENTS[1]:
+        raise OptionError(f"option fixed: exponents {checked.exponents.tolist()}; fits keep them within {EXPONENTS}")
     local = checked.placed(1 / frame.scale, -frame.centre / frame.scale)
     return {name: getattr(local, name) for name in fixed}
 

@@ -12,6 +12,7 @@ import numpy as np
 from quadriform.points import Array
 from quadriform.shapes import _kernel
 from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.ridges import beside_ridges, has_ridges
 from quadriform.shapes.starts import Index, Net
 from quadriform.shapes.superquadric import Superquadric
 from quadriform.shapes.threads import threads_for
@@ -42,25 +43,28 @@ def closest_on(superquadric: Superquadric, box: ControlBox, targets: Array) -> F
     """The globally nearest points to (n, 3) targets.
 
     Every vertex of a net whose cell could hold the nearest point, and that is nearer than its neighbours, is slid to
-    rest; where the minimum found is shallow (near a focal point) a second look is taken on both sides of it.
+    rest; where the minimum found is shallow (near a focal point) a second look is taken on both sides of it. Beside the
+    edges of exponents above 1 every part of the surface is searched by itself.
     """
     net = Net.of(superquadric, box)
     owner, vertex = net.starts(targets)
     slid = _slide(superquadric, box, targets[owner], net.origins[vertex])
+    owners, places = [owner], [slid.origins]
     best = _nearest(owner, targets[owner], slid.points)
-    origins, points = slid.origins[best], slid.points[best]
-    flat = np.flatnonzero(slid.least[best] < SHALLOW)
+    flat = best[slid.least[best] < SHALLOW]
     if len(flat):
-        reach = net.cell[vertex[best[flat]]]
-        shifts = slid.weak[best[flat]] * reach[:, None]
-        owner = np.tile(flat, 4)
-        again = superquadric.project(origins[owner] + np.concatenate([k * shifts for k in (-2, -1, 1, 2)]))
-        second = _slide(superquadric, box, targets[owner], again)
-        both = np.concatenate([flat, owner])
-        choice = _nearest(both, targets[both], np.concatenate([points[flat], second.points]))
-        origins[flat] = np.concatenate([origins[flat], second.origins])[choice]
-        points[flat] = box.deform(origins[flat])
-    return _finish(superquadric, box, targets, origins, points)
+        shifts = slid.weak[flat] * net.cell[vertex[flat]][:, None]
+        owners.append(np.tile(owner[flat], 4))
+        again = np.tile(slid.origins[flat], (4, 1)) + np.concatenate([k * shifts for k in (-2, -1, 1, 2)])
+        places.append(_slide(superquadric, box, targets[owners[-1]], superquadric.project(again)).origins)
+    if has_ridges(superquadric):
+        others, found = beside_ridges(superquadric, box, targets, np.concatenate(owners), np.concatenate(places))
+        owners.append(others)
+        places.append(found)
+    every, origins = np.concatenate(owners), np.concatenate(places)
+    points = box.deform(origins)
+    best = _nearest(every, targets[every], points)
+    return _finish(superquadric, box, targets, origins[best], points[best])
 
 
 def settle(superquadric: Superquadric, box: ControlBox, targets: Array, origins: Array, slides: int) -> Array:

@@ -15,7 +15,9 @@ from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.superellipse import quiet
 
 EXPONENTS = (0.01, 2.0)
-"""The range of both exponents: nearly a box, to flat bevels."""
+"""The range of both exponents in fits: nearly a box, to flat bevels."""
+PINCHED = 4.0
+"""The largest exponent of a shape (A.1); beyond, its arms are thinner than any mesh of it shows."""
 ORTHOGONAL = 1e-9
 """Largest error of the products of a rotation's columns."""
 
@@ -27,7 +29,8 @@ class Superquadric:
     Attributes:
         kind: "ellipsoid", "toroid", "hyperboloid1" (one sheet, around its z axis) or "hyperboloid2" (two, along x).
         semi_axes: (3,) a1, a2, a3 > 0, in the unit of the data; those of the tube for the toroid.
-        exponents: (2,) e1 (latitude) and e2 (longitude), in [0.01, 2].
+        exponents: (2,) e1 (latitude) and e2 (longitude), in [0.01, 4]: nearly a box below 0.1, round at 1, bevelled
+            at 2, pinched above (A.1). Fits keep them in [0.01, 2].
         rotation: (3, 3), from the object's frame to the world.
         translation: (3,), the centre in the world.
         hole_radius: the toroid's twelfth number a4 > 1, in units of the tube; None for the others.
@@ -65,8 +68,10 @@ class Superquadric:
     def _check_ranges(self) -> None:
         if (self.semi_axes < LARGEST**-2).any():
             raise OptionError(f"semi_axes: expected lengths above 0, found {self.semi_axes.tolist()}")
-        if (self.exponents < EXPONENTS[0]).any() or (self.exponents > EXPONENTS[1]).any():
-            raise OptionError(f"exponents: expected numbers in {EXPONENTS}, found {self.exponents.tolist()}")
+        if (self.exponents < EXPONENTS[0]).any() or (self.exponents > PINCHED).any():
+            raise OptionError(
+                f"exponents: expected numbers from {EXPONENTS[0]} to {PINCHED}, found {self.exponents.tolist()}"
+            )
         skewness = np.abs(self.rotation @ self.rotation.T - np.eye(3)).max()
         if skewness > ORTHOGONAL or np.linalg.det(self.rotation) < 0:
             raise OptionError("rotation: expected an orthogonal matrix with determinant +1")
@@ -122,25 +127,26 @@ class Superquadric:
 
     # --- inside and outside --------------------------------------------------------------------------------------
 
-    def _scaled(self, points: ArrayLike) -> Array:
+    def scaled(self, points: ArrayLike) -> Array:
+        """World points (n, 3) in the own frame, in units of the semi-axes."""
         return pose.to_local(check_points(points), self.rotation, self.translation) / self.semi_axes
 
     @quiet
     def implicit(self, points: ArrayLike) -> Array:
         """Inside-outside function F (P1, P11) at world points (n, 3): 1 on the surface, < 1 inside, > 1 outside."""
-        return self._shape.implicit(self._scaled(points), self.exponents, self._hole)  # P11
+        return self._shape.implicit(self.scaled(points), self.exponents, self._hole)  # P11
 
     @quiet
     def gradient(self, points: ArrayLike) -> Array:
         """Gradient of F by the world point, (n, 3), in 1 / unit; finite everywhere, also on axes and at the centre."""
-        by_point = self._shape.derivatives(self._scaled(points), self.exponents, self._hole).point
+        by_point = self._shape.derivatives(self.scaled(points), self.exponents, self._hole).point
         return (by_point / self.semi_axes) @ self.rotation.T
 
     @quiet
     def parameter_derivatives(self, points: ArrayLike) -> tuple[Array, Array]:
         """F (n,) and its derivatives by every parameter, (n, 11) or (n, 12), in the order of `parameters`."""
         world = check_points(points)
-        q = self._scaled(world)
+        q = self.scaled(world)
         d = self._shape.derivatives(q, self.exponents, self._hole)
         by_local = d.point / self.semi_axes
         by_world = by_local @ self.rotation.T
@@ -173,7 +179,7 @@ class Superquadric:
     @quiet
     def project(self, points: ArrayLike) -> Array:
         """Where the ray of each world point (n, 3) meets the surface: from the centre for the ellipsoid."""
-        return self._world(self._shape.project(self._scaled(points), self.exponents, self._hole))
+        return self._world(self._shape.project(self.scaled(points), self.exponents, self._hole))
 
     def _world(self, scaled: Array) -> Array:
         return pose.to_world(scaled * self.semi_axes, self.rotation, self.translation)

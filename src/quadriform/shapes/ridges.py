@@ -1,0 +1,267 @@
+"""Nearest points beside the ridges of superquadrics with an exponent above 1.
+
+There the curvature of the surface is infinite along its coordinate planes (exponents from 1 to 2), or it has edges (2)
+or cusps (above 2), and Newton's method in the tangent plane fails. Between two planes, however, the surface is an
+analytic function of t = log|y / x| and u = log|z| over the radius of its ring, and the planes lie at infinity:
+
+    ellipsoid      |x| = s / N(1, e^t), |y| = |x| e^t, s = 1 / N(1, e^u), |z| = s e^u, N(1, e^t) = (1 + e^(k t))^(1/k)
+    toroid         the same with the ring a4 +- s in place of s for x and y
+    hyperboloid1   s = N(1, e^u), |z| = e^u
+    hyperboloid2   |y| = s e^t, |x| = s N(1, e^t), s = N(1, e^u), |z| = e^u
+
+with k = 2 / e of the longitude for t and of the latitude for u. So each part between two planes is searched by itself.
+"""
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadriform.points import Array
+from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.superellipse import log_abs, norm
+from quadriform.shapes.superquadric import EXPONENTS, Superquadric
+
+FAR = 45.0
+"""Beyond these logarithms a point is on the plane: e^-45 is below rounding."""
+BESIDE = 0.12
+"""A coordinate below this fraction of the largest lies beside its plane."""
+SCAN = (-28.0, -14.0, -7.0, -3.5, -1.5, -0.5, -0.15, 0.0, 0.15, 0.5, 1.5, 3.5, 7.0, 14.0, 28.0)
+"""Logarithms at which the search may begin."""
+STEPS = 80
+LEFT_OUT = 0.03
+"""Feet that are farther than the nearest by more than this fraction of the box's diagonal are not searched from."""
+
+Index = NDArray[np.int64]
+
+
+def has_ridges(superquadric: Superquadric) -> bool:
+    """Whether the curvature is infinite somewhere."""
+    return bool((superquadric.exponents > 1).any())
+
+
+def beside_ridges(
+    superquadric: Superquadric, box: ControlBox, targets: Array, owner: Index, origins: Array
+) -> tuple[Index, Array]:
+    """More candidates for the nearest point: (m,) indices of targets, and undeformed surface points (m, 3).
+
+    Args:
+        superquadric: with an exponent above 1.
+        box: carries the surface.
+        targets: (n, 3).
+        owner: (c,), the target of each foot point found so far.
+        origins: (c, 3), these foot points before deformation.
+    """
+    kept = _apart(superquadric, box, targets, owner, origins)
+    if not len(kept):
+        return owner[kept], origins[kept]
+    owner, scaled = owner[kept], superquadric.scaled(origins[kept])
+    index, signs, start = _octants(superquadric, scaled)
+    scanned = _Search(superquadric, box, targets[owner[index]], signs).scanned(start, _beside(scaled)[index])
+    if superquadric.exponents.max() > EXPONENTS[1]:  # along an arm there may be a minimum beside that at its tip
+        moved = np.flatnonzero((scanned != start).any(axis=1))
+        scanned, signs = np.concatenate([scanned, start[moved]]), np.concatenate([signs, signs[moved]])
+        index = np.concatenate([index, index[moved]])
+    search = _Search(superquadric, box, targets[owner[index]], signs)
+    return owner[index], search.points(search.least(scanned))
+
+
+def _apart(superquadric: Superquadric, box: ControlBox, targets: Array, owner: Index, origins: Array) -> Index:
+    """Foot points beside a plane, near enough to matter, one for each place."""
+    size = float(np.linalg.norm(box.edges))
+    distance = np.linalg.norm(targets[owner] - box.deform(origins), axis=1)
+    nearest = np.full(len(targets), np.inf)
+    np.minimum.at(nearest, owner, distance)
+    near = _beside(superquadric.scaled(origins)).any(axis=1) & (distance <= nearest[owner] + LEFT_OUT * size)
+    index = np.flatnonzero(near)
+    cells = np.column_stack([owner[index], np.round(origins[index] / (1e-3 * size)).astype(np.int64)])
+    return np.asarray(index[np.unique(cells, axis=0, return_index=True)[1]], dtype=np.int64)
+
+
+def _beside(scaled: Array) -> NDArray[np.bool_]:
+    """(n, 3), which coordinates are small beside the largest."""
+    sizes = np.abs(scaled)
+    return np.asarray(sizes < BESIDE * sizes.max(axis=1, keepdims=True))
+
+
+def _octants(superquadric: Superquadric, scaled: Array) -> tuple[Index, Array, Array]:
+    """The parts of the surface around scaled points: index of the point, signs (m, 4) and logarithms t, u (m, 2)."""
+    beside, start = _beside(scaled), _logarithms(superquadric, scaled)
+    own = np.where(scaled < 0, -1.0, 1.0)
+    tube = np.ones(len(scaled))
+    if superquadric.kind == "toroid":
+        tube[norm(scaled[:, 0], scaled[:, 1], superquadric.exponents[1]) < (superquadric.hole_radius or 0.0)] = -1
+    indices, signs = [], []
+    for mirror in product((1.0, -1.0), repeat=3):
+        index = np.flatnonzero((beside | (np.array(mirror) > 0)).all(axis=1))
+        indices.append(index)
+        signs.append(np.column_stack([own[index] * mirror, tube[index]]))
+    every = np.concatenate(indices)
+    return every, np.concatenate(signs), start[every]
+
+
+def _logarithms(superquadric: Superquadric, scaled: Array) -> Array:
+    """t and u of scaled surface points, (n, 2)."""
+    e1, e2 = superquadric.exponents
+    x, y, z = (log_abs(column) for column in scaled.T)
+    ring = norm(scaled[:, 0], scaled[:, 1], e2)
+    if superquadric.kind == "hyperboloid2":
+        found = [y - _log_norm(2 / e1, z), z]
+    elif superquadric.kind == "hyperboloid1":
+        found = [y - x, z]
+    else:
+        found = [y - x, z - log_abs(ring - (superquadric.hole_radius or 0.0))]
+    return np.clip(np.stack(found, axis=1), -FAR, FAR)
+
+
+def _log_norm(k: float, t: Array) -> Array:
+    """log N(1, e^t)."""
+    return np.asarray(np.logaddexp(0, k * t) / k)
+
+
+def _share(k: float, t: Array) -> Array:
+    """Derivative of `_log_norm` by t."""
+    return np.asarray(1 / (1 + np.exp(np.clip(-k * t, -700, 700))))
+
+
+@dataclass(frozen=True)
+class _Search:
+    """Damped Newton steps over t and u, each target in a part of the surface between coordinate planes.
+
+    Attributes:
+        superquadric: whose surface.
+        box: carries it.
+        targets: (n, 3).
+        signs: (n, 4), of x, y, z and of the side of the tube's core.
+    """
+
+    superquadric: Superquadric
+    box: ControlBox
+    targets: Array
+    signs: Array
+
+    def scaled(self, index: Index, at: Array) -> Array:
+        """Scaled surface points (n, 3) at t, u (n, 2)."""
+        (t, u), signs = at.T, self.signs[index]
+        k1, k2 = 2 / self.superquadric.exponents
+        log_t, log_u = _log_norm(k2, t), _log_norm(k1, u)
+        if self.superquadric.kind == "hyperboloid2":
+            logs = [log_u + log_t, log_u + t, u]
+        elif self.superquadric.kind == "hyperboloid1":
+            logs = [log_u - log_t, log_u - log_t + t, u]
+        else:
+            logs = [-log_u - log_t, -log_u - log_t + t, u - log_u]
+        q = signs[:, :3] * np.exp(np.stack(logs, axis=1))
+        if self.superquadric.kind == "toroid":
+            core = self._hole * np.exp(np.stack([-log_t, t - log_t], axis=1))
+            q[:, :2] = signs[:, 3:] * q[:, :2] + signs[:, :2] * core
+        return q
+
+    def slopes(self, index: Index, at: Array, scaled: Array) -> tuple[Array, Array]:
+        """Derivatives of scaled surface points (n, 3) by t and by u, each (n, 3)."""
+        k1, k2 = 2 / self.superquadric.exponents
+        p, r, one = _share(k2, at[:, 0]), _share(k1, at[:, 1]), np.ones(len(at))
+        if self.superquadric.kind == "hyperboloid2":
+            return scaled * np.stack([p, one, 0 * one], axis=1), scaled * np.stack([r, r, one], axis=1)
+        by_t = scaled * np.stack([-p, 1 - p, 0 * one], axis=1)
+        if self.superquadric.kind == "hyperboloid1":
+            return by_t, scaled * np.stack([r, r, one], axis=1)
+        by_u = scaled * np.stack([-r, -r, 1 - r], axis=1)
+        if self.superquadric.kind == "toroid":
+            tube = self.signs[index, 3] * np.exp(-_log_norm(k1, at[:, 1]))
+            by_u[:, :2] *= (tube / (self._hole + tube))[:, None]
+        return by_t, by_u
+
+    @property
+    def _hole(self) -> float:
+        return self.superquadric.hole_radius or 0.0
+
+    def placed(self, scaled: Array) -> Array:
+        """Directions of scaled coordinates in the world."""
+        return (scaled * self.superquadric.semi_axes) @ self.superquadric.rotation.T
+
+    def points(self, at: Array) -> Array:
+        """Undeformed surface points of all targets, (n, 3)."""
+        return self.placed(self.scaled(np.arange(len(at)), at)) + self.superquadric.translation
+
+    def value(self, index: Index, at: Array) -> Array:
+        """Half the squared distance of some targets."""
+        points = self.placed(self.scaled(index, at)) + self.superquadric.translation
+        return np.asarray(((self.targets[index] - self.box.deform(points)) ** 2).sum(axis=1) / 2)
+
+    def gradient(self, index: Index, at: Array) -> Array:
+        """Its derivatives by t and u, (n, 2)."""
+        q = self.scaled(index, at)
+        points = self.placed(q) + self.superquadric.translation
+        gap = self.targets[index] - self.box.deform(points)
+        pull = np.einsum("nij,ni->nj", self.box.jacobian(points), gap)
+        return -np.stack([(pull * self.placed(slope)).sum(axis=1) for slope in self.slopes(index, at, q)], axis=1)
+
+    def scanned(self, start: Array, beside: NDArray[np.bool_]) -> Array:
+        """Where to begin: the best of the start and of a few logarithms of the coordinates that are beside planes."""
+        best, every = start.copy(), np.arange(len(start))
+        value = self.value(every, best)
+        sideways = np.stack([beside[:, 0] | beside[:, 1], beside[:, 2] | (beside[:, 0] & beside[:, 1])], axis=1)
+        for t, u in ((t, u) for t in (None, *SCAN) for u in (None, *SCAN)):
+            wanted = sideways[:, 0] == (t is not None)
+            wanted &= sideways[:, 1] == (u is not None)
+            index = np.flatnonzero(wanted)
+            if not len(index):
+                continue
+            trial = start[index].copy()
+            for column, number in enumerate((t, u)):
+                if number is not None:
+                    trial[:, column] = number
+            found = self.value(index, trial)
+            closer = found < value[index]
+            best[index[closer]], value[index[closer]] = trial[closer], found[closer]
+        return best
+
+    def least(self, start: Array) -> Array:
+        """The t and u of the least distance, by Newton steps within a radius that follows their success."""
+        at, active, radius = start.copy(), np.arange(len(start)), np.ones(len(start))
+        size, value = float(np.linalg.norm(self.box.edges)), self.value(active, at)
+        for _ in range(STEPS):
+            if not len(active):
+                break
+            step, promised = self._step(active, at[active], radius[active])
+            trial = np.clip(at[active] + step, -FAR, FAR)
+            found = self.value(active, trial)
+            gain = value[active] - found
+            closer = gain > 0
+            long = np.hypot(*step.T)
+            radius[active] = np.select(
+                [gain < 0.25 * promised, gain > 0.5 * promised],
+                [0.25 * long, np.minimum(2 * radius[active], 8.0)],
+                radius[active],
+            )
+            at[active[closer]], value[active[closer]] = trial[closer], found[closer]
+            little = 1e-15 * size * np.sqrt(2 * value[active]) + 1e-28 * size**2
+            active = active[(promised > little) & (radius[active] > 1e-9)]
+        return at
+
+    def _step(self, index: Index, at: Array, radius: Array) -> tuple[Array, Array]:
+        """Newton steps (n, 2), downhill also where the curvature is negative, and the gains that they promise."""
+        gradient = self.gradient(index, at)
+        ahead = 1e-5 * np.minimum(1, self.superquadric.exponents[::-1])
+        by_t, by_u = (
+            (self.gradient(index, at + shift) - gradient) / shift.sum() for shift in (ahead * [1, 0], ahead * [0, 1])
+        )
+        a, b, c = by_t[:, 0], (by_t[:, 1] + by_u[:, 0]) / 2, by_u[:, 1]
+        scale = np.sqrt(np.maximum(np.abs(np.stack([a, c], axis=1)), 1e-300))  # t may matter far less than u
+        by_scaled = gradient / scale
+        first, cross, last = a / scale[:, 0] ** 2, b / scale.prod(axis=1), c / scale[:, 1] ** 2
+        half, angle = np.hypot((first - last) / 2, cross), 0.5 * np.arctan2(cross, (first - last) / 2)
+        step = np.zeros_like(at)
+        for curvature, turn in (((first + last) / 2 + half, 0.0), ((first + last) / 2 - half, np.pi / 2)):
+            axis = np.stack([np.cos(angle + turn), np.sin(angle + turn)], axis=1)
+            along = -(by_scaled * axis).sum(axis=1) / np.maximum(np.abs(curvature), 1e-12)
+            step += along[:, None] * axis
+        step = np.clip(step / scale, -radius[:, None], radius[:, None])
+        rise = (gradient * step).sum(axis=1) + (a * step[:, 0] ** 2 + c * step[:, 1] ** 2) / 2 + b * step.prod(axis=1)
+        alone = np.clip(-gradient / scale**2, -radius[:, None], radius[:, None])
+        gains = -(gradient * alone + np.stack([a, c], axis=1) * alone**2 / 2)
+        single = alone * (gains == gains.max(axis=1, keepdims=True))
+        worse = -rise < gains.max(axis=1)
+        return np.where(worse[:, None], single, step), np.where(worse, gains.max(axis=1), -rise)
