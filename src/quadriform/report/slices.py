@@ -1,7 +1,7 @@
 """Slices of an image with the contours of a model over them (the paper's Figs. 15 to 18)."""
 
 import io
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -50,18 +50,59 @@ def slices_png(
     window = np.percentile(values, [1, 99.5])
     for position, k in enumerate(_levels(outlines, values.shape[2], count)):
         axes = figure.add_subplot(rows, columns, position + 1)
-        grey = np.clip((values[:, :, k] - window[0]) / np.ptp(window), 0, 1) ** GAMMA
-        axes.imshow(grey.T, cmap="gray", origin="lower", aspect=steps[1] / steps[0], vmin=0, vmax=1)
+        _draw_grey(axes, values[:, :, k], window, steps[1] / steps[0])
         for colour, mesh in zip(COLOURS, outlines.values()):
             _draw_outline(axes, mesh, float(k), colour)
         axes.set_title(f"slice {k}", fontsize=8, pad=2)
-        axes.set_axis_off()
-        axes.set(xticks=[], yticks=[])  # what is not shown would still be laid out
     _legend(figure, outlines)
     figure.tight_layout(rect=(0, 0.03, 1, 1))
     stream = io.BytesIO()
     figure.savefig(stream, format="png", dpi=110)
     return stream.getvalue()
+
+
+def slice_pictures(
+    values: Array,
+    world_from_voxel: Array,
+    meshes: Mapping[str, Mesh],
+    count: int = 12,
+    colours: Sequence[str] | None = None,
+) -> dict[int, bytes]:
+    """Pictures of even slices along the third axis, without any text in them: number of the slice -> bytes of a PNG.
+
+    Args:
+        values: (i, j, k) image.
+        world_from_voxel: (4, 4), to the frame of the meshes.
+        meshes: surfaces in the world whose outlines are drawn; the slices spread over what they reach, or over all.
+        count: how many slices at most.
+        colours: of the outlines, `COLOURS` by default.
+    """
+    from matplotlib.figure import Figure
+
+    outlines = [Mesh(_to_voxels(mesh.vertices, world_from_voxel), mesh.faces) for mesh in meshes.values()]
+    steps = np.linalg.norm(world_from_voxel[:3, :3], axis=0)
+    window = np.percentile(values, [1, 99.5])
+    extent = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, values.shape[2] - 1.0]])
+    spread = dict(enumerate(outlines)) if outlines else {0: Mesh(extent, np.empty((0, 3), dtype=np.int64))}
+    height = 2.0 * values.shape[1] * steps[1] / (values.shape[0] * steps[0])
+    pictures = {}
+    for k in _levels(spread, values.shape[2], count):
+        figure = Figure(figsize=(2.0, height))
+        axes = figure.add_axes((0, 0, 1, 1))
+        _draw_grey(axes, values[:, :, k], window, steps[1] / steps[0])
+        for colour, mesh in zip(colours or COLOURS, outlines):
+            _draw_outline(axes, mesh, float(k), colour)
+        stream = io.BytesIO()
+        figure.savefig(stream, format="png", dpi=110)
+        pictures[k] = stream.getvalue()
+    return pictures
+
+
+def _draw_grey(axes: Any, values: Array, window: Array, aspect: float) -> None:
+    grey = np.clip((values - window[0]) / np.ptp(window), 0, 1) ** GAMMA
+    axes.imshow(grey.T, cmap="gray", origin="lower", aspect=aspect, vmin=0, vmax=1)
+    axes.set_axis_off()
+    axes.set(xticks=[], yticks=[])  # what is not shown would still be laid out
 
 
 def planes_section(volume: Volume, meshes: Mapping[str, Mesh], title: str) -> Section:
@@ -81,7 +122,7 @@ def _to_voxels(points_world: Array, world_from_voxel: Array) -> Array:
     return np.asarray(np.linalg.solve(world_from_voxel[:3, :3], offset.T).T, dtype=np.float64)
 
 
-def _levels(outlines: Mapping[str, Mesh], size: int, count: int) -> list[int]:
+def _levels(outlines: Mapping[Any, Mesh], size: int, count: int) -> list[int]:
     heights = np.concatenate([mesh.vertices[:, 2] for mesh in outlines.values()])
     low, high = max(0, int(np.ceil(heights.min()))), min(size - 1, int(np.floor(heights.max())))
     return sorted({int(k) for k in np.linspace(low, high, count).round()})

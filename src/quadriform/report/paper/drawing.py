@@ -1,16 +1,15 @@
-"""Points, surfaces, boxes and arrows in space; small pixels in the page."""
+"""Small pictures that stand side by side on the page: points, surfaces, boxes and arrows in space, and charts."""
 
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
-from matplotlib.figure import Figure
 from PIL import Image
 
 from quadriform.points import Array
-from quadriform.report.parts import image
+from quadriform.report.parts import image, svg
 from quadriform.report.slices import COLOURS
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.mesh import Mesh
@@ -20,90 +19,152 @@ GREY = "#57606a"
 BY_PAPER, BY_DEFAULT = BLUE, GREEN
 """One colour for each method, everywhere on the page."""
 PALETTE = 128
-"""Colours of a picture: grey, and a few that differ; a quarter of the bytes."""
+"""Colours of a picture: a quarter of the bytes of all colours."""
 ARROW = "#a0306f"
 SHOWN = 3000
-"""So many points of a cloud are drawn at most."""
+"""At most so many points of a cloud are drawn."""
 RESOLUTION = 16
-"""Of the meshes that are drawn, cells along an edge of the cube."""
+"""Of the meshes that are drawn: cells along an edge of the cube."""
+VIEW = (18.0, -58.0)
+"""Elevation and azimuth in degrees."""
+TEXT = 11
+"""Size of the text in charts, in points: at least 13 pixels where a chart is drawn 350 pixels wide."""
+
+Artist = Callable[[Any], object]
+"""Draws one thing into axes in space."""
 
 
-def scene(columns: int, rows: int = 1, width: float = 3.0) -> tuple[Figure, list[Any]]:
-    """A figure with a row-by-row list of empty places in space."""
-    figure = Figure(figsize=(width * columns, 0.95 * width * rows))
-    places = [figure.add_subplot(rows, columns, k + 1, projection="3d") for k in range(rows * columns)]
-    for axes in places:
-        axes.set_axis_off()
-        axes.view_init(elev=18, azim=-58)
-    figure.subplots_adjust(0, 0, 1, 0.93, 0, 0.1)
-    return figure, places
+def in_space(
+    window: Array, words: str, *artists: Artist, view: tuple[float, float] = VIEW, inches: float = 2.8
+) -> Markup:
+    """A picture of what the artists draw.
+
+    Args:
+        window: (n, 3) points; what lies around them is shown, equal lengths along all axes.
+        words: stand for the picture where it cannot be seen.
+        *artists: of `cloud`, `mesh`, `box`, `arrows`.
+        view: elevation and azimuth in degrees.
+        inches: width of the picture, 100 pixels each.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(inches, 0.95 * inches))
+    axes = figure.add_subplot(projection="3d")
+    axes.set_axis_off()
+    axes.view_init(*view)
+    figure.subplots_adjust(0, 0, 1, 1)
+    for draw in artists:
+        draw(axes)
+    low, high = window.min(axis=0), window.max(axis=0)
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    axes.set_box_aspect(high - low, zoom=1.25)
+    return _packed(figure, words)
 
 
-def look_at(places: Sequence[Any], points: Array, zoom: float = 1.2) -> None:
-    """The same window on all places: around these points (n, 3), equal along all axes."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    for axes in places:
-        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-        axes.set_box_aspect(high - low, zoom=zoom)
-
-
-def draw_cloud(axes: Any, points: Array, colour: str = ORANGE, size: float = 2.0) -> None:
-    """Points, those far away pale."""
+def cloud(points: Array, colour: str = ORANGE, size: float = 2.0) -> Artist:
+    """Points, those far away pale; the first, every k-th of many."""
     some = points[:: -(-len(points) // SHOWN)]
-    axes.scatter(*some.T, s=size, color=colour, linewidths=0, depthshade=True)
+    return lambda axes: axes.scatter(*some.T, s=size, color=colour, linewidths=0, depthshade=True)
 
 
-def draw_mesh(axes: Any, mesh: Mesh, colour: str, alpha: float = 1.0) -> None:
+def mesh(surface: Mesh, colour: str, alpha: float = 1.0) -> Artist:
     """A shaded surface."""
-    axes.plot_trisurf(
-        *mesh.vertices.T, triangles=mesh.faces, color=colour, alpha=alpha, linewidth=0, antialiased=alpha < 1
+    return lambda axes: axes.plot_trisurf(
+        *surface.vertices.T,
+        triangles=surface.faces,
+        color=colour,
+        alpha=alpha,
+        linewidth=0,
+        antialiased=alpha < 1,
     )
 
 
-def draw_box(axes: Any, box: ControlBox, colour: str = GREY) -> None:
+def box(lattice: ControlBox, colour: str = GREY) -> Artist:
     """The lines between neighbouring control points."""
     from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-    rows = [np.moveaxis(box.control_points, axis, 2) for axis in range(3)]
+    rows = [np.moveaxis(lattice.control_points, axis, 2) for axis in range(3)]
     lines = [line for row in rows for line in row.reshape(-1, row.shape[2], 3)]
-    axes.add_collection3d(Line3DCollection(lines, colors=colour, linewidths=0.4))
+    return lambda axes: axes.add_collection3d(Line3DCollection(lines, colors=colour, linewidths=0.5))
 
 
-def draw_arrows(axes: Any, starts: Array, steps: Array, count: int = 400) -> None:
-    """Displacements (n, 3) at points (n, 3), some of them."""
-    some = slice(None, None, -(-len(starts) // count))
-    axes.quiver(*starts[some].T, *steps[some].T, color=ARROW, linewidths=1.0, arrow_length_ratio=0.25)
+def arrows(starts: Array, steps: Array) -> Artist:
+    """All displacements (n, 3) at points (n, 3)."""
+    return lambda axes: axes.quiver(*starts.T, *steps.T, color=ARROW, linewidths=0.6, arrow_length_ratio=0.2)
 
 
-def picture(drawing: Figure, words: str, dots_per_inch: int = 100) -> Markup:
-    """A drawing as pixels of few colours inside the page."""
-    pixels = _pixels(drawing, dots_per_inch)
-    return _packed(pixels.quantize(PALETTE, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE), words)
+def chart(
+    draw: Callable[[Any], object],
+    words: str,
+    xlabel: str,
+    ylabel: str,
+    xscale: str = "linear",
+    yscale: str = "log",
+    size: tuple[float, float] = (3.9, 3.1),
+) -> Markup:
+    """A diagram as vectors; `draw` puts curves into its axes."""
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context({"font.size": TEXT}):
+        figure = Figure(figsize=size)
+        axes = figure.subplots()
+        axes.set(xlabel=xlabel, ylabel=ylabel, xscale=xscale, yscale=yscale)
+        draw(axes)
+        axes.grid(alpha=0.3, which="both")
+        _plain(axes)
+        return svg(figure, words)
 
 
-def grey_picture(drawing: Figure, words: str, dots_per_inch: int = 80) -> Markup:
-    """A drawing of images without colours as pixels inside the page."""
-    return _packed(_pixels(drawing, dots_per_inch).convert("L"), words)
+def plane(draw: Callable[[Any], object], words: str, size: tuple[float, float] = (3.9, 3.1)) -> Markup:
+    """A drawing in the plane, without axes and with equal lengths along both, as vectors."""
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context({"font.size": TEXT}):
+        figure = Figure(figsize=size)
+        axes = figure.subplots()
+        draw(axes)
+        axes.set_aspect("equal")
+        axes.set_axis_off()
+        return svg(figure, words)
 
 
-def _pixels(drawing: Figure, dots_per_inch: int) -> Image.Image:
-    stream = io.BytesIO()
-    drawing.savefig(stream, format="png", dpi=dots_per_inch, facecolor="white")
-    return Image.open(stream).convert("RGB")
-
-
-def _packed(pixels: Image.Image, words: str) -> Markup:
-    stream = io.BytesIO()
-    pixels.save(stream, format="png", optimize=True)
-    return image(stream.getvalue(), words)
-
-
-def plain(axes: Any) -> None:
-    """Tick labels of logarithmic axes as plain numbers, at 1, 2 and 5 times the powers of ten."""
+def _plain(axes: Any) -> None:
+    """Tick labels of logarithmic axes as plain numbers, at 1, 2 and 5 times the powers of ten where there is room."""
     from matplotlib.ticker import FuncFormatter
 
     for axis in (axes.xaxis, axes.yaxis):
-        if axis.get_scale() == "log":
-            axis.set_major_formatter("{x:g}")
-            axis.set_minor_formatter(FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else ""))
-            axis.set_tick_params(which="minor", labelsize=7)
+        if axis.get_scale() != "log":
+            continue
+        low, high = axis.get_view_interval()
+        between = "25" if high < 100 * low else ""
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter(FuncFormatter(lambda x, _, s=between: f"{x:g}" if s and f"{x:e}"[0] in s else ""))
+        axis.set_tick_params(which="both", labelsize=TEXT)
+
+
+def tiles(named: Iterable[tuple[str, Markup]], size: str = "") -> Markup:
+    """Pictures side by side, as many as fit, each under its title; `size` "small", or "charts" for wide ones."""
+    each = [
+        Markup('<div class="tile"><div class="tile-title">{}</div>{}</div>').format(title, picture)
+        for title, picture in named
+    ]
+    return Markup('<div class="tiles{}">{}</div>').format(f" {size}" if size else "", Markup("").join(each))
+
+
+def legend(entries: Sequence[tuple[str, str]]) -> Markup:
+    """What the colours of pictures mean: (name, colour) of each."""
+    items = [Markup('<li><span style="background:{}"></span>{}</li>').format(colour, name) for name, colour in entries]
+    return Markup('<ul class="legend">{}</ul>').format(Markup("").join(items))
+
+
+def _packed(figure: Any, words: str) -> Markup:
+    """A drawing as pixels of few colours inside the page."""
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=100, facecolor="white")
+    pixels = Image.open(stream).convert("RGB")
+    pixels = pixels.quantize(PALETTE, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+    packed = io.BytesIO()
+    pixels.save(packed, format="png", optimize=True)
+    return image(packed.getvalue(), words)

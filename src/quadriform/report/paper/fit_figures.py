@@ -1,206 +1,202 @@
-"""Figs. 3, 6 to 9: from points to the superellipsoid to the final model, and from fewer points."""
+"""Figs. 3 and 6 to 9: from points to the superellipsoid to the final model, and from fewer points."""
 
 import numpy as np
-from matplotlib.figure import Figure
+from markupsafe import Markup
 
 from quadriform.fitting.outcome import Fit, rms
+from quadriform.points import Array
 from quadriform.report.paper import drawing
-from quadriform.report.paper.remake import NONE, Remake, Row, beside, mm, shown
-from quadriform.report.paper.results import Results
-from quadriform.report.paper.subjects import Reduced, Subject
+from quadriform.report.paper.material import Material
+from quadriform.report.paper.remake import NONE, SIMILAR, Remake, Row, beside, listed, mm, shown, similar
+from quadriform.report.paper.subjects import Sparse, Subject, before, displacement_field
 
 METHODS = ('method="paper"', "default")
 COLOURS = (drawing.BY_PAPER, drawing.BY_DEFAULT)
 
+WHEN = ("superellipsoid to data", "final model to data")
 
-def crossing_superquadrics(results: Results) -> Remake:
+Tiles = list[tuple[str, Markup]]
+
+
+def crossing_superquadrics(material: Material) -> Remake:
     """Fig. 3."""
-    subject = results.crossing
-    figure, places = drawing.scene(3)
-    drawing.look_at(places, subject.cloud)
-    drawing.draw_cloud(places[0], subject.cloud)
-    places[0].set_title(f"{len(subject.cloud)} points", fontsize=9)
-    for axes, fit, name, colour in zip(places[1:], subject.fits, METHODS, COLOURS):
-        drawing.draw_mesh(axes, fit.model.superquadric().mesh(drawing.RESOLUTION), colour)
-        axes.set_title(f"superellipsoid, {name}", fontsize=9)
+    subject = material.crossing
+    count = f"{len(subject.cloud)} points"
+    pictures = [(count, drawing.in_space(subject.cloud, count, drawing.cloud(subject.cloud)))]
+    for fit, name, colour in zip(subject.fits, METHODS, COLOURS):
+        title, mesh = f"superellipsoid, {name}", fit.model.superquadric().mesh(drawing.RESOLUTION)
+        pictures.append((title, drawing.in_space(subject.cloud, title, drawing.mesh(mesh, colour))))
     words = f"The {subject.name}, and the superellipsoid that each method starts from."
     errors = [fit.superquadric_rms for fit in subject.fits]
+    radius = np.linalg.norm(subject.cloud - subject.cloud.mean(axis=0), axis=1)
     return Remake(
         "Fig. 3",
         "a superellipsoid for three crossing ones",
         "p. 42",
-        "a superellipsoid fitted to three crossing tapered superquadrics is a rough estimate that has to be refined.",
-        [shown(drawing.picture(figure, words), words, subject.source)],
+        "left synthetic data, three crossing superquadrics deformed by a global tapering; right the fit with a "
+        "superellipsoid, a rough estimate of the shape that clearly has to be refined.",
+        [shown(drawing.tiles(pictures), words, subject.source)],
         [_row("error RMS of the superellipsoid", errors)],
-        f"rough it is: {_share(errors[0], subject)} of the cloud's RMS radius. The default's is "
-        f"{beside(errors[1], errors[0])}: it is the start of the refinement, chosen among several.",
+        f"the superellipsoid is rough by both methods: {mm(errors[0])} and {mm(errors[1])} RMS, "
+        f"{errors[0] / rms(radius):.1%} "
+        f"of the RMS radius by the paper's. The error of the default's is {beside(errors[1], errors[0])}.",
     )
-
-
-def _share(error: float, subject: Subject) -> str:
-    radius = np.linalg.norm(subject.cloud - subject.cloud.mean(axis=0), axis=1)
-    return f"{error / rms(radius):.1%}"
 
 
 def _row(name: str, errors: list[float]) -> Row:
     return name, NONE, mm(errors[0]), mm(errors[1])
 
 
-def synthetic_example(results: Results) -> Remake:
+def synthetic_example(material: Material) -> Remake:
     """Fig. 6."""
-    return _from_start_to_end(results.crossing, "Fig. 6", "synthetic", "; synthetic data.")
+    return _from_start_to_end(material.crossing, "Fig. 6", "synthetic example", ".")
 
 
-def medical_example(results: Results) -> Remake:
+def medical_example(material: Material) -> Remake:
     """Fig. 7."""
-    claim = "; a medical image. Clouds have 5,000 to 20,000 points, models 40 to 150 times fewer numbers."
-    return _from_start_to_end(results.first.subject, "Fig. 7", "medical", claim)
+    claim = ". In practice there are 5,000 to 20,000 points, and a compression ratio between 40 and 150."
+    return _from_start_to_end(material.first.subject, "Fig. 7", "medical example", claim)
 
 
 def _from_start_to_end(subject: Subject, name: str, kind: str, claim: str) -> Remake:
     errors = [[fit.superquadric_rms for fit in subject.fits], [fit.rms for fit in subject.fits]]
     shares = [f"{end / start:.0%}" for start, end in zip(*errors)]
-    words = f"The {subject.name}: points; superellipsoid and box; displacements; final model."
+    words = f"The {subject.name}: points; superellipsoid and initial box; displacement field; final model."
     return Remake(
         name,
-        f"from the superellipsoid to the model, {kind}",
+        f"from the superellipsoid to the final model, {kind}",
         "p. 45",
-        f"points, the superellipsoid in its box, the displacements between them, and the final model{claim}",
-        [shown(drawing.picture(_four_steps(subject), words), words, subject.source)],
+        "data; superellipsoid fit and initial box of control points; displacement field between data and "
+        f"superellipsoid; final model after minimization of the displacement field{claim}",
+        [shown(drawing.tiles(_four_steps(subject)), words, subject.source)],
         [
             _row("error RMS of the superellipsoid", errors[0]),
             _row("error RMS of the model", errors[1]),
-            ("what the refinement leaves of it", NONE, *shares),
-            ("numbers in the model", "11 + 375", *(f"{fit.model.n_parameters}" for fit in subject.fits)),
+            ("what the refinement leaves of the error", NONE, *shares),
+            ("parameters of the model", "11 + 375", *(f"{fit.model.n_parameters}" for fit in subject.fits)),
             ("compression ratio", "40 to 150", *(f"{fit.compression_ratio:.1f}" for fit in subject.fits)),
-            ("status", NONE, *(_status(fit) for fit in subject.fits)),
+            ("warnings", NONE, *(_warnings(fit) for fit in subject.fits)),
         ],
-        f"both models have equally many numbers; the default's error is {beside(errors[1][1], errors[1][0])}. "
+        f"the refinement leaves {shares[0]} of the superellipsoid's error by the paper's method and {shares[1]} by "
+        f"default. With as many parameters the default's error is {beside(errors[1][1], errors[1][0])}. "
         + subject.note,
     )
 
 
-def _status(fit: Fit) -> str:
-    return ", ".join(fit.warnings) or "ok"
+def _warnings(fit: Fit) -> str:
+    return ", ".join(fit.warnings) or "none"
 
 
-def _four_steps(subject: Subject) -> Figure:
-    figure, places = drawing.scene(4, 2, 2.5)
-    drawing.look_at(places, np.concatenate([subject.cloud, *(_start(subject, fit) for fit in subject.fits)]))
-    for row, fit, name, colour in zip((places[:4], places[4:]), subject.fits, METHODS, COLOURS):
-        start, model = fit.model.superquadric(subject.surface), fit.model
-        drawing.draw_cloud(row[0], subject.cloud)
-        drawing.draw_mesh(row[1], start.mesh(drawing.RESOLUTION), colour, 0.5)
-        drawing.draw_box(row[1], model.box.with_control_points(model.box.rest))
-        drawing.look_at(row[1:2], model.box.rest.reshape(-1, 3), 1.0)
-        _draw_displacements(row[2], subject, fit, before=True)
-        drawing.draw_mesh(row[3], model.mesh(subject.surface, drawing.RESOLUTION), colour)
-        for axes, title in zip(row, ("points", "superellipsoid", "displacements", "model")):
-            axes.set_title(f"{title}, {name}" if axes is not row[0] else title, fontsize=8)
-    return figure
+def _four_steps(subject: Subject) -> Tiles:
+    starts = [before(fit.model) for fit in subject.fits]
+    around = np.concatenate([subject.cloud, *(start.mesh(subject.surface, 8).vertices for start in starts)])
+    pictures = [("points", drawing.in_space(around, "points", drawing.cloud(subject.cloud)))]
+    for fit, start, name, colour in zip(subject.fits, starts, METHODS, COLOURS):
+        mesh = start.mesh(subject.surface, drawing.RESOLUTION)
+        final = fit.model.mesh(subject.surface, drawing.RESOLUTION)
+        corners = np.concatenate([start.box.control_points.reshape(-1, 3), around])
+        field = displacement_field(start, subject.cloud, subject.surface)
+        steps: dict[str, tuple[Array, list[drawing.Artist]]] = {
+            f"superellipsoid and box, {name}": (corners, [drawing.mesh(mesh, colour, 0.5), drawing.box(start.box)]),
+            f"displacement field, {name}": (around, [drawing.arrows(*field)]),
+            f"final model, {name}": (around, [drawing.mesh(final, colour)]),
+        }
+        pictures += [(title, drawing.in_space(view, title, *artists)) for title, (view, artists) in steps.items()]
+    return pictures
 
 
-def _start(subject: Subject, fit: Fit) -> np.ndarray:
-    return fit.model.superquadric(subject.surface).grid(drawing.RESOLUTION)[0]
-
-
-def _draw_displacements(axes: object, subject: Subject, fit: Fit, before: bool) -> None:
-    """From the closest points of the surface, before or after the deformation, to the data."""
-    model = fit.model
-    rest = type(model)(model.surfaces, model.box.with_control_points(model.box.rest))
-    some = subject.cloud[:: -(-len(subject.cloud) // 500)]
-    feet = (rest if before else model).closest(some, subject.surface)
-    drawing.draw_arrows(axes, feet, some - feet)
-
-
-def displacement_fields(results: Results) -> Remake:
+def displacement_fields(material: Material) -> Remake:
     """Fig. 8."""
-    subject = results.crossing
-    figure, places = drawing.scene(4, width=2.7)
-    drawing.look_at(places, subject.cloud)
-    for axes, (fit, name, before) in zip(
-        places, ((fit, name, before) for fit, name in zip(subject.fits, METHODS) for before in (True, False))
-    ):
-        _draw_displacements(axes, subject, fit, before)
-        axes.set_title(f"{'before' if before else 'after'}, {name}", fontsize=9)
-    words = f"The {subject.name}: displacements from the surface to the points, before and after the deformation."
-    largest = [float(np.abs(fit.residuals).max()) for fit in subject.fits]  # type: ignore[arg-type]
-    errors = [fit.rms for fit in subject.fits]
+    subject = material.crossing
+    pictures: Tiles = []
+    lengths: list[list[Array]] = []
+    for fit, name in zip(subject.fits, METHODS):
+        both = []
+        for model, when in ((before(fit.model), "superellipsoid"), (fit.model, "final model")):
+            at, steps = displacement_field(model, subject.cloud, subject.surface)
+            both.append(np.linalg.norm(steps, axis=1))
+            title = f"{when} to data, {name}"
+            pictures.append((title, drawing.in_space(subject.cloud, title, drawing.arrows(at, steps))))
+        lengths.append(both)
+    count = len(lengths[0][0])
+    rows = [_row(f"displacement RMS, {when}", [rms(both[k]) for both in lengths]) for k, when in enumerate(WHEN)]
+    rows += [_row(f"longest displacement, {when}", [float(b[k].max()) for b in lengths]) for k, when in enumerate(WHEN)]
+    shares = [rms(both[1]) / rms(both[0]) for both in lengths]
     return Remake(
         "Fig. 8",
-        "displacements before and after",
+        "displacement field of the synthetic example",
         "p. 45",
-        "the displacements between superellipsoid and data, and between data and final model; a box of 5 x 5 x 5.",
-        [shown(drawing.picture(figure, words), words, subject.source)],
-        [
-            _row("RMS before", [fit.superquadric_rms for fit in subject.fits]),
-            _row("RMS after", errors),
-            _row("longest after", largest),
-        ],
-        f"both shorten them; the default leaves an RMS {beside(errors[1], errors[0])}.",
+        "left the displacement field between the superellipsoid and the data, right between the final model (box of "
+        "size 5 x 5 x 5) and the data.",
+        [shown(drawing.tiles(pictures), f"All displacements of the {count:,} model points.", subject.source)],
+        rows,
+        f"the field is the paper's: a displacement for each of {count:,} model points, from the data points that chose "
+        f"it or else interpolated. The final model leaves {shares[0]:.0%} of its RMS by the paper's method after "
+        f"{subject.paper.iterations} iterations, and {shares[1]:.0%} by default.",
     )
 
 
-def sparse_data(results: Results) -> Remake:
+def sparse_data(material: Material) -> Remake:
     """Fig. 9."""
-    reduced = results.ventricle
-    rows: list[Row] = []
-    for part, size in ((reduced.planes, "600 of 6,000"), (reduced.part, "900 of 6,000")):
-        count, name = len(part.cloud), part.name
-        rows.append((f"points, {name}", size, *[f"{count} of {len(reduced.whole.cloud)}"] * 2))
-        rows.append(_row(f"RMS to the model of all points, {name}", [_apart(reduced, part, k) for k in (0, 1)]))
-    extra = ""
-    if results.human is not None:
-        rows.append(_row(f"RMS of {len(results.human.cloud)} points of a real heart", _errors(results.human)))
-        extra = " Of the real contours nobody has the complete surface, so their own error alone is given."
-    flat, thin = ([_apart(reduced, p, k) for k in (0, 1)] for p in (reduced.planes, reduced.part))
-    words = f"Sparse points of the {reduced.whole.name}, 100 mm long with noise of 0.5 mm, and both models."
-    pictures = [shown(drawing.picture(_sparse(reduced), words), words, reduced.whole.source)]
-    if results.human is not None:
-        words = "Real sparse data: contours in a few planes, and both models."
-        pictures.append(shown(drawing.picture(_row_of(results.human), words), words, results.human.source))
+    sets = [sparse for sparse in (material.sparse, material.sparse_heart) if sparse is not None]
+    pictures = [
+        shown(
+            drawing.tiles(_sparse_pictures(sparse)),
+            f"The {sparse.whole.name}: sparse points, and the final models of them and of all points.",
+            sparse.whole.source,
+        )
+        for sparse in sets
+    ]
+    missing = "" if material.real else " No real heart was given, so there is no medical example here."
     return Remake(
         "Fig. 9",
-        "from sparse data",
+        "reconstruction from sparse data",
         "p. 46",
-        "a shape similar to that of the complete data comes out of three orthogonal planes and out of a subsample.",
+        "top row from three orthogonal planes (600 of 6,000 points), bottom row a uniform subsampling (900 of 6,000), "
+        "such as the regular grid of tagged MRI; left data, right final model. A complete surface results that is "
+        "similar to the model of the complete data.",
         pictures,
-        rows,
-        f"similar, measured here: to the model of all points the default's distance is {beside(flat[1], flat[0])} "
-        f"from three planes, and {beside(thin[1], thin[0])} from the subsample.{extra}",
+        [row for sparse in sets for row in _sparse_rows(sparse)],
+        f"two surfaces are called similar here when their RMS distance is at most {SIMILAR:.0%} of the length of the "
+        f"body. {' '.join(_sparse_verdict(sparse) for sparse in sets)}{missing}",
     )
 
 
-def _errors(subject: Subject) -> list[float]:
-    return [fit.rms for fit in subject.fits]
+def _sparse_rows(sparse: Sparse) -> list[Row]:
+    whole = sparse.whole
+    rows: list[Row] = []
+    for part, said in zip(sparse.parts, ("600 of 6,000", "900 of 6,000")):
+        count = f"{len(part.cloud)} of {len(whole.cloud):,}"
+        rows.append((f"points, {whole.name}, {part.name}", said, count, count))
+        apart = [sparse.apart(part, method) for method in (0, 1)]
+        rows.append((f"RMS distance to the model of all points, {whole.name}, {part.name}", "similar", *map(mm, apart)))
+    return rows
 
 
-def _apart(reduced: Reduced, part: Subject, method: int) -> float:
-    """RMS distance in mm from the surface of the complete data to that of a part, by the same method."""
-    return rms(part.fits[method].model.distance(reduced.whole.fits[method].model.mesh(resolution=20).vertices))
+def _sparse_verdict(sparse: Sparse) -> str:
+    length, parts = sparse.whole.length, []
+    for part in sparse.parts:
+        paper, default = (sparse.apart(part, method) for method in (0, 1))
+        parts.append(
+            f"from {'a' if part is sparse.grid else 'the'} {part.name} {mm(paper)} by the paper's method, "
+            f"{similar(paper, length)}, and {mm(default)} by default, {similar(default, length)}"
+        )
+    return f"The {sparse.whole.name}, {mm(length)} long: {listed(parts)}."
 
 
-def _sparse(reduced: Reduced) -> Figure:
-    figure, places = drawing.scene(4, 2, 2.5)
-    drawing.look_at(places, reduced.whole.cloud)
-    _draw_row(places[:4], reduced.planes)
-    _draw_row(places[4:], reduced.part)
-    for axes in (places[3], places[7]):
-        drawing.draw_mesh(axes, reduced.whole.default.model.mesh(resolution=drawing.RESOLUTION), drawing.ORANGE)
-        axes.set_title(f"all {len(reduced.whole.cloud)} points, default", fontsize=8)
-    return figure
+def _sparse_pictures(sparse: Sparse) -> Tiles:
+    window, whole = sparse.whole.cloud, sparse.whole
+    pictures: Tiles = []
+    for part in sparse.parts:
+        title = f"{part.name}, {len(part.cloud)} points"
+        pictures.append((title, drawing.in_space(window, title, drawing.cloud(part.cloud, size=4))))
+        pictures += _models(part, part.name, window)
+    return pictures + _models(whole, f"all {len(whole.cloud):,} points", window)
 
 
-def _row_of(subject: Subject) -> Figure:
-    figure, places = drawing.scene(3)
-    drawing.look_at(places, subject.cloud)
-    _draw_row(places, subject)
-    return figure
-
-
-def _draw_row(places: list, subject: Subject) -> None:
-    drawing.draw_cloud(places[0], subject.cloud, size=4)
-    places[0].set_title(f"{len(subject.cloud)} points", fontsize=8)
-    for axes, fit, name, colour in zip(places[1:], subject.fits, METHODS, COLOURS):
-        drawing.draw_mesh(axes, fit.model.mesh(subject.surface, drawing.RESOLUTION), colour)
-        axes.set_title(f"model, {name}", fontsize=8)
+def _models(subject: Subject, name: str, window: Array) -> Tiles:
+    pictures = []
+    for fit, method, colour in zip(subject.fits, METHODS, COLOURS):
+        title, mesh = f"{name}, {method}", fit.model.mesh(subject.surface, drawing.RESOLUTION)
+        pictures.append((title, drawing.in_space(window, title, drawing.mesh(mesh, colour))))
+    return pictures

@@ -4,158 +4,163 @@ from collections.abc import Mapping
 
 import numpy as np
 from markupsafe import Markup
-from matplotlib.figure import Figure
 
 from quadriform.fitting.outcome import flat, rms
 from quadriform.imaging.volume import Volume
 from quadriform.report.paper import drawing
-from quadriform.report.paper.remake import NONE, Remake, Row, beside, mm, shown
-from quadriform.report.paper.results import Results
-from quadriform.report.paper.subjects import Scan
+from quadriform.report.paper.material import Material
+from quadriform.report.paper.remake import NONE, NOT, Remake, Row, beside, mm, shown
+from quadriform.report.paper.scans import Scan
 from quadriform.report.parts import image
-from quadriform.report.slices import slices_png
+from quadriform.report.slices import slice_pictures
 from quadriform.shapes.mesh import Mesh
 
-STAND_IN = " Without real data this page has a stand-in: {}."
-COLUMNS = 6
 MARGIN = 3
 """Voxels around what is shown."""
+SLICES = 12
 
 
-def first_images(results: Results) -> Remake:
+def first_images(material: Material) -> Remake:
     """Fig. 13."""
-    scans = _distinct(results.brain, results.first, results.second)
+    scans = (material.first, material.second)
     return Remake(
         "Fig. 13",
-        "slices of SPECT images",
+        "3D images of the left ventricle, SPECT",
         "p. 48",
-        "slices of two SPECT images, of 64 x 64 x 64 and of 64 x 64 x 21 voxels (p. 47).",
+        "cross sections of two SPECT images in order; volumes of 64 x 64 x 64 and of 64 x 64 x 21 voxels (p. 47).",
         [_slices(scan) for scan in scans],
-        [],
-        _which(results, "the brain, fine and coarse"),
+        [_size(scan, said) for scan, said in zip(scans, ("64 x 64 x 64", "64 x 64 x 21"))],
+        _which(scans[0], "the brain, fine and coarse"),
     )
 
 
-def third_image(results: Results) -> Remake:
+def third_image(material: Material) -> Remake:
     """Fig. 14."""
+    scan = material.third
     return Remake(
         "Fig. 14",
-        "slices of a scanner's image",
+        "3D image of the left ventricle, X-ray scanner",
         "p. 48",
-        "slices of an image of 98 x 100 x 110 voxels of 0.926 mm by the Dynamic Spatial Reconstructor.",
-        [_slices(results.third)],
-        [],
-        _which(results, "a synthetic ventricle in an image of the same size, with blur and noise"),
+        "cross sections of an image by the Dynamic Spatial Reconstructor, a fast CT scanner: 98 x 100 x 110 voxels of "
+        "0.926 mm (p. 47).",
+        [_slices(scan)],
+        [_size(scan, "98 x 100 x 110")],
+        _which(scan, "a synthetic ventricle in an image of the same size, with blur and noise"),
     )
 
 
-def _distinct(*scans: Scan) -> list[Scan]:
-    return list({id(scan): scan for scan in scans}.values())
+def _size(scan: Scan, said: str) -> Row:
+    size = " x ".join(map(str, scan.volume.values.shape))
+    return f"voxels, {scan.subject.name}", said, size, size
 
 
-def _which(results: Results, stand_in: str) -> str:
+def _which(scan: Scan, stand_in: str) -> str:
     """The paper's own images were never published."""
     text = "the paper's images are not public."
-    return text + (" These are other hearts." if results.real else STAND_IN.format(stand_in))
+    return text + (
+        " These are other hearts." if scan.real else f" Without real data this page has a stand-in: {stand_in}."
+    )
 
 
 def _slices(scan: Scan) -> Markup:
-    volume, name = scan.volume, scan.subject.name
+    volume = scan.volume
+    spacing = " x ".join(f"{step:.3g}" for step in volume.spacing)
     sizes = " x ".join(map(str, volume.values.shape))
-    words = f"The {name}: {sizes} voxels of {' x '.join(f'{step:.3g}' for step in volume.spacing)} mm."
-    return shown(drawing.grey_picture(_montage(volume), words), words, scan.subject.source)
+    tiles = _tiles(volume, {})
+    words = f"The {scan.subject.name}: {sizes} voxels of {spacing} mm; {len(tiles)} even cross sections."
+    return shown(drawing.tiles(tiles, "small"), words, scan.subject.source)
 
 
-def _montage(volume: Volume) -> Figure:
-    """Twelve even slices along the third axis."""
-    shape, steps = volume.values.shape, volume.spacing
-    levels = np.unique(np.linspace(0, shape[2] - 1, 14).round().astype(int)[1:-1])
-    rows = -(-len(levels) // COLUMNS)
-    figure = Figure(figsize=(11, 11 / COLUMNS * rows * shape[1] * steps[1] / (shape[0] * steps[0])))
-    low, high = np.percentile(volume.values, [1, 99.5])
-    for place, k in enumerate(levels):
-        axes = figure.add_subplot(rows, COLUMNS, place + 1)
-        grey = volume.values[:, :, k].T
-        axes.imshow(grey, cmap="gray", origin="lower", vmin=low, vmax=high, aspect=steps[1] / steps[0])
-        axes.set_axis_off()
-    figure.subplots_adjust(0, 0, 1, 1, 0.02, 0.02)
-    return figure
-
-
-def first_overlay(results: Results) -> Remake:
+def first_overlay(material: Material) -> Remake:
     """Fig. 15."""
-    what = "the epicardium of the first SPECT image: segmented surface above, model below"
-    return _overlaid("Fig. 15", "first image", "p. 49", what, _distinct(results.brain, results.first))
+    what = (
+        "segmentation and representation of the epicardium for the SPECT MIBI image: top the isosurface superimposed "
+    )
+    what += "on the image, bottom the reconstruction by the model"
+    return _overlaid("Fig. 15", "first image", "p. 49", what, material.first)
 
 
-def second_overlay(results: Results) -> Remake:
+def second_overlay(material: Material) -> Remake:
     """Fig. 16."""
-    what = "the same for the coarser SPECT image"
-    return _overlaid("Fig. 16", "second image", "p. 49", what, [results.second])
+    what = "the same for the second SPECT image"
+    return _overlaid("Fig. 16", "second image", "p. 49", what, material.second)
 
 
-def segmentation(results: Results) -> Remake:
+def segmentation(material: Material) -> Remake:
     """Fig. 17."""
-    scan = results.third
-    near, words = _around(scan.volume, scan.outlines), f"The {scan.subject.name}: the segmented surfaces over slices."
-    picture = image(slices_png(near.values, near.world_from_voxel, scan.outlines, "", 8), words)
+    scan = material.third
+    points = f"{len(scan.subject.cloud):,}"
+    rows = [("points of the isosurface", "10,000", points, points)]
+    verdict = f"the chain gives {points} points: {scan.steps}."
+    if scan.overlap is not None:
+        rows.append(
+            ("Dice overlap with the authors' labels, which the chain does not use", NONE, NOT, f"{scan.overlap:.2f}")
+        )
+        verdict += f" The segmented cavity overlaps the labels made by hand by {scan.overlap:.2f} (Dice)."
     return Remake(
         "Fig. 17",
-        "segmentation of the cavity",
+        "segmentation of the endocardium",
         "p. 49",
-        "the segmented endocardium over slices of the scanner's image.",
-        [shown(picture, words, scan.subject.source)],
-        [],
-        f"made by: {scan.steps}.",
+        "segmentation of the endocardium, the inner wall of the ventricle, in the scanner's image: threshold, largest "
+        "connected component, an equal number of erosions and dilations, isosurface (p. 48).",
+        [_overlay(scan, {"isosurface": (scan.outline, drawing.ORANGE)})],
+        rows,
+        verdict,
     )
 
 
-def third_overlay(results: Results) -> Remake:
+def third_overlay(material: Material) -> Remake:
     """Fig. 18."""
-    what = "the model of the endocardium over slices of the scanner's image"
-    return _overlaid("Fig. 18", "third image", "p. 50", what, [results.third])
+    what = "reconstruction of the endocardium by the model, on the scanner's image"
+    return _overlaid("Fig. 18", "third image", "p. 50", what, material.third)
 
 
-def _overlay(scan: Scan) -> Markup:
-    subject, name = scan.subject, scan.subject.surface
-    outlines = scan.outlines if name not in scan.outlines else {f"isosurface, {name}": scan.outlines[name]}
-    models = {'model, method="paper"': subject.paper, "model, default": subject.default}
-    meshes = dict(outlines) | {key: fit.model.mesh(name, 40) for key, fit in models.items()}
-    words = f"The {subject.name}: segmented surface and both models over slices."
-    near = _around(scan.volume, meshes)
-    data = slices_png(near.values, near.world_from_voxel, meshes, "", 8)
-    return shown(image(data, words), words, subject.source)
+def _overlay(scan: Scan, outlines: Mapping[str, tuple[Mesh, str]]) -> Markup:
+    meshes = {name: mesh for name, (mesh, _) in outlines.items()}
+    key = drawing.legend([(name, colour) for name, (_, colour) in outlines.items()])
+    near = _around(scan.volume, [*meshes.values(), scan.outline])
+    colours = [colour for _, colour in outlines.values()]
+    words = f"The {scan.subject.name}, cross sections: {' and '.join(meshes)}."
+    return shown(drawing.tiles(_tiles(near, meshes, colours), "small") + key, words, scan.subject.source)
 
 
-def _around(volume: Volume, meshes: Mapping[str, Mesh]) -> Volume:
+def _tiles(volume: Volume, meshes: Mapping[str, Mesh], colours: list[str] | None = None) -> list[tuple[str, Markup]]:
+    found = slice_pictures(volume.values, volume.world_from_voxel, meshes, SLICES, colours)
+    return [(f"slice {k}", image(data, f"slice {k}")) for k, data in found.items()]
+
+
+def _around(volume: Volume, meshes: list[Mesh]) -> Volume:
     """The image near some surfaces; all slices, for their numbers."""
-    voxels = np.concatenate([volume.voxels(mesh.vertices) for mesh in meshes.values()])
+    voxels = np.concatenate([volume.voxels(mesh.vertices) for mesh in meshes])
     low, high = np.floor(voxels.min(axis=0)) - MARGIN, np.ceil(voxels.max(axis=0)) + MARGIN + 1
     size = volume.values.shape
     (i0, j0, _), (i1, j1, _) = np.clip([low, high], 0, size).astype(int).tolist()
     return volume.crop(((i0, i1), (j0, j1), (0, size[2])))
 
 
-def _overlaid(name: str, which: str, page: str, what: str, scans: list[Scan]) -> Remake:
-    """The last of the scans stands in the place of the paper's."""
-    scan = scans[-1]
+def _overlaid(name: str, which: str, page: str, what: str, scan: Scan) -> Remake:
     paper, default = (fit.rms for fit in scan.subject.fits)
+    models = {
+        'model, method="paper"': (scan.subject.paper.model.mesh(resolution=40), drawing.BY_PAPER),
+        "model, default": (scan.subject.default.model.mesh(resolution=40), drawing.BY_DEFAULT),
+    }
     return Remake(
         name,
-        f"model over slices, {which}",
+        f"segmentation and model, {which}",
         page,
         f"{what}; 5 x 5 x 5 control points, 11 parameters, 30 iterations (p. 48). Agreement is shown, not measured.",
-        [_overlay(each) for each in scans],
-        [row for each in scans for row in _rows(each)],
-        f"measured here: beside the error of the paper's method that of the default is {beside(default, paper)}. "
-        f"The points: {scan.steps}. {scan.subject.note}",
+        [_overlay(scan, {"isosurface": (scan.outline, drawing.ORANGE)}), _overlay(scan, models)],
+        _rows(scan),
+        f"the points are {mm(paper)} RMS from the paper's model and {mm(default)} from the default's, an error "
+        f"{beside(default, paper)}. The points: {scan.steps}. {scan.subject.note}",
     )
 
 
 def _rows(scan: Scan) -> list[Row]:
     name, fits = scan.subject.name, scan.subject.fits
     rows: list[Row] = [(f"error RMS, {name}", NONE, *(mm(fit.rms) for fit in fits))]
-    if scan.caps is not None:
+    if scan.caps.any():
         measured = (mm(rms(flat(fit.residuals)[~scan.caps])) for fit in fits)
         rows.append((f"the same without the lids where the image cuts the {name}", NONE, *measured))
-    return [*rows, (f"iterations, {name}", "30", *(str(fit.iterations) for fit in fits))]
+    rows.append((f"iterations, {name}", "30", *(str(fit.iterations) for fit in fits)))
+    return [*rows, (f"warnings, {name}", NONE, *(", ".join(fit.warnings) or "none" for fit in fits))]

@@ -1,193 +1,154 @@
-"""Figs. 1, 2, 4 and 5: superellipsoids, their samples, distances to them, and the box that deforms them."""
+"""Figs. 1, 2 and 5, and the kinds without a figure: superquadrics, their samples, the box that deforms them."""
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from markupsafe import Markup
 from scipy.spatial import cKDTree
 
+from quadriform import examples
+from quadriform.examples import ROUNDED_BOX
 from quadriform.points import Array
 from quadriform.report.paper import drawing
-from quadriform.report.paper.remake import NONE, NOT, Remake, mm, shown
-from quadriform.report.paper.results import Results
+from quadriform.report.paper.kinds import Bent
+from quadriform.report.paper.material import Material
+from quadriform.report.paper.remake import NONE, NOT, Remake, Row, mm, shown
 from quadriform.report.paper.subjects import SYNTHETIC
-from quadriform.report.parts import svg
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
 
 GALLERY = (0.1, 0.5, 1.0, 1.5, 2.0)
-"""Exponents, of latitude down the rows and of longitude along them."""
-SQUARE = Superquadric(semi_axes=np.array((50.0, 40.0, 30.0)), exponents=np.array((0.3, 0.3)))
-"""A rounded box: curved at its edges alone."""
-FLAT = Superquadric(semi_axes=np.array((50.0, 30.0, 30.0)), exponents=np.array((0.6, 1.0)))
-"""Its section through the x and z axes is drawn in Fig. 4."""
-OUTSIDE = np.array([[52.0, 0.0, 38.0]])
-"""The point M of Fig. 4, left."""
+"""Exponents, of latitude and of longitude."""
+EDGE = 10.0
+"""The surface is called curved where its normal is farther than this from all axes, in degrees."""
+KIND_NAMES = {
+    "toroid": "supertoroid",
+    "hyperboloid1": "superhyperboloid of one sheet",
+    "hyperboloid2": "superhyperboloid of two sheets",
+}
 
 
-def gallery(_: Results) -> Remake:
+def gallery(_: Material) -> Remake:
     """Fig. 1."""
-    figure, places = drawing.scene(len(GALLERY), len(GALLERY), 1.7)
-    worst = 0.0
-    for axes, (e1, e2) in zip(places, ((a, b) for a in GALLERY for b in GALLERY)):
+    pictures, worst = [], 0.0
+    window = np.array([[-1.0, -1, -1], [1, 1, 1]])
+    for e1, e2 in ((a, b) for a in GALLERY for b in GALLERY):
         body = Superquadric(exponents=np.array((e1, e2)))
-        mesh = body.mesh(48)
-        worst = max(worst, abs(mesh.volume() / body.volume() - 1))
-        drawing.draw_mesh(axes, body.mesh(drawing.RESOLUTION), drawing.ORANGE)
-        drawing.look_at([axes], np.array([[-1.0, -1, -1], [1, 1, 1]]))
-        axes.set_title(f"{e1:g}, {e2:g}", fontsize=8, pad=-4)
-    words = f"{len(places)} superellipsoids with semi-axes 1; over each its two exponents."
+        worst = max(worst, abs(body.mesh(48).volume() / body.volume() - 1))
+        name, surface = f"{e1:g}, {e2:g}", drawing.mesh(body.mesh(drawing.RESOLUTION), drawing.ORANGE)
+        pictures.append((name, drawing.in_space(window, f"superellipsoid, exponents {name}", surface, inches=2.0)))
+    words = f"{len(pictures)} superellipsoids with semi-axes 1; above each its exponents of latitude and longitude."
     return Remake(
         "Fig. 1",
         "superellipsoids",
         "p. 40",
-        "superellipsoids of many shapes; small exponents are square, 1 is round, 2 has flat bevels, more are pinched "
-        "(p. 51).",
-        [shown(drawing.picture(figure, words, 75), words, SYNTHETIC)],
-        [("mesh of 48 cells against the closed form of the volume, largest difference", NONE, NOT, f"{worst:.2%}")],
-        "the same family. Exponents end at 2 here: beyond it bodies are pinched, and neither a fit nor a mesh of one "
-        "can be trusted.",
+        "examples of superellipsoids, a wide variety of shapes. Small exponents are square, 1 is round, 2 has flat "
+        "bevels, larger ones are pinched (p. 51).",
+        [shown(drawing.tiles(pictures, "small"), words, SYNTHETIC)],
+        [("volume of a mesh of 48 cells against the closed form, largest difference", NONE, NOT, f"{worst:.2%}")],
+        f"the same family: {len(pictures)} shapes from nearly a box to flat bevels, whose meshes have the volume of "
+        f"the closed form to {worst:.2%}.",
     )
 
 
-def parametrisations(_: Results) -> Remake:
+def parametrisations(_: Material) -> Remake:
     """Fig. 2."""
-    angles = np.stack(np.meshgrid(_middles(20) / 2, _middles(40), indexing="ij"), -1).reshape(-1, 2)
-    up, around = angles.T
-    directions = np.stack([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)], 1)
     samples = {
-        "natural, P2": SQUARE.natural(angles),
-        "regular, 2.2": SQUARE.surface(directions),
-        "ours: blown-up cube": SQUARE.grid(12)[0],
+        "natural (P2)": examples.rounded_box("natural"),
+        "regular (section 2.2)": examples.rounded_box("regular"),
+        "ours: projected cube": ROUNDED_BOX.grid(12)[0],
     }
-    figure, places = drawing.scene(3)
-    drawing.look_at(places, samples["natural, P2"])
-    for axes, (name, points) in zip(places, samples.items()):
-        drawing.draw_cloud(axes, points, size=5)
-        axes.set_title(f"{name}, {len(points)} points", fontsize=9)
-    gap = [_widest_gap(points) for points in samples.values()]
-    words = "The same rounded box, 100 mm long, sampled in three ways."
+    window = samples["natural (P2)"]
+    pictures = [
+        (f"{name}, {len(points)} points", drawing.in_space(window, name, drawing.cloud(points, size=5)))
+        for name, points in samples.items()
+    ]
+    holes = [_largest_hole(points) for points in samples.values()]
+    curved = [_curved(points) for points in samples.values()]
+    area = _curved_area()
+    words = "A rounded box, 100 mm long, on the closed grid of latitude and longitude, and on our grid."
     return Remake(
         "Fig. 2",
         "two parametrisations",
         "p. 41",
-        "the natural parametrisation crowds points where the surface is curved; rays through an even grid of latitude "
-        "and longitude spread them more evenly.",
-        [shown(drawing.picture(figure, words), words, SYNTHETIC)],
+        "left the natural parametrisation, whose points depend on the curvature: more where it is large. Right the "
+        "regular one, called uniform: rays through a closed grid of latitude and longitude with constant steps.",
+        [shown(drawing.tiles(pictures), words, SYNTHETIC)],
         [
-            ("largest hole between samples, natural", NONE, mm(gap[0]), NOT),
-            ("largest hole between samples, regular", NONE, mm(gap[1]), mm(gap[2])),
+            ("largest distance from the surface to a sample, natural", NONE, mm(holes[0]), NOT),
+            ("largest distance from the surface to a sample, regular", NONE, mm(holes[1]), mm(holes[2])),
+            (f"samples on the curved {area:.0%} of the area, natural", NONE, f"{curved[0]:.0%}", NOT),
+            (f"samples on the curved {area:.0%} of the area, regular", NONE, f"{curved[1]:.0%}", f"{curved[2]:.0%}"),
         ],
-        f"the claim holds: the largest hole shrinks from {mm(gap[0])} to {mm(gap[1])}. The paper's grid still crowds "
-        "its poles. We sample by a cube blown up to a sphere, which has none.",
+        _spread(holes, curved, area),
     )
 
 
-def _middles(count: int) -> Array:
-    """Even angles over a full turn, none of them at its ends."""
-    return np.pi * ((2 * np.arange(count) + 1) / count - 1)
-
-
-def _widest_gap(points: Array) -> float:
-    """The farthest that any point of the surface is from a sample."""
-    return float(cKDTree(points).query(SQUARE.grid(80)[0])[0].max())
-
-
-def distances(_: Results) -> Remake:
-    """Fig. 4."""
-    flat = DeformableModel({"surface": FLAT}, ControlBox.around(FLAT, (2, 2, 2)))
-    radial, nearest = FLAT.project(OUTSIDE), flat.closest(OUTSIDE)
-    lengths = {
-        "radial": float(FLAT.radial_distance(OUTSIDE)[0]),
-        "first order": float(FLAT.first_order_distance(OUTSIDE)[0]),
-        "true": float(flat.distance(OUTSIDE)[0]),
-    }
-    figure = Figure(figsize=(9, 3.6))
-    left, right = figure.subplots(1, 2)
-    _draw_distances(left, radial[0], nearest[0])
-    _draw_matching(right)
-    words = "Left: the point M, where its ray meets the superellipsoid (M0), and the closest point (P). Right: M on "
-    words += "the superellipsoid, the data point nearest to it (P'), and the one to which it is nearest itself (P)."
-    rows = [(f"{name} distance of M", NONE, mm(value), NOT) for name, value in list(lengths.items())[:2]]
-    return Remake(
-        "Fig. 4",
-        "distances, and two closest points",
-        "p. 42",
-        "the distance along the ray from the centre is never less than the true one; |F - 1| / |grad F| is near it for "
-        "points near the surface. Matching each data point to its closest model point is the better choice.",
-        [shown(svg(figure, words), words, SYNTHETIC)],
-        [*rows, ("true distance of M", NONE, NOT, mm(lengths["true"]))],
-        f"the radial distance is {lengths['radial'] / lengths['true']:.2f} times the true one, that of first order "
-        f"{lengths['first order'] / lengths['true']:.2f} times. The paper's method matches as the paper prefers; by "
-        "default foot points slide over the deformed surface, and the distance to it is the true one.",
+def _spread(holes: list[float], curved: list[float], area: float) -> str:
+    evener = abs(curved[1] - area) < abs(curved[0] - area) and holes[1] < holes[0]
+    return (
+        f"the regular parametrisation is {'more' if evener else 'not more'} even than the natural one: its "
+        f"largest hole "
+        f"is {mm(holes[1])} against {mm(holes[0])}, and it puts {curved[1]:.0%} of its samples on the curved "
+        f"{area:.0%} "
+        f"of the area, the natural one {curved[0]:.0%}. It is not uniform: a grid of latitude and longitude crowds its "
+        f"poles, and each pole is {2 * 20 + 1} times in it. Fits sample by a cube projected onto the surface, without "
+        f"poles; largest hole {mm(holes[2])}."
     )
 
 
-def _draw_distances(axes: Axes, radial: Array, nearest: Array) -> None:
-    section = FLAT.natural(np.stack([np.linspace(-np.pi, np.pi, 200), np.zeros(200)], 1))
-    axes.plot(section[:, 0], section[:, 2], color=drawing.GREY)
-    m = OUTSIDE[0]
-    axes.plot([0, m[0]], [0, m[2]], ":", color=drawing.GREY)
-    for point, colour in ((radial, drawing.BY_PAPER), (nearest, drawing.BY_DEFAULT)):
-        axes.plot([m[0], point[0]], [m[2], point[2]], color=colour)
-    for name, point in (("O", np.zeros(3)), ("M", m), ("M0", radial), ("P", nearest)):
-        axes.plot(point[0], point[2], "o", color=drawing.GREY, markersize=4)
-        axes.annotate(name, (point[0], point[2]), (4, 4), textcoords="offset points")
-    axes.set_aspect("equal")
-    axes.set_axis_off()
+def _largest_hole(points: Array) -> float:
+    """The largest distance of a point of the surface from its nearest sample."""
+    return float(cKDTree(points).query(ROUNDED_BOX.grid(80)[0])[0].max())
 
 
-def _draw_matching(axes: Axes) -> None:
-    """A smooth model S under data D with a deep notch."""
-    x = np.linspace(-40, 40, 161)
-    model = np.stack([x, 12 - x**2 / 160], 1)
-    data = np.stack([x, 27 - x**2 / 160 - 13 * np.exp(-((x - 9) ** 2) / 25)], 1)
-    m = model[np.argmin(np.abs(x + 0.0))]
-    nearest = data[cKDTree(data).query(m)[1]]
-    chosen = cKDTree(model).query(data)[1]
-    asking = data[np.argmin(np.linalg.norm(model[chosen] - m, axis=1))]
-    axes.plot(*model.T, color=drawing.GREY)
-    axes.plot(*data.T, color=drawing.ORANGE)
-    for point, name, colour in ((nearest, "P'", drawing.PINK), (asking, "P", drawing.BY_PAPER)):
-        axes.plot(*np.stack([m, point]).T, color=colour)
-        axes.annotate(name, point, (3, 5), textcoords="offset points")
-    axes.annotate("M", m, (-4, -14), textcoords="offset points")
-    axes.annotate("S", model[10], (-14, 0), textcoords="offset points")
-    axes.annotate("D", data[10], (-14, 0), textcoords="offset points")
-    axes.set_aspect("equal")
-    axes.set_axis_off()
+def _curved(points: Array) -> float:
+    """Share of the samples where the surface is curved."""
+    return float(_is_curved(points).mean())
 
 
-def free_form(_: Results) -> Remake:
+def _is_curved(points: Array) -> Array:
+    normals = ROUNDED_BOX.gradient(points)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.asarray(np.abs(normals).max(axis=1) < np.cos(np.radians(EDGE)))
+
+
+def _curved_area() -> float:
+    mesh = ROUNDED_BOX.mesh(80)
+    areas = np.linalg.norm(mesh.area_vectors(), axis=1)
+    return float(areas[_is_curved(mesh.vertices[mesh.faces].mean(axis=1))].sum() / areas.sum())
+
+
+def free_form(_: Material) -> Remake:
     """Fig. 5."""
     body = Superquadric(semi_axes=np.array((30.0, 20.0, 40.0)), exponents=np.array((0.8, 0.8)))
-    before = ControlBox.around(body, (4, 4, 4))
-    model = DeformableModel({"surface": body}, before.with_control_points(_bent(before.control_points)))
-    figure, places = drawing.scene(4, width=2.6)
-    drawing.look_at(places, np.concatenate([model.box.control_points, before.control_points]).reshape(-1, 3), 1.0)
-    titles = ("object", "box", "deformed box", "deformed object")
-    for axes, title, mesh, box in zip(
-        places, titles, (body.mesh(16), None, None, model.mesh(resolution=16)), (before, before, model.box, model.box)
-    ):
-        drawing.draw_box(axes, box)
-        axes.set_title(title, fontsize=9)
-        if mesh is not None:
-            drawing.draw_mesh(axes, mesh, drawing.ORANGE, 0.6)
-    volumes = body.volume(), model.volume()
-    words = (
-        f"A superellipsoid of {volumes[0] / 1000:.0f} ml, its box of 4 x 4 x 4 control points, both bent and widened."
-    )
+    undeformed = ControlBox.around(body, (4, 4, 4))
+    model = DeformableModel({"surface": body}, undeformed.with_control_points(_bent(undeformed.control_points)))
+    window = np.concatenate([model.box.control_points, undeformed.control_points]).reshape(-1, 3)
+    meshes = (body.mesh(drawing.RESOLUTION), model.mesh(resolution=drawing.RESOLUTION))
+    surfaces = [drawing.mesh(mesh, drawing.ORANGE, 0.6) for mesh in meshes]
+    boxes = [drawing.box(undeformed), drawing.box(model.box)]
+    pictures = [
+        ("object in the initial box", (surfaces[0], boxes[0])),
+        ("initial box", (boxes[0],)),
+        ("deformed box", (boxes[1],)),
+        ("deformed object in the deformed box", (surfaces[1], boxes[1])),
+    ]
+    drawn = [(name, drawing.in_space(window, name, *artists)) for name, artists in pictures]
+    volumes, bound = [body.volume() / 1000, model.volume() / 1000], model.min_jacobian()
+    words = "A superellipsoid and its box of 4 x 4 x 4 control points, both bent and widened."
     return Remake(
         "Fig. 5",
         "free-form deformation",
         "p. 43",
-        "an object in a box of control points; when the box is deformed, the object follows.",
-        [shown(drawing.picture(figure, words), words, SYNTHETIC)],
+        "an object in its initial box, the box, the deformed box, and the deformed object in it: the object follows.",
+        [shown(drawing.tiles(drawn), words, SYNTHETIC)],
         [
-            ("volume after deformation", NONE, NOT, f"{volumes[1] / 1000:.0f} ml"),
-            ("proven lower bound of det J inside", NONE, NOT, f"{model.min_jacobian():.2f}"),
+            ("volume of the object before and after", NONE, NOT, f"{volumes[0]:.0f} and {volumes[1]:.0f} ml"),
+            ("proven lower bound of det J inside", NONE, NOT, f"{bound:.2f}"),
         ],
-        "the same deformation. Beyond the paper, a proven bound of the Jacobian says that the map has no fold inside.",
+        f"the same deformation; it changes the volume from {volumes[0]:.0f} to {volumes[1]:.0f} ml. Beyond the paper, "
+        f"the determinant of the map is proven to be at least {bound:.2f} inside the object, so it "
+        f"{'does not fold' if bound > 0 else 'may fold'} there.",
     )
 
 
@@ -196,3 +157,45 @@ def _bent(points: Array) -> Array:
     z = points[..., 2:] / 40
     wide = points * np.concatenate([1 + 0.35 * z, 1 + 0.35 * z, np.ones_like(z)], axis=-1)
     return wide + np.concatenate([25 * z**2, 0 * z, 0 * z], axis=-1)
+
+
+def other_kinds(material: Material) -> Remake:
+    """The three kinds that the paper names and does not draw."""
+    pictures = [picture for bent in material.kinds for picture in _kind_pictures(bent)]
+    rows: list[Row] = []
+    for bent in material.kinds:
+        name = KIND_NAMES[bent.truth.kind]
+        rows.append((f"error RMS of the superquadric, {name}", NONE, mm(bent.error), NOT))
+        rows.append((f"after a bend: the superquadric alone, {name}", NONE, *_each(bent, "superquadric_rms")))
+        rows.append((f"after a bend: the model, {name}", NONE, *_each(bent, "rms")))
+    errors = [f"{bent.error:.2f}" for bent in material.kinds]
+    better = [bent.fits[0].rms < bent.fits[0].superquadric_rms for bent in material.kinds]
+    return Remake(
+        "Section 2",
+        "the other kinds of superquadric",
+        "p. 40",
+        "there are four kinds; the technique is easily adapted to the supertorus and the superhyperboloids of one and "
+        "of two sheets. No figure shows them.",
+        [shown(drawing.tiles(pictures), "Points with noise of 0.5 mm, superquadric, bent points, model.", SYNTHETIC)],
+        rows,
+        f"the same algorithm finds all three: the true surfaces are {', '.join(errors)} mm from the superquadrics "
+        f"fitted to points with noise of 0.5 mm. After a bend the refinement comes nearer than the superquadric in "
+        f"{sum(better)} of {len(better)} cases. The box around a hyperboloid is that of the part that is cut "
+        f"out of it.",
+    )
+
+
+def _each(bent: Bent, quantity: str) -> list[str]:
+    return [mm(getattr(fit, quantity)) for fit in bent.fits]
+
+
+def _kind_pictures(bent: Bent) -> list[tuple[str, Markup]]:
+    name, window = KIND_NAMES[bent.truth.kind], bent.points
+    meshes = [bent.found.superquadric.mesh(drawing.RESOLUTION), bent.fits[0].model.mesh(resolution=drawing.RESOLUTION)]
+    artists = {
+        f"{name}, {len(bent.points)} points": drawing.cloud(bent.points, size=4),
+        "superquadric": drawing.mesh(meshes[0], drawing.BY_PAPER),
+        "points after a bend": drawing.cloud(bent.bent, size=4),
+        'model, method="paper"': drawing.mesh(meshes[1], drawing.BY_PAPER),
+    }
+    return [(title, drawing.in_space(window, title, artist)) for title, artist in artists.items()]

@@ -1,55 +1,118 @@
 """What each regularity costs, on one cloud (paper 4; its Figs. 10 to 12)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from quadriform.fitting.fit import fit
+from quadriform import examples
+from quadriform.fitting.fit import ALONE, fit, refine
 from quadriform.fitting.outcome import Fit
+from quadriform.fitting.superquadric_fit import fit_superquadric
 from quadriform.points import Array
-from quadriform.report.paper import clouds
+from quadriform.report.paper.subjects import Box
 
-COUNTS = (90.0, 64.0, 40.0, 20.0)
-STRENGTHS = (1e-8, 1e-6, 1e-4, 1e-2)
+SHARES = (1.0, 0.88, 0.784, 0.72, 0.64, 0.512, 0.4, 0.32, 0.24, 0.16, 0.112, 0.08)
+"""Singular values kept, as shares of the number of control points; 1 is all above rounding."""
+FOUR = (0, 3, 5, 9)
+"""The settings of Figs. 10 and 11 among them: all, 90, 64 and 20 of 125."""
+STRENGTHS = tuple(10.0**power for power in range(-13, 1))
+BENDING = (1e-8, 1e-6, 1e-4, 1e-2)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Fits from weak to strong regularity.
+
+    Attributes:
+        settings: singular values kept, or strengths.
+        error: RMS distance of the points to the model, in mm, of each setting.
+        moved: RMS displacement |P - P0| of the control points, in mm.
+    """
+
+    settings: Sequence[float]
+    error: Array
+    moved: Array
+
+    def take(self, index: Sequence[int]) -> "Curve":
+        """Some of the settings."""
+        chosen = list(index)
+        return Curve([self.settings[k] for k in chosen], self.error[chosen], self.moved[chosen])
 
 
 @dataclass(frozen=True)
 class TradeOff:
-    """Fits from weak to strong regularity.
+    """Regularities against each other, on the points of a synthetic ventricle.
 
     Attributes:
-        counts: singular values kept.
-        strengths: of springs and of bending.
-        svd: by the paper's method, with so many singular values.
-        springs: by the paper's method, with springs.
-        bending: by the default method, with its bending energy at the same strengths.
-        auto: the default, whose strength is found.
+        svd: truncation of singular values (P8).
+        springs_paper: zero-length springs between control points, P9 as printed.
+        springs: the same springs on the displacement of the control points, our variation.
+        bending: the default method with its bending energy at fixed strengths.
+        four: the fits of the four settings of Fig. 10.
+        auto: the default, which estimates its strength.
     """
 
-    counts: tuple[float, ...]
-    strengths: tuple[float, ...]
-    svd: tuple[Fit, ...]
-    springs: tuple[Fit, ...]
-    bending: tuple[Fit, ...]
+    svd: Curve
+    springs_paper: Curve
+    springs: Curve
+    bending: Curve
+    four: Sequence[Fit]
     auto: Fit
 
 
-def measure_trade_off(
-    resolution: int = 16, counts: tuple[float, ...] = COUNTS, strengths: tuple[float, ...] = STRENGTHS
-) -> TradeOff:
-    """All fits of a synthetic ventricle with 6 n^2 + 2 noisy points."""
-    points = clouds.noisy(clouds.ventricle(resolution))
+def measure_trade_off(box: Box, resolution: int = 16) -> TradeOff:
+    """All fits of 6 n^2 + 2 noisy points; those by the paper's method start from one superquadric."""
+    points = examples.noisy(examples.ventricle(resolution))
+    start = {ALONE: fit_superquadric(points, method="paper").superquadric}
+
+    def by_paper(regularity: str, strength: float | str) -> Fit:
+        return refine(start, {ALONE: points}, method="paper", box=box, regularity=regularity, strength=strength)
+
+    counts = [round(share * int(np.prod(box))) for share in SHARES]
+    svd = [by_paper("svd", "auto" if share == 1 else count) for share, count in zip(SHARES, counts)]
+    bending = [fit(points, box=box, strength=strength) for strength in BENDING]
+    printed, ours = ([by_paper(name, s) for s in STRENGTHS] for name in ("springs-paper", "springs"))
     return TradeOff(
-        counts,
-        strengths,
-        tuple(fit(points, method="paper", regularity="svd", strength=count) for count in counts),
-        tuple(fit(points, method="paper", regularity="springs", strength=strength) for strength in strengths),
-        tuple(fit(points, strength=strength) for strength in strengths),
-        fit(points),
+        curve(counts, svd),
+        curve(STRENGTHS, printed),
+        curve(STRENGTHS, ours),
+        curve(BENDING, bending),
+        [svd[k] for k in FOUR],
+        fit(points, box=box),
     )
 
 
-def errors_and_motions(fits: tuple[Fit, ...]) -> tuple[Array, Array]:
-    """Error RMS and RMS displacement of the box from rest, in mm, of each fit."""
-    moved = [np.linalg.norm(f.model.box.control_points - f.model.box.rest, axis=-1).ravel() for f in fits]
-    return np.array([f.rms for f in fits]), np.sqrt([np.mean(m**2) for m in moved])
+def curve(settings: Sequence[float], fits: Sequence[Fit]) -> Curve:
+    """Errors and motions of fits."""
+    return Curve(settings, np.array([f.rms for f in fits]), np.array([moved(f) for f in fits]))
+
+
+def moved(fit: Fit) -> float:
+    """RMS displacement |P - P0| of the control points, in mm."""
+    box = fit.model.box
+    return float(np.sqrt(((box.control_points - box.rest) ** 2).sum(axis=-1).mean()))
+
+
+def turning(curve: Curve) -> int:
+    """The setting with the least motion; beyond it stronger regularity moves the box more again."""
+    return int(np.argmin(curve.moved))
+
+
+def ratios(one: Curve, other: Curve, count: int = 50) -> Array:
+    """Motion of the other curve over that of the one at equal errors, up to where each turns back; empty if none."""
+    fronts = [_front(each) for each in (one, other)]
+    low, high = max(front[0][0] for front in fronts), min(front[0][-1] for front in fronts)
+    if low >= high:
+        return np.empty(0)
+    errors = np.linspace(low, high, count)
+    first, second = (np.interp(errors, *front) for front in fronts)
+    return np.exp(second - first)
+
+
+def _front(curve: Curve) -> tuple[Array, Array]:
+    """Logarithms of error and motion of the settings that no other beats in both, errors ascending."""
+    order = np.lexsort((curve.moved, curve.error))
+    moved = curve.moved[order]
+    best = moved < np.r_[np.inf, np.minimum.accumulate(moved)[:-1]]
+    return np.log(curve.error[order][best]), np.log(moved[best])

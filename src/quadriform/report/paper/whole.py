@@ -1,47 +1,63 @@
-"""The whole page: all figures of the paper in their order, and one table of its numbers."""
+"""The whole page: the figures of the paper in their order, and one table of its numbers."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from quadriform.errors import choose
+from quadriform.fitting.options import check_box
 from quadriform.fitting.outcome import Progress
-from quadriform.report.page import Section, page
-from quadriform.report.paper import fit_figures, image_figures, regularity_figures, shape_figures, surface_figures
+from quadriform.report.page import Section, page, source
+from quadriform.report.paper import (
+    fit_figures,
+    image_figures,
+    iteration_figure,
+    matching_figure,
+    regularity_figures,
+    shape_figures,
+    space_figures,
+    surface_figures,
+)
+from quadriform.report.paper.material import Material
 from quadriform.report.paper.remake import HEADER, NONE, Remake
-from quadriform.report.paper.results import Results, collect, count
-from quadriform.report.paper.subjects import check_hearts
+from quadriform.report.paper.scans import check_hearts
 from quadriform.report.parts import table
 
-FIGURES: tuple[Callable[[Results], Remake], ...] = (
-    shape_figures.gallery,
-    shape_figures.parametrisations,
-    fit_figures.crossing_superquadrics,
-    shape_figures.distances,
-    shape_figures.free_form,
-    fit_figures.synthetic_example,
-    fit_figures.medical_example,
-    fit_figures.displacement_fields,
-    fit_figures.sparse_data,
-    regularity_figures.four_boxes,
-    regularity_figures.error_and_motion,
-    regularity_figures.both_regularities,
-    image_figures.first_images,
-    image_figures.third_image,
-    image_figures.first_overlay,
-    image_figures.second_overlay,
-    image_figures.segmentation,
-    image_figures.third_overlay,
-    surface_figures.first_surface,
-    surface_figures.second_surface,
-    surface_figures.third_surface,
-    surface_figures.iterations,
-    regularity_figures.outliers,
-)
-"""Fig. 1 to Fig. 22, and what has no figure."""
+FIGURES: dict[str, Callable[[Material], Remake]] = {
+    "1": shape_figures.gallery,
+    "kinds": shape_figures.other_kinds,
+    "2": shape_figures.parametrisations,
+    "3": fit_figures.crossing_superquadrics,
+    "4": matching_figure.distances,
+    "5": shape_figures.free_form,
+    "6": fit_figures.synthetic_example,
+    "7": fit_figures.medical_example,
+    "8": fit_figures.displacement_fields,
+    "9": fit_figures.sparse_data,
+    "space": space_figures.whole_space,
+    "10": regularity_figures.four_boxes,
+    "11": regularity_figures.error_and_motion,
+    "12": regularity_figures.both_regularities,
+    "13": image_figures.first_images,
+    "14": image_figures.third_image,
+    "15": image_figures.first_overlay,
+    "16": image_figures.second_overlay,
+    "17": image_figures.segmentation,
+    "18": image_figures.third_overlay,
+    "19": surface_figures.first_surface,
+    "20": surface_figures.second_surface,
+    "21": surface_figures.third_surface,
+    "22": iteration_figure.iterations,
+    "outliers": regularity_figures.outliers,
+}
+"""The figures of the paper by number, and three things that it says without a figure."""
 TITLE = "A Parametric Deformable Model to Fit Unstructured 3D Data, made again"
 LEAD = (
-    "E. Bardinet, L. D. Cohen, N. Ayache, Computer Vision and Image Understanding 71(1):39-54, 1998: each figure, by "
-    'the method of the paper to the letter (method="paper") and by the default of quadriform. Pages are those of the '
-    "paper; blue is the paper's method, green the default. {}"
+    "E. Bardinet, L. D. Cohen, N. Ayache, Computer Vision and Image Understanding 71(1):39-54, 1998: each "
+    "figure by the "
+    'algorithm of the paper (method="paper": P7 by SVD with all singular values above rounding, 30 iterations) and by '
+    "the default of quadriform, with {} control points. Pages are those of the paper; blue is the paper's "
+    "method, green "
+    "the default. {}"
 )
 HEARTS = "Hearts are real, but not the paper's, whose images are not public."
 NO_HEARTS = (
@@ -49,43 +65,48 @@ NO_HEARTS = (
 )
 
 
-def paper_page(folder: Path | None = None, progress: Progress | None = None) -> bytes:
-    """Read, fit and draw everything.
+def paper_page(
+    folder: Path | None = None,
+    progress: Progress | None = None,
+    figures: Sequence[str] = (),
+    box: tuple[int, int, int] = (5, 5, 5),
+) -> bytes:
+    """Read, fit and draw what the figures need.
 
     Args:
-        folder: of real hearts, with the files `subjects.NEEDED` in it; None does without.
-        progress: called with (pieces done, pieces in all): each set of data, then each figure.
+        folder: of real hearts, with the files `scans.NEEDED` in it; None does without.
+        progress: called with (figures done, figures in all).
+        figures: names of `FIGURES`; none means all.
+        box: control points of the models along each axis.
 
     Returns:
         The page, in UTF-8.
 
     Raises:
+        OptionError: no such figure, or the box is out of its range.
         InputError, FileFormatError: a file of the folder is missing or damaged.
     """
+    for name in figures:
+        choose(name, tuple(FIGURES), "figure")
     if folder is not None:
         check_hearts(folder)
-    done, total = 0, count(folder) + len(FIGURES)
-
-    def step() -> None:
-        nonlocal done
-        done += 1
-        if progress is not None:
-            progress(done, total)
-
-    return drawn(collect(folder, step), step)
+    chosen = [name for name in FIGURES if not figures or name in figures]
+    return drawn(Material(folder, check_box(box)), chosen, progress)
 
 
-def drawn(results: Results, step: Callable[[], None]) -> bytes:
-    """The page of given results; `step` is called after each figure."""
+def drawn(material: Material, figures: Sequence[str], progress: Progress | None = None) -> bytes:
+    """The page of some figures."""
     remakes = []
-    for draw in FIGURES:
-        remakes.append(draw(results))
-        step()
-    lead = LEAD.format(HEARTS if results.real else NO_HEARTS)
-    return page(TITLE, lead, [_summary(remakes), *(remake.section() for remake in remakes)])
+    for done, name in enumerate(figures, 1):
+        remakes.append(FIGURES[name](material))
+        if progress is not None:
+            progress(done, len(figures))
+    lead = LEAD.format(" x ".join(map(str, material.box)), HEARTS if material.real else NO_HEARTS)
+    sections = [*_summary(remakes), *(remake.section() for remake in remakes)]
+    return page(TITLE, lead, sections, source("paper.css"))
 
 
-def _summary(remakes: list[Remake]) -> Section:
+def _summary(remakes: list[Remake]) -> list[Section]:
     """All numbers that the paper gives, or claims in words, beside ours."""
     rows = [(remake.name, *row) for remake in remakes for row in remake.rows if row[1] != NONE]
-    return Section("What the paper says in numbers", table(("", *HEADER), rows))
+    return [Section("What the paper says in numbers", table(("", *HEADER), rows))] if rows else []

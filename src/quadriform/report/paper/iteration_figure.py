@@ -1,0 +1,107 @@
+"""Fig. 22: error and motion of the box in each iteration, to convergence."""
+
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from quadriform.report.paper import drawing
+from quadriform.report.paper.convergence import LONGEST, SETTLED, STOP, Convergence
+from quadriform.report.paper.material import Material
+from quadriform.report.paper.remake import NONE, NOT, Remake, Row, beside, listed, mm, shown
+from quadriform.report.slices import COLOURS
+
+QUANTITIES = {
+    "error": "least-squares error RMS, mm",
+    "box_motion": "motion of the box RMS, mm",
+    "surface_motion": "stop test: motion of the surface RMS, mm",
+}
+LEAST = 1e-6
+"""Motions in mm below this are not drawn."""
+
+
+def iterations(material: Material) -> Remake:
+    """Fig. 22."""
+    found = material.convergence
+    pictures = [(label, _curves(found, quantity, label)) for quantity, label in QUANTITIES.items()]
+    label = "distance of the points to the model RMS, mm"
+    pictures.append((f"{label}; dashed: default", _distances(found, label)))
+    key = drawing.legend([(each.subject.name, colour) for each, colour in zip(found, COLOURS)])
+    sources = "; ".join(dict.fromkeys(each.subject.source for each in found))
+    return Remake(
+        "Fig. 22",
+        "error and deformation of the box against the iterations",
+        "p. 51",
+        "left the least-squares approximation error ||BP - X|| between data and models, right the deformation of the "
+        "box ||P(n+1) - P(n)||, against the number of iterations, a curve for each of four sets of data; 30 iterations "
+        "(p. 48). The stop test is ||X(n+1) - X(n)|| (p. 44).",
+        [shown(drawing.tiles(pictures, "charts") + key, "The paper's method, iterated until its stop test.", sources)],
+        [row for each in found for row in _rows(each)],
+        _verdict(found),
+    )
+
+
+def _curves(found: list[Convergence], quantity: str, label: str) -> Markup:
+    def draw(axes: Any) -> None:
+        for each, colour in zip(found, COLOURS):
+            values = np.array([getattr(record, quantity) for record in each.long.history])
+            shown_ = values > LEAST
+            axes.plot(np.arange(1, len(values) + 1)[shown_], values[shown_], color=colour)
+        axes.axvline(30, color=drawing.GREY, linestyle=":", linewidth=1)
+
+    return drawing.chart(draw, label, "iteration (dotted: 30)", label.split(":")[-1].strip(), "log")
+
+
+def _distances(found: list[Convergence], label: str) -> Markup:
+    """Errors of the paper's method after some iterations, and of the default, in the same measure."""
+
+    def draw(axes: Any) -> None:
+        for each, colour in zip(found, COLOURS):
+            axes.plot(each.steps, each.errors, "o-", color=colour, markersize=4)
+            axes.axhline(each.subject.default.rms, color=colour, linestyle="--")
+        axes.set_xscale("symlog", linthresh=1)
+        axes.set_xlim(left=0)
+
+    return drawing.chart(draw, label, "iteration", "distance RMS, mm", "log")
+
+
+def _rows(each: Convergence) -> list[Row]:
+    name, subject = each.subject.name, each.subject
+    first, last = each.long.history[0], each.long.history[-1]
+    settled = "not reached" if each.converged is None else str(each.converged)
+    return [
+        (
+            f"distance RMS after {subject.paper.iterations} iterations, {name}",
+            NONE,
+            mm(subject.paper.rms),
+            mm(subject.default.rms),
+        ),
+        (
+            f"distance RMS at the stop test, {name}",
+            NONE,
+            f"{mm(each.long.rms)} in {each.long.iterations}",
+            mm(subject.default.rms),
+        ),
+        (f"least-squares error, first and last, {name}", "curve", f"{mm(first.error)}, {mm(last.error)}", NOT),
+        (f"motion of the box, first and last, {name}", "curve", f"{mm(first.box_motion)}, {mm(last.box_motion)}", NOT),
+        (f"iterations until the error stays within {SETTLED:.0%} of its last value, {name}", "30", settled, NOT),
+    ]
+
+
+def _verdict(found: list[Convergence]) -> str:
+    """Which sets need more than 30 iterations, and how errors in the same measure compare at the end."""
+    late = [each for each in found if each.converged is None or each.converged > each.subject.paper.iterations]
+    settled = [f"{each.subject.name}: {each.converged or f'not by {LONGEST}'}" for each in found]
+    compared = [
+        f"{each.subject.name} {beside(each.subject.default.rms, each.long.rms)} ({mm(each.subject.default.rms)} "
+        f"and {mm(each.long.rms)})"
+        for each in found
+    ]
+    enough = f"30 iterations are enough for {len(found) - len(late)} of {len(found)} sets of data"
+    return (
+        f"each set was iterated until the surface moved less than {STOP:g} of the RMS radius, at most {LONGEST} times. "
+        f"{enough}; the error has converged after these numbers of iterations: {listed(settled)}. The distance of the "
+        f"points to the model compares both methods in the same measure, at the paper's last iteration. The "
+        f"default's is, "
+        f"on the {listed(compared)}."
+    )
