@@ -35,7 +35,12 @@ Artist = Callable[[Any], object]
 
 
 def in_space(
-    window: Array, words: str, *artists: Artist, view: tuple[float, float] = VIEW, inches: float = 2.8
+    window: Array,
+    words: str,
+    *artists: Artist,
+    view: tuple[float, float] = VIEW,
+    inches: float = 2.8,
+    zoom: float = 1.12,
 ) -> Markup:
     """A picture of what the artists draw.
 
@@ -45,6 +50,7 @@ def in_space(
         *artists: of `cloud`, `mesh`, `box`, `arrows`.
         view: elevation and azimuth in degrees.
         inches: width of the picture, 100 pixels each.
+        zoom: smaller for windows that are turned against the axes.
     """
     from matplotlib.figure import Figure
 
@@ -57,7 +63,7 @@ def in_space(
         draw(axes)
     low, high = window.min(axis=0), window.max(axis=0)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    axes.set_box_aspect(high - low, zoom=1.25)
+    axes.set_box_aspect(high - low, zoom=zoom)
     return _packed(figure, words)
 
 
@@ -138,7 +144,7 @@ def _plain(axes: Any) -> None:
         if axis.get_scale() != "log":
             continue
         low, high = axis.get_view_interval()
-        between = "25" if high < 100 * low else ""
+        between = "123456789" if high < 4 * low else "25" if high < 100 * low else ""
         axis.set_major_formatter("{x:g}")
         axis.set_minor_formatter(FuncFormatter(lambda x, _, s=between: f"{x:g}" if s and f"{x:e}"[0] in s else ""))
         axis.set_tick_params(which="both", labelsize=TEXT)

@@ -96,12 +96,18 @@ def _four_steps(subject: Subject) -> Tiles:
         final = fit.model.mesh(subject.surface, drawing.RESOLUTION)
         corners = np.concatenate([start.box.control_points.reshape(-1, 3), around])
         field = displacement_field(start, subject.cloud, subject.surface)
-        steps: dict[str, tuple[Array, list[drawing.Artist]]] = {
-            f"superellipsoid and box, {name}": (corners, [drawing.mesh(mesh, colour, 0.5), drawing.box(start.box)]),
-            f"displacement field, {name}": (around, [drawing.arrows(*field)]),
-            f"final model, {name}": (around, [drawing.mesh(final, colour)]),
+        steps: dict[str, tuple[Array, list[drawing.Artist], float]] = {
+            f"superellipsoid and box, {name}": (
+                corners,
+                [drawing.mesh(mesh, colour, 0.5), drawing.box(start.box)],
+                0.9,
+            ),
+            f"displacement field, {name}": (around, [drawing.arrows(*field)], 1.12),
+            f"final model, {name}": (around, [drawing.mesh(final, colour)], 1.12),
         }
-        pictures += [(title, drawing.in_space(view, title, *artists)) for title, (view, artists) in steps.items()]
+        pictures += [
+            (title, drawing.in_space(view, title, *artists, zoom=z)) for title, (view, artists, z) in steps.items()
+        ]
     return pictures
 
 

@@ -60,6 +60,7 @@ def _distances(found: list[Convergence], label: str) -> Markup:
             axes.plot(each.steps, each.errors, "o-", color=colour, markersize=4)
             axes.axhline(each.subject.default.rms, color=colour, linestyle="--")
         axes.set_xscale("symlog", linthresh=1)
+        axes.xaxis.set_major_formatter("{x:g}")
         axes.set_xlim(left=0)
 
     return drawing.chart(draw, label, "iteration", "distance RMS, mm", "log")

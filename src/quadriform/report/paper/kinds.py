@@ -19,8 +19,8 @@ TRUE = (
     Superquadric("hyperboloid1", np.array((25.0, 20.0, 30.0)), np.array((0.8, 0.7)), height=50),
     Superquadric("hyperboloid2", np.array((15.0, 20.0, 20.0)), np.array((1.0, 0.8)), height=50),
 )
-CURVATURE = 0.001
-"""Of the bend in 1 / mm: about 1 mm at the ends."""
+CURVATURES = (0.008, 0.002, 0.001)
+"""Of the bends in 1 / mm: 1 to 3 mm at the ends."""
 
 
 @dataclass(frozen=True)
@@ -49,15 +49,15 @@ Kinds = Sequence[Bent]
 
 def measure_kinds(box: Box, resolution: int = 10) -> Kinds:
     """One body of each kind."""
-    return [_bent(truth, box, resolution) for truth in TRUE]
+    return [_bent(truth, curvature, box, resolution) for truth, curvature in zip(TRUE, CURVATURES)]
 
 
-def _bent(truth: Superquadric, box: Box, resolution: int) -> Bent:
+def _bent(truth: Superquadric, curvature: float, box: Box, resolution: int) -> Bent:
     surface = truth.grid(resolution)[0]
     points = examples.noisy(surface)
     found = fit_superquadric(points, truth.kind, "paper")
     error = rms(found.superquadric.first_order_distance(surface))
-    moved = bend(points, CURVATURE)
+    moved = bend(points, curvature)
     fits = (
         fit(moved, kind=truth.kind, method="paper", box=box),
         fit(moved, kind=truth.kind, box=box),

@@ -40,7 +40,7 @@ def four_boxes(material: Material) -> Remake:
         colour = drawing.BY_DEFAULT if name == "default" else drawing.BY_PAPER
         mesh = drawing.mesh(fit.model.mesh(resolution=drawing.RESOLUTION), colour, 0.7)
         window = fit.model.box.control_points.reshape(-1, 3)
-        pictures.append((name, drawing.in_space(window, name, mesh, drawing.box(fit.model.box))))
+        pictures.append((name, drawing.in_space(window, name, mesh, drawing.box(fit.model.box), zoom=1.0)))
     words = "Control boxes of a synthetic ventricle and the models in them; each picture has its own scale."
     motions = [moved(fit) for fit in trade.four]
     falling = all(one > other for one, other in pairwise(motions))
@@ -126,9 +126,7 @@ def both_regularities(material: Material) -> Remake:
             axes.plot(each.error, each.moved, style, color=colour, markersize=4)
         axes.plot(trade.auto.rms, moved(trade.auto), "*", color=drawing.GREY, markersize=11)
 
-    picture = drawing.chart(
-        draw, "motion of the box against the error", "error RMS, mm", "box moved RMS, mm", "log", size=(7, 4.6)
-    )
+    picture = drawing.chart(draw, "motion of the box against the error", "error RMS, mm", "box moved RMS, mm", "log")
     key = [(name, colour) for name, _, _, colour in CURVES] + [("star: default, strength estimated", drawing.GREY)]
     words = "Motion of the box against the error for each regularity; the noise of the data is 0.5 mm."
     found = ratios(trade.svd, trade.springs_paper)
@@ -145,7 +143,7 @@ def both_regularities(material: Material) -> Remake:
         "p. 47",
         "the norm of the deformation of the box against the least-squares approximation error, a curve for "
         "regularization with SVD and one with a regularizing term (P9). The two methods are called equivalent.",
-        [shown(picture + drawing.legend(key), words, SYNTHETIC)],
+        [shown(drawing.tiles([("motion against error", picture)], "one") + drawing.legend(key), words, SYNTHETIC)],
         [
             ("motion with P9 over motion with SVD, at equal errors, least", "equivalent", low, NOT),
             ("motion with P9 over motion with SVD, at equal errors, most", "equivalent", high, NOT),

@@ -64,7 +64,7 @@ def measure_matchings(box: Box, resolution: int = 32) -> dict[str, Matching]:
         "dense: three crossing superquadrics": _matching(crossing, crossing, box),
         "dense: ventricle without noise": _matching(truth, truth, box),
         "dense: ventricle, noise 0.5 mm": _matching(noisy, truth, box),
-        "sparse: the same on three planes": _matching(examples.three_planes(noisy), truth, box),
+        "sparse: ventricle, noise 0.5 mm, three planes": _matching(examples.three_planes(noisy), truth, box),
     }
 
 

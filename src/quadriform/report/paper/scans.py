@@ -8,7 +8,6 @@ import numpy as np
 
 from quadriform.errors import InputError
 from quadriform.imaging.image_points import ImagePoints, points_from_image
-from quadriform.imaging.isosurface import Border
 from quadriform.imaging.reading import example_volume, read_volume
 from quadriform.imaging.segmentation import Mask
 from quadriform.imaging.selection import Select
@@ -48,7 +47,6 @@ class Chain:
         region: half-open ranges of voxels around the heart; None is the whole image.
         closing: as many dilations as erosions.
         connectivity: 26, or 6 where a thin bridge joins the object to something else.
-        border: "close" puts lids where the image or the region cuts the object, "open" leaves it open there.
     """
 
     select: Select
@@ -56,17 +54,16 @@ class Chain:
     region: Region | None = None
     closing: int = 0
     connectivity: Literal[6, 26] = 26
-    border: Border = "close"
 
     def points(self, image: Volume) -> ImagePoints:
-        """Points of the isosurface."""
+        """Points of the isosurface; where the image or the region cuts the object, a lid closes it."""
         return points_from_image(
             image,
             select=self.select,
             region=self.region,
             connectivity=self.connectivity,
             closing=self.closing,
-            border=self.border,
+            border="close",
         )
 
     @property
@@ -83,7 +80,7 @@ WHOLE_BRAIN = Chain("otsu", "of Otsu", closing=2)
 COARSE_BRAIN = Chain("otsu", "of Otsu", closing=1)
 SPECT_WALL = Chain(HALF, "half of the 99.9th percentile", ((17, 53), (12, 52), (10, 34)), closing=8)
 """The closing fills the cavity, so that the isosurface is the epicardium."""
-PIG_CAVITY = Chain(45.0, "45", ((46, 116), (44, 108), (3, 12)), closing=6, connectivity=6, border="open")
+PIG_CAVITY = Chain(42.0, "42", ((48, 118), (40, 110), (2, 11)), closing=6, connectivity=6)
 
 
 @dataclass(frozen=True)

@@ -133,7 +133,7 @@ def free_form(_: Material) -> Remake:
         ("deformed box", (boxes[1],)),
         ("deformed object in the deformed box", (surfaces[1], boxes[1])),
     ]
-    drawn = [(name, drawing.in_space(window, name, *artists)) for name, artists in pictures]
+    drawn = [(name, drawing.in_space(window, name, *artists, zoom=1.0)) for name, artists in pictures]
     volumes, bound = [body.volume() / 1000, model.volume() / 1000], model.min_jacobian()
     words = "A superellipsoid and its box of 4 x 4 x 4 control points, both bent and widened."
     return Remake(
@@ -198,4 +198,4 @@ def _kind_pictures(bent: Bent) -> list[tuple[str, Markup]]:
         "points after a bend": drawing.cloud(bent.bent, size=4),
         'model, method="paper"': drawing.mesh(meshes[1], drawing.BY_PAPER),
     }
-    return [(title, drawing.in_space(window, title, artist)) for title, artist in artists.items()]
+    return [(title, drawing.in_space(window, title, artist, zoom=1.0)) for title, artist in artists.items()]

@@ -98,7 +98,7 @@ def whole_space(material: Material) -> Remake:
                 f"{folded[2]:.1%}",
             ),
         ],
-        f"the lattice follows both walls. The map folds in {folded[0]:.1%} of the box with all singular values, in "
+        f"the map folds (det J <= 0) in {folded[0]:.1%} of the box with all singular values, in "
         f"{folded[1]:.1%} with {kept} of them, and in {folded[2]:.1%} by default, at {SAMPLES}^3 places; where "
         f"it folds "
         "it is no deformation of tissue.",

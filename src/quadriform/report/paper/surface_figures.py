@@ -5,7 +5,7 @@ from markupsafe import Markup
 
 from quadriform.report.paper import drawing
 from quadriform.report.paper.material import Material
-from quadriform.report.paper.remake import NONE, Remake, Row, beside, mm, shown
+from quadriform.report.paper.remake import NONE, Remake, Row, beside, listed, mm, shown
 from quadriform.report.paper.scans import Scan
 from quadriform.report.paper.space_figures import wall_rows, wall_verdict
 
@@ -48,9 +48,11 @@ def third_surface(material: Material) -> Remake:
 
 
 def _surface(name: str, page: str, claim: str, said: tuple[str, str], scan: Scan, views: int) -> Remake:
-    fits = scan.subject.fits
-    ratio, errors = fits[0].compression_ratio, [fit.rms for fit in fits]
-    parameters, points = fits[0].model.n_parameters, len(scan.subject.cloud)
+    fits, points = scan.subject.fits, len(scan.subject.cloud)
+    errors = [fit.rms for fit in fits]
+    counts = listed([str(fit.model.n_parameters) for fit in fits])
+    ratios = listed([f"{fit.compression_ratio:.1f}" for fit in fits])
+    paper = fits[0].model.n_parameters
     return Remake(
         name,
         f"isosurface and model, {scan.subject.name}",
@@ -58,9 +60,10 @@ def _surface(name: str, page: str, claim: str, said: tuple[str, str], scan: Scan
         claim,
         [_beside(scan, views)],
         _rows(scan, said),
-        f"{points:,} points are {3 * points:,} coordinates, and the model has {parameters} parameters: a ratio of "
-        f"{ratio:.1f} for both methods. The paper counts {parameters} parameters as {parameters / 3:.1f} points. At "
-        f"that ratio the default's error is {beside(errors[1], errors[0])} ({mm(errors[1])} and {mm(errors[0])}).",
+        f"{points:,} points are {3 * points:,} coordinates, and the models have {counts} parameters: ratios of "
+        f"{ratios}. "
+        f"The paper counts {paper} parameters as {paper / 3:.1f} points. The default's error at its ratio is "
+        f"{beside(errors[1], errors[0])} ({mm(errors[1])} and {mm(errors[0])}).",
     )
 
 
