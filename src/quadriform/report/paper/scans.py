@@ -80,7 +80,8 @@ WHOLE_BRAIN = Chain("otsu", "of Otsu", closing=2)
 COARSE_BRAIN = Chain("otsu", "of Otsu", closing=1)
 SPECT_WALL = Chain(HALF, "half of the 99.9th percentile", ((17, 53), (12, 52), (10, 34)), closing=8)
 """The closing fills the cavity, so that the isosurface is the epicardium."""
-PIG_CAVITY = Chain(42.0, "42", ((48, 118), (40, 110), (2, 11)), closing=6, connectivity=6)
+PIG_REGION: Region = ((48, 118), (40, 110), (2, 11))
+PIG_CAVITY = Chain(42.0, "42", PIG_REGION, closing=6, connectivity=6)
 
 
 @dataclass(frozen=True)
@@ -172,8 +173,7 @@ def pig(folder: Path, box: Box) -> Scan:
     """Endocardium of a pig from the grey image; the labels serve for a comparison only."""
     image = read_volume(folder / PIG_IMAGE, 0)
     scan, found = _scan(image, PIG_CAVITY, "pig's ventricle", PIG, box, real=True)
-    assert PIG_CAVITY.region is not None
-    inside = tuple(slice(*pair) for pair in PIG_CAVITY.region)
+    inside = tuple(slice(*pair) for pair in PIG_REGION)
     by_hand = read_volume(folder / PIG_LABELS, 0).values[inside] == CAVITY_LABEL
     mask = found.segmentation.mask[inside]
     return replace(scan, overlap=float(2 * (mask & by_hand).sum() / (mask.sum() + by_hand.sum())))
