@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from quadriform import examples
-from quadriform.fitting.fit import ALONE, fit, refine
+from quadriform.fitting.clouds import ALONE
+from quadriform.fitting.fit import fit, refine
 from quadriform.fitting.outcome import rms
 from quadriform.fitting.superquadric_fit import fit_superquadric
 from quadriform.points import Array

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadriform.fitting.fit import ALONE, fit
+from quadriform.fitting.clouds import ALONE
+from quadriform.fitting.fit import fit
 from quadriform.fitting.matching import data_to_model
 from quadriform.fitting.outcome import Fit, rms
 from quadriform.points import Array

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadriform import examples
-from quadriform.fitting.fit import ALONE, fit, refine
+from quadriform.fitting.clouds import ALONE
+from quadriform.fitting.fit import fit, refine
 from quadriform.fitting.outcome import Fit
 from quadriform.fitting.superquadric_fit import fit_superquadric
 from quadriform.points import Array
