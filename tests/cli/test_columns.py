@@ -1,6 +1,8 @@
-"""Columns, normals and units on the terminal."""
+"""Columns, normals and units on the terminal; names of files that are not UTF-8."""
 
 import json
+import os
+import sys
 
 import numpy as np
 import pytest
@@ -88,3 +90,16 @@ def test_points_far_from_the_origin_are_warned_of_and_written(terminal, tmp_path
     record = fitted(terminal, tmp_path / name, tmp_path)
     assert "float32" in record["warnings"]["PRECISION_LOSS"]
     assert b"property double x" in (tmp_path / "out" / "surface.ply").read_bytes()[:300]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux has file names that are not UTF-8")
+@pytest.mark.parametrize("verb", ["fit", "track"])
+def test_a_file_name_that_is_not_utf8(terminal, tmp_path, verb):
+    name = tmp_path / os.fsdecode(b"a\xff\xed\xa0\x80.xyz")
+    np.savetxt(name, lumpy(60))
+    np.savetxt(tmp_path / "b.xyz", lumpy(60))
+    files = [name] if verb == "fit" else [name, tmp_path / "b.xyz"]
+    result = terminal(verb, *files, "-o", tmp_path / "out", "--box", "2,2,2", "--json")
+    assert result.code == 0, result.err
+    assert json.loads(result.out)["points"] == 60 * len(files)
+    assert (tmp_path / "out" / "report.html").read_text(encoding="utf-8")

@@ -144,7 +144,7 @@ def _csv(frames: Sequence[Mapping[str, Any]], found: "Track") -> bytes:
     writer = csv.DictWriter(stream, [*frames[0], *told], lineterminator="\n")
     writer.writeheader()
     writer.writerows({**frame, **told} for frame in frames)
-    return stream.getvalue().encode()
+    return stream.getvalue().encode("utf-8", "backslashreplace")  # file names need not be UTF-8
 
 
 def _rows(record: Record) -> list[tuple[str, str]]:

@@ -52,4 +52,5 @@ def page(title: str, lead: str, sections: Sequence[Section], more_style: str = "
         UTF-8. A policy in the page forbids every request that would leave it.
     """
     style = source("page.css") + Markup(more_style)
-    return rendered("page.html.j2", title=title, lead=lead, sections=sections, style=style).encode()
+    page = rendered("page.html.j2", title=title, lead=lead, sections=sections, style=style)
+    return page.encode("utf-8", "backslashreplace")  # file names need not be UTF-8

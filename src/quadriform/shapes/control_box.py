@@ -162,10 +162,11 @@ class ControlBox:
         """
         target = check_points(points)
         result = np.empty_like(target)
-        for start in range(0, len(target), bernstein.CHUNK):
-            part = slice(start, start + bernstein.CHUNK)
-            result[part] = self._invert(target[part])
-        missed = self._grade(result, target) == MISSED
+        with np.errstate(over="ignore", invalid="ignore"):  # of points far beyond any box, which are refused
+            for start in range(0, len(target), bernstein.CHUNK):
+                part = slice(start, start + bernstein.CHUNK)
+                result[part] = self._invert(target[part])
+            missed = self._grade(result, target) == MISSED
         if missed.any():
             first = int(missed.argmax())
             raise PointsError(
