@@ -11,10 +11,11 @@ if TYPE_CHECKING:
     from quadriform import examples
     from quadriform.files import load, read_points, save
     from quadriform.files.guide_points import read_guide_point_frames, read_guide_points
-    from quadriform.fitting.fit import fit, refine
+    from quadriform.fitting.fit import refine
     from quadriform.fitting.outcome import Fit, SuperquadricFit
     from quadriform.fitting.superquadric_fit import fit_superquadric
     from quadriform.heart.measure import measure
+    from quadriform.imaging.fit_files import fit
     from quadriform.imaging.reading import read_volume
     from quadriform.motion.tracking import Track, track
     from quadriform.report.exchange import to_pyvista, to_trimesh
@@ -37,7 +38,7 @@ _HOME = {
     "Superquadric": "shapes.superquadric",
     "SuperquadricFit": "fitting.outcome",
     "Track": "motion.tracking",
-    "fit": "fitting.fit",
+    "fit": "imaging.fit_files",
     "fit_superquadric": "fitting.superquadric_fit",
     "load": "files",
     "measure": "heart.measure",

@@ -179,7 +179,7 @@ def test_the_worst_exit_code_counts_even_where_the_fault_is_ours(terminal, cloud
     from quadriform.cli import batch
 
     (tmp_path / "broken.xyz").write_text("1 2\n")
-    monkeypatch.setattr(batch, "fit", lambda *_args, **_options: 1 / 0)
+    monkeypatch.setattr(batch, "fit_sources", lambda *_args, **_options: 1 / 0)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     result = terminal("fit", "broken.xyz", cloud, "broken2.xyz", "-o", "out")
     assert result.code == 70
@@ -297,7 +297,7 @@ def test_a_mesh_keeps_its_frame_unless_another_is_asked_for(terminal, ellipsoid,
 def test_a_frame_that_is_not_known_cannot_be_changed(terminal, cloud, tmp_path, monkeypatch):
     from quadriform.cli import batch
 
-    monkeypatch.setattr(batch, "fit", lambda *_args, **_options: pytest.fail("worked before refusing"))
+    monkeypatch.setattr(batch, "fit_sources", lambda *_args, **_options: pytest.fail("worked before refusing"))
     assert_refused(terminal("fit", cloud, "-o", "out", "--space", "RAS"), 4, "frame of the world is not known", "cloud")
     refused = terminal("fit", cloud, "-o", "out", "--space", "LAS")
     assert refused.code == 2 and "--space='LAS'" in refused.err

@@ -14,17 +14,17 @@ from quadriform.cli.options import check_file_names, stem, surface_file
 from quadriform.cli.reporting import REPORT, fit_options, page_of_fit
 from quadriform.cli.results import MODEL, earlier_results
 from quadriform.cli.screen import emit_json, emit_table, progress_bar, say, tell, warn
-from quadriform.errors import InputError, OptionError, join_warnings
-from quadriform.files import save, sha256_of, write_mesh
+from quadriform.errors import InputError, OptionError
+from quadriform.files import save, write_mesh
 from quadriform.files.atomic import write_bytes
 from quadriform.files.frame_numbers import natural
 from quadriform.files.result_folder import check_results, replaced_together
 from quadriform.fitting.clouds import ALONE
-from quadriform.fitting.fit import fit
 from quadriform.fitting.outcome import Fit, flat
-from quadriform.imaging.input_files import input_files, title_of, without_folders
-from quadriform.imaging.sources import ImageOptions, Source, files_of, kind_of, read_source, space_to_write
-from quadriform.shapes.record import InputFile, remarks
+from quadriform.imaging.fit_files import common_marks, fit_sources
+from quadriform.imaging.input_files import without_folders
+from quadriform.imaging.sources import ImageOptions, Source, fits, kind_of, read_source, space_to_write
+from quadriform.shapes.record import remarks
 
 Record = dict[str, Any]
 
@@ -95,7 +95,7 @@ def plan(
 
 
 def _files_in(folder: Path) -> list[Path]:
-    files = sorted((path for path in folder.iterdir() if path.is_file() and kind_of(path)), key=natural)
+    files = sorted((path for path in folder.iterdir() if path.is_file() and fits(path)), key=natural)
     if not files:
         raise InputError(f"{str(folder)!r}: the folder holds no points, meshes or images")
     return files
@@ -201,31 +201,10 @@ def _page(job: Job, sources: Mapping[str, Source], found: Fit, record: Record) -
 
 
 def _fit(job: Job, sources: Mapping[str, Source], options: Mapping[str, Any]) -> Fit:
-    """The fit with the marks of its input on the model, and with the warnings of the reading before its own."""
-    space, unit = _common_marks(sources)
-    wanted = space_to_write(job.space, space)
-    clouds = {name: source.cloud for name, source in sources.items()}
+    wanted = space_to_write(job.space, common_marks(sources)[0])
     with progress_bar(job.name) as progress:
-        found = fit(clouds[ALONE] if clouds.keys() == {ALONE} else clouds, progress=progress, **options)
-    record = replace(found.model.record, title=title_of(job.files, most=len(job.files)), sources=_input_files(job))
-    sha256 = sha256_of(*(file for path in job.files for file in files_of(path)))
-    model = replace(found.model, space=space, unit=unit, input_sha256=sha256, record=record)
-    warnings = join_warnings(*(source.warnings for source in sources.values()), found.warnings)
-    return replace(found, model=model.in_space(wanted), warnings=warnings)
-
-
-def _input_files(job: Job) -> tuple[InputFile, ...]:
-    alone = job.sources.keys() == {ALONE}
-    each = (input_files({"" if alone else name: [path]}, image.frame) for name, (path, image) in job.sources.items())
-    return tuple(file for files in each for file in files)
-
-
-def _common_marks(sources: Mapping[str, Source]) -> tuple[str, str]:
-    marks = {(source.space, source.unit) for source in sources.values()}
-    if len(marks) > 1:
-        listed = ", ".join(f"{name} in {s.space} {s.unit}" for name, s in sources.items())
-        raise InputError(f"the surfaces differ in frame or unit ({listed}); bring them into one first")
-    return marks.pop()
+        found = fit_sources(job.sources, sources, {**options, "progress": progress})
+    return replace(found, model=found.model.in_space(wanted))
 
 
 # --- records -----------------------------------------------------------------------------------------------------

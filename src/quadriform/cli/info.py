@@ -26,13 +26,11 @@ def info(
     from quadriform.cli.inputs import naming, refuse
     from quadriform.cli.screen import emit_json, emit_table, tell
     from quadriform.files import sha256_of
-    from quadriform.files.models import holds_model
     from quadriform.imaging.sources import files_of, kind_of
     from quadriform.shapes.record import remarks
 
     with naming(file):
-        suffix = file.suffix.lower()
-        kind = "model" if suffix == ".json" or (suffix == ".npz" and holds_model(file)) else kind_of(file)
+        kind = kind_of(file)
         describe = {"model": _model, "mesh": _mesh, "image": _image}.get(kind or "")
         record = _points(file, columns) if describe is None else describe(file, frame, affine)
         record["sha256"] = sha256_of(*files_of(file))

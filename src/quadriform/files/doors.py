@@ -1,11 +1,14 @@
 """The two front doors: `save` and `load` choose the format by the suffix."""
 
 import os
+from pathlib import Path
+from typing import Literal
 
-from quadriform.errors import OptionError
+from quadriform.errors import OptionError, QuadriformError
 from quadriform.files.meshes import MESH_SUFFIXES, READ_SUFFIXES, read_mesh, write_mesh
-from quadriform.files.models import MODEL_SUFFIXES, read_model, write_model
+from quadriform.files.models import MODEL_SUFFIXES, holds_model, read_model, write_model
 from quadriform.files.moving_models import is_moving_model, read_moving_model, write_moving_model
+from quadriform.files.points import POINT_SUFFIXES
 from quadriform.files.reading import suffix_of
 from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.model import DeformableModel
@@ -46,6 +49,29 @@ def save(model_or_mesh: DeformableModel | MovingModel | Mesh, path: PathLike, fo
         names = ", ".join(map(repr, model.surfaces))
         raise OptionError(f"save: the model has the surfaces {names}; choose one: save(model.mesh(name), path)")
     write_mesh(model.mesh(), path, model.space, model.unit, force, model.record.marks)
+
+
+def content_of(path: PathLike) -> Literal["model", "mesh", "points"] | None:
+    """Return what a file holds, for every entry point; None for other files.
+
+    The suffix names the format, whatever its case; readers hold the content against it. Only a .npz must be looked
+    into, as it may hold a model or points.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix in READ_SUFFIXES:
+        return "mesh"
+    if suffix == ".npz":
+        return "model" if _is_model(path) else "points"
+    if suffix in MODEL_SUFFIXES:
+        return "model"
+    return "points" if suffix in POINT_SUFFIXES else None
+
+
+def _is_model(path: PathLike) -> bool:
+    try:
+        return holds_model(path)
+    except QuadriformError:
+        return False  # the reader of points says what is wrong
 
 
 def load(path: PathLike) -> DeformableModel | MovingModel | Mesh:

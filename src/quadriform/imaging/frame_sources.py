@@ -13,7 +13,7 @@ from quadriform.errors import InputError, OptionError, Warnings, join_warnings
 from quadriform.files.frame_numbers import frame_numbers, in_time, listed, missing_numbers
 from quadriform.files.guide_points import FILE_NAME, GuidePoints, is_guide_points, read_guide_point_frames
 from quadriform.fitting.clouds import ALONE
-from quadriform.imaging.sources import ImageOptions, Marks, kind_of, read_source
+from quadriform.imaging.sources import ImageOptions, Marks, fits, kind_of, read_source
 from quadriform.points import Array
 
 MOST_EXACT = 2**53
@@ -103,7 +103,7 @@ def frame_files(inputs: Sequence[Path]) -> list[Path]:
 def _files_in(folder: Path) -> list[Path]:
     inside = sorted(file for file in folder.iterdir() if file.is_file() and not file.name.startswith("."))
     by_name = [file for file in inside if FILE_NAME.fullmatch(file.name)]
-    chosen = by_name or [file for file in inside if kind_of(file)]
+    chosen = by_name or [file for file in inside if fits(file)]
     if not chosen:
         raise InputError(f"{str(folder)!r}: the folder holds no contours, points, meshes or images")
     return chosen

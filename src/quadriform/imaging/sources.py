@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.columns import MILLIMETRES, unit_of
-from quadriform.errors import InputError, OptionError, Warnings, choose
-from quadriform.files.meshes import READ_SUFFIXES, read_marks, read_mesh_or_points
-from quadriform.files.points import POINT_SUFFIXES, read_point_set
+from quadriform.errors import FileFormatError, InputError, OptionError, Warnings, choose
+from quadriform.files.doors import content_of
+from quadriform.files.meshes import read_marks, read_mesh_or_points
+from quadriform.files.points import read_point_set
 from quadriform.fitting.precision import precision
 from quadriform.imaging.formats import image_format
 from quadriform.point_sets import PointSet
@@ -150,20 +151,19 @@ class Source:
         return PointSet(self.points, self.normals)
 
 
-def kind_of(path: Path) -> Literal["image", "mesh", "points"] | None:
-    """What a file is; None for anything that `fit` does not read.
+def kind_of(path: Path) -> Literal["image", "mesh", "points", "model"] | None:
+    """What a file is; None for others, and for a folder without DICOM files, which would make it an image.
 
-    Images are told by their content, as `read_volume` tells them, meshes and points by their names. A folder with a
-    DICOM file in it is an image.
+    Images are told by their content, as `read_volume` tells them, other files as `content_of` tells them.
     """
     if image_format(path) is not None:
         return "image"
-    name = path.name.lower()
-    if path.is_dir():
-        return None
-    if name.endswith(READ_SUFFIXES):
-        return "mesh"
-    return "points" if name.endswith(POINT_SUFFIXES) else None
+    return None if path.is_dir() else content_of(path)
+
+
+def fits(path: Path) -> bool:
+    """Whether `fit` and `track` read a file."""
+    return kind_of(path) in ("image", "mesh", "points")
 
 
 def files_of(path: Path) -> list[Path]:
@@ -183,10 +183,19 @@ def read_source(path: Path, options: ImageOptions) -> Source:
     if kind == "image":
         return _in_unit(_from_image(path, options), options.unit, path)
     if kind == "mesh":
-        points, note = mesh_points(read_mesh_or_points(path))
-        source = Source(points, *marks_of(path), notes=() if note is None else (f"{path}: {note}",))
-        return _in_unit(source, options.unit, path)
+        return _in_unit(_from_mesh(path), options.unit, path)
+    if kind == "model":
+        raise FileFormatError(f"{str(path)!r}: expected points, a mesh or an image, found a model")
     return _from_table(path, options)  # refuses unknown suffixes
+
+
+def _from_mesh(path: Path) -> Source:
+    mesh = read_mesh_or_points(path)
+    points, note = mesh_points(mesh)
+    if note is None:
+        return Source(points, *read_marks(path))
+    lost = precision(mesh.vertices.tolist(), mesh.vertices)  # the points between them have all their digits
+    return Source(points, *read_marks(path), lost, (f"{path}: {note}",))
 
 
 def _from_table(path: Path, options: ImageOptions) -> Source:

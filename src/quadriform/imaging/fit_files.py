@@ -1,0 +1,132 @@
+"""`fit` for files as well: the terminal fits by the same functions, and one rule decides what a file holds."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import wraps
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from quadriform.errors import InputError, OptionError, choose, join_warnings
+from quadriform.files.marks import SPACES
+from quadriform.files.reading import sha256_of
+from quadriform.fitting import fit as fitting
+from quadriform.fitting.clouds import ALONE
+from quadriform.fitting.outcome import Fit
+from quadriform.imaging.input_files import input_files, title_of, without_folders
+from quadriform.imaging.sources import ImageOptions, Marks, Source, files_of, read_source
+from quadriform.shapes.mesh import Mesh
+
+PathLike = str | os.PathLike[str]
+Input = ArrayLike | Mesh | PathLike | Mapping[str, ArrayLike | Mesh] | Mapping[str, PathLike]
+Files = Mapping[str, tuple[Path, ImageOptions]]
+"""Surface name -> file and how to read it."""
+
+
+@wraps(fitting.fit, assigned=())
+def fit(points: Input, **options: Any) -> Fit:
+    """Fit a superquadric, and refine it by a free-form deformation.
+
+    More than 50,000 points are fitted to a sample first, then to all of them, a part at a time.
+
+    Args:
+        points: (n, 3) points around a body in any unit and frame; or a triangle mesh, of which the points are spread
+            over its area unless its vertices are dense; or the path of a file of points, a mesh or an image, read as
+            `quadriform fit` reads it. Several of these by name share one control box, that of the outermost. Of a
+            structured array or a data frame the columns named x, y and z are taken, with the normals nx, ny, nz and
+            the unit in the names, such as "x [mm]".
+        kind: of superquadric: "ellipsoid", "toroid", "hyperboloid1" or "hyperboloid2".
+        method: "tangent": the best fit of these numbers that we know; "paper": Bardinet, Cohen and Ayache 1998.
+        weights: (n,) >= 0, or by name; a point of weight k counts as k points. Not for meshes and files.
+        progress: called with (steps done, about how many).
+        columns: which columns are which, where the names do not say it, such as "x,y,z,nx,ny,nz" for (n, 6).
+        normals: (n, 3), or by name, in place of those in columns; signs may be arbitrary, zero means none. Not for
+            files.
+        unit: of the points, "mm" or "m", which the model is marked with; that of the columns or the file unless given.
+        space: frame of the world of the points, "LPS", "RAS" or "unknown", which the model is marked with; that of the
+            file where it has one.
+        **options: as in `refine`.
+
+    Raises:
+        PointsError, DegenerateError, OptionError: the input cannot be fitted.
+        InputError, FileFormatError, FileLimitError: a file gives no points.
+    """
+    given = dict(options)
+    paths = _path_by_name(points)
+    if not paths:
+        return fitting.fit(points, **given)  # type: ignore[arg-type]  # no paths are left
+    for name in ("weights", "normals"):
+        if given.pop(name, None) is not None:
+            raise OptionError(f"{name}: go with points, found files; read them with read_points first")
+    image = ImageOptions(columns=given.pop("columns", None), unit=given.pop("unit", None))
+    space = choose(given.pop("space", "unknown"), SPACES, "space")
+    files = {name: (path, image) for name, path in paths.items()}
+    sources = {name: _in_space(read_source(path, image), path, space) for name, path in paths.items()}
+    found = fit_sources(files, sources, given)
+    notes = without_folders([n for source in sources.values() for n in source.notes], _paths(files))
+    return replace(found, notes=(*notes, *found.notes))
+
+
+def _in_space(source: Source, path: Path, space: str) -> Source:
+    if space != "unknown" and source.space not in (space, "unknown"):
+        raise OptionError(f"option space={space!r} contradicts {str(path)!r}, which is in {source.space}")
+    return source if space == "unknown" else replace(source, space=space)
+
+
+def fit_sources(files: Files, sources: Mapping[str, Source], options: Mapping[str, Any]) -> Fit:
+    """Return the fit of what was read, with the frame, unit, hash and names of its files and all warnings.
+
+    Args:
+        files: surface name -> file and how it was read.
+        sources: surface name -> points.
+        options: of `quadriform.fitting.fit.fit`.
+
+    Raises:
+        InputError: the surfaces differ in frame or unit.
+        PointsError, DegenerateError, OptionError: the input cannot be fitted.
+    """
+    space, unit = common_marks(sources)
+    clouds = {name: source.cloud for name, source in sources.items()}
+    alone = clouds.keys() == {ALONE}
+    found = fitting.fit(clouds[ALONE] if alone else clouds, **options)
+    paths = _paths(files)
+    each = (input_files({"" if alone else name: [path]}, image.frame) for name, (path, image) in files.items())
+    inputs = tuple(file for part in each for file in part)
+    record = replace(found.model.record, title=title_of(paths, most=len(paths)), sources=inputs)
+    sha256 = sha256_of(*(file for path in paths for file in files_of(path)))
+    model = replace(found.model, space=space, unit=unit, input_sha256=sha256, record=record)
+    warnings = join_warnings(*(source.warnings for source in sources.values()), found.warnings)
+    return replace(found, model=model, warnings=warnings)
+
+
+def common_marks(sources: Mapping[str, Source]) -> Marks:
+    """Return the frame of the world and the unit that all sources have.
+
+    Raises:
+        InputError: they differ.
+    """
+    marks = {(source.space, source.unit) for source in sources.values()}
+    if len(marks) > 1:
+        listed = ", ".join(f"{name} in {s.space} {s.unit}" for name, s in sources.items())
+        raise InputError(f"the surfaces differ in frame or unit ({listed}); bring them into one first")
+    return marks.pop()
+
+
+def _path_by_name(points: Any) -> dict[str, Path]:
+    """The files by name, where paths were given; empty where not.
+
+    Raises:
+        OptionError: some are paths and some are not.
+    """
+    named = points if isinstance(points, Mapping) else {ALONE: points}
+    paths = {str(name): Path(each) for name, each in named.items() if isinstance(each, str | os.PathLike)}
+    if paths and len(paths) != len(named):
+        raise OptionError(f"points: expected files for all surfaces or for none, found files for {', '.join(paths)}")
+    return paths
+
+
+def _paths(files: Files) -> list[Path]:
+    """The files, each once."""
+    return list(dict.fromkeys(path for path, _ in files.values()))
