@@ -9,6 +9,7 @@ from dicom_made import write_segmentation, write_slice
 from numpy.testing import assert_allclose
 
 from quadriform.imaging.reading import read_volume
+from quadriform.imaging.sources import files_of
 
 SPACING = (1.5, 1.2, 3.0)
 ORIGIN = (-12.0, 30.0, 7.0)
@@ -102,3 +103,13 @@ def test_the_slices_without_suffix_of_the_cases(terminal, shared):
     assert terminal("segment", folder, "-o", "mask.nii.gz").code == 0
     structure = terminal("segment", folder.parent / "RS.dcm", "-o", "other.nii")
     assert structure.code == 4 and "RT Structure Set Storage" in structure.err
+
+
+def test_a_folder_with_hidden_and_empty_files_is_fitted(terminal, tmp_path, grey, blank_figures):
+    folder = dicom_folder(tmp_path / "slices", grey)
+    (folder / ".hidden").write_bytes(b"")
+    (folder / "EMPTY").write_bytes(b"")
+    assert [file.name for file in files_of(folder)] == [f"IM{k:05d}" for k in range(grey.shape[2])]
+    by_simpleitk(tmp_path / "a.hdr", grey)
+    assert [file.name for file in files_of(tmp_path / "a.img")] == ["a.hdr", "a.img"]
+    assert terminal("fit", folder, "-o", "out", "--box", "2,2,2").code == 0

@@ -189,3 +189,46 @@ def test_points_read_from_a_file_are_lps(save_nifti, ball):
     found = points_from_image(read_volume(path))
     assert_allclose(found.points.mean(axis=0), centre * [-1, -1, 1], atol=0.3)
     assert (found.record["space"], found.record["unit"]) == ("LPS", "mm")
+
+
+def wall(thickness, cut=None):
+    """A spherical wall of radius 14, or what is left of it below the slice `cut`."""
+    at = np.stack(np.indices((36, 36, 36)), axis=-1) - 17.5
+    radius = np.linalg.norm(at, axis=-1)
+    mask = (radius < 14) & (radius >= 14 - thickness)
+    if cut is not None:
+        mask[:, :, cut:] = False
+    return Volume(mask.astype(np.uint8), np.diag([1.0, 1.5, 2.0, 1.0]))
+
+
+@pytest.mark.parametrize("thickness", [2, 4, 7])
+def test_a_wall_around_a_hollow_is_refused(thickness):
+    """Its surface is two; between them lies what a fit would find."""
+    with pytest.raises(MaskError, match=r"wall around \d+ voxels.*--fill-holes"):
+        points_from_image(wall(thickness))
+    whole, solid = points_from_image(wall(thickness), fill_holes=True), points_from_image(wall(14))
+    assert np.array_equal(whole.points, solid.points) and "HOLLOW" not in whole.warnings
+
+
+@pytest.mark.parametrize("thickness", [2, 4, 7])
+def test_a_cup_is_named(thickness):
+    assert "faces the middle" in points_from_image(wall(thickness, cut=24)).warnings["HOLLOW"]
+    assert "HOLLOW" not in points_from_image(wall(14, cut=24)).warnings
+
+
+def test_a_small_hole_is_no_hollow():
+    values = wall(14).values.copy()
+    values[15:18, 15:18, 15:18] = 0
+    assert points_from_image(Volume(values, np.eye(4))).warnings == {}
+
+
+@pytest.mark.parametrize("name", ["shell", "cup"])
+def test_the_hollow_bodies_of_the_cases(shared, name):
+    file = shared / "cases" / "hollow" / f"{name}.nii.gz"
+    if not file.is_file():
+        pytest.skip("this file is not beside the repository")
+    if name == "cup":
+        assert "HOLLOW" in points_from_image(read_volume(file)).warnings
+    else:
+        with pytest.raises(MaskError, match="--fill-holes"):
+            points_from_image(read_volume(file))

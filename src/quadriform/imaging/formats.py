@@ -5,6 +5,7 @@ import zlib
 from pathlib import Path
 from typing import Literal
 
+from quadriform.errors import InputError
 from quadriform.imaging.dicom_files import DICOM_SUFFIXES, PREAMBLE, is_dicom
 
 Format = Literal["nifti", "simpleitk", "dicom"]
@@ -38,6 +39,25 @@ def image_format(path: Path) -> Format | None:
 def is_pair(path: Path) -> bool:
     """Whether a name is that of an image in two files, .hdr and .img."""
     return path.name.lower().removesuffix(".gz").endswith((".hdr", ".img"))
+
+
+def pair_of(path: Path) -> tuple[Path, Path]:
+    """The files of the header and of the voxels of an image in two files, of which one is named.
+
+    Raises:
+        InputError: the other file is missing.
+    """
+    name, packed = path.name, ".gz" if path.name.lower().endswith(".gz") else ""
+    stem = name[: len(name) - len(".hdr" + packed)]
+    own = name[len(stem) : len(stem) + 4]
+    found: list[Path] = []
+    for suffix in (".hdr", ".img"):
+        letters = suffix.upper() if own.isupper() else suffix
+        file = path if own.lower() == suffix else path.with_name(stem + letters + packed)
+        if not file.is_file():
+            raise InputError(f"{str(path)!r}: expected a header (.hdr) and voxels (.img); {file.name!r} is missing")
+        found.append(file)
+    return found[0], found[1]
 
 
 def _in_series(file: Path) -> bool:

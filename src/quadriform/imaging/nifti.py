@@ -23,7 +23,7 @@ from quadriform.errors import (
     WarningKind,
     Warnings,
 )
-from quadriform.imaging.formats import is_pair
+from quadriform.imaging.formats import is_pair, pair_of
 from quadriform.imaging.frames import Size, choose_frame
 from quadriform.imaging.nifti_forms import choose_form, read_forms
 from quadriform.imaging.segments import Segment
@@ -54,7 +54,7 @@ CDATA = re.compile(rb"^\s*<!\[CDATA\[(.*?)\]\]>\s*$", re.DOTALL)
 
 def read_nifti(path: Path, frame: int | None, affine: str | None = None) -> Volume:
     """Read one frame; see `quadriform.imaging.reading.read_volume`."""
-    head, data = _files(path)
+    head, data = pair_of(path) if is_pair(path) else (path, path)
     with _opened(head) as stream:
         header = _read_header(stream, head)
         if data == head:
@@ -63,34 +63,13 @@ def read_nifti(path: Path, frame: int | None, affine: str | None = None) -> Volu
         return _read(stream, header, 0, path, data, frame, affine)
 
 
-def _files(path: Path) -> tuple[Path, Path]:
-    """The files of the header and of the voxels: one, or a pair .hdr and .img.
-
-    Raises:
-        InputError: the other file of a pair is missing.
-    """
-    if not is_pair(path):
-        return path, path
-    name, packed = path.name, path.name.lower().endswith(".gz")
-    stem = name[: -len(".hdr.gz" if packed else ".hdr")]
-    found: list[Path] = []
-    for suffix in (".hdr", ".img"):
-        own = name[len(stem) : len(stem) + 4]
-        letters = suffix.upper() if own.isupper() else suffix
-        file = path if own.lower() == suffix else path.with_name(stem + letters + (".gz" if packed else ""))
-        if not file.is_file():
-            raise InputError(f"{str(path)!r}: expected a header (.hdr) and voxels (.img); {file.name!r} is missing")
-        found.append(file)
-    return found[0], found[1]
-
-
 def nifti_times(path: Path) -> tuple[int, Array | None]:
     """The number of frames and their times (frames,) in ms; None where the header names no step or no unit of time.
 
     Raises:
         InputError, FileFormatError, MaskError: as `read_nifti`.
     """
-    head, _ = _files(path)
+    head = pair_of(path)[0] if is_pair(path) else path
     with _opened(head) as stream:
         header = _read_header(stream, head)
     n = _shape(header, path)[3]

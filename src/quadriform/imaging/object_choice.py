@@ -85,8 +85,8 @@ def _of_segments(volume: Volume) -> Choice:
     ordered = sorted(filled.items(), key=lambda item: -item[1])
     shown = ", ".join(f"{one.name!r} ({one.number}): {size}" for one, size in ordered[:LISTED])
     raise MaskError(
-        f"the image has {len(filled)} segments with voxels; choose with --label NAME (labels=...). Voxels: "
-        f"{shown}{_more(len(ordered))}"
+        f"the image has {len(filled)} segments with voxels; choose with --label NAME, in Python with "
+        f"Labels((NAME,)). Voxels: {shown}{_more(len(ordered))}"
     )
 
 
@@ -125,8 +125,8 @@ def _ask(present: NDArray[Any], counts: NDArray[np.int64]) -> str:
     order = np.argsort(-counts[kept], kind="stable")
     shown = ", ".join(f"{present[kept][n]:g}: {counts[kept][n]}" for n in order[:LISTED])
     return (
-        f"choose with --label (labels=...), or a grey image's object with --threshold (otsu for Otsu's). Labels and "
-        f"voxels: {shown}{_more(len(order))}"
+        "choose with --label, in Python with Labels((VALUE,)), or a grey image's object with --threshold, as otsu. "
+        f"Labels and voxels: {shown}{_more(len(order))}"
     )
 
 

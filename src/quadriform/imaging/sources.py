@@ -14,7 +14,7 @@ from quadriform.files.doors import content_of
 from quadriform.files.meshes import read_marks, read_mesh_or_points
 from quadriform.files.points import read_point_set
 from quadriform.fitting.precision import precision
-from quadriform.imaging.formats import image_format
+from quadriform.imaging.formats import image_format, is_pair, pair_of
 from quadriform.point_sets import PointSet
 from quadriform.points import Array
 from quadriform.shapes.mesh_points import mesh_points
@@ -167,8 +167,11 @@ def fits(path: Path) -> bool:
 
 
 def files_of(path: Path) -> list[Path]:
-    """The file itself, or the files of a folder of slices in the order of their names."""
-    return sorted(file for file in path.iterdir() if file.is_file()) if path.is_dir() else [path]
+    """The files that an input stands for: itself, both of a pair, or those of a folder, but hidden and empty ones."""
+    if path.is_dir():
+        inside = sorted(file for file in path.iterdir() if file.is_file() and not file.name.startswith("."))
+        return [file for file in inside if file.stat().st_size > 0]
+    return list(pair_of(path)) if is_pair(path) and path.is_file() else [path]
 
 
 def read_source(path: Path, options: ImageOptions) -> Source:
