@@ -10,6 +10,7 @@ from shapes_made import lumpy, two_walls
 import quadriform as qf
 from quadriform.errors import WarningKind, join_warnings
 from quadriform.fitting import fit as fit_module
+from quadriform.fitting.fit_warnings import start_notes
 from quadriform.shapes.record import InputFile, ModelRecord, together, worst
 
 SMALL = {"box": (3, 3, 3)}
@@ -96,6 +97,22 @@ def test_a_start_at_its_bound_is_a_note():
     assert any("starts from: AT_BOUND: exponents [2.0, 2.0]" in note for note in found.notes)
     assert found.model.notes == found.notes
     assert qf.fit(EGG, **SMALL).notes == ()
+
+
+def test_a_start_that_the_model_does_not_have_is_no_note():
+    start = qf.fit_superquadric(octahedron())
+    box = qf.ControlBox.around(start.superquadric)
+    others = {
+        "itself": start.superquadric,
+        "longer": replace(start.superquadric, semi_axes=start.superquadric.semi_axes * 1.01),
+        "rounder": replace(start.superquadric, exponents=(1.0, 1.0)),
+        "elsewhere": replace(start.superquadric, translation=start.superquadric.translation + 0.1),
+    }
+    found = {
+        name: start_notes({"surface": start}, qf.DeformableModel({"surface": body}, box))
+        for name, body in others.items()
+    }
+    assert [name for name, notes in found.items() if notes] == ["itself"]
 
 
 def test_records_of_several_models_together():

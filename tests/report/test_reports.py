@@ -19,6 +19,7 @@ from quadriform.heart.synthetic import SyntheticVentricle
 from quadriform.motion.tracking import Track
 from quadriform.report import notebook
 from quadriform.report.reports import fit_report, model_report, track_report
+from quadriform.report.slices import slices_png
 
 MOST_BYTES = 5_000_000
 
@@ -217,6 +218,19 @@ def test_the_image_is_shown_in_the_frame_that_was_asked_for(tmp_path, capsys):
         assert np.abs(one - other).mean() < 0.1
     shown = [json.loads(re.search(r'id="model">(.*?)</script>', page)[1])["axes"] for page in pages]
     assert shown == [["L", "P", "S"], ["R", "A", "S"]]
+
+
+def test_slices_of_small_labels_and_of_even_images_are_drawn():
+    """A label below a hundredth of the voxels made the window empty: a Python warning, and black pictures."""
+    ball = {"ball": qf.Superquadric(semi_axes=(3, 3, 3), translation=(10, 10, 6)).mesh(6)}
+    label = np.zeros((20, 20, 12))
+    even = slices_png(label, np.eye(4), ball, "title", 3, 3)
+    label[9:11, 9:11, 5:8] = 1
+    one, other = (
+        np.asarray(Image.open(io.BytesIO(data)).convert("L"), float)
+        for data in (slices_png(label, np.eye(4), ball, "title", 3, 3), even)
+    )
+    assert (one - other).max() > 200
 
 
 def test_the_configuration_in_effect_is_on_the_page(egg, tmp_path, capsys):

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from markupsafe import Markup
+from numpy.typing import NDArray
 
 from quadriform.imaging.volume import Volume
 from quadriform.points import Array
@@ -49,7 +50,7 @@ def slices_png(
     rows = -(-count // columns)
     figure = Figure(figsize=(11, 0.6 + 2.9 * rows * values.shape[1] * steps[1] / (values.shape[0] * steps[0])))
     figure.suptitle(title, fontsize=10)
-    window = np.percentile(values, [1, 99.5])
+    window = _window(values)
     for position, k in enumerate(_levels(outlines, values.shape[2], count)):
         axes = figure.add_subplot(rows, columns, position + 1)
         _draw_grey(axes, values[:, :, k], window, steps[1] / steps[0])
@@ -83,7 +84,7 @@ def slice_pictures(
 
     outlines = [Mesh(_to_voxels(mesh.vertices, world_from_voxel), mesh.faces) for mesh in meshes.values()]
     steps = np.linalg.norm(world_from_voxel[:3, :3], axis=0)
-    window = np.percentile(values, [1, 99.5])
+    window = _window(values)
     extent = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, values.shape[2] - 1.0]])
     spread = dict(enumerate(outlines)) if outlines else {0: Mesh(extent, np.empty((0, 3), dtype=np.int64))}
     height = 2.0 * values.shape[1] * steps[1] / (values.shape[0] * steps[0])
@@ -100,11 +101,20 @@ def slice_pictures(
     return pictures
 
 
-def _draw_grey(axes: Any, values: Array, window: Array, aspect: float) -> None:
-    grey = np.clip((values - window[0]) / np.ptp(window), 0, 1) ** GAMMA
+def _draw_grey(axes: Any, values: Array, window: tuple[float, float], aspect: float) -> None:
+    low, high = window
+    grey = np.clip((values - low) / (high - low), 0, 1) ** GAMMA
     axes.imshow(grey.T, cmap="gray", origin="lower", aspect=aspect, vmin=0, vmax=1)
     axes.set_axis_off()
     axes.set(xticks=[], yticks=[])  # what is not shown would still be laid out
+
+
+def _window(values: NDArray[Any]) -> tuple[float, float]:
+    """The values that are shown black and white; a small label needs all of them, an even image any two."""
+    low, high = (float(value) for value in np.percentile(values, [1, 99.5]))
+    if low == high:
+        low, high = float(values.min()), float(values.max())
+    return low, high if high > low else low + 1.0
 
 
 def planes_section(volume: Volume, meshes: Mapping[str, Mesh], title: str) -> Section:
