@@ -6,9 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapes_made import KINDS, SKEW, angles, even_directions, made
 
+from quadriform import fit_superquadric
 from quadriform.errors import OptionError, PointsError
+from quadriform.shapes.closest import closest_on
+from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superellipse import norm, signed_power
 from quadriform.shapes.superquadric import Superquadric
+from quadriform.shapes.taubin import squared_implicit
 
 MANY_EXPONENTS = [(1.0, 1.0), (0.6, 1.4), (0.3, 0.3), (0.01, 0.01), (2.0, 2.0)]
 
@@ -140,6 +144,59 @@ def test_first_order_distance_of_a_sphere_is_exact(rng):
     points = rng.normal(size=(50, 3))
     s = Superquadric(semi_axes=(2, 2, 2))
     np.testing.assert_allclose(s.first_order_distance(points), np.abs(np.linalg.norm(points, axis=1) - 2), rtol=1e-12)
+
+
+@pytest.mark.parametrize("semi_axes", [(2, 2, 2), (3, 2, 4), (1, 1, 5), (4, 3, 0.5)])
+def test_taubins_distance_bounds_that_to_an_ellipsoid_from_below(semi_axes, rng):
+    s = Superquadric(semi_axes=semi_axes, rotation=SKEW, translation=(1, -2, 3))
+    own = rng.uniform(-2, 2, (400, 3)) * semi_axes
+    near = s.surface(even_directions(200)) + 1e-3 * rng.normal(size=(200, 3))
+    points = np.concatenate([own @ SKEW.T + s.translation, near, [s.translation]])
+    true = np.abs(closest_on(s, ControlBox.around(s), points).signed)
+    found = s.taubin_distance(points)
+    assert (found <= true + 1e-12).all()
+    assert (found > 0.05 * true).all()
+    assert np.abs(found - true)[400:600].max() < 1e-2 * 1e-3 * 10 / min(semi_axes)
+
+
+def test_taubins_distance_is_bounded_where_p4_is_not():
+    """In the middle of a long ellipsoid the gradient along its axis says 5, the surface is 1 away."""
+    s = Superquadric(semi_axes=(1, 1, 5))
+    middle = np.array([[0, 0, 1e-3], [0, 0, 0.5]])
+    assert (s.first_order_distance(middle) > 4).all()
+    assert (s.taubin_distance(middle) < 1).all() and (s.taubin_distance(middle) > 0.7).all()
+
+
+def test_taubins_distance_of_a_sphere_in_closed_form(rng):
+    """|r^2 - 1| = 2 r d + sqrt(3) d^2 for the radius 1, at the centre too."""
+    r = np.array([0.0, 0.3, 1.0, 1.7])
+    root = (np.sqrt(r**2 + np.sqrt(3) * np.abs(r**2 - 1)) - r) / np.sqrt(3)
+    found = Superquadric().taubin_distance(np.outer(r, [0.36, -0.48, 0.8]))
+    np.testing.assert_allclose(found, root, atol=1e-12)
+
+
+@pytest.mark.parametrize("exponents", [(0.6, 1.3), (1.0, 1.0), (0.3, 0.5), (1.8, 0.9)])
+def test_derivatives_of_taubins_function(exponents, rng):
+    q, e, h = rng.uniform(0.2, 1.5, (30, 3)) * rng.choice([-1, 1], (30, 3)), np.array(exponents), 1e-5
+    value, gradient, hessian = squared_implicit(q, e)
+    np.testing.assert_allclose(value, Superquadric(exponents=exponents).implicit(q) ** 2 - 1, rtol=1e-10, atol=1e-12)
+    for axis, step in enumerate(h * np.eye(3)):
+        ahead, behind = squared_implicit(q + step, e), squared_implicit(q - step, e)
+        np.testing.assert_allclose(gradient[:, axis], (ahead[0] - behind[0]) / (2 * h), rtol=1e-5, atol=1e-6)
+        np.testing.assert_allclose(hessian[:, :, axis], (ahead[1] - behind[1]) / (2 * h), rtol=1e-4, atol=1e-4)
+
+
+def test_pinched_superquadrics_are_shapes():
+    """A.1: exponents above 2; of 3 and 3 the astroidal ellipsoid, whose volume is 4 pi a b c / 35."""
+    s = made(exponents=(3, 3))
+    assert s.volume() == pytest.approx(4 * np.pi * 24 / 35, rel=1e-12)
+    coarse, fine = s.mesh(40).volume(), s.mesh(80).volume()
+    assert fine + (fine - coarse) / 3 == pytest.approx(s.volume(), rel=3e-3)
+    local = (s.grid(8)[0] - s.translation) @ s.rotation / s.semi_axes
+    np.testing.assert_allclose((np.abs(local) ** (2 / 3)).sum(axis=1), 1, rtol=1e-9)
+    assert np.abs(made(exponents=(3, 3)).gradient(s.grid(8)[0])).max() < np.inf
+    with pytest.raises(OptionError, match=r"fixed: exponents \[3.0, 3.0\]"):
+        fit_superquadric(s.grid(8)[0], fixed={"exponents": (3, 3)})
 
 
 KNOWN_VOLUMES = [
