@@ -110,3 +110,19 @@ def test_warnings_of_one_kind_are_joined_and_said_once():
     for text in ("the first", "the second", "the first"):
         frames.add_warnings({"PRECISION_LOSS": text})
     assert frames.warnings == {"PRECISION_LOSS": "the first; the second"}
+
+
+def test_conflicting_headers_are_warned_of_and_the_other_one_can_be_chosen(tmp_path):
+    """A cine whose sform has voxels of 1 mm beside pixdim and qform of 2 mm."""
+    values = np.zeros((10, 10, 10, 2), np.uint8)
+    values[2:8, 2:8, 2:8] = 1
+    image = nibabel.Nifti1Image(values, None)
+    image.header.set_xyzt_units("mm", "sec")
+    image.set_qform(np.diag([2.0, 2, 2, 1]), 1)
+    image.set_sform(np.eye(4), 1)
+    image.header["pixdim"][1:5] = [2, 2, 2, 0.1]
+    nibabel.save(image, tmp_path / "cine.nii")
+    for affine, size in ((None, 12), ("qform", 12), ("sform", 6)):
+        found = read_frames([tmp_path / "cine.nii"], ["endo=label:1"], affine=affine)
+        assert [np.ptp(cloud["endo"], axis=0).max() for cloud in found.clouds] == pytest.approx([size, size], abs=0.01)
+        assert ("AFFINE_REPAIRED" in found.warnings) == (affine is None)

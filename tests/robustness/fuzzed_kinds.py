@@ -18,6 +18,7 @@ import pydicom
 from dicom_made import write_enhanced, write_slice
 
 import quadriform as qf
+from quadriform.errors import FileFormatError, WarningKind
 from quadriform.files.guide_points import read_guide_points
 from quadriform.files.meshes import read_mesh
 from quadriform.files.points import read_points, write_points
@@ -224,6 +225,14 @@ def voxels_and_world(path: Path) -> tuple[np.ndarray, np.ndarray]:
     return volume.values, volume.world_from_voxel
 
 
+def series_and_world(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """The series that a slice lies in; a slice that is left out because it cannot be read is told, as by an error."""
+    volume = read_volume(path.parent)
+    if told := volume.warnings.get(WarningKind.UNREADABLE_FILES):
+        raise FileFormatError(told)
+    return volume.values, volume.world_from_voxel
+
+
 def by_nibabel(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """NIfTI by nibabel, turned to LPS and millimetres."""
     image = nibabel.load(path)
@@ -369,7 +378,7 @@ KINDS = [
         "image .dcm, a slice of a series",
         ".dcm",
         write_series,
-        lambda p: voxels_and_world(p.parent),
+        series_and_world,
         by_pydicom,
     ),
     Kind("image .dcm, many images", ".dcm", write_many_images, voxels_and_world, by_pydicom),

@@ -34,6 +34,7 @@ def follow(
     inputs: Sequence[Path],
     surfaces: Sequence[str],
     columns: str | None,
+    affine: str | None,
     output: Path | None,
     shift_slices: bool,
     space: str | None,
@@ -54,7 +55,7 @@ def follow(
     check_results(folder, [MODEL, FRAMES, REPORT, *earlier], force, files)
     begin = time.perf_counter()
     with naming(*inputs):
-        frames = read_frames(files, surfaces, columns)
+        frames = read_frames(files, surfaces, columns, affine)
         if shift_slices:
             keep_slices(frames)
         if options["strategy"] == "alone":

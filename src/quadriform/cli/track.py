@@ -48,6 +48,7 @@ def track(
         float | None, typer.Option(help="How strongly the box is held in space; contours like 1e-6. [default: auto]")
     ] = None,
     columns: shared.Columns = None,
+    affine: shared.Affine = None,
     space: shared.Space = None,
     strict: shared.Strict = False,
     force: shared.Force = False,
@@ -65,7 +66,7 @@ def track(
     if strength is not None:
         options["strength"] = strength
     wanted = shared.check_space(space)
-    follow(frames, surface or [], columns, output, shift_slices, wanted, options, strict, force, as_json)
+    follow(frames, surface or [], columns, affine, output, shift_slices, wanted, options, strict, force, as_json)
 
 
 def _times(text: str) -> list[float]:

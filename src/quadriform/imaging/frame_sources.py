@@ -109,13 +109,16 @@ def _files_in(folder: Path) -> list[Path]:
     return chosen
 
 
-def read_frames(files: Sequence[Path], surfaces: Sequence[str], columns: str | None = None) -> Frames:
+def read_frames(
+    files: Sequence[Path], surfaces: Sequence[str], columns: str | None = None, affine: str | None = None
+) -> Frames:
     """The frames of files in the order of time: contours, 4-D images, or a file of points, a mesh or an image each.
 
     Args:
         files: as `frame_files` finds and orders them.
         surfaces: NAME=label:VALUES of label images, such as epi=label:1+2; empty for points of one surface.
         columns: of tables and arrays, as `read_points` takes them.
+        affine: which transform of NIfTI headers, as `read_volume` takes it.
 
     Raises:
         QuadriformError: a file gives no points, or the frames differ in their marks.
@@ -131,7 +134,7 @@ def read_frames(files: Sequence[Path], surfaces: Sequence[str], columns: str | N
         if is_guide_points(file):
             raise InputError(f"{str(file)!r}: holds contours, {str(files[0])!r} and others do not; expected one kind")
         if kind_of(file) == "image":
-            _add_image(frames, file, labels)
+            _add_image(frames, file, labels, affine)
         else:
             source = read_source(file, ImageOptions(columns=columns))
             frames.add({ALONE: source.points}, (source.space, source.unit), source.warnings, source.notes)
@@ -183,14 +186,14 @@ def _say_of_contours(frames: Frames, files: Sequence[Path], every: Sequence[Guid
         frames.number([frame.frame for frame in read])
 
 
-def _add_image(frames: Frames, file: Path, labels: "Mapping[str, Labels | Preset]") -> None:
+def _add_image(frames: Frames, file: Path, labels: "Mapping[str, Labels | Preset]", affine: str | None) -> None:
     from quadriform.imaging.reading import frame_count, frame_times
 
     count = frame_count(file)
     if count > 1:
         frames.times = frame_times(file)
     for number in range(count):
-        options = replace(ImageOptions(), frame=number if count > 1 else None)
+        options = replace(ImageOptions(), frame=number if count > 1 else None, affine=affine)
         chosen = {name: options.with_surface(value) for name, value in labels.items()} or {ALONE: options}
         sources = {name: read_source(file, option) for name, option in chosen.items()}
         first = next(iter(sources.values()))
