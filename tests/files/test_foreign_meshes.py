@@ -1,11 +1,14 @@
 """Mesh files as other programs write them, each a fault that was found once; made here, and those of a folder read."""
 
+import json
+
 import numpy as np
 import pytest
 from mesh_dialects import TRIANGLES, VERTICES, VOLUME, obj, obj_interleaved, ply, ply_body, stl
 from shapes_made import made
 
 import quadriform as qf
+from quadriform.cli.main import main
 from quadriform.errors import PointsError, QuadriformError
 from quadriform.files import read_mesh, read_points
 from quadriform.files.meshes import encode_mesh, read_mesh_or_points
@@ -143,6 +146,22 @@ def test_files_that_failed_once(shared, name):
     mesh = read_mesh_or_points(path)
     found = enclosed_volume(mesh) if isinstance(expected, float) else len(mesh.vertices)
     assert found == pytest.approx(expected, rel=1e-5)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_files_that_failed_once_on_a_terminal(shared, capsys, name):
+    path, expected = shared / "cases" / name, CASES[name]
+    if not path.exists():
+        pytest.skip(f"{name} is not beside this repository")
+    code, shown = main(["info", str(path), "--json"]), capsys.readouterr()
+    if isinstance(expected, type):
+        assert code == 4 and len(shown.err.splitlines()) == 1
+        return
+    record, mesh = json.loads(shown.out), read_mesh_or_points(path)
+    assert (code, shown.err) == (0, "")
+    assert record["kind"] == ("mesh" if isinstance(expected, float) else "points")
+    assert record.get("vertices", record.get("points")) == len(mesh.vertices)
+    assert record.get("area", 0.0) == pytest.approx(mesh.area(), rel=1e-12)
 
 
 def test_there_is_no_other_case(shared):

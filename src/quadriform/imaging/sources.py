@@ -183,6 +183,9 @@ def read_source(path: Path, options: ImageOptions) -> Source:
     kind = kind_of(path)
     if kind in ("image", "mesh") and options.columns is not None:
         raise OptionError(f"option --columns goes with tables and arrays, found the {kind} {str(path)!r}")
+    names = [label for label in options.labels or () if isinstance(label, str)]
+    if kind != "image" and names:
+        raise OptionError(f"option --label={names[0]!r}: names go with images, found {str(path)!r}")
     if kind == "image":
         return _in_unit(_from_image(path, options), options.unit, path)
     if kind == "mesh":
