@@ -6,6 +6,10 @@ from shapes_made import even_directions, made
 
 import quadriform as qf
 from quadriform.errors import OptionError
+from quadriform.fitting.descent import Descent, accelerated
+from quadriform.fitting.hypotheses import principal_axes
+from quadriform.fitting.inliers import Mixture
+from quadriform.fitting.residuals import Candidates
 
 INDICES = np.stack(np.meshgrid(*[np.arange(-16, 17)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
 SPHERE = even_directions(300)
@@ -72,3 +76,24 @@ def test_any_large_strength_gives_a_fit(strength):
     points = made().surface(SPHERE)
     found = qf.refine(made(exponents=(1, 1)), points * [1, 1, 1.1], strength=strength, box=(3, 3, 3))
     assert found.strength == strength and np.isfinite(found.residuals).all()
+
+
+def test_a_part_without_any_weight_is_the_whole_cloud():
+    """Old bug: moments that are NaN, and an error of the eigenvalue solver."""
+    weights = np.stack([np.zeros(300), np.ones(300)])
+    axes = principal_axes(SPHERE * [1, 2, 3], weights)
+    np.testing.assert_array_equal(axes[0], axes[1])
+
+
+def test_candidates_without_inliers_stay_where_they_are():
+    """Old bug: normal equations of zeros, which cannot be factorised."""
+    candidates = Candidates.of([made(exponents=(1, 1))])
+    held, mixture = np.zeros(11, dtype=bool), Mixture(np.array([0.5]), np.array([0.1]))
+    descent = Descent(candidates, SPHERE, np.zeros(300), mixture, 100.0, held, np.zeros(300))
+    descent.damping[:] = 0
+    np.testing.assert_array_equal(descent._step(), np.zeros((1, 11)))
+
+
+def test_steps_that_are_not_finite_are_not_mixed():
+    places, proposals = [np.zeros(2), np.ones(2), np.ones(2)], [np.ones(2), np.full(2, np.nan), np.ones(2)]
+    np.testing.assert_array_equal(accelerated(places, proposals), np.ones(2))

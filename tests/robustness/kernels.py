@@ -5,6 +5,7 @@ confirms that NumPy and SciPy really use it, and a kernel that the processor has
 fits are compared between all kernels at the end. Exits with 1 where a test failed or fits differ.
 """
 
+import contextlib
 import os
 import subprocess
 import sys
@@ -69,7 +70,7 @@ def clouds() -> dict[str, Callable[[], np.ndarray]]:
         "whole numbers": lambda: np.round(made(semi_axes=(5.0, 8.0, 12.0)).surface(sphere)),
         "flat": lambda: made(semi_axes=(3.0, 2.0, 1e-3)).surface(sphere),
         "copies": lambda: np.repeat(made(semi_axes=(5.0, 8.0, 12.0)).surface(sphere), 2, axis=0),
-        "two planes": lambda: np.vstack([sphere * [1, 1, 0] + [0, 0, z] for z in (-0.1, 0.1)]),
+        "two planes": lambda: np.vstack([sphere * [1, 1, 0.01] + [0, 0, z] for z in (-0.2, 0.2)]),
         "edges": lambda: made(exponents=(0.1, 0.1)).surface(sphere),
     }
 
@@ -129,8 +130,9 @@ def main(kernels: tuple[str, ...]) -> int:
     """Run all kernels, as many at once as there are cores, and print what became of each."""
     passed, failed, waiting = list[str](), list[str](), list(kernels)
     running: dict[str, subprocess.Popen[str]] = {}
-    with tempfile.TemporaryDirectory() as name:
+    with tempfile.TemporaryDirectory() as name, contextlib.ExitStack() as ending:
         folder = Path(name)
+        ending.callback(lambda: [process.terminate() for process in running.values()])
         while waiting or running:
             while waiting and len(running) < (os.cpu_count() or 1):
                 kernel = waiting.pop(0)

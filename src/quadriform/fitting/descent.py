@@ -128,7 +128,7 @@ class Descent:
         slope *= free
         normal *= free[:, :, None] & free[:, None]
         largest = diagonal.max(axis=1, keepdims=True)
-        diagonal += self.damping[:, None] * diagonal + 1e-13 * largest + (1e-300 + largest) * ~free
+        diagonal += self.damping[:, None] * diagonal + 1e-13 * largest + 1e-300 + largest * ~free
         step = -np.linalg.solve(normal, slope[:, :, None])[..., 0]
         return step * np.minimum(1, LARGEST_STEP / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
 
@@ -176,5 +176,7 @@ def accelerated(places: list[Array], proposals: list[Array]) -> Array:
     if len(proposals) == 1:
         return latest
     moved, changed = np.diff(places, axis=0), np.diff(proposals, axis=0)
+    if not np.isfinite(changed).all():
+        return latest
     mix = np.linalg.lstsq(changed.T, latest, rcond=None)[0]
     return latest - (moved + changed).T @ mix

@@ -58,7 +58,8 @@ def sides(points: Array, core: NDArray[np.bool_]) -> Array:
 
 
 def _moments(points: Array, weights: Array) -> tuple[Array, Array]:
-    """Centres (H, 3) and second moments (H, 3, 3) of weighted parts (H, n) of a cloud."""
+    """Centres (H, 3) and second moments (H, 3, 3) of weighted parts (H, n) of a cloud, of all without any weight."""
+    weights = np.where(weights.sum(axis=1, keepdims=True) > 0, weights, 1.0)
     share = weights / weights.sum(axis=1, keepdims=True)
     centres = share @ points
     squares = (points[:, :, None] * points[:, None]).reshape(-1, 9)
