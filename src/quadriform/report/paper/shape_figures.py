@@ -16,7 +16,7 @@ from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
 
-GALLERY = (0.1, 0.5, 1.0, 1.5, 2.0)
+GALLERY = (0.1, 0.5, 1.0, 2.0, 3.0)
 """Exponents, of latitude and of longitude."""
 EDGE = 10.0
 """The surface is called curved where its normal is farther than this from all axes, in degrees."""
@@ -43,9 +43,10 @@ def gallery(_: Material) -> Remake:
         "p. 40",
         "examples of superellipsoids, a wide variety of shapes. Small exponents are square, 1 is round, 2 has flat "
         "bevels, larger ones are pinched (p. 51).",
-        [shown(drawing.tiles(pictures, "small"), words, SYNTHETIC)],
+        [shown(drawing.tiles(pictures, "fives"), words, SYNTHETIC)],
         [("volume of a mesh of 48 cells against the closed form, largest difference", NONE, NOT, f"{worst:.2%}")],
-        f"the same family: {len(pictures)} shapes from nearly a box to flat bevels, whose meshes have the volume of "
+        f"the same family: {len(pictures)} shapes, square at an exponent of {GALLERY[0]:g} and pinched at "
+        f"{GALLERY[-1]:g}, whose meshes have the volume of "
         f"the closed form to {worst:.2%}.",
     )
 
