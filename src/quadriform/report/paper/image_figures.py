@@ -9,7 +9,7 @@ from quadriform.fitting.outcome import flat, rms
 from quadriform.imaging.volume import Volume
 from quadriform.report.paper import drawing
 from quadriform.report.paper.material import Material
-from quadriform.report.paper.remake import NONE, NOT, Remake, Row, beside, mm, shown
+from quadriform.report.paper.remake import NONE, Remake, Row, beside, mm, shown
 from quadriform.report.paper.scans import Scan
 from quadriform.report.parts import image
 from quadriform.report.slices import slice_pictures
@@ -90,11 +90,11 @@ def segmentation(material: Material) -> Remake:
     """Fig. 17."""
     scan = material.third
     points = f"{len(scan.subject.cloud):,}"
-    rows = [("points of the isosurface", "10,000", points, points)]
+    rows: list[Row] = [("points of the isosurface", "10,000", points, points)]
     verdict = f"the chain gives {points} points: {scan.steps}."
     if scan.overlap is not None:
         rows.append(
-            ("Dice overlap with the authors' labels, which the chain does not use", NONE, NOT, f"{scan.overlap:.2f}")
+            ("Dice overlap with the authors' labels, which the chain does not use", NONE, *[f"{scan.overlap:.2f}"] * 2)
         )
         verdict += f" The segmented cavity overlaps the labels made by hand by {scan.overlap:.2f} (Dice)."
     return Remake(

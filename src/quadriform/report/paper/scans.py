@@ -32,6 +32,7 @@ HUMAN_FILE = "human_lv_guidepoints/frames/GPFile_000.txt"
 NEEDED = (SPECT_FILE.format(1), SPECT_FILE.format(2), PIG_LABELS, PIG_IMAGE, HUMAN_FILE)
 """Files of a folder of real hearts."""
 
+EXACT = "This shape is one that a single box of 5 x 5 x 5 represents exactly; no real heart's is."
 COARSER = 4
 """So many voxels along each axis become one in the coarse brain, which then has as many points as the paper's SPECT."""
 CAVITY_LABEL = 1
@@ -153,7 +154,7 @@ def scanner_walls(box: Box) -> Walls:
     """Both walls of the same image, one point kept in each cube of 3 mm."""
     image = clouds.scanner_image()
     points = {name: thinned(_level(name).points(image).mesh.vertices, 3.0) for name in ("epi", "endo")}
-    return walls("synthetic ventricle, both walls", SYNTHETIC, points, box)
+    return walls("synthetic ventricle, both walls", SYNTHETIC, points, box, EXACT)
 
 
 def _level(name: str) -> Chain:

@@ -10,7 +10,7 @@ from quadriform.fitting.outcome import Fit, rms
 from quadriform.points import Array
 from quadriform.report.paper import drawing
 from quadriform.report.paper.material import Material
-from quadriform.report.paper.remake import NONE, Remake, Row, listed, mm, shown
+from quadriform.report.paper.remake import NONE, SAME, Remake, Row, listed, mm, shown
 from quadriform.report.paper.subjects import Subject, Walls
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.model import DeformableModel
@@ -58,13 +58,13 @@ def wall_verdict(walls: Walls) -> str:
         parts, better = [], []
         for name, subject in walls.alone.items():
             one, two = rms(_residuals(walls.together.fits[k], name)), subject.fits[k].rms
-            better.append(two < one)
+            better.append(two < (1 - SAME) * one)
             parts.append(f"{name} {mm(two)} against {mm(one)}")
         word = "on both walls" if all(better) else "on one wall only" if any(better) else "on neither wall"
-        sentences.append(f"With {method} a box each is nearer {word}: {listed(parts)}.")
+        sentences.append(f"With {method} a box each is nearer by more than {SAME:.0%} {word}: {listed(parts)}.")
     counts = walls.together.paper.model.n_parameters, sum(s.paper.model.n_parameters for s in walls.alone.values())
     why = " The default estimates a strength of regularisation for each fit: its two boxes need not be nearer."
-    return f"One box has {counts[0]} parameters, two have {counts[1]}. {' '.join(sentences)}{why}"
+    return f"One box has {counts[0]} parameters, two have {counts[1]}. {' '.join(sentences)}{why} {walls.together.note}"
 
 
 def whole_space(material: Material) -> Remake:

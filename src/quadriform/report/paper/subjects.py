@@ -109,10 +109,10 @@ class Walls:
     alone: Mapping[str, Subject]
 
 
-def walls(name: str, source: str, points: Mapping[str, Array], box: Box) -> Walls:
+def walls(name: str, source: str, points: Mapping[str, Array], box: Box, note: str = "") -> Walls:
     """All fits of two surfaces; pictures show the inner one, "endo"."""
     alone = {each: fitted(f"{name}, {each}", source, {each: cloud}, box, each) for each, cloud in points.items()}
-    return Walls(fitted(name, source, points, box, "endo"), alone)
+    return Walls(fitted(name, source, points, box, "endo", note), alone)
 
 
 def before(model: DeformableModel) -> DeformableModel:
