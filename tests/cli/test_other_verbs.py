@@ -237,6 +237,17 @@ def test_labels_lie_in_the_same_voxels_whatever_the_frame(terminal, tmp_path, ni
     assert np.array_equal(found[0], found[1]) and np.array_equal(found[0], found[2])
 
 
+def test_export_asks_for_all_its_files_before_the_work(terminal, model, tmp_path, monkeypatch):
+    """The last of them exists already; the first is not even made."""
+    from quadriform.cli import export
+
+    (tmp_path / "surface.vtp").write_bytes(b"mine")
+    monkeypatch.setattr(export, "_encode", lambda *_args: pytest.fail("worked before asking"))
+    refused = terminal("export", "model.json", "--to", "ply,vtp", "-o", ".")
+    assert refused.code == 5 and "surface.vtp': exists already" in refused.err
+    assert not (tmp_path / "surface.ply").exists()
+
+
 def test_export_refuses(terminal, model, tmp_path):
     (tmp_path / "surface.obj").write_text("mine")
     for words, code, message in [

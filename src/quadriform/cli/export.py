@@ -12,6 +12,8 @@ if TYPE_CHECKING:
 
     Film = tuple[list[DeformableModel], list[float]]
 
+WHOLE = {"vtu": "wall.vtu", "vtkhdf": "surfaces.vtkhdf", "nii": "labels.nii.gz"}
+"""Formats that hold all surfaces in one file."""
 FORMATS = ("ply", "stl", "obj", "vtp", "vtu", "vtkhdf", "nii")
 
 
@@ -42,11 +44,13 @@ def export(
     check_folder(output)
     state, film = _read(model, at, frames, check_space(space))
     told = repeat(state.record, strict, model)
+    kinds = list(dict.fromkeys(formats))
+    names = [name for kind in kinds for name in _names(kind, state)]
+    check_file_names([output / name for name in names], "two surfaces")
+    check_results(output, names, force, [model] if like is None else [model, like])
     files: dict[str, bytes] = {}
-    for kind in dict.fromkeys(formats):
+    for kind in kinds:
         files |= _encode(kind, state, film, resolution, layers, like)
-    check_file_names([output / name for name in files], "two surfaces")
-    check_results(output, list(files), force, [model] if like is None else [model, like])
     with replaced_together(output, next(iter(files)), force) as folder:
         for name, content in files.items():
             write_bytes(folder / name, content)
@@ -82,6 +86,11 @@ def _read(path: Path, at: float | None, frames: int, space: str | None) -> "tupl
     return loaded.at(start if at is None else at), ([loaded.at(float(time)) for time in times], times.tolist())
 
 
+def _names(kind: str, state: "DeformableModel") -> list[str]:
+    """The files of one format."""
+    return [WHOLE[kind]] if kind in WHOLE else [surface_file(name, f".{kind}") for name in state.surfaces]
+
+
 def _encode(
     kind: str, state: "DeformableModel", film: "Film", resolution: int, layers: int, like: Path | None
 ) -> dict[str, bytes]:
@@ -93,11 +102,11 @@ def _encode(
 
     if kind == "vtu":
         wall = wall_mesh(state, layers=layers, resolution=resolution)
-        return {"wall.vtu": encode_vtu(wall, {"SPACE": state.space, "UNIT": state.unit} | state.record.marks)}
+        return {WHOLE[kind]: encode_vtu(wall, {"SPACE": state.space, "UNIT": state.unit} | state.record.marks)}
     if kind == "vtkhdf":
-        return {"surfaces.vtkhdf": encode_vtkhdf(*film, resolution=resolution)}
+        return {WHOLE[kind]: encode_vtkhdf(*film, resolution=resolution)}
     if kind == "nii" and like is not None:
-        return {"labels.nii.gz": _labels(state, like)}
+        return {WHOLE[kind]: _labels(state, like)}
     meshes = {name: state.mesh(name, resolution) for name in state.surfaces}
     return {
         surface_file(name, f".{kind}"): encode_mesh(mesh, f".{kind}", state.space, state.unit, state.record.marks)
