@@ -144,3 +144,12 @@ def test_toroids_are_matched_too():
     normals = ring.gradient(grid) / np.linalg.norm(ring.gradient(grid), axis=1, keepdims=True)
     found = facing(ring, FacingCloud(grid, normals, np.ones(len(grid))))
     assert np.linalg.norm(found - grid, axis=1).max() < 0.15 * np.linalg.norm(np.ptp(grid, axis=0))
+
+
+def test_the_share_of_inliers_stays_below_one(rng):
+    """Where all points are inliers a later stranger is still told from them."""
+    found = sheet()
+    found.weigh(np.abs(rng.normal(size=len(CLOUD))) * 1e-3, noise=1e-3)
+    assert 0.9 < found.share < 1
+    assert found.probabilities(np.array([1.0]), 1e-3)[0] < 1e-3
+    assert found.probabilities(np.array([1e-4]), 1e-3)[0] > 0.9

@@ -6,7 +6,7 @@ from shapes_made import even_directions, made
 
 import quadriform as qf
 from quadriform.errors import OptionError, PointsError
-from quadriform.motion.slice_shifts import SlicePlanes
+from quadriform.motion.slice_shifts import SPREAD, SlicePlanes
 
 FRAMES, BOX = 6, (3, 3, 3)
 OUTER = made(exponents=(1, 1), semi_axes=(20, 18, 30))
@@ -132,6 +132,19 @@ def test_the_axes_of_a_slice_lie_in_its_plane():
     assert np.abs(planes.axes[2] @ OUTER.rotation[:, 2]).max() < 0.05
     moved = planes.offsets(np.eye(7)[:, :2] * 3.0, np.array([1, 5, 99]))
     np.testing.assert_allclose(np.linalg.norm(moved, axis=1), [3.0, 0, 0])
+
+
+def test_without_data_a_shift_has_the_spread_that_is_assumed():
+    """Its weight is that of one measurement of zero with this spread, in units of the noise; all together far more."""
+    frames, numbers = sliced()
+    planes = SlicePlanes.of(frames, numbers)
+    box = qf.ControlBox.around(OUTER, (2, 2, 2))
+    coupling, own, right = planes.border([[]], [box], noise=0.2)
+    assert not coupling.any() and not right.any() and coupling.shape == (len(own), 1, box.control_points.size)
+    weights = np.linalg.eigvalsh(own)
+    held = planes.unseen().shape[1]
+    np.testing.assert_allclose(weights[: len(own) - held], (0.2 / SPREAD) ** 2, rtol=1e-6)
+    assert (weights[len(own) - held :] > 1e4 * weights[0]).all()
 
 
 @pytest.mark.parametrize(
