@@ -1,6 +1,7 @@
 """Numbers from the words of a text."""
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
@@ -14,15 +15,25 @@ def floats(words: Iterable[str] | Iterable[bytes], where: str) -> Array:
     Raises:
         FileFormatError: a word is no number.
     """
-    values = []
-    for word in words:
-        try:
-            values.append(float(word))
-        except ValueError as error:
-            raise FileFormatError(f"{where}: expected a number, found {_shown(word)!r}") from error
-        if ("_" if isinstance(word, str) else b"_") in word:  # type: ignore[operator]  # separates thousands in Python
+    given: list[Any] = list(words)
+    try:
+        values = np.array(list(map(float, given)), dtype=np.float64)
+    except ValueError as error:
+        wrong = next(word for word in given if not _is_number(word))
+        raise FileFormatError(f"{where}: expected a number, found {_shown(wrong)!r}") from error
+    separator: Any = b"_" if given and isinstance(given[0], bytes) else "_"
+    for word in given:
+        if separator in word:  # Python takes it for a separator of thousands
             raise FileFormatError(f"{where}: expected a number, found {_shown(word)!r}")
-    return np.array(values, dtype=np.float64)
+    return values
+
+
+def _is_number(word: str | bytes) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
 
 
 def whole(values: Array, where: str) -> np.ndarray:

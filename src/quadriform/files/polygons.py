@@ -76,7 +76,8 @@ def _triangles_of(vertices: Array, rows: Indices, where: str) -> Indices:
     fan = np.stack([np.broadcast_to(rows[:, :1], (count, length - 2)), rows[:, 1:-1], rows[:, 2:]], axis=-1)
     if length == 3:
         return fan
-    points = vertices[rows]
+    points = vertices[rows] - vertices[rows[:, :1]]
+    points = points / (np.abs(points).max() or 1.0)  # fourth powers of small sizes would vanish
     with np.errstate(all="ignore"):  # vertices that are not finite are refused by those who look at them
         vectors = np.cross(points[:, 1:-1] - points[:, :1], points[:, 2:] - points[:, :1])
         normals = vectors.sum(axis=1)

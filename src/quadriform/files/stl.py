@@ -58,26 +58,26 @@ def _binary(data: bytes, where: str) -> Array | None:
 
 def _ascii(data: bytes, where: str) -> Array:
     lines = data.decode("ascii", "surrogateescape").replace("\0", " ").splitlines()
-    words = [line.split() for line in lines]
-    kinds = [row[0].lower() if row else "" for row in words]
-    if next(filter(None, kinds), "") != "solid":
+    lines = [line for each in lines if (line := each.strip())]
+    kinds = [line.split(None, 1)[0].lower() for line in lines]
+    if not kinds or kinds[0] != "solid":
         raise FileFormatError(f"{where}: expected an STL file, binary or ASCII, found {signature(data)}")
-    corners: list[list[str]] = []
-    facets = 0
-    for number, (row, kind) in enumerate(zip(words, kinds), 1):
-        if (kind and kind not in NAMES) or (kind == "vertex" and len(row) != 4):
-            found = " ".join(row)[:60]
-            raise FileFormatError(f"{where}, line {number}: expected a line of an ASCII STL, found {found!r}")
-        facets += kind == "endfacet"
-        if kind == "vertex":
-            corners.append(row[1:])
-        elif kind == "endfacet" and len(corners) != 3 * facets:
-            raise FileFormatError(f"{where}, line {number}: expected three corners in each facet, found another number")
+    if not set(kinds) <= set(NAMES):
+        found = next(line for line, kind in zip(lines, kinds) if kind not in NAMES)[:60]
+        raise FileFormatError(f"{where}: expected the lines of an ASCII STL, found {found!r}")
+    words = [line.split()[1:] for line, kind in zip(lines, kinds) if kind == "vertex"]
+    wrong = next((row for row in words if len(row) != 3), None)
+    if wrong is not None:
+        raise FileFormatError(f"{where}: expected vertex x y z, found {' '.join(['vertex', *wrong])[:60]!r}")
+    order = [kind for kind in kinds if kind in ("vertex", "endfacet")]
+    facets = order.count("endfacet")
+    if order != ["vertex", "vertex", "vertex", "endfacet"] * facets and len(order) == 4 * facets:
+        raise FileFormatError(f"{where}: expected three corners in each facet, found other numbers")
     counts = {name: kinds.count(name) for name in ("facet", "endfacet", "solid", "endsolid")}
     whole = counts["facet"] == counts["endfacet"] and counts["solid"] == counts["endsolid"]
-    if not whole or len(corners) != 3 * counts["facet"]:
-        raise FileFormatError(f"{where}: the file is cut short: {counts}, {len(corners)} corners")
-    return floats((word for row in corners for word in row), where).reshape(-1, 3)
+    if not whole or len(order) != 4 * facets:
+        raise FileFormatError(f"{where}: the file is cut short: {counts}, {len(words)} corners")
+    return floats((word for row in words for word in row), where).reshape(-1, 3)
 
 
 def _merged(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
