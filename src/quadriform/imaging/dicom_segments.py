@@ -54,6 +54,9 @@ def label_map(header: "Dataset", pixels: NDArray[Any], file: Path, warnings: War
                 raise InputError(f"{quoted(file)}: two frames of segment {number} lie at slice {slices[index]}")
             mask[..., slices[index]] = image.T
         found.add(names[number], number, mask)
+    if pixels.any(axis=(1, 2)).all():  # slices without a voxel were left out, so the segments end at the last ones
+        found.values = np.pad(found.values, ((0, 0), (0, 0), (1, 1)))
+        affine[:3, 3] -= affine[:3, 2]
     return Volume(found.values, affine, "LPS", "mm", warnings, tuple(found.segments), is_label_map=True)
 
 
