@@ -9,6 +9,7 @@ from dicom_made import write_segmentation
 from numpy.testing import assert_allclose, assert_array_equal
 
 from quadriform.errors import AffineError, FileFormatError, InputError, OptionError
+from quadriform.imaging.image_points import points_from_image
 from quadriform.imaging.reading import frame_count, read_volume
 from quadriform.imaging.segmentation import Labels, segment
 from quadriform.imaging.segments import SegmentMap
@@ -93,6 +94,13 @@ def test_each_segment_is_found_by_name(tmp_path, writer, pair):
 def test_numbers_are_those_of_the_file_also_where_segments_overlap(tmp_path):
     volume = read_volume(dicom(tmp_path / "a.dcm", PAIRS["nested"]))
     assert mask_of(volume, 1).sum() == INNER.sum() and mask_of(volume, 2).sum() == OUTER.sum()
+
+
+def test_points_of_a_segment_by_name_record_the_name(tmp_path):
+    volume = read_volume(dicom(tmp_path / "a.dcm", PAIRS["adjacent"]))
+    found = points_from_image(volume, select=Labels(("liver",)))
+    assert found.record["select"] == {"labels": ["liver"]}
+    assert found.segmentation.mask.sum() == LIVER.sum() and found.warnings == {}
 
 
 def test_one_layer_keeps_its_values(tmp_path):

@@ -163,4 +163,6 @@ def _findings(segmentation: Segmentation) -> dict[str, Any]:
 def _named(select: Select) -> Any:
     if isinstance(select, Percentile):
         return {"percentile": select.of, "fraction": select.fraction}
-    return {"labels": [int(label) for label in select.values]} if isinstance(select, Labels) else select
+    if not isinstance(select, Labels):
+        return select
+    return {"labels": [label if isinstance(label, str) else int(label) for label in select.values]}
