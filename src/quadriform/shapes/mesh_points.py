@@ -6,8 +6,8 @@ from numpy.typing import NDArray
 from quadriform.points import Array
 from quadriform.shapes.mesh import Mesh
 
-DENSE = 0.1
-"""Vertices are dense where no edge is longer than this share of the root of the area (0.35 radii of a sphere)."""
+DENSE = 0.2
+"""Vertices are dense where no edge is longer than this share of the root of the area (0.7 radii of a sphere)."""
 SPARSE_AREA = 0.01
 """Share of the area that may lie in longer triangles: slivers and filled pinholes do not make a dense mesh sparse."""
 SAMPLES, MOST_SAMPLES = 5000, 50_000
