@@ -198,9 +198,9 @@ def _three(roles: list[str], parsed: list[_Name], names: Sequence[str], what: st
     for role, places in zip(roles, chosen):
         if len(places) > 1:
             both = " and ".join(repr(names[place]) for place in places[:2])
-            raise ColumnsError(
-                f"{what}: two columns, {both}, could be {role}; choose by --columns (columns= in Python)"
-            )
+            same = names[places[0]] == names[places[1]]
+            how = "give them different names" if same else "choose by --columns (columns= in Python)"
+            raise ColumnsError(f"{what}: two columns, {both}, could be {role}; {how}")
     (one,), (two,), (three,) = chosen
     return one, two, three
 

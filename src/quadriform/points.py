@@ -65,7 +65,7 @@ def _as_numbers(values: ArrayLike, what: str) -> Array:
         raise PointsError(f"{what}: rows of unequal length; expected (n, 3)") from error
     if array.dtype.kind not in "iuf":
         raise PointsError(f"{what}: expected real numbers, found type {array.dtype}")
-    if array.dtype.kind in "iu" and array.size and int(np.abs(array.astype(object)).max()) > 2**53:
+    if array.dtype.kind in "iu" and array.size and np.abs(np.atleast_1d(array).astype(object)).max() > 2**53:
         raise PointsError(f"{what}: whole numbers above 2^53 cannot be kept exactly; shift them first")
     with np.errstate(over="ignore"):
         return array.astype(np.float64, copy=False)

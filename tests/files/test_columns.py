@@ -12,6 +12,8 @@ from quadriform.files.points import read_point_set
 from quadriform.point_sets import point_set
 
 ROWS = np.array([[1.0, 2.0, 30.0], [-4.5, 5.25, 6.0], [0.125, 7.0, -8.0], [9.0, 10.0, 11.5]])
+FIELDS = "field.point.x,field.point.y,field.point.z"
+"""As rostopic names them."""
 NORMALS = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0.6, -0.8], [0, 0, -1.0]])
 
 
@@ -121,6 +123,14 @@ def test_normals_are_found_among_other_columns(write, header):
         ("# unit: m\nx [mm],y [mm],z [mm]\n" + lines(ROWS), "one unit of length, found m and mm"),
         ("# zyx\n" + lines(ROWS), "comment 'zyx' may say that the columns are not x, y, z"),
         ("# rows of z y x, in voxels\n" + lines(ROWS), "may say that the columns are not x, y, z"),
+        ("# coordinates (z,y,x) in voxels\n" + lines(ROWS), "may say that the columns are not x, y, z"),
+        ("# points [Z/Y/X]\n" + lines(ROWS), "may say that the columns are not x, y, z"),
+        ("# order: z-y-x\n" + lines(ROWS), "may say that the columns are not x, y, z"),
+        ("# indices k, j, i\n" + lines(ROWS), "may say that the columns are not x, y, z"),
+        ("# slice row column\n" + lines(ROWS), "may say that the columns are not x, y, z"),
+        (",0,1,2\n" + lines(np.arange(4), ROWS), "the row , 0, 1, 2 may be .*--columns 0,1,2"),
+        ("0,1,2\n" + lines(ROWS.astype(int)), "the row 0, 1, 2 may be a point .*of a point.* --columns x,y,z"),
+        ("x,y,z,x,y,z\n" + lines(ROWS, ROWS), "two columns, 'x' and 'x', could be x; give them different names"),
         ("# z y x\n# x y z\n" + lines(ROWS), "two comments name the columns differently"),
         ("0,1,2\n" + lines(ROWS), "the row 0, 1, 2 may be a point or the numbers of the columns"),
         (lines(ROWS, NORMALS), "found 6 columns without names; the last three look like unit normals.*x,y,z,nx,ny,nz"),
@@ -154,6 +164,9 @@ def test_decimal_commas_are_named_only_where_they_may_be(write):
         (lines(ROWS[:, ::-1]), (2, 1, 0)),
         ("# zyx\n" + lines(ROWS[:, ::-1]), "z,y,x"),
         ("0,1,2\n" + lines(ROWS), "0,1,2"),
+        (",0,1,2\n" + lines(np.arange(4), ROWS), "0,1,2"),
+        ("# S,A,R\n" + lines(ROWS[:, ::-1]), "R,A,S"),
+        ("%time,field.point.z,field.point.y,field.point.x\n" + lines(np.arange(4), ROWS[:, ::-1]), FIELDS),
         ("S,A,R\n" + lines(ROWS[:, ::-1]), "R,A,S"),
         ("S,A,R\n" + lines(ROWS[:, ::-1]), "r, a, s"),
         ("z,y,x\n" + lines(ROWS[:, ::-1]), "x,y,z"),
@@ -183,6 +196,12 @@ def test_the_caller_may_say_which_they_are(write, content, columns):
 def test_columns_that_are_not_there(names, width, columns, message):
     with pytest.raises(OptionError, match=message):
         chosen_columns(columns, names, width, "table")
+
+
+def test_a_first_row_of_0_1_2_is_a_point_where_the_caller_says_so(write):
+    assert len(qf.read_points(write("0,1,2\n" + lines(ROWS.astype(int))), columns="x,y,z")) == 5
+    with pytest.raises(ColumnsError, match="numbers of the columns"):
+        qf.read_points(write(",0,1,2\n" + lines(np.arange(4), ROWS)), columns="index,x,y,z")
 
 
 def test_plain_letters_come_before_others():

@@ -23,6 +23,8 @@ SIGNATURES = {
     b"%PDF": "PDF",
     b"{": "JSON",
     b"<": "XML",
+    b"\xff\xfe": "text in UTF-16",
+    b"\xfe\xff": "text in UTF-16",
 }
 
 

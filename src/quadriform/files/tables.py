@@ -27,7 +27,9 @@ SEPARATOR = re.compile(r"sep=([;,\t|])")
 LABEL = re.compile(r"(columns?|fields?|header|format|names?|data)\s*[:=]\s*", re.IGNORECASE)
 UNIT_COMMENT = re.compile(r"(?:length\s+)?units?\s*[:=]\s*\"?(\S+?)\"?", re.IGNORECASE)
 UNIT_AT_END = re.compile(r"([^\[(]*\S)\s+[\[(]([^\])]*)[\])]")
-OTHER_ORDERS = {"".join(order) for order in permutations(AXES)} - {AXES}
+OTHER_ORDERS = {"".join(order) for letters in (AXES, "ijk") for order in permutations(letters)} - {AXES, "ijk"}
+OF_IMAGES = ({"row"}, {"col", "column"}, {"slice", "plane"})
+"""Words for the axes of an image, whose order in space a table does not tell."""
 
 
 @dataclass(frozen=True)
@@ -120,8 +122,8 @@ def _names(text: _Text, first: list[str], columns: Chosen) -> tuple[list[str] | 
     wanted = columns.split(",") if isinstance(columns, str) else columns or ()
     if not any(map(_is_number, first)) or names_axes(first) or (wanted and _all_in(wanted, first)):
         return first, True
-    _check_numbered(text, first)
-    found = [names for comment in text.comments if (names := _names_in(comment, text.separator, len(first)))]
+    _check_numbered(text, first, bool(wanted))
+    found = [names for comment in text.comments if (names := _names_in(comment, text.separator, len(first), wanted))]
     if any(columns_of(names, text.where) != columns_of(found[0], text.where) for names in found[1:]):
         raise ColumnsError(f"{text.where}: two comments name the columns differently; choose by --columns")
     return (found[0] if found else None), False
@@ -131,18 +133,23 @@ def _all_in(wanted: Sequence[str | int], first: list[str]) -> bool:
     return all(isinstance(name, str) and name.strip() in first for name in wanted)
 
 
-def _check_numbered(text: _Text, first: list[str]) -> None:
+def _check_numbered(text: _Text, first: list[str], is_chosen: bool) -> None:
     """Refuse a first row 0, 1, 2 ... that is no point but the numbers that pandas gives to columns without names."""
-    numbered = first == list(map(str, range(len(first)))) and len(text.rows) > 1
-    if numbered and not all(field.lstrip("+-").isdecimal() for field in text.split(text.rows[1])):
-        raise ColumnsError(
-            f"{text.where}, line {text.rows[0][0]}: the row {', '.join(first)} may be a point or the numbers of "
-            f"the columns; leave the line out, or say --columns {','.join(first[:3])} (columns= in Python)"
-        )
+    numbers = first[1:] if first[0] == "" else first
+    if numbers != list(map(str, range(len(numbers)))) or len(text.rows) < 2:
+        return
+    whole = first[0] != "" and all(field.lstrip("+-").isdecimal() for field in text.split(text.rows[1]))
+    if whole and (is_chosen or text.separator != ","):
+        return
+    raise ColumnsError(
+        f"{text.where}, line {text.rows[0][0]}: the row {', '.join(first)} may be a point or the numbers of the "
+        f"columns; of the columns, leave the line out or say --columns {','.join(numbers[:3])} (columns= in Python)"
+        + ("; of a point, name the columns from left to right, as --columns x,y,z" if whole else "")
+    )
 
 
-def _names_in(comment: str, separator: str | None, width: int) -> list[str] | None:
-    """The names of the columns, where a comment holds as many with x, y and z among them."""
+def _names_in(comment: str, separator: str | None, width: int, wanted: Sequence[str | int]) -> list[str] | None:
+    """The names of the columns, where a comment holds as many, with x, y and z or those that are wanted among them."""
     text = LABEL.sub("", comment, count=1) if LABEL.match(comment) else comment
     if (end := UNIT_AT_END.fullmatch(text)) and unit_of(end[2]):
         text = end[1]
@@ -151,7 +158,7 @@ def _names_in(comment: str, separator: str | None, width: int) -> list[str] | No
         suffix = ""
     for each in dict.fromkeys([separator, ",", ";", "\t", None]):
         names = _fields(text, each)
-        if len(names) == width and names_axes(names):
+        if len(names) == width and (names_axes(names) or (wanted and _all_in(wanted, names))):
             return [name + suffix for name in names]
     return None
 
@@ -160,9 +167,7 @@ def _unnamed(text: _Text, body: list[tuple[int, str]], width: int, what: str) ->
     """Three columns without names are x, y, z, where no comment says otherwise."""
     if width == 3:
         for comment in text.comments:
-            words = re.split(r"[\s,;:=]+", comment.lower())
-            letters = "".join(word for word in words if word and word in AXES and len(word) == 1)
-            if letters in OTHER_ORDERS or OTHER_ORDERS & set(words):
+            if _may_name_another_order(comment):
                 raise ColumnsError(
                     f"{text.where}: the comment {comment[:60]!r} may say that the columns are not x, y, z; name them "
                     "from left to right by --columns, such as z,y,x (columns= in Python)"
@@ -174,6 +179,13 @@ def _unnamed(text: _Text, body: list[tuple[int, str]], width: int, what: str) ->
         f"{what}: expected 3 columns, or a header that names x, y and z; found {width} columns without names"
         + _looks(text, body, width)
     )
+
+
+def _may_name_another_order(comment: str) -> bool:
+    """Whether the words of a comment are x, y and z in another order, or the axes of an image."""
+    words = re.findall(r"[a-z]+", comment.lower())
+    letters = ["".join(word for word in words if len(word) == 1 and word in axes) for axes in (AXES, "ijk")]
+    return bool(OTHER_ORDERS & {*letters, *words}) or all(names & set(words) for names in OF_IMAGES)
 
 
 def _looks(text: _Text, body: list[tuple[int, str]], width: int) -> str:
