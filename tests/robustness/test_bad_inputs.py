@@ -82,6 +82,7 @@ REFUSED = {
     "16 huge": (lambda: 1e160 * CLOUD, PointsError, "out of range"),
     "17 bool": (lambda: CLOUD > 0, PointsError, "type bool"),
     "17 whole numbers above 2^53": (lambda: (CLOUD * 2**50).astype(np.int64), PointsError, r"above 2\^53"),
+    "20 a whole number": (lambda: 5, PointsError, r"found \(\)"),
     "19 complex": (lambda: CLOUD.astype(complex), PointsError, "type complex128"),
     "19 object": (lambda: CLOUD.astype(object), PointsError, "type object"),
     "19 text": (lambda: CLOUD.astype(str), PointsError, "type <U"),
