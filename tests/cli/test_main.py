@@ -110,7 +110,9 @@ def test_real_processes_end_with_one_line_and_the_code(tmp_path, cloud):
 
 
 def test_a_fit_in_a_real_process(tmp_path, cloud):
-    done = process("fit", cloud, "-o", tmp_path / "out", "--method", "paper", "--iterations", "2")
+    done = process(
+        "fit", cloud, "-o", tmp_path / "out", "--method", "paper", "--regularity", "springs-paper", "--iterations", "2"
+    )
     assert done.returncode == 0
     assert done.stderr == ""
     assert (tmp_path / "out/model.json").is_file()

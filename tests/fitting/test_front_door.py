@@ -62,7 +62,6 @@ BAD = [
     ("A19", np.zeros(20, [("a", float), ("b", float), ("c", float)]), PointsError, "columns named x, y and z"),
     ("A19", [[1, 2, 3], [4, 5]], PointsError, "unequal length"),
     ("A19", None, PointsError, "object"),
-    ("A19", "points.xyz", PointsError, "type <U"),
     ("A20", CLOUD.T, PointsError, r"expected .* \(n, 3\), found \(3, 300\); try points.T"),
     ("A20", CLOUD[:, :2], PointsError, r"found \(300, 2\)"),
     ("A20", np.ones((9, 4)), PointsError, r"found \(9, 4\)"),
@@ -80,6 +79,12 @@ def test_bad_clouds(door, row, points, error, message):
         door(points)
     assert "\n" not in str(caught.value)
     assert caught.value.exit_code == 4
+
+
+@pytest.mark.parametrize("entry", [qf.fit_superquadric, lambda p: qf.refine(made(), p)])
+def test_paths_are_for_fit_alone(entry):
+    with pytest.raises(PointsError, match="type <U"):
+        entry("points.xyz")
 
 
 def test_the_cloud_at_fault_is_named():
