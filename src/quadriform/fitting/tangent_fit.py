@@ -29,8 +29,8 @@ MORE = 2
 """Control points a side that the finer box of the uncertainty has besides: the next step of the ladder 3, 5, 7."""
 PROBES = 8
 """Resolution of the points by which a round's motion of the surfaces is told."""
-VAGUE = 1e12
-"""Condition above which less than four digits of the control points are sure."""
+VAGUE = 5e9
+"""Condition above which rounding, 2e-16 for each unit of it, may move the surface by a millionth of the RMS radius."""
 THIN = 0.25
 """A noise above this share of a body's mean thickness leaves it open which points are of which side."""
 HalfSpace = tuple[Array, Array]
@@ -260,8 +260,8 @@ def _vague(solution: Solution) -> Warnings:
     if solution.condition < VAGUE:
         return {}
     text = (
-        f"at strength {solution.strength:g} the points leave control points to rounding, condition "
-        f"{solution.condition:.1e}; try a larger strength, or fewer control points"
+        f"at strength {solution.strength:g} rounding may move the surface by more than a millionth of its size, "
+        f"condition {solution.condition:.1e}; try a larger strength, or fewer control points"
     )
     return {WarningKind.ILL_CONDITIONED: text}
 
