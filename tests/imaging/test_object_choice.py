@@ -95,6 +95,10 @@ GREY = {
     "windowed CT": lambda ball, rng: np.clip(np.where(ball, 230, 0) + rng.normal(0, 25, SHAPE), 0, 255).astype(
         np.uint8
     ),
+    "CT in steps of 25 HU": lambda ball, rng: np.clip(
+        np.rint((np.where(ball, 1040, 0) + rng.normal(0, 15, SHAPE)) / 25) * 25, 0, None
+    ).astype(np.uint16),
+    "CT in 16 grey values": lambda ball, rng: np.where(ball, np.rint(8 + rng.normal(0, 0.4, SHAPE)), 0).astype(np.uint8),
     "probabilities": lambda ball, rng: ndimage.gaussian_filter(ball.astype(np.float32), 1.5),
     "float MR": lambda ball, rng: (np.where(ball, 1.0, 0.1) + rng.normal(0, 0.05, SHAPE)).astype(np.float32),
     "two values": lambda ball, rng: np.where(ball, 0.999, 0.0).astype(np.float32),
@@ -107,6 +111,30 @@ def test_grey_images_are_thresholded(ball, rng, name):
     select, notes = choose_object(volume)
     assert select == "otsu" and "grey image" in notes[0]
     assert abs(int(segment(volume).mask.sum()) / ball.sum() - 1) < 0.1
+
+
+@pytest.mark.parametrize("n", [5, 60])
+def test_small_labels_in_coarse_voxels_are_labels(ball, rng, n):
+    """Hardly a voxel of them is alone among others, as noise is."""
+    coarse = parcels(ball, n, rng)[::2, ::2, ::2]
+    if n > 32:
+        with pytest.raises(MaskError, match="values in connected regions"):
+            choose_object(image(coarse))
+    else:
+        assert isinstance(choose_object(image(coarse))[0], Labels)
+
+
+@pytest.mark.parametrize(
+    ("name", "make", "said"),
+    [
+        ("the background is -1", lambda ball, labels: labels - 1, "whole numbers from -1"),
+        ("a mask stored in a signed byte", lambda ball, labels: -ball.astype(np.int8), "whole numbers from -1"),
+        ("no voxel is 0", lambda ball, labels: 20 + 100 * ball, "without a voxel of 0.*20: "),
+    ],
+)
+def test_labels_without_a_known_background_are_asked_for(ball, rng, name, make, said):
+    with pytest.raises(MaskError, match=said):
+        choose_object(image(make(ball, parcels(ball, 5, rng))))
 
 
 def test_python_and_terminal_have_one_rule(ball, rng):
@@ -129,8 +157,13 @@ def test_a_steady_ramp_is_asked_for(ball):
 
 def test_an_interpolated_label_image_is_asked_for(ball, rng):
     fine = ndimage.zoom(parcels(ball, 6, rng).astype(np.float32), 1.5, order=1)
-    with pytest.raises(MaskError, match="interpolated"):
+    with pytest.raises(MaskError, match=f"^{(fine % 1 != 0).sum()} voxels lie between.*interpolated.*--threshold"):
         choose_object(image(fine))
+
+
+def test_labels_that_are_not_whole_are_not_what_the_file_says(ball):
+    with pytest.raises(MaskError, match=r"says that its values are labels.*--threshold"):
+        choose_object(image(ball * 1.5 + ball[::-1], is_label_map=True))
 
 
 def test_a_header_that_says_labels_is_believed(rng):
@@ -154,7 +187,7 @@ def test_segments_are_never_merged(ball):
     assert choose_object(one)[0] == Labels((1,))
     values = values + ndimage.binary_erosion(ball, iterations=3)
     two = replace(one, values=values, segments=(Segment("liver", 1, (1,)), Segment("tumor", 2, (2,))))
-    with pytest.raises(MaskError, match=r"2 segments.*--label NAME.*'tumor' \(2\): \d+, 'liver' \(1\): \d+"):
+    with pytest.raises(MaskError, match=r"2 segments.*--label and name or number.*'tumor' \(2\): \d+, 'liver' \(1\): \d+"):
         choose_object(two)
     unnamed = replace(two, segments=(Segment("liver", 1, (1,)),))  # and a value without a name
     with pytest.raises(MaskError, match="'liver'"):

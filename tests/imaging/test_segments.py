@@ -4,11 +4,12 @@ import gzip
 
 import nibabel
 import numpy as np
+import pydicom
 import pytest
 from dicom_made import write_segmentation
 from numpy.testing import assert_allclose, assert_array_equal
 
-from quadriform.errors import AffineError, FileFormatError, InputError, OptionError
+from quadriform.errors import AffineError, FileFormatError, InputError, MaskError, OptionError
 from quadriform.imaging.image_points import points_from_image
 from quadriform.imaging.reading import frame_count, read_volume
 from quadriform.imaging.segmentation import Labels, segment
@@ -167,7 +168,39 @@ def test_a_label_table_of_nifti(tmp_path):
     assert len(volume.segments) == 2
 
 
+def test_a_segment_without_voxels_is_named(tmp_path):
+    volume = read_volume(dicom(tmp_path / "a.dcm", {"liver": LIVER, "empty": np.zeros(SHAPE, bool)}))
+    for label in ("empty", 2):
+        with pytest.raises(MaskError, match=f"the segment {label} has no voxels; .*1 'liver', 2 'empty'"):
+            mask_of(volume, label)
+
+
+def test_the_background_of_a_label_map_is_no_segment(tmp_path):
+    """Its item has the number 0; what is left is one segment, and so is the object."""
+    path = dicom(tmp_path / "a.dcm", {"liver": LIVER})
+    header = pydicom.dcmread(path)
+    header.SOPClassUID, header.SegmentationType = "1.2.840.10008.5.1.4.1.1.66.7", "LABELMAP"
+    header.BitsAllocated = header.BitsStored = 8
+    header.HighBit, images = 7, np.moveaxis(LIVER[..., :4], 2, 0).transpose(0, 2, 1)
+    header.PixelData = images.astype(np.uint8).tobytes()
+    background = pydicom.Dataset()
+    background.SegmentNumber, background.SegmentLabel = 0, "Background"
+    header.SegmentSequence = [background, *header.SegmentSequence]
+    header.save_as(path)
+    found = segment(read_volume(path))
+    assert found.mask.sum() == LIVER.sum() and found.notes == ("the object is the segment 'liver'",)
+
+
 class TestBadSegmentations:
+    @pytest.mark.parametrize("number", [None, 1])
+    def test_segments_without_a_number_of_their_own(self, tmp_path, number):
+        path = dicom(tmp_path / "a.dcm", PAIRS["adjacent"])
+        header = pydicom.dcmread(path)
+        header.SegmentSequence[1].SegmentNumber = number
+        header.save_as(path)
+        with pytest.raises(FileFormatError, match="SegmentNumbers"):
+            read_volume(path)
+
     def test_slices_off_the_grid(self, tmp_path):
         path = dicom(tmp_path / "a.dcm", PAIRS["adjacent"], shift={3: 1.0})
         with pytest.raises(AffineError, match="uneven slices"):

@@ -202,7 +202,7 @@ def _without_pixels(file: Path, kind: str, cut: bool) -> QuadriformError:
 
 
 def _has_images(kind: str) -> bool:
-    return not kind or kind.endswith(IMAGES) or any(word in kind for word in IMAGES)
+    return kind != "Surface Segmentation Storage" and (not kind or any(word in kind for word in IMAGES))
 
 
 def _class_name(header: "Dataset") -> str:

@@ -41,9 +41,7 @@ def label_map(header: "Dataset", pixels: NDArray[Any], file: Path, warnings: War
     planes = planes_of(header, file)
     check_alike(planes, quoted(file))
     slices, affine = _grid(header, planes, file)
-    names = {
-        int(item.SegmentNumber): str(item.get("SegmentLabel") or "") for item in header.get("SegmentSequence") or ()
-    }
+    names = _names(header, file)
     columns, rows = planes[0].size
     found = SegmentMap(np.zeros((columns, rows, max(slices) + 1), dtype=np.int32))
     check_budget(found.values.nbytes, quoted(file))
@@ -60,13 +58,24 @@ def label_map(header: "Dataset", pixels: NDArray[Any], file: Path, warnings: War
     return Volume(found.values, affine, "LPS", "mm", warnings, tuple(found.segments), is_label_map=True)
 
 
+def _names(header: "Dataset", file: Path) -> dict[int, str]:
+    """The segments by number; 0, which label maps may describe, is the background."""
+    items = header.get("SegmentSequence") or ()
+    numbers = [item.get("SegmentNumber") for item in items]
+    if not items or None in numbers or len(set(numbers)) < len(numbers):
+        raise FileFormatError(
+            f"{quoted(file)}: SegmentSequence has the SegmentNumbers {numbers}; expected one for each segment"
+        )
+    return {int(item.SegmentNumber): str(item.get("SegmentLabel") or "") for item in items if item.SegmentNumber != 0}
+
+
 def _frames(
     header: "Dataset", pixels: NDArray[Any], names: dict[int, str], file: Path
 ) -> dict[int, dict[int, NDArray[np.bool_]]]:
     """For each segment of the header its frames: from the index in the file to the mask (rows, columns)."""
     result: dict[int, dict[int, NDArray[np.bool_]]] = {number: {} for number in names}
     if header.get("SegmentationType") == "LABELMAP":
-        for number in names:
+        for number in result:
             result[number] = {index: image == number for index, image in enumerate(pixels) if (image == number).any()}
         return result
     full = float(header.get("MaximumFractionalValue") or 1) if header.get("SegmentationType") == "FRACTIONAL" else 1.0

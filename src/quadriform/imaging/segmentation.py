@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from quadriform.errors import DegenerateError, MaskError, OptionError, WarningKind, Warnings
 from quadriform.imaging.border import border_cut
 from quadriform.imaging.object_choice import choose_object
+from quadriform.imaging.segments import listed
 from quadriform.imaging.selection import Labels, Percentile, Select
 from quadriform.imaging.volume import Region, Volume, check_region, slices
 from quadriform.points import check_number
@@ -131,7 +132,10 @@ def _whole(*numbers: object) -> bool:
 
 def _select(inner: Volume, select: Select) -> tuple[Mask, float | None]:
     if isinstance(select, Labels):
-        return _labelled(inner.values, inner.label_values(select.values)), None
+        labels = inner.label_values(select.values)
+        if select.values and not labels:
+            raise MaskError(f"the segment {', '.join(map(str, select.values))} has no voxels; {listed(inner.segments)}")
+        return _labelled(inner.values, labels), None
     threshold = _threshold(inner.values, select)
     return inner.values > threshold, threshold
 
