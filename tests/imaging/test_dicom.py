@@ -272,7 +272,7 @@ class TestObjectsWithoutImages:
     CLASSES = (
         ("1.2.840.10008.5.1.4.1.1.481.3", "RT Structure Set Storage"),
         ("1.2.840.10008.5.1.4.1.1.481.5", "RT Plan Storage"),
-        ("1.2.840.10008.5.1.4.1.1.66.5", "Surface Segmentation Storage', which holds no images"),
+        ("1.2.840.10008.5.1.4.1.1.66.5", "Surface Segmentation Storage"),
         ("1.2.840.10008.5.1.4.1.1.88.11", "Basic Text SR Storage"),
         ("1.2.840.10008.5.1.4.1.1.88.33", "Comprehensive SR Storage"),
         ("1.2.840.10008.5.1.4.1.1.9.1.1", "12-lead ECG Waveform Storage"),

@@ -112,7 +112,7 @@ def _of_segments(volume: Volume) -> Choice:
 
 
 def _in_regions(values: NDArray[Any], present: NDArray[Any], counts: NDArray[np.int64]) -> bool:
-    """Whether neighbouring voxels mostly have the same value, background left out, and hardly any has none beside it."""
+    """Whether neighbouring voxels mostly have the same value, background left out, and hardly one is alone."""
     return _equal_pairs(values, (0, present[counts.argmax()])) >= SAME_NEIGHBOURS and _isolated(values) <= ISOLATED
 
 
