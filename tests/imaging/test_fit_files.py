@@ -11,7 +11,7 @@ from shapes_meshes import box_mesh
 
 import quadriform as qf
 from quadriform.cli.main import main
-from quadriform.errors import FileFormatError, InputError, OptionError, WarningKind
+from quadriform.errors import FileFormatError, InputError, MaskError, OptionError, WarningKind
 from quadriform.files import sha256_of, write_mesh
 from quadriform.files.doors import content_of
 from quadriform.imaging.sources import kind_of
@@ -89,6 +89,15 @@ def test_models_and_other_files_are_refused_alike(files, capsys):
         assert word in capsys.readouterr().err
     with pytest.raises(InputError, match="no such file"):
         qf.fit("missing.ply")
+
+
+def test_python_and_the_terminal_refuse_an_image_in_the_same_words(files, capsys):
+    values = np.full((9, 9, 9), 7, np.uint8)
+    nibabel.save(nibabel.Nifti1Image(values, np.eye(4)), "full.nii")
+    with pytest.raises(MaskError, match=r"^'full.nii': the mask is full") as refused:
+        qf.fit({"endo": "full.nii"})
+    assert main(["fit", "full.nii", "-o", "out"]) == 4
+    assert capsys.readouterr().err == f"quadriform: {refused.value}\n"
 
 
 def test_several_files_by_name(files):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from quadriform.cli.exit_codes import complain
-from quadriform.cli.inputs import naming, refuse
+from quadriform.cli.inputs import refuse
 from quadriform.cli.options import check_file_names, stem, surface_file
 from quadriform.cli.reporting import REPORT, fit_options, page_of_fit
 from quadriform.cli.results import MODEL, earlier_results
@@ -18,6 +18,7 @@ from quadriform.errors import InputError, OptionError
 from quadriform.files import save, write_mesh
 from quadriform.files.atomic import write_bytes
 from quadriform.files.frame_numbers import natural
+from quadriform.files.reading import naming
 from quadriform.files.result_folder import check_results, replaced_together
 from quadriform.fitting.clouds import ALONE
 from quadriform.fitting.outcome import Fit, flat

@@ -34,10 +34,10 @@ def compare(
     as_json: Json = False,
 ) -> None:
     """Distances between two surfaces both ways, volumes, overlap, and how the numbers of two models differ."""
-    from quadriform.cli.inputs import naming
     from quadriform.cli.screen import emit_json, emit_table, say
     from quadriform.cli.verdicts import repeat
     from quadriform.errors import OptionError
+    from quadriform.files.reading import naming
     from quadriform.shapes.record import together
 
     one = _read(a, surface)

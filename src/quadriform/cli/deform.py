@@ -23,14 +23,14 @@ def deform(
 
     Points without a mark are taken to be in the model's frame of the world and unit, and what comes out is in these.
     """
-    from quadriform.cli.inputs import naming, turn_to_model
+    from quadriform.cli.inputs import turn_to_model
     from quadriform.cli.screen import emit, emit_json
     from quadriform.cli.verdicts import repeat
     from quadriform.files import read_mesh, read_model, write_mesh
     from quadriform.files.atomic import check_writable
     from quadriform.files.meshes import MESH_SUFFIXES
     from quadriform.files.points import POINT_SUFFIXES, read_point_set, write_points
-    from quadriform.files.reading import suffix_of
+    from quadriform.files.reading import naming, suffix_of
     from quadriform.imaging.sources import marks_of, space_to_write
     from quadriform.shapes.mesh import Mesh
     from quadriform.shapes.spaces import turn_between

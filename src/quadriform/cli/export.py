@@ -65,9 +65,9 @@ def _read(path: Path, at: float | None, frames: int, space: str | None) -> "tupl
     """The model, at the asked time and in the asked frame, and its states over the cycle with their times."""
     import numpy as np
 
-    from quadriform.cli.inputs import naming
     from quadriform.errors import OptionError
     from quadriform.files import load
+    from quadriform.files.reading import naming
     from quadriform.shapes.mesh import Mesh
     from quadriform.shapes.model import DeformableModel
 
@@ -116,8 +116,8 @@ def _encode(
 
 def _labels(state: "DeformableModel", like: Path) -> bytes:
     """The labels of a model on the grid of an image of any format, as NIfTI."""
-    from quadriform.cli.inputs import naming
     from quadriform.files.label_maps import encode_labels, grid_of_model, label_map
+    from quadriform.files.reading import naming
     from quadriform.imaging.reading import frame_count, read_volume
 
     grid = read_volume(like, 0 if frame_count(like) > 1 else None)

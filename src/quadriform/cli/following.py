@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from quadriform.cli.inputs import naming, refuse
+from quadriform.cli.inputs import refuse
 from quadriform.cli.options import stem
 from quadriform.cli.reporting import REPORT, page_of_track, track_options
 from quadriform.cli.results import FRAMES, MODEL, earlier_results, frame_model
@@ -18,6 +18,7 @@ from quadriform.cli.screen import emit_json, emit_table, progress_bar, say, warn
 from quadriform.errors import join_warnings
 from quadriform.files import save, sha256_of
 from quadriform.files.atomic import write_bytes
+from quadriform.files.reading import naming
 from quadriform.files.result_folder import check_results, replaced_together
 from quadriform.imaging.frame_sources import Frames, frame_files, keep_slices, read_frames
 from quadriform.imaging.input_files import input_files, title_of, without_folders

@@ -23,9 +23,10 @@ def info(
     as_json: Json = False,
 ) -> None:
     """Say what a file is: counts, extents, frame, unit and hash."""
-    from quadriform.cli.inputs import naming, refuse
+    from quadriform.cli.inputs import refuse
     from quadriform.cli.screen import emit_json, emit_table, tell
     from quadriform.files import sha256_of
+    from quadriform.files.reading import naming
     from quadriform.imaging.sources import files_of, kind_of
     from quadriform.shapes.record import remarks
 

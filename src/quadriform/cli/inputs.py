@@ -1,13 +1,11 @@
-"""What the verbs do with files beside reading them: name them in errors, bring their points to the frame of a model."""
+"""What the verbs do with files beside reading them: bring their points to the frame of a model, refuse warnings."""
 
-import contextlib
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from quadriform.cli.screen import say
-from quadriform.errors import FitError, InputError, OptionError, QuadriformError, Warnings
+from quadriform.errors import FitError, InputError, Warnings
 from quadriform.imaging.sources import Marks
 from quadriform.points import Array
 from quadriform.shapes.spaces import turn_between
@@ -26,19 +24,6 @@ def turn_to_model(file: Path, marks: Marks, model: Marks) -> Array:
         return np.eye(3)
     say(f"note: {file}: brought from {space} to {wanted_space}")
     return turn_between(space, wanted_space)
-
-
-@contextlib.contextmanager
-def naming(*files: Path) -> Iterator[None]:
-    """Put the names of the files before errors that do not name one; wrong options are not the files' fault."""
-    try:
-        yield
-    except OptionError:
-        raise
-    except QuadriformError as error:
-        if any(repr(str(file)) in str(error) for file in files):
-            raise
-        raise type(error)(f"{', '.join(repr(str(file)) for file in files)}: {error}") from error
 
 
 def refuse(warnings: Warnings) -> None:

@@ -44,10 +44,10 @@ def measure(
     as_json: Json = False,
 ) -> None:
     """Volumes, ejection fraction, mass, wall thickness, strain, twist and the 17 segments of a beating heart."""
-    from quadriform.cli.inputs import naming, refuse
+    from quadriform.cli.inputs import refuse
     from quadriform.cli.screen import emit_json, emit_table, tell
     from quadriform.files.atomic import check_writable
-    from quadriform.files.reading import suffix_of
+    from quadriform.files.reading import naming, suffix_of
     from quadriform.heart.measure import measure as measure_heart
     from quadriform.heart.table import TABLE_SUFFIXES, write_measures
 

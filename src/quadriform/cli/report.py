@@ -18,14 +18,14 @@ def report(
     force: Force = False,
 ) -> None:
     """Write one page of HTML that holds the model itself: turn it, play it, read off its numbers, without a network."""
-    from quadriform.cli.inputs import naming, refuse
+    from quadriform.cli.inputs import refuse
     from quadriform.cli.measure import landmarks, load_frames
     from quadriform.cli.screen import say, tell
     from quadriform.cli.verdicts import verdict
     from quadriform.files.atomic import check_writable, write_bytes
     from quadriform.files.models import read_model
     from quadriform.files.moving_models import is_moving_model, read_moving_model
-    from quadriform.files.reading import suffix_of
+    from quadriform.files.reading import naming, suffix_of
     from quadriform.heart.base import base_rule
     from quadriform.heart.frames import check_frames
     from quadriform.heart.measure import measure

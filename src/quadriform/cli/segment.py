@@ -26,11 +26,12 @@ def segment(
     as_json: shared.Json = False,
 ) -> None:
     """Write the object of an image as a mask of 0 and 1 on the image's own grid."""
-    from quadriform.cli.inputs import naming, refuse
+    from quadriform.cli.inputs import refuse
     from quadriform.cli.screen import emit_json, emit_table, say, warn
     from quadriform.errors import OptionError
     from quadriform.files.atomic import check_writable, write_bytes
     from quadriform.files.label_maps import LABEL_SUFFIXES, encode_labels
+    from quadriform.files.reading import naming
     from quadriform.imaging.segmentation import segment as segment_volume
     from quadriform.imaging.sources import ImageOptions, kept_note, read_object
 

@@ -3,8 +3,9 @@
 from pathlib import Path
 from typing import Any
 
-from quadriform.cli.inputs import naming, refuse
+from quadriform.cli.inputs import refuse
 from quadriform.cli.screen import tell
+from quadriform.files.reading import naming
 from quadriform.shapes.record import ModelRecord, remarks_of
 
 

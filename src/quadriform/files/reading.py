@@ -1,11 +1,13 @@
 """What every reader does first: is there a regular file, within the budget, and what does it begin with."""
 
+import contextlib
 import hashlib
 import os
 import stat
+from collections.abc import Iterator
 from pathlib import Path
 
-from quadriform.errors import FileFormatError, FileLimitError, InputError
+from quadriform.errors import FileFormatError, FileLimitError, InputError, OptionError, QuadriformError
 
 PathLike = str | os.PathLike[str]
 
@@ -96,6 +98,19 @@ def sha256_of(path: PathLike, *more: PathLike) -> str:
 def quoted(path: PathLike) -> str:
     """The path as an error message shows it: quoted, line ends escaped."""
     return repr(os.fspath(path))
+
+
+@contextlib.contextmanager
+def naming(*files: Path) -> Iterator[None]:
+    """Put the names of the files before errors that do not name one; wrong options are not the files' fault."""
+    try:
+        yield
+    except OptionError:
+        raise
+    except QuadriformError as error:
+        if any(quoted(file) in str(error) for file in files):
+            raise
+        raise type(error)(f"{', '.join(map(quoted, files))}: {error}") from error
 
 
 def suffix_of(path: PathLike, known: tuple[str, ...], what: str) -> str:

@@ -67,7 +67,9 @@ def choose_object(volume: Volume) -> Choice:
     if not labels:
         return 0.5, ()  # refused there as an empty mask, with the values listed
     together = (
-        f"labels {', '.join(map(str, labels))} together; --label chooses" if len(labels) > 1 else f"label {labels[0]}"
+        f"labels {', '.join(map(str, labels))} together; --label, or --surface NAME=label:VALUES, chooses"
+        if len(labels) > 1
+        else f"label {labels[0]}"
     )
     return Labels(labels), (f"taken as a label image, the object is {together}",)
 
@@ -92,7 +94,9 @@ def _doubt(present: NDArray[Any]) -> str:
 
 
 def _grey() -> Choice:
-    return "otsu", ("taken as a grey image, thresholded by Otsu's method; --threshold or --label chooses otherwise",)
+    return "otsu", (
+        "taken as a grey image, thresholded by Otsu's method; --threshold or --label of fit or segment choose another",
+    )
 
 
 def _of_segments(volume: Volume) -> Choice:
@@ -106,8 +110,8 @@ def _of_segments(volume: Volume) -> Choice:
     ordered = sorted(filled.items(), key=lambda item: -item[1])
     shown = ", ".join(f"{one.name!r} ({one.number}): {size}" for one, size in ordered[:LISTED])
     raise MaskError(
-        f"the image has {len(filled)} segments with voxels; choose with --label and name or number, in Python "
-        f"with Labels((NAME,)). Voxels: {shown}{_more(len(ordered))}"
+        f"the image has {len(filled)} segments with voxels; choose with --label or --surface NAME=label:SEGMENT, "
+        f"by name or number, in Python with Labels((NAME,)). Voxels: {shown}{_more(len(ordered))}"
     )
 
 
@@ -159,7 +163,8 @@ def _ask(present: NDArray[Any], counts: NDArray[np.int64]) -> str:
     order = np.argsort(-counts[kept], kind="stable")
     shown = ", ".join(f"{present[kept][n]:g}: {counts[kept][n]}" for n in order[:LISTED])
     return (
-        "choose with --label, in Python with Labels((VALUE,)), or a grey image's object with --threshold, as otsu. "
+        "choose with --label or --surface NAME=label:VALUES, in Python with Labels((VALUE,)), or a grey image's object "
+        "with --threshold, as otsu. "
         f"Labels and voxels: {shown}{_more(len(order))}"
     )
 

@@ -13,6 +13,7 @@ from quadriform.errors import FileFormatError, InputError, OptionError, Warnings
 from quadriform.files.doors import content_of
 from quadriform.files.meshes import read_marks, read_mesh_or_points
 from quadriform.files.points import read_point_set
+from quadriform.files.reading import naming
 from quadriform.fitting.precision import precision
 from quadriform.imaging.formats import image_format, is_pair, pair_of
 from quadriform.point_sets import PointSet
@@ -268,10 +269,11 @@ def _from_image(path: Path, options: ImageOptions) -> Source:
     from quadriform.imaging.image_points import points_from_image
     from quadriform.imaging.slice_numbers import slice_numbers
 
-    volume, arguments, notes = read_object(path, options)
-    if options.border is not None:
-        arguments["border"] = options.border
-    found = points_from_image(volume, **arguments)
+    with naming(path):
+        volume, arguments, notes = read_object(path, options)
+        if options.border is not None:
+            arguments["border"] = options.border
+        found = points_from_image(volume, **arguments)
     notes = tuple(f"{path}: {note}" for note in notes + kept_note(found.segmentation))
     numbers = slice_numbers(volume, found.points)
     return Source(found.points, volume.space, volume.unit, found.warnings, notes, numbers, volume)
