@@ -237,6 +237,21 @@ def test_labels_lie_in_the_same_voxels_whatever_the_frame(terminal, tmp_path, ni
     assert np.array_equal(found[0], found[1]) and np.array_equal(found[0], found[2])
 
 
+def test_labels_lie_on_the_grid_of_the_transform_that_is_asked_for(terminal, model, body):
+    image = nibabel.Nifti1Image(body, np.diag([-1.0, -1, 1, 1]))
+    image.header.set_zooms((2, 2, 3))  # the sform says 1, and there is no qform to decide
+    image.header["qform_code"] = 0
+    image.header.set_xyzt_units("mm")
+    nibabel.save(image, "torn.nii.gz")
+    save(replace(load("model.json"), space="LPS", unit="mm"), "marked.json")
+    words = ("export", "marked.json", "--to", "nii", "--like", "torn.nii.gz", "-o", "out")
+    assert "--affine sform" in terminal(*words).err
+    assert terminal(*words, "--affine", "sform").code == 0
+    assert np.array_equal(nibabel.load("out/labels.nii.gz").affine, np.diag([-1.0, -1, 1, 1]))
+    refused = terminal("export", "marked.json", "--to", "ply", "-o", "out2", "--affine", "sform")
+    assert refused.code == 2 and "--like" in refused.err
+
+
 def test_export_asks_for_all_its_files_before_the_work(terminal, model, tmp_path, monkeypatch):
     """The last of them exists already; the first is not even made."""
     from quadriform.cli import export

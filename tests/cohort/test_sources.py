@@ -58,6 +58,23 @@ def test_a_moving_label_image_becomes_a_model_of_both_walls(one, tmp_path):
     assert found.numbers.superquadrics.shape == (2, 2, 11)
 
 
+def test_a_header_that_contradicts_itself_is_read_as_the_row_says(one, tmp_path):
+    grid = np.stack(np.meshgrid(*[np.arange(20)] * 3, indexing="ij"), axis=-1) - 9.5
+    image = nibabel.Nifti1Image((np.linalg.norm(grid, axis=-1) < 7).astype(np.uint8), np.diag([2.0, 2, 2, 1]))
+    image.header.set_zooms((1, 1, 1))
+    image.header["qform_code"] = 0
+    image.header.set_xyzt_units("mm")
+    nibabel.save(image, tmp_path / "torn.nii.gz")
+    refused = one("a,torn.nii.gz,", shared=layout(space="LPS", unit="mm"))
+    assert refused.failure.kind == "AffineError" and "--affine sform" in refused.failure.error
+    for affine, space, edge in (("sform", "LPS", 2), ("pixdim", "unknown", 1)):
+        found = one(f"a,torn.nii.gz,,{affine}", "id,input,surface,affine", layout(space=space, unit="mm"))
+        assert found.failure is None
+        volume = next(m.value for m in found.measures if m.quantity == "volume surface")
+        assert volume == pytest.approx(4 / 3 * np.pi * (7 * edge) ** 3, rel=0.05)
+        assert sight(next(read_manifest(tmp_path / "list.csv", FAST).rows()), tmp_path).space == space
+
+
 def test_files_for_each_wall(one, tmp_path):
     for name in ("endo", "epi"):
         for frame in range(2):

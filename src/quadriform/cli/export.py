@@ -5,12 +5,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from quadriform.cli.options import Force, Json, Space, Strict, check_file_names, check_space, surface_file
+from quadriform.cli.options import Affine, Force, Json, Space, Strict, check_file_names, check_space, surface_file
 
 if TYPE_CHECKING:
+    from quadriform.imaging.volume import Volume
+    from quadriform.points import Array
     from quadriform.shapes.model import DeformableModel
 
     Film = tuple[list[DeformableModel], list[float]]
+    Grid = tuple[Volume, Array]
 
 WHOLE = {"vtu": "wall.vtu", "vtkhdf": "surfaces.vtkhdf", "nii": "labels.nii.gz"}
 """Formats that hold all surfaces in one file."""
@@ -24,6 +27,7 @@ def export(
     resolution: Annotated[int, typer.Option(min=2, max=400, help="Cells along an edge of the surface's grid.")] = 24,
     layers: Annotated[int, typer.Option(min=1, max=100, help="vtu: cells across the wall.")] = 4,
     like: Annotated[Path | None, typer.Option(help="nii: the NIfTI image whose grid is taken.")] = None,
+    affine: Affine = None,
     frames: Annotated[int, typer.Option(min=2, max=1000, help="vtkhdf: states of a moving model's cycle.")] = 25,
     at: Annotated[float | None, typer.Option(help="A moving model's time for all formats but vtkhdf.")] = None,
     space: Space = None,
@@ -41,16 +45,19 @@ def export(
     formats = [choose(name.strip().lower(), FORMATS, "--to") for name in to.split(",")]
     if ("nii" in formats) != (like is not None):
         raise OptionError("options --to nii and --like IMAGE go together: labels need a grid")
+    if affine is not None and like is None:
+        raise OptionError("option --affine goes with --like IMAGE, whose header it is about")
     check_folder(output)
     state, film = _read(model, at, frames, check_space(space))
     told = repeat(state.record, strict, model)
+    grid = None if like is None else _grid(like, affine, state)
     kinds = list(dict.fromkeys(formats))
     names = [name for kind in kinds for name in _names(kind, state)]
     check_file_names([output / name for name in names], "two surfaces")
     check_results(output, names, force, [model] if like is None else [model, like])
     files: dict[str, bytes] = {}
     for kind in kinds:
-        files |= _encode(kind, state, film, resolution, layers, like)
+        files |= _encode(kind, state, film, resolution, layers, grid)
     with replaced_together(output, next(iter(files)), force) as folder:
         for name, content in files.items():
             write_bytes(folder / name, content)
@@ -92,7 +99,7 @@ def _names(kind: str, state: "DeformableModel") -> list[str]:
 
 
 def _encode(
-    kind: str, state: "DeformableModel", film: "Film", resolution: int, layers: int, like: Path | None
+    kind: str, state: "DeformableModel", film: "Film", resolution: int, layers: int, grid: "Grid | None"
 ) -> dict[str, bytes]:
     """The files of one format, by name."""
     from quadriform.files.meshes import encode_mesh
@@ -105,8 +112,8 @@ def _encode(
         return {WHOLE[kind]: encode_vtu(wall, {"SPACE": state.space, "UNIT": state.unit} | state.record.marks)}
     if kind == "vtkhdf":
         return {WHOLE[kind]: encode_vtkhdf(*film, resolution=resolution)}
-    if kind == "nii" and like is not None:
-        return {WHOLE[kind]: _labels(state, like)}
+    if kind == "nii" and grid is not None:
+        return {WHOLE[kind]: _labels(state, *grid)}
     meshes = {name: state.mesh(name, resolution) for name in state.surfaces}
     return {
         surface_file(name, f".{kind}"): encode_mesh(mesh, f".{kind}", state.space, state.unit, state.record.marks)
@@ -114,15 +121,21 @@ def _encode(
     }
 
 
-def _labels(state: "DeformableModel", like: Path) -> bytes:
-    """The labels of a model on the grid of an image of any format, as NIfTI."""
-    from quadriform.files.label_maps import encode_labels, grid_of_model, label_map
+def _grid(like: Path, affine: str | None, state: "DeformableModel") -> "Grid":
+    """The image whose grid is taken, of a moving one its first frame, and the way from its voxels to the model."""
+    from quadriform.files.label_maps import grid_of_model
     from quadriform.files.reading import naming
     from quadriform.imaging.reading import frame_count, read_volume
 
-    grid = read_volume(like, 0 if frame_count(like) > 1 else None)
+    grid = read_volume(like, 0 if frame_count(like) > 1 else None, affine)
     with naming(like):
-        to_model = grid_of_model(state, grid.world_from_voxel, grid.space, grid.unit)
+        return grid, grid_of_model(state, grid.world_from_voxel, grid.space, grid.unit)
+
+
+def _labels(state: "DeformableModel", grid: "Volume", to_model: "Array") -> bytes:
+    """The labels of a model on the grid of an image, as NIfTI."""
+    from quadriform.files.label_maps import encode_labels, label_map
+
     values = label_map(state, grid.values.shape, to_model)
     note = f"quadriform, STATUS={state.status}"
     return encode_labels(values, grid.world_from_voxel, grid.space, grid.unit, note=note)

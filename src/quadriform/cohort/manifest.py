@@ -13,6 +13,7 @@ from quadriform.errors import FileFormatError, InputError, OptionError, choose
 from quadriform.files.reading import check_readable, quoted
 from quadriform.fitting.options import METHODS, TANGENT_REGULARITIES, check_box, check_strength
 from quadriform.imaging.labels import parse_surface
+from quadriform.imaging.nifti_forms import AFFINES
 from quadriform.words import numbers
 
 ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
@@ -112,6 +113,7 @@ OPTIONS: dict[str, Callable[[str], Any]] = {
     "strategy": lambda text: choose(text, STRATEGIES, "strategy"),
     "period": _period,
     "shift_slices": _yes_no,
+    "affine": lambda text: choose(text, AFFINES, "affine"),
 }
 """From the name of an option, a column of the list, to what reads its word."""
 COLUMNS = ("id", "input", "surface", *OPTIONS)

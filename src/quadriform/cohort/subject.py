@@ -184,7 +184,7 @@ def _work(task: Task) -> Outcome:
 
 
 def _modelled(frames: Frames, task: Task) -> tuple[AnyModel, tuple[Measure, ...]]:
-    options = dict(task.row.options)
+    options = {name: value for name, value in task.row.options if name != "affine"}  # that is for the reader
     several = len(frames.clouds) > 1
     unfit = [name for name in (ONE_FRAME if several else SEVERAL_FRAMES) if name in options]
     for name in unfit:
