@@ -90,6 +90,7 @@ def test_points_far_from_the_origin_are_warned_of_and_written(terminal, tmp_path
     record = fitted(terminal, tmp_path / name, tmp_path)
     assert "float32" in record["warnings"]["PRECISION_LOSS"]
     assert b"property double x" in (tmp_path / "out" / "surface.ply").read_bytes()[:300]
+    assert "PRECISION_LOSS" in terminal("info", tmp_path / name).err
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux has file names that are not UTF-8")

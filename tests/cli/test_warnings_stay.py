@@ -13,6 +13,7 @@ from shapes_made import even_directions
 
 import quadriform as qf
 from quadriform.cli.main import main
+from quadriform.files.marks import parse_record
 from quadriform.shapes import comparison
 from quadriform.shapes.record import NOT_RECORDED
 
@@ -158,6 +159,37 @@ def test_meshes_say_the_status(call, made, tmp_path):
         found = json.loads(call("info", path, "--json").out)
         assert found["status"] == "warned", path
     assert b"WARNINGS=PARTIAL_COVERAGE" in (tmp_path / "out" / "surface-epi.ply").read_bytes()[:400]
+
+
+@pytest.mark.parametrize("suffix", ["ply", "stl", "obj", "vtp"])
+def test_meshes_alone_repeat_the_warnings(call, made, tmp_path, suffix):
+    out = tmp_path / "meshes"
+    assert call("export", "ed/model.json", f"--to={suffix}", "-o", out).code == 0
+    one, two = sorted(out.iterdir())
+    for words in (["info", one], ["compare", one, two]):
+        found = call(*words, "--json")
+        assert "PARTIAL_COVERAGE: the mesh is the surface of a model whose fit was warned of" in found.err
+        assert json.loads(found.out)["status"] == "warned" and "PARTIAL_COVERAGE" in json.loads(found.out)["warnings"]
+        refused = call(*words, "--strict")
+        assert refused.code == 3 and "refused for its warnings: " in refused.err
+
+
+@pytest.mark.parametrize(
+    ("head", "status", "kinds"),
+    [
+        (b"SPACE=LPS UNIT=mm", None, []),
+        (b"STATUS=ok", "ok", []),
+        (b"STATUS=unknown", "unknown", []),
+        (b"STATUS=warned WARNINGS=OUTLIERS,POOR_FIT", "warned", ["OUTLIERS", "POOR_FIT"]),
+        (b"STATUS=unreliable WARNINGS=FOLDING,OF_ANOTHER_VERSION", "unreliable", ["FOLDING"]),
+        (b"STATUS=warned WARNINGS=OF_ANOTHER_VERSION", "unknown", []),
+        (b"STATUS=warned", "unknown", []),
+        (b"STATUS=ok WARNINGS=FOLDING", "unknown", []),
+    ],
+)
+def test_marks_of_a_mesh_are_a_record(head, status, kinds):
+    found = parse_record(b"comment " + head + b"\n")
+    assert (found and found.status) == status and list(found.warnings if found else []) == kinds
 
 
 def test_the_input_is_named_without_its_folders(made):

@@ -9,7 +9,7 @@ from shapes_made import made
 
 import quadriform as qf
 from quadriform.cli.main import main
-from quadriform.errors import PointsError, QuadriformError
+from quadriform.errors import FileFormatError, PointsError, QuadriformError
 from quadriform.files import read_mesh, read_points
 from quadriform.files.meshes import encode_mesh, read_mesh_or_points
 from quadriform.shapes.comparison import enclosed_volume, is_closed
@@ -171,3 +171,24 @@ def test_there_is_no_other_case(shared):
     found = {f"{folder.name}/{path.name}" for folder in folders for path in folder.iterdir()}
     assert found <= set(CASES)
     assert issubclass(PointsError, QuadriformError)
+
+
+FACET = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
+SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("quad.stl", "solid a\n" + FACET.replace("endloop", "vertex 1 1 0\nendloop") + "endsolid a\n", "4 corners in 1 "),
+        ("edge.stl", "solid a\n" + FACET.replace("vertex 0 1 0\n", "") + "endsolid a\n", "2 corners in 1 facets"),
+        ("cut.stl", "solid a\n" + FACET, "cut short, found 1 lines facet, 1 lines endfacet, 1 lines solid, 0 lines ends"),
+        ("cut in a facet.stl", "solid a\n" + FACET + FACET[:50], "cut short, found 2 lines facet, 1 lines endfacet"),
+        ("from zero.obj", SQUARE + "f 0 1 2 3\n", "line 5: expected three whole numbers or more, counted from 1 .* 'f 0 1"),
+        ("decimal.obj", SQUARE + "f 1.0 2.0 3.0\n", "line 5: expected three whole numbers"),
+    ],
+)
+def test_what_is_wrong_with_a_mesh_is_said(tmp_path, name, content, message):
+    (tmp_path / name).write_text(content)
+    with pytest.raises(FileFormatError, match=message):
+        qf.load(tmp_path / name)

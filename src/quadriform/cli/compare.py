@@ -17,7 +17,7 @@ FILE_HELP = "A model, .json or .npz, or a mesh, .ply .stl .obj .vtp .vtk."
 
 @dataclass(frozen=True)
 class _Body:
-    """A model of one surface or a mesh, with the frame and unit of its file, and the record of a model's fit."""
+    """A model of one surface or a mesh, with frame and unit of its file, and the record of the fit where it has one."""
 
     file: Path
     shape: "Surface"
@@ -99,14 +99,14 @@ def _common(one: _Body, two: _Body, what: str) -> str:
 def _read(file: Path, surface: str | None) -> _Body:
     from quadriform.errors import InputError, OptionError
     from quadriform.files import load
-    from quadriform.files.meshes import read_marks
+    from quadriform.files.meshes import read_marks, read_record
     from quadriform.shapes.comparison import alone
     from quadriform.shapes.mesh import Mesh
     from quadriform.shapes.moving_model import MovingModel
 
     shape = load(file)
     if isinstance(shape, Mesh):
-        return _Body(file, shape, *read_marks(file))
+        return _Body(file, shape, *read_marks(file), read_record(file))
     if isinstance(shape, MovingModel):
         raise InputError(
             f"{str(file)!r}: expected a model or a mesh, found a moving model; take a state out of it first, "

@@ -8,6 +8,7 @@ import typer
 from quadriform.cli.options import Affine, Columns, Frame, Json, Strict
 
 if TYPE_CHECKING:
+    from quadriform.errors import Warnings
     from quadriform.imaging.volume import Volume
     from quadriform.points import Array
     from quadriform.shapes.model import DeformableModel
@@ -61,6 +62,10 @@ def _extent(points: "Array") -> dict[str, list[float]]:
     return {"lowest": low.tolist(), "highest": high.tolist(), "size": (high - low).tolist()}
 
 
+def _told(warnings: "Warnings") -> dict[str, str]:
+    return {str(kind): text for kind, text in warnings.items()}
+
+
 def _points(file: Path, columns: str | None) -> dict[str, Any]:
     from quadriform.files.points import read_point_set
     from quadriform.fitting.precision import precision
@@ -73,22 +78,26 @@ def _points(file: Path, columns: str | None) -> dict[str, Any]:
         "extent": _extent(found.points),
         "space": "unknown",
         "unit": found.unit,
-        "warnings": {str(kind): text for kind, text in precision(found.number_type, found.points).items()},
+        "warnings": _told(precision(found.number_type, found.points)),
         "notes": list(found.notes),
     }
 
 
 def _mesh(file: Path, frame: int | None, affine: str | None) -> dict[str, Any]:
-    from quadriform.errors import FileFormatError
+    from quadriform.errors import FileFormatError, join_warnings
     from quadriform.files import read_mesh, read_points
-    from quadriform.files.meshes import read_marks, read_status
+    from quadriform.files.meshes import read_marks, read_record
+    from quadriform.fitting.precision import precision
+    from quadriform.shapes.record import ModelRecord
 
     space, unit = read_marks(file)
     try:
         mesh = read_mesh(file)
     except FileFormatError:
         points = read_points(file)  # a cloud in a mesh format; a damaged file fails here again
-        return {"kind": "points", "points": len(points), "extent": _extent(points), "space": space, "unit": unit}
+        cloud = {"kind": "points", "points": len(points), "extent": _extent(points), "space": space, "unit": unit}
+        return cloud | {"warnings": _told(precision(None, points))}
+    record = read_record(file) or ModelRecord()
     return {
         "kind": "mesh",
         "vertices": len(mesh.vertices),
@@ -97,7 +106,8 @@ def _mesh(file: Path, frame: int | None, affine: str | None) -> dict[str, Any]:
         "extent": _extent(mesh.vertices),
         "space": space,
         "unit": unit,
-        "status": read_status(file),
+        "status": record.status,
+        "warnings": _told(join_warnings(record.warnings, precision(None, mesh.vertices))),
     }
 
 
@@ -118,7 +128,7 @@ def _image(file: Path, frame: int | None, affine: str | None) -> dict[str, Any]:
         "extent": _extent(volume.points_world(corners)),
         "space": volume.space,
         "unit": volume.unit,
-        "warnings": {str(kind): text for kind, text in volume.warnings.items()},
+        "warnings": _told(volume.warnings),
     }
 
 

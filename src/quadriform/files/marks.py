@@ -2,8 +2,9 @@
 
 import re
 
-from quadriform.errors import choose
+from quadriform.errors import WarningKind, choose
 from quadriform.shapes import spaces
+from quadriform.shapes.record import ModelRecord
 
 SPACES = (*spaces.SPACES, "unknown")
 UNITS = ("mm", "m", "unknown")
@@ -11,7 +12,9 @@ UNITS = ("mm", "m", "unknown")
 SPACE = re.compile(rb"\bSPACE=(LPS|RAS)\b")
 UNIT = re.compile(rb"\bUNIT=(mm|m)\b")
 STATUS = re.compile(rb"\bSTATUS=(ok|warned|unreliable|unknown)\b")
-VTP_TEXT = re.compile(rb'<DataArray type="String" Name="(SPACE|UNIT|STATUS)"[^>]*format="ascii">([\d\s]*)<')
+WARNINGS = re.compile(rb"\bWARNINGS=([A-Z_,]+)")
+OF_A_MESH = "the mesh is the surface of a model whose fit was warned of; the file of the model says more"
+VTP_TEXT = re.compile(rb'<DataArray type="String" Name="(SPACE|UNIT|STATUS|WARNINGS)"[^>]*format="ascii">([\d\s]*)<')
 
 
 def check_marks(space: str, unit: str) -> None:
@@ -35,10 +38,17 @@ def parse_marks(data: bytes) -> tuple[str, str]:
     return (space[1].decode() if space else "unknown", unit[1].decode() if unit else "unknown")
 
 
-def parse_status(data: bytes) -> str:
-    """Status of the fit that the head of a mesh file is marked with; "unknown" where it is not."""
-    found = STATUS.search(_with_field_data(data))
-    return found[1].decode() if found else "unknown"
+def parse_record(data: bytes) -> ModelRecord | None:
+    """Status and kinds of warnings of the fit that the head of a mesh file is marked with; None where it is not."""
+    text = _with_field_data(data)
+    status, kinds = STATUS.search(text), WARNINGS.search(text)
+    if status is None:
+        return None
+    known = [kind for kind in (kinds[1].decode().split(",") if kinds else ()) if kind in tuple(WarningKind)]
+    is_good = status[1] in (b"ok", b"unknown")
+    if is_good == bool(known):  # one contradicts the other
+        return ModelRecord()
+    return ModelRecord(status[1].decode(), {WarningKind(kind): OF_A_MESH for kind in known})
 
 
 def _with_field_data(data: bytes) -> bytes:

@@ -1,6 +1,7 @@
 """Triangle meshes in and out. The frame and the unit travel in the header wherever the format has room."""
 
 import os
+import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 from quadriform.errors import FileFormatError, OutputError
 from quadriform.files.atomic import write_bytes
 from quadriform.files.legacy_vtk import parse_legacy_vtk
-from quadriform.files.marks import check_marks, parse_marks, parse_status
+from quadriform.files.marks import check_marks, parse_marks, parse_record
 from quadriform.files.obj import parse_obj
 from quadriform.files.ply import parse_ply
 from quadriform.files.polygons import Polygons
@@ -18,6 +19,7 @@ from quadriform.files.stl import parse_stl
 from quadriform.files.vtp import encode_vtp, parse_vtp
 from quadriform.points import check_points
 from quadriform.shapes.mesh import Mesh
+from quadriform.shapes.record import ModelRecord
 
 MESH_SUFFIXES = (".ply", ".stl", ".obj", ".vtp")
 
@@ -96,9 +98,9 @@ def encode_mesh(mesh: Mesh, suffix: str, space: str, unit: str, more: Mapping[st
 
 
 def _head_of_stl(note: str) -> bytes:
-    """The header of 80 bytes, with as many whole words of a note as it has room for."""
-    whole = note if len(note) <= STL_HEAD else note[: STL_HEAD + 1].rpartition(" ")[0]
-    return whole.encode().ljust(STL_HEAD)
+    """The header of 80 bytes, with as many whole words of a note, and members of a list, as it has room for."""
+    whole = re.match(rf".{{0,{STL_HEAD}}}(?=[ ,]|$)", note)
+    return (whole[0] if whole else "").encode().ljust(STL_HEAD)
 
 
 def _encode_ply(mesh: Mesh, note: str, fits_single: bool) -> bytes:
@@ -190,10 +192,10 @@ def read_marks(path: str | os.PathLike[str]) -> tuple[str, str]:
     return parse_marks(read_bytes(path)[:HEAD])
 
 
-def read_status(path: str | os.PathLike[str]) -> str:
-    """Status of the fit ("unknown" where it has none) that a mesh file is marked with.
+def read_record(path: str | os.PathLike[str]) -> ModelRecord | None:
+    """Status and kinds of warnings of the fit that a mesh file is marked with; None where it is not.
 
     Raises:
         InputError: the file is missing or cannot be read.
     """
-    return parse_status(read_bytes(path)[:HEAD])
+    return parse_record(read_bytes(path)[:HEAD])

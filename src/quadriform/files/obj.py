@@ -74,7 +74,10 @@ def _corners(words: list[str], count: int, number: int, where: str) -> list[int]
     matches = [CORNER.fullmatch(word) for word in words]
     if len(words) < 3 or not all(matches):
         found = " ".join(["f", *words])[:60]
-        raise FileFormatError(f"{where}, line {number}: expected three numbers or more, found {found!r}")
+        raise FileFormatError(
+            f"{where}, line {number}: expected three whole numbers or more, counted from 1 or back from -1, found "
+            f"{found!r}"
+        )
     given = [int(match[1]) for match in matches if match]
     corners = [index - 1 if index > 0 else count + index for index in given]
     if min(corners) < 0:

@@ -70,13 +70,13 @@ def _ascii(data: bytes, where: str) -> Array:
     if wrong is not None:
         raise FileFormatError(f"{where}: expected vertex x y z, found {' '.join(['vertex', *wrong])[:60]!r}")
     order = [kind for kind in kinds if kind in ("vertex", "endfacet")]
-    facets = order.count("endfacet")
-    if order != ["vertex", "vertex", "vertex", "endfacet"] * facets and len(order) == 4 * facets:
-        raise FileFormatError(f"{where}: expected three corners in each facet, found other numbers")
     counts = {name: kinds.count(name) for name in ("facet", "endfacet", "solid", "endsolid")}
-    whole = counts["facet"] == counts["endfacet"] and counts["solid"] == counts["endsolid"]
-    if not whole or len(order) != 4 * facets:
-        raise FileFormatError(f"{where}: the file is cut short: {counts}, {len(words)} corners")
+    if counts["facet"] != counts["endfacet"] or counts["solid"] != counts["endsolid"]:
+        found = ", ".join(f"{count} lines {name}" for name, count in counts.items())
+        raise FileFormatError(f"{where}: the file is cut short, found {found}")
+    if order != ["vertex", "vertex", "vertex", "endfacet"] * counts["facet"]:
+        found = f"{len(words)} corners in {counts['facet']} facets"
+        raise FileFormatError(f"{where}: expected three corners in each facet, found {found}")
     return floats((word for row in words for word in row), where).reshape(-1, 3)
 
 
