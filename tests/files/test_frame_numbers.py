@@ -49,6 +49,7 @@ def test_files_with_names_of_their_own_keep_the_order_of_a_hand_alone():
         (("a/f_1.ply", "a/f_1.ply"), "two files for one frame"),
         (("p1_f1.ply", "p1_f2.ply", "p2_f1.ply"), "differ in 2 numbers"),
         (("t1.5.ply", "t1.25.ply"), "behind the point have different lengths"),
+        (("t1e-3.ply", "t1e-2.ply", "t1e-1.ply"), "powers of ten"),
     ],
 )
 @pytest.mark.parametrize("by_hand", [True, False])

@@ -8,6 +8,7 @@ from pathlib import Path
 from quadriform.errors import InputError
 
 NUMBER = re.compile(r"([0-9]+)")
+POWER = re.compile(r"[0-9]e[-+][0-9]", re.IGNORECASE)
 SHOWN = 3
 """How many names a message lists at either end of a long list."""
 
@@ -105,10 +106,15 @@ def _check_numbers(files: Sequence[Path]) -> None:
 
 
 def _check_decimals(files: Sequence[Path]) -> None:
-    """Refuse numbers behind a point where it matters whether they are decimals, as in t1.5 and t1.25."""
+    """Refuse numbers that may be no whole ones: decimals where that matters, as in t1.5 and t1.25, and t1e-3."""
     words = [re.findall(r"(?<=[0-9]\.)[0-9]+", path.stem) for path in files]
     if any(len({len(word) for word in column}) > 1 for column in zip(*words)):
         raise InputError(
             f"the order of these files in time is not clear, the numbers behind the point have different lengths: "
             f"{listed(files)}; expected as many digits in each"
+        )
+    if all(POWER.search(path.stem) for path in files):
+        raise InputError(
+            f"the order of these files in time is not clear, their names hold powers of ten: {listed(files)}; expected "
+            "numbers of frames"
         )
