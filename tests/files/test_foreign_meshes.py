@@ -183,7 +183,7 @@ SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
         ("quad.stl", f"solid a\n{FACET.replace('endloop', 'vertex 1 1 0')}endsolid a\n", "4 corners in 1 facets"),
         ("edge.stl", "solid a\n" + FACET.replace("vertex 0 1 0\n", "") + "endsolid a\n", "2 corners in 1 facets"),
         ("cut.stl", "solid a\n" + FACET, "cut short, found 1 lines facet, 1 lines endfacet, 1 lines solid, 0 "),
-        ("cut in a facet.stl", "solid a\n" + FACET + FACET[:41], "cut short, found 2 lines facet, 1 lines endfacet"),
+        ("cut in a facet.stl", "solid a\n" + FACET + FACET[:43], "cut short, found 2 lines facet, 1 lines endfacet"),
         ("from zero.obj", SQUARE + "f 0 1 2 3\n", "line 5: .* whole numbers or more, counted from 1 .* 'f 0 1"),
         ("decimal.obj", SQUARE + "f 1.0 2.0 3.0\n", "line 5: expected three whole numbers"),
     ],
