@@ -99,6 +99,22 @@ def test_one_frame_is_fitted_and_marks_are_kept(one, tmp_path):
     assert metres.failure.kind == "InputError" and "lengths in mm; expected m" in metres.failure.error
 
 
+@pytest.mark.parametrize("by_wall", [False, True])
+def test_columns_of_arrays_are_named_by_the_row(one, tmp_path, by_wall):
+    """An array with three more columns is read as `columns` of the row says, z before y before x."""
+    points = HEART.surface_points("endo", 0.0, 60)
+    np.save(tmp_path / "a.npy", np.column_stack([points[:, ::-1], np.ones((60, 3))]))
+    cells = "a,,surface=a.npy" if by_wall else "a,a.npy,"
+    found = one(f'{cells},"z,y,x,r,g,b"', header="id,input,surface,columns")
+    assert found.failure is None
+    model = load(tmp_path / "out" / "subjects" / "a" / "model.json")
+    assert np.abs(model.distance(points)).max() < 2
+    assert one(cells).failure.kind == "ColumnsError"
+    listed = tmp_path / "list.csv"
+    listed.write_text(f'id,input,surface,columns\n{cells},"z,y,x,r,g,b"\n', encoding="utf-8")
+    assert sight(next(read_manifest(listed, {}).rows()), tmp_path).unit == "unknown"
+
+
 @pytest.mark.parametrize(
     ("shared", "words"),
     [

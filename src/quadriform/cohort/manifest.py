@@ -20,6 +20,8 @@ ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
 """What a folder can be called everywhere."""
 STRATEGIES = ("cycle", "previous")
 """Those that give one moving model."""
+READING = ("affine", "columns")
+"""Options that go to the readers of files."""
 YES_NO = {"yes": True, "no": False}
 Surface = tuple[str, str]
 """Its name, and label:1+2, preset:acdc, or files."""
@@ -34,7 +36,7 @@ class Row:
         id: its name; not shown where a row is printed.
         input: files, patterns or a folder, relative to the folder of the list.
         surfaces: by name, in the order of the row; empty where the files name them or there is one.
-        options: how to fit or follow, those of the whole cohort included.
+        options: how to read and fit or follow, those of the whole cohort included.
     """
 
     number: int
@@ -42,6 +44,12 @@ class Row:
     input: tuple[str, ...] = field(repr=False)
     surfaces: tuple[Surface, ...] = field(repr=False)
     options: tuple[tuple[str, Any], ...]
+
+    @property
+    def reading(self) -> dict[str, str | None]:
+        """How files are read: the transform of NIfTI headers, and the columns of tables and arrays."""
+        given = dict(self.options)
+        return {name: given.get(name) for name in READING}
 
 
 @dataclass(frozen=True)
@@ -114,6 +122,7 @@ OPTIONS: dict[str, Callable[[str], Any]] = {
     "period": _period,
     "shift_slices": _yes_no,
     "affine": lambda text: choose(text, AFFINES, "affine"),
+    "columns": str,
 }
 """From the name of an option, a column of the list, to what reads its word."""
 COLUMNS = ("id", "input", "surface", *OPTIONS)

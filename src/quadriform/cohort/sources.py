@@ -71,8 +71,8 @@ def sight(row: Row, folder: Path) -> Sight:
     if contours and len(files) == 1:
         count = len(read_guide_point_frames(files))
     names = tuple(name for name, _ in row.surfaces) or (("endo", "epi") if contours else (ALONE,))
-    placed = "unknown" if image and _affine(row) == "pixdim" else "LPS"
-    marks = (placed, "mm") if image or contours else marks_of(files[0])
+    placed = "unknown" if image and row.reading["affine"] == "pixdim" else "LPS"
+    marks = (placed, "mm") if image or contours else marks_of(files[0], row.reading["columns"])
     return Sight(count, names, *marks)
 
 
@@ -85,22 +85,17 @@ def read_subject(row: Row, folder: Path) -> tuple[Frames, list[Path]]:
     found = files_by_surface(row, folder)
     if "" in found:
         labels = [f"{name}={rule}" for name, rule in row.surfaces if is_label(rule)]
-        frames = read_frames(found[""], labels, affine=_affine(row))
+        frames = read_frames(found[""], labels, **row.reading)
     else:
-        frames = _read_by_surface(found, _affine(row))
+        frames = _read_by_surface(found, ImageOptions(**row.reading))
     every = [file for files in found.values() for path in files for file in files_of(path)]
     return frames, list(dict.fromkeys(every))
 
 
-def _affine(row: Row) -> str | None:
-    """Which transform of NIfTI headers the row asks for."""
-    return dict(row.options).get("affine")
-
-
-def _read_by_surface(found: dict[str, list[Path]], affine: str | None) -> Frames:
+def _read_by_surface(found: dict[str, list[Path]], options: ImageOptions) -> Frames:
     frames = Frames()
     for files in zip(*found.values()):
-        sources = {name: read_source(file, ImageOptions(affine=affine)) for name, file in zip(found, files)}
+        sources = {name: read_source(file, options) for name, file in zip(found, files)}
         marks = {(source.space, source.unit) for source in sources.values()}
         if len(marks) > 1:
             raise InputError(f"the surfaces differ in frame of the world or unit: {sorted(marks)}")

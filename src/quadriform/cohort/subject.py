@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 
 from quadriform import __version__
 from quadriform.cohort.layout import Layout
-from quadriform.cohort.manifest import Row
+from quadriform.cohort.manifest import READING, Row
 from quadriform.cohort.measures import Measure, measures_of
 from quadriform.cohort.sources import files_by_surface, read_subject
 from quadriform.errors import FitError, InputError, OutputError, QuadriformError, join_warnings
@@ -184,7 +184,7 @@ def _work(task: Task) -> Outcome:
 
 
 def _modelled(frames: Frames, task: Task) -> tuple[AnyModel, tuple[Measure, ...]]:
-    options = {name: value for name, value in task.row.options if name != "affine"}  # that is for the reader
+    options = {name: value for name, value in task.row.options if name not in READING}
     several = len(frames.clouds) > 1
     unfit = [name for name in (ONE_FRAME if several else SEVERAL_FRAMES) if name in options]
     for name in unfit:
