@@ -87,7 +87,7 @@ def read_subject(row: Row, folder: Path) -> tuple[Frames, list[Path]]:
         labels = [f"{name}={rule}" for name, rule in row.surfaces if is_label(rule)]
         frames = read_frames(found[""], labels, **row.reading)
     else:
-        frames = _read_by_surface(found, ImageOptions(**row.reading))
+        frames = _read_by_surface(found, ImageOptions(affine=row.reading["affine"], columns=row.reading["columns"]))
     every = [file for files in found.values() for path in files for file in files_of(path)]
     return frames, list(dict.fromkeys(every))
 
