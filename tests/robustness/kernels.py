@@ -32,6 +32,7 @@ TESTS = (
     "fitting/test_start_axes.py",
     "fitting/test_regularity.py",
     "fitting/test_superquadric_fit.py",
+    "fitting/test_ties.py",
     "fitting/test_robust_superquadric.py",
     "motion/test_cycle.py",
     "paper/test_to_the_letter.py",
@@ -64,7 +65,7 @@ def clouds() -> dict[str, Callable[[], np.ndarray]]:
     from clouds_made import noisy_egg
     from shapes_made import even_directions, made
 
-    sphere = even_directions(300)
+    sphere, grid = even_directions(300), np.mgrid[-8:9, -8:9, -8:9].reshape(3, -1).T.astype(float)
     return {
         "egg": lambda: noisy_egg(400),
         "whole numbers": lambda: np.round(made(semi_axes=(5.0, 8.0, 12.0)).surface(sphere)),
@@ -72,6 +73,8 @@ def clouds() -> dict[str, Callable[[], np.ndarray]]:
         "copies": lambda: np.repeat(made(semi_axes=(5.0, 8.0, 12.0)).surface(sphere), 2, axis=0),
         "two planes": lambda: np.vstack([sphere * [1, 1, 0.01] + [0, 0, z] for z in (-0.2, 0.2)]),
         "edges": lambda: made(exponents=(0.1, 0.1)).surface(sphere),
+        "planes without noise": lambda: np.vstack([sphere * [1, 1, 0] + [0, 0, z] for z in (-0.2, 0.2)]),
+        "ball of voxels": lambda: grid[np.abs(np.linalg.norm(grid, axis=1) - 6.5) < 0.6],
     }
 
 

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from quadriform.fitting.sheet import FacingCloud
+from quadriform.fitting.ties import first_least
 from quadriform.points import Array
 from quadriform.shapes.closest import surface_points
 from quadriform.shapes.control_box import ControlBox
@@ -53,7 +54,7 @@ class Correspondence:
 
     def facing(self, costs: Array) -> Array:
         """For each data point the origin (n, 3) of the best of the model points."""
-        return self.origins[costs.argmin(axis=1)]
+        return self.origins[first_least(costs)]
 
     def unclaimed(self, costs: Array, claimed: Array) -> tuple[Array, Array]:
         """Model points that no data point chose, and the data point that each would choose: matching the other way.
@@ -69,4 +70,4 @@ class Correspondence:
         """
         free = np.ones(len(self.origins), dtype=bool)
         free[self.tree.query(claimed)[1]] = False
-        return self.origins[free], self.cloud.points[costs[:, free].argmin(axis=0)]
+        return self.origins[free], self.cloud.points[first_least(costs[:, free].T)]

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.fitting.inliers import Mixture
-from quadriform.fitting.residuals import POWERS, Candidates, distances
+from quadriform.fitting.residuals import POWERS, TURN, Candidates, distances
 from quadriform.points import Array
 from quadriform.shapes.superquadric import EXPONENTS
 
@@ -17,6 +17,9 @@ DAMPED = 1.0
 """Damping above which a step is shorter for the damping than by itself."""
 FINEST = 1e-3
 """What points feel of a step is told in units of sigma, or of this where sigma is less (lengths in RMS radii)."""
+IDLE = 1e-20
+"""A turn that moves the surface by less than the root of this share of what other parameters do is not taken: what it
+would gain is rounding, as about the axes of a sphere."""
 MEMORY, WORSE = 6, 2.0
 """Steps that the acceleration remembers; one this many times larger than the last makes it forget."""
 Mask = NDArray[np.bool_]
@@ -124,7 +127,9 @@ class Descent:
         slope[:, POWERS] += prior[:, None] * (self.candidates.exponents - 1)
         diagonal = np.einsum("mii->mi", normal)
         diagonal[:, POWERS] += prior[:, None]
+        largest = diagonal.max(axis=1, keepdims=True)
         free = ~self._blocked(slope)
+        free[:, TURN] &= diagonal[:, TURN] > IDLE * largest
         slope *= free
         normal *= free[:, :, None] & free[:, None]
         largest = diagonal.max(axis=1, keepdims=True)

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from quadriform.fitting.neighbourhood import TIE
 from quadriform.fitting.residuals import Candidates
 from quadriform.fitting.start import hyperboloids, tori
+from quadriform.fitting.ties import settled_axes
 from quadriform.points import Array
 from quadriform.shapes import pose
 from quadriform.shapes.superquadric import Superquadric
@@ -52,7 +53,7 @@ def sides(points: Array, core: NDArray[np.bool_]) -> Array:
     The planes' normals are 26 even directions about the core's principal axes.
     """
     centre = points[core].mean(axis=0)
-    _, axes = np.linalg.eigh(np.cov(points[core].T))
+    axes = settled_axes(*np.linalg.eigh(np.cov(points[core].T)), points[core] - centre)
     heights = (points - centre) @ axes @ (CUTS / np.linalg.norm(CUTS, axis=1)[:, None]).T
     return (core[:, None] & (heights <= np.quantile(heights[core], SIDE_SHARE, axis=0))).T.astype(np.float64)
 
@@ -68,7 +69,11 @@ def _moments(points: Array, weights: Array) -> tuple[Array, Array]:
 
 def principal_axes(points: Array, weights: Array) -> Array:
     """Principal axes (H, 3, 3) of weighted parts (H, n) of a cloud, right-handed, the longest last."""
-    axes = np.linalg.eigh(_moments(points, weights)[1])[1]
+    centres, second = _moments(points, weights)
+    values, axes = np.linalg.eigh(second)
+    for part, centre in enumerate(centres):
+        shares = np.sqrt(weights[part])[:, None] if weights[part].any() else 1.0
+        axes[part] = settled_axes(values[part], axes[part], shares * (points - centre))
     axes[:, :, 0] *= np.sign(np.linalg.det(axes))[:, None]
     return axes
 

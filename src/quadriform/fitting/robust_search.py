@@ -25,6 +25,7 @@ from quadriform.fitting.hypotheses import (
 from quadriform.fitting.inliers import LARGEST_SHARE, Mixture, cooled, crowding_odds, estimated, everyone
 from quadriform.fitting.residuals import Candidates
 from quadriform.fitting.sampling import outwards
+from quadriform.fitting.ties import best_first, settled_axes
 from quadriform.points import Array
 from quadriform.shapes.superquadric import Superquadric
 
@@ -143,10 +144,10 @@ def solve(problem: Problem) -> Solution:
     race = Race(cloud, longest)
     best = race.compared(race.raced(parts, race.frames(parts, FRAMES), COARSE), KEPT, None)
     convinces = convincing(best)
-    if problem.kind == "ellipsoid" and not convinces[np.argmax(best.scores())]:
+    if problem.kind == "ellipsoid" and not convinces[best_first(best.scores())[0]]:
         best = race.widened(np.concatenate([parts, sides(cloud.points, core)]), best)
         convinces = convincing(best)
-    winner = np.array([int(np.argmax(_ranking(best, convinces)))])
+    winner = best_first(_ranking(best, convinces))[:1]
     if best.mixture.share[winner[0]] < LARGEST_SHARE:
         noisy = convinces[winner[0]] and best.mixture.sigma[winner[0]] > CLEAN
         if not noisy and (clean := race.met_by_all()):
@@ -169,7 +170,7 @@ def nearby(problem: Problem, starts: list[Superquadric]) -> Superquadric:
     descent = cloud.descent(candidates, spread, longest)
     descent.run(COOLING_STEPS, 0, lambda d: everyone(d.distances, d.weights))
     descent.run(MOST_STEPS, NEAR, em)
-    return descent.candidates.superquadric(int(np.argmax(descent.scores())))
+    return descent.candidates.superquadric(int(best_first(descent.scores())[0]))
 
 
 def _crowded(problem: Problem, winner: tuple[Candidates, Mixture], longest: float) -> Problem:
@@ -180,8 +181,9 @@ def _crowded(problem: Problem, winner: tuple[Candidates, Mixture], longest: floa
 
 def bound_of_axes(points: Array) -> float:
     """Twice the extent of the points (n, 3) along a side of their box, whichever way the box is turned."""
-    axes = np.linalg.svd(points, full_matrices=False)[2]
-    return 2 * float(np.ptp(points @ axes.T, axis=0).max()) / np.sqrt(3)
+    _, values, axes = np.linalg.svd(points, full_matrices=False)
+    axes = settled_axes(values**2, axes.T, points)
+    return 2 * float(np.ptp(points @ axes, axis=0).max()) / np.sqrt(3)
 
 
 @dataclass(frozen=True)
@@ -269,7 +271,7 @@ class Race:
 def distinct(descent: Descent, ranking: Array, most: int) -> NDArray[np.int64]:
     """The best candidates, at most `most`, no two of them the same surface at the points."""
     chosen: list[int] = []
-    for index in np.argsort(-ranking, kind="stable"):
+    for index in best_first(ranking):
         sigma = SAME * descent.mixture.sigma[index]
         weight = descent.inliers[index]
         gaps = descent.distances[chosen] - descent.distances[index]
@@ -323,4 +325,4 @@ def _to_rest(problem: Problem, start: tuple[Candidates, Mixture], rivals: int, l
 
 
 def _winner(descent: Descent) -> tuple[Candidates, Mixture]:
-    return descent.picked(np.array([int(np.argmax(descent.scores()))]))
+    return descent.picked(best_first(descent.scores())[:1])

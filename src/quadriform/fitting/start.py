@@ -9,6 +9,7 @@ from itertools import permutations, product
 import numpy as np
 
 from quadriform.errors import DegenerateError
+from quadriform.fitting.ties import first_least, settled_axes
 from quadriform.points import Array
 from quadriform.shapes.superquadric import Superquadric
 
@@ -24,6 +25,7 @@ def principal_frame(points: Array) -> tuple[Array, Array, Array]:
     second = offset.T @ offset / len(points)
     inertia = np.trace(second) * np.eye(3) - second  # P12
     moments, axes = np.linalg.eigh(inertia)
+    axes = settled_axes(moments, axes, offset)
     moments, axes = moments[::-1], axes[:, ::-1].copy()
     tails = ((offset @ axes) ** 3).sum(axis=0)
     axes[:, tails < 0] *= -1
@@ -51,7 +53,7 @@ def quadric_frame(points: Array) -> tuple[Array, Array]:
     xx, yy, zz, yz, xz, xy, *linear, _ = np.linalg.svd(rows)[2][-1]
     q = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     offset = -np.linalg.lstsq(q, np.array(linear), rcond=None)[0]
-    axes = np.linalg.eigh(q)[1]
+    axes = settled_axes(*np.linalg.eigh(q), points - middle)
     return middle + scale * offset * (np.abs(offset).max() < 1), axes
 
 
@@ -63,7 +65,9 @@ def _frames(points: Array) -> list[tuple[Array, Array]]:
 
 def toroid_by_moments(points: Array) -> Superquadric:
     """The elliptic torus that suits best."""
-    return min(tori(points), key=lambda torus: float(((torus.implicit(points) - 1) ** 2).sum()))
+    found = tori(points)
+    costs = [((torus.implicit(points) - 1) ** 2).sum() for torus in found]
+    return found[int(first_least(np.array(costs)))]
 
 
 def tori(points: Array) -> list[Superquadric]:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares, minimize
 
 from quadriform.errors import OptionError, WarningKind, Warnings, choose
@@ -13,7 +13,7 @@ from quadriform.fitting.determined import determined
 from quadriform.fitting.inliers import LEAST_SIGMA
 from quadriform.fitting.outcome import SuperquadricFit
 from quadriform.fitting.precision import precision
-from quadriform.fitting.residuals import Candidates, distances
+from quadriform.fitting.residuals import TURN, Candidates, distances
 from quadriform.fitting.robust_superquadric import cut_to, fit_robust, in_world
 from quadriform.fitting.start import start
 from quadriform.fitting.threads import one_blas_thread
@@ -29,6 +29,9 @@ GRADIENT_TOLERANCE = 1e-8
 UNDETERMINED = 1e4
 """A condition above this is warned of."""
 NEAR_BOUND = 1e-3
+ROUND = 1e-6
+"""Semi-axes nearer to each other than this share of the largest make a body round, about one axis or all."""
+TO_THE_LAST_DIGITS = {"method": "lm", "xtol": 1e-14, "ftol": 1e-14, "gtol": 1e-14, "max_nfev": 300}
 
 
 @one_blas_thread
@@ -171,10 +174,24 @@ def least_criterion(points: Array, kind: str) -> Superquadric:
         candidate, slope = coordinates.bound(free)
         return candidate.parameter_derivatives(turned)[1] * slope
 
-    found = least_squares(
-        gap, coordinates.free(), slopes, method="lm", xtol=1e-14, ftol=1e-14, gtol=1e-14, max_nfev=300
-    )
-    return cut_to(coordinates.in_place(found.x), points)
+    def least(begin: Array, moving: NDArray[np.bool_]) -> Array:
+        def whole(part: Array) -> Array:
+            every = begin.copy()
+            every[moving] = part
+            return every
+
+        found = least_squares(
+            lambda part: gap(whole(part)),
+            begin[moving],
+            lambda part: slopes(whole(part))[:, moving],
+            **TO_THE_LAST_DIGITS,
+        )
+        return whole(found.x)
+
+    begin, every = coordinates.free(), np.ones(len(coordinates.free()), dtype=np.bool_)
+    if (np.diff(np.sort(coordinates.first.semi_axes)) < ROUND * coordinates.first.semi_axes.max()).any():
+        begin = least(begin, ~np.isin(np.arange(len(begin)), np.r_[TURN]))  # turns of round bodies are rounding
+    return cut_to(coordinates.in_place(least(begin, every)), points)
 
 
 def determinacy(found: Superquadric, points: Array) -> tuple[int, float]:

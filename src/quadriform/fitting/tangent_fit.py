@@ -16,6 +16,7 @@ from quadriform.fitting.outcome import Iteration, Progress
 from quadriform.fitting.regularity import Regulariser
 from quadriform.fitting.sheet import Few, Sheet
 from quadriform.fitting.tangent import evidence_of
+from quadriform.fitting.ties import best_first
 from quadriform.fitting.uncertainty import FinerBox
 from quadriform.fitting.unfolding import cures, fair_price, folding
 from quadriform.points import Array
@@ -173,7 +174,8 @@ def _best_start(task: _Task, starts: Sequence[dict[str, Superquadric]], shape: t
     """
     trials = [_Trial.of(task, surfaces, shape) for surfaces in starts]
     if len(trials) > 1:
-        trials.sort(key=lambda trial: trial.begun[1].criterion)
+        order = best_first(np.array([-trial.begun[1].criterion for trial in trials]))
+        trials = [trials[index] for index in order]
     whole, dear = list[tuple[_Trial, Refined]](), list[tuple[_Trial, Refined]]()
     for trial in _tangled_last(trials):
         refined = trial.rounds.fine(trial.sheets, trial.coarse)
