@@ -20,6 +20,8 @@ LARGEST = 1e30
 """No coordinate, length or weight may be larger in any unit, so that products of them stay finite."""
 SCALES = (1e-25, 1e25)
 """RMS radii of clouds that can be fitted, in any unit."""
+COARSE = 1e-2
+"""Steps of single precision that may make a body flat, relative to its extent."""
 FLAT = 1e-6
 """A smallest singular value below this share of the largest is a plane, a line or a point."""
 
@@ -150,9 +152,20 @@ def check_spread(points: Array, needed: int) -> None:
     rank = int((singular > FLAT * singular[0]).sum())
     if distinct >= 4 and rank < 3:
         shape = {1: "collinear", 2: "coplanar"}[rank]
-        raise DegenerateError(f"points are {shape} (rank {rank} of 3); expected points around a solid body")
+        raise DegenerateError(
+            f"points are {shape} (rank {rank} of 3); expected points around a solid body{_lost_digits(points)}"
+        )
     if distinct < needed:
         raise DegenerateError(f"{distinct} distinct points; expected at least {needed}, one for each parameter")
+
+
+def _lost_digits(points: Array) -> str:
+    """What a message adds where single precision so far from the origin may have made the points flat."""
+    single, largest = points.astype(np.float32), float(np.abs(points).max())
+    step = float(np.spacing(np.float32(largest)))
+    if not (single == points).all() or step < COARSE * float(np.ptp(points, axis=0).max()):
+        return ""
+    return f"; neighbouring float32 numbers at {largest:.3g} are {step:.1e} apart: subtract an offset before storing"
 
 
 def _distinct(local: Array) -> int:

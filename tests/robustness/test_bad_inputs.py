@@ -78,6 +78,11 @@ REFUSED = {
     "8": (lambda: np.outer(np.arange(50.0), [1, 2, 3]), DegenerateError, "rank 1 of 3"),
     "9": (lambda: plane(np.eye(3)), DegenerateError, "rank 2 of 3"),
     "9 oblique": (lambda: plane(turned(3)) + 5, DegenerateError, "rank 2 of 3"),
+    "14 flat in single precision": (
+        lambda: (1e-2 * CLOUD / RADIUS + [5e5, 5.4e6, 0]).astype(np.float32),
+        DegenerateError,
+        r"float32 numbers at 5.4e\+06 are 5.0e-01 apart: subtract an offset",
+    ),
     "16 tiny": (lambda: 1e-160 * CLOUD, PointsError, "out of range"),
     "16 huge": (lambda: 1e160 * CLOUD, PointsError, "out of range"),
     "17 bool": (lambda: CLOUD > 0, PointsError, "type bool"),

@@ -253,7 +253,7 @@ def _thin(model: DeformableModel, noise: float) -> Warnings:
         thickness = 2 * abs(mesh.volume()) / mesh.area()
         if not surface.kind.startswith("hyperboloid") and noise > THIN * thickness:
             about = "the body" if len(model.surfaces) == 1 else name
-            texts.append(f"{about} is {thickness / noise:.1f} times as thick as the noise of the points")
+            texts.append(f"{about} is {thickness / noise:.3g} times as thick as the noise of the points")
     end = "their sides are not told apart and volumes mean nothing; expected 4 times or more"
     return {WarningKind.ILL_CONDITIONED: f"{', '.join(texts)}: {end}"} if texts else {}
 

@@ -31,6 +31,10 @@ if TYPE_CHECKING:
 Marks = tuple[str, str]
 """Frame of the world and unit, each maybe "unknown"."""
 
+FOUND = {"mesh": "a mesh", "points": "points"}
+OF_IMAGES = {"labels": "--label", "threshold": "--threshold", "frame": "--frame", "border": "--border"}
+OF_SEGMENT = {"region": "--region", "component": "--seed", "closing": "--closing", "fill_holes": "--fill-holes"}
+"""From arguments to the options of the command line, which choose an object in an image."""
 PERCENTILE = re.compile(r"(?:(\d+(?:\.\d+)?)%)?p(\d+(?:\.\d+)?)")
 
 
@@ -88,6 +92,12 @@ class ImageOptions:
         if closing is not None:
             segment["closing"] = closing
         return cls(_labels(label), _threshold(threshold), frame, segment, border, affine)
+
+    @property
+    def of_images(self) -> list[str]:
+        """Options that were given and mean nothing for points and meshes, as the command line calls them."""
+        found = [option for name, option in OF_IMAGES.items() if getattr(self, name) is not None]
+        return found + [option for name, option in OF_SEGMENT.items() if self.segment.get(name)]
 
     def with_label(self, label: str) -> "ImageOptions":
         """The same with other labels."""
@@ -184,9 +194,8 @@ def read_source(path: Path, options: ImageOptions) -> Source:
     kind = kind_of(path)
     if kind in ("image", "mesh") and options.columns is not None:
         raise OptionError(f"option --columns goes with tables and arrays, found the {kind} {str(path)!r}")
-    names = [label for label in options.labels or () if isinstance(label, str)]
-    if kind != "image" and names:
-        raise OptionError(f"option --label={names[0]!r}: names go with images, found {str(path)!r}")
+    if kind in ("mesh", "points") and (given := options.of_images):
+        raise OptionError(f"option {given[0]} goes with images, found the file of {FOUND[kind]} {str(path)!r}")
     if kind == "image":
         return _in_unit(_from_image(path, options), options.unit, path)
     if kind == "mesh":
