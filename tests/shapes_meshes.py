@@ -28,6 +28,17 @@ def prism_mesh(sides=64, radius=10.0, height=60.0):
     return Mesh(vertices, np.concatenate([np.column_stack(strip) for strip in strips]))
 
 
+def cone_mesh(sides=64, radius=10.0, height=20.0):
+    """A closed cone: a ring, the centre of its base, the tip."""
+    turn = 2 * np.pi * np.arange(sides) / sides
+    ring = radius * np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
+    a = np.arange(sides)
+    b = (a + 1) % sides
+    base, tip = np.full(sides, sides), np.full(sides, sides + 1)
+    faces = np.concatenate([np.column_stack([base, b, a]), np.column_stack([tip, a, b])])
+    return Mesh(np.vstack([ring, [[0, 0, 0], [0, 0, height]]]), faces)
+
+
 def dense_dome(rings=40, sides=80, radius=10.0):
     """A half sphere of small triangles, its flat base closed by large ones that meet in one vertex."""
     up = np.pi / 2 * np.arange(rings) / rings

@@ -77,6 +77,39 @@ def test_a_hole_of_a_sixth_is_an_edge(n):
     assert has_edge(holed, Neighbourhood.of(holed))
 
 
+def cone(n, height, base=True):
+    """Even points on a cone of radius one, on its mantle and its base."""
+    slope = np.hypot(1, height)
+    mantle = int(n * slope / (slope + 1))
+    counts = (mantle, n - mantle)
+    turn = np.pi * (1 + 5**0.5) * np.arange(max(counts))
+    one, other = (np.sqrt((np.arange(count) + 0.5) / count) for count in counts)
+    sides = np.column_stack([one * np.cos(turn[:mantle]), one * np.sin(turn[:mantle]), height * (1 - one)])
+    bottom = other[:, None] * np.column_stack([np.cos(turn), np.sin(turn)])[: n - mantle]
+    return np.vstack([sides, np.column_stack([bottom, np.zeros(n - mantle)])]) if base else sides
+
+
+@pytest.mark.parametrize("height", [1.0, 2.0, 4.0])
+@pytest.mark.parametrize("n", [1000, 1500])
+def test_the_sharp_rim_of_a_closed_cone_is_no_edge_of_the_cloud(n, height):
+    """At the rim both faces lie on one side of every point; without the base the surface does end there."""
+    closed, opened = cone(n, height) @ turned(1).T, cone(n, height, base=False) @ turned(1).T
+    assert not has_edge(closed, Neighbourhood.of(closed))
+    assert has_edge(opened, Neighbourhood.of(opened))
+
+
+def test_an_edge_is_seen_through_noise_and_outliers(rng):
+    """Neither noise, nor a few outliers beside the rim, nor a bend makes the end of a cloud a sharp edge."""
+    half = even_directions(2000)
+    half = half[half[:, 2] < 0]
+    noisy = half + rng.normal(0, 0.05, half.shape)
+    stray = np.vstack([half, 0.3 * rng.normal(size=(60, 3)) + half[:60]])
+    bent = even_directions(1500)
+    bent = bent[bent[:, 2] < 0.5] * [3, 3, 1]
+    for cloud in (noisy, stray, bent):
+        assert has_edge(cloud, Neighbourhood.of(cloud))
+
+
 def test_strangers_are_alone():
     """A hundred scattered through twenty-seven times the room of a sphere of 900."""
     strangers = np.random.default_rng(2).uniform(-3, 3, (100, 3))

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 from shapes_made import made
-from shapes_meshes import box_mesh, dense_dome, prism_mesh
+from shapes_meshes import box_mesh, cone_mesh, dense_dome, prism_mesh
 
 import quadriform as qf
-from quadriform.errors import OptionError, PointsError
+from quadriform.errors import OptionError, PointsError, WarningKind
 from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.mesh_points import MOST_SAMPLES, SAMPLES, mesh_points
 
@@ -123,6 +123,13 @@ class TestFits:
         found = qf.fit(mesh)
         assert found.model.volume() == pytest.approx(mesh.volume(), rel=0.01)
         assert found.n_points == SAMPLES and "spread evenly over the area" in found.notes[0]
+
+    def test_a_cone_is_a_closed_body_without_folds(self):
+        """Its rim, where base and mantle meet at 63 degrees, was once taken for the edge of an open cloud."""
+        mesh = cone_mesh()
+        found = qf.fit(mesh)
+        assert found.model.volume() == pytest.approx(mesh.volume(), rel=0.01)
+        assert not {WarningKind.FOLDING, WarningKind.PARTIAL_COVERAGE} & found.warnings.keys()
 
     def test_a_dense_mesh_is_fitted_as_its_vertices(self):
         mesh = made().mesh(12)

@@ -24,6 +24,9 @@ DISAGREE = 0.05
 """Given normals of which more pairs of neighbours face opposite ways have arbitrary signs."""
 AROUND, EDGE_GAP, EDGES = 20, np.radians(150), 0.01
 """At an edge 20 neighbours leave a gap of 150 degrees; of a closed surface less than one point in a hundred does."""
+FACES_APART, ABOVE_NOISE, SMOOTHEST = 0.05, 4.0, 0.1
+"""Two faces meet where heights differ from a smooth surface by more than the first, a share of the neighbours' RMS
+distance, and by more than the second times the noise: what they differ by at the smoothest tenth of the points."""
 
 
 @dataclass(frozen=True)
@@ -122,15 +125,39 @@ def is_surface(neighbourhood: Neighbourhood) -> bool:
 
 
 def has_edge(points: Array, neighbourhood: Neighbourhood) -> bool:
-    """Whether a sampled surface ends somewhere: its last points see a wide gap in their tangent plane."""
+    """Whether a sampled surface ends somewhere: its last points see a wide gap in their tangent plane.
+
+    Beside a crease of less than a right angle, such as the rim of a cone, points see such a gap too, because both
+    faces lie on the same side of it; these do not count, for the surface goes on there.
+    """
     near, counts = nearest(points, points, AROUND + 1)
-    offset = points[near[:, 1:]] - points[:, None, :]
-    first = neighbourhood.along
-    second = np.cross(neighbourhood.normals, first)
-    angle = np.arctan2(np.einsum("nki,ni->nk", offset, second), np.einsum("nki,ni->nk", offset, first))
-    angle = np.sort(np.where(counts[:, 1:], angle, angle[:, :1]), axis=1)
+    offset, counts = points[near[:, 1:]] - points[:, None, :], counts[:, 1:]
+    axes = (neighbourhood.along, np.cross(neighbourhood.normals, neighbourhood.along), neighbourhood.normals)
+    along, across, height = (np.einsum("nki,ni->nk", offset, axis) for axis in axes)
+    angle = np.arctan2(across, along)
+    angle = np.sort(np.where(counts, angle, angle[:, :1]), axis=1)
     around = np.concatenate([angle, angle[:, :1] + 2 * np.pi], axis=1)
-    return bool((np.diff(around, axis=1).max(axis=1) > EDGE_GAP).mean() >= EDGES)
+    gap = np.diff(around, axis=1).max(axis=1) > EDGE_GAP
+    if gap.mean() < EDGES:
+        return False
+    return bool((gap & ~_creased(along, across, height, counts)).mean() >= EDGES)
+
+
+def _creased(along: Array, across: Array, height: Array, counts: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which points (n,) have neighbours on two faces, one above the other in the tangent plane.
+
+    Heights (n, k) of neighbours at `along` and `across` in the tangent plane are then no quadratic function of their
+    places, as those of a single face are but for the noise. Only neighbours where `counts` is true count.
+    """
+    count = counts.sum(axis=1)
+    size = np.sqrt((counts * (along**2 + across**2)).sum(axis=1) / count)[:, None]
+    x, y, z = (np.where(counts, each / np.maximum(size, 1e-300), 0.0) for each in (along, across, height))
+    terms = np.stack([counts, x, y, x * x, x * y, y * y], axis=2)
+    basis = np.linalg.qr(terms)[0]
+    left = np.abs(z - np.einsum("nkj,nj->nk", basis, np.einsum("nkj,nk->nj", basis, z)))
+    left = np.sort(np.where(counts, left, np.inf), axis=1)
+    middle = left[np.arange(len(left)), count // 2]  # the median: one outlier among the neighbours is no second face
+    return middle > np.maximum(FACES_APART, ABOVE_NOISE * np.quantile(middle, SMOOTHEST))
 
 
 def nearest(among: Array, of: Array, count: int) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
