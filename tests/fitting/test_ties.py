@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 from shapes_made import even_directions
 
 import quadriform as qf
+from quadriform.fitting.hypotheses import sides
 from quadriform.fitting.ties import best_first, first_least, settled_axes
 
 TURN = Rotation.from_rotvec([0.3, -0.7, 0.4]).as_matrix()
@@ -77,10 +78,21 @@ def test_of_equal_values_the_first_is_best():
     assert first_least(np.array([[3.0, 1.0 + 1e-14, 1.0], [2.0, 1.0, 0.5]])).tolist() == [1, 2]
 
 
-@pytest.mark.parametrize("radius", [30, 49.5])
-def test_a_ball_of_voxels_has_one_surface_whatever_rounding_says(radius):
+def test_rounding_does_not_choose_the_sides_of_a_lattice():
+    points = shell(BODIES["cube"]) / 4 - 2
+    rng = np.random.default_rng(2)
+    core = np.ones(len(points), dtype=bool)
+    again = sides(points + 1e-15 * rng.normal(size=points.shape), core)
+    np.testing.assert_array_equal(again, sides(points, core))
+
+
+VOXELS = {"a ball": (SIDE**2).sum(axis=-1) <= 49.5, "a prism": BODIES["square prism"]}
+
+
+@pytest.mark.parametrize("name", VOXELS)
+def test_voxels_have_one_surface_whatever_rounding_says(name):
     """Old bug: surfaces that differed by 3e-3 r between processors, without a warning."""
-    points = shell((SIDE**2).sum(axis=-1) <= radius)
+    points = shell(VOXELS[name])
     rng = np.random.default_rng(1)
     one, other = qf.fit(points), qf.fit(rng.permutation(points + 1e-13 * rng.normal(size=points.shape)))
     probes = points + rng.normal(size=points.shape)

@@ -55,7 +55,8 @@ def sides(points: Array, core: NDArray[np.bool_]) -> Array:
     centre = points[core].mean(axis=0)
     axes = settled_axes(*np.linalg.eigh(np.cov(points[core].T)), points[core] - centre)
     heights = (points - centre) @ axes @ (CUTS / np.linalg.norm(CUTS, axis=1)[:, None]).T
-    return (core[:, None] & (heights <= np.quantile(heights[core], SIDE_SHARE, axis=0))).T.astype(np.float64)
+    most = np.quantile(heights[core], SIDE_SHARE, axis=0) + TIE * np.abs(heights[core]).max()
+    return (core[:, None] & (heights <= most)).T.astype(np.float64)
 
 
 def _moments(points: Array, weights: Array) -> tuple[Array, Array]:
