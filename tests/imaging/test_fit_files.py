@@ -132,3 +132,13 @@ def test_lost_digits_of_a_sampled_mesh_are_those_of_its_vertices(files):
     far = Mesh((block.vertices + 1e6 / 3).astype(np.float32).astype(np.float64), block.faces)
     write_mesh(far, "far.vtp")
     assert WarningKind.PRECISION_LOSS in qf.fit("far.vtp", **QUICK).warnings
+
+
+@pytest.mark.parametrize("name", ["GPFile_000.txt", "contours.txt"])
+def test_contours_of_several_surfaces_are_not_points_of_one(tmp_path, name):
+    """Contours of both walls, and of two times, would be one cloud."""
+    header = "x\ty\tz\tcontour type\tsliceID\tweight\ttime frame\n"
+    rows = (f"{k}\t{k * k}\t1\tSAX_LV_{wall}CARDIAL\t0\t1.0\t0\n" for k in range(20) for wall in ("ENDO", "EPI"))
+    (tmp_path / name).write_text(header + "".join(rows))
+    with pytest.raises(InputError, match="holds contours of several surfaces"):
+        qf.fit(tmp_path / name)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from quadriform.columns import MILLIMETRES, unit_of
 from quadriform.errors import FileFormatError, InputError, OptionError, Warnings, choose
 from quadriform.files.doors import content_of
+from quadriform.files.guide_points import is_guide_points
 from quadriform.files.meshes import read_marks, read_mesh_or_points
 from quadriform.files.points import read_point_set
 from quadriform.files.reading import naming
@@ -215,6 +216,11 @@ def _from_mesh(path: Path) -> Source:
 
 
 def _from_table(path: Path, options: ImageOptions) -> Source:
+    if options.columns is None and is_guide_points(path):
+        raise InputError(
+            f"{str(path)!r}: holds contours of several surfaces, not points of one; follow their frames by track, or "
+            "take the points of each surface by read_guide_points in Python"
+        )
     found = read_point_set(path, options.columns)
     found = _said_unit(found, options.unit, path).in_metric_unit()
     notes = tuple(f"{path}: {note}" for note in found.notes)
