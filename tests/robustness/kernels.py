@@ -75,7 +75,7 @@ def clouds() -> dict[str, Callable[[], np.ndarray]]:
         "edges": lambda: made(exponents=(0.1, 0.1)).surface(sphere),
         "planes without noise": lambda: np.vstack([sphere * [1, 1, 0] + [0, 0, z] for z in (-0.2, 0.2)]),
         "cube of voxels": lambda: grid[np.abs(grid).max(axis=1) == 4],
-        "ball of voxels": lambda: grid[np.abs(np.linalg.norm(grid, axis=1) - 6.5) < 0.6],
+        "ball of voxels": lambda: grid[np.abs(np.linalg.norm(grid, axis=1) - 6.6) < 0.4],
     }
 
 
