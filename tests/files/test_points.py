@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from quadriform.errors import FileFormatError, FileLimitError, InputError, PointsError, QuadriformError
+from quadriform.files import load, read_mesh, read_model
 from quadriform.files.meshes import encode_mesh
+from quadriform.files.moving_models import read_moving_model
 from quadriform.files.points import read_points, write_points
 
 ROWS = np.array([[1.0, 2.0, 3.0], [-4.5, 5e-3, 6e7], [0.1, 0.2, 0.3]])
@@ -240,10 +242,17 @@ def test_where_there_is_no_file(tmp_path):
         read_points(tmp_path / "pipe.xyz")
     with pytest.raises(InputError, match="cannot be read"):
         read_points(tmp_path / "empty.xyz" / "below.xyz")
+    (tmp_path / "p.dat").write_text("0 0 0")
     with pytest.raises(FileFormatError, match=r"suffix '\.dat'; expected \.xyz"):
         read_points(tmp_path / "p.dat")
     with pytest.raises(QuadriformError, match="cannot be read"):
         read_points("nul\0.xyz")
+
+
+@pytest.mark.parametrize("read", [read_points, load, read_mesh, read_model, read_moving_model])
+def test_a_file_that_is_missing_has_no_wrong_suffix(tmp_path, read):
+    with pytest.raises(InputError, match="there is no such file"):
+        read(tmp_path / "scan0001")
 
 
 def test_a_path_with_anything_in_it_is_read(tmp_path):

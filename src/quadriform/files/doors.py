@@ -9,7 +9,7 @@ from quadriform.files.meshes import MESH_SUFFIXES, READ_SUFFIXES, read_mesh, wri
 from quadriform.files.models import MODEL_SUFFIXES, holds_model, read_model, write_model
 from quadriform.files.moving_models import is_moving_model, read_moving_model, write_moving_model
 from quadriform.files.points import POINT_SUFFIXES
-from quadriform.files.reading import suffix_of
+from quadriform.files.reading import suffix_of, suffix_to_read
 from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
@@ -82,7 +82,7 @@ def load(path: PathLike) -> DeformableModel | MovingModel | Mesh:
         FileFormatError: not what its name says, or damaged.
         FileLimitError: beyond the budget.
     """
-    if suffix_of(path, MODEL_SUFFIXES + READ_SUFFIXES, "a model or a mesh") in MODEL_SUFFIXES:
+    if suffix_to_read(path, MODEL_SUFFIXES + READ_SUFFIXES, "a model or a mesh") in MODEL_SUFFIXES:
         moving = str(path).lower().endswith(".json") and is_moving_model(path)
         return read_moving_model(path) if moving else read_model(path)
     return read_mesh(path)

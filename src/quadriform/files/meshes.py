@@ -14,7 +14,7 @@ from quadriform.files.marks import check_marks, parse_marks, parse_record
 from quadriform.files.obj import parse_obj
 from quadriform.files.ply import parse_ply
 from quadriform.files.polygons import Polygons
-from quadriform.files.reading import quoted, read_bytes, suffix_of
+from quadriform.files.reading import quoted, read_bytes, suffix_of, suffix_to_read
 from quadriform.files.stl import parse_stl
 from quadriform.files.vtp import encode_vtp, parse_vtp
 from quadriform.points import check_points
@@ -164,7 +164,7 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
 
 def read_mesh_or_points(path: str | os.PathLike[str]) -> Mesh:
     """The same for points in a mesh format, too: a mesh without triangles."""
-    suffix = suffix_of(path, READ_SUFFIXES, "a mesh")
+    suffix = suffix_to_read(path, READ_SUFFIXES, "a mesh")
     return parse_mesh(read_bytes(path), suffix, quoted(path))
 
 

@@ -17,7 +17,7 @@ from quadriform.files.arrays import parse_npz
 from quadriform.files.atomic import write_bytes
 from quadriform.files.marks import SPACES, UNITS, check_marks
 from quadriform.files.packed import NUMBERS, TEXT, Unpacking, packed
-from quadriform.files.reading import quoted, read_bytes, signature, suffix_of
+from quadriform.files.reading import quoted, read_bytes, signature, suffix_of, suffix_to_read
 from quadriform.files.records import FIELDS, read_record, record_document
 from quadriform.files.strict import Field
 from quadriform.points import LARGEST
@@ -64,7 +64,7 @@ def read_model(path: str | os.PathLike[str]) -> DeformableModel:
             message has the path of the field.
         FileLimitError: beyond the budget.
     """
-    suffix = suffix_of(path, MODEL_SUFFIXES, "a model")
+    suffix = suffix_to_read(path, MODEL_SUFFIXES, "a model")
     data, where = read_bytes(path), quoted(path)
     document = parse_json(data, where) if suffix == ".json" else _parse_arrays(data, where)
     return _model(Field(document, "", where))

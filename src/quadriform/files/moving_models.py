@@ -16,7 +16,7 @@ from quadriform.files.models import (
     read_surfaces,
     read_version,
 )
-from quadriform.files.reading import quoted, read_bytes, suffix_of
+from quadriform.files.reading import quoted, read_bytes, suffix_of, suffix_to_read
 from quadriform.files.records import FIELDS, read_record
 from quadriform.files.strict import Field
 from quadriform.points import Array
@@ -58,7 +58,7 @@ def read_moving_model(path: str | os.PathLike[str]) -> MovingModel:
         FileFormatError: no moving model, damaged, of a later version, or a field that is missing, unknown or wrong.
         FileLimitError: beyond the budget.
     """
-    suffix_of(path, (".json",), "a moving model")
+    suffix_to_read(path, (".json",), "a moving model")
     where = quoted(path)
     root = Field(parse_json(read_bytes(path), where), "", where)
     version = read_version(root, FORMAT, VERSION)

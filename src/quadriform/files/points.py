@@ -13,7 +13,7 @@ from quadriform.files.arrays import parse_npy, parse_npz
 from quadriform.files.atomic import write_bytes
 from quadriform.files.marks import parse_marks
 from quadriform.files.meshes import HEAD, READ_SUFFIXES, parse_mesh
-from quadriform.files.reading import quoted, read_bytes, suffix_of
+from quadriform.files.reading import quoted, read_bytes, suffix_of, suffix_to_read
 from quadriform.files.tables import parse_table, written_table
 from quadriform.point_sets import PointSet, point_set
 from quadriform.points import Array, check_points
@@ -50,7 +50,7 @@ def read_point_set(path: str | os.PathLike[str], columns: Chosen = None) -> Poin
 
     Arguments and errors are those of `read_points`.
     """
-    suffix = suffix_of(path, (*POINT_SUFFIXES, *READ_SUFFIXES), "a file of points")
+    suffix = suffix_to_read(path, (*POINT_SUFFIXES, *READ_SUFFIXES), "a file of points")
     data, where = read_bytes(Path(path)), quoted(path)
     if suffix in TABLE_SUFFIXES:
         return parse_table(data, where, columns)

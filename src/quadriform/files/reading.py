@@ -125,6 +125,17 @@ def suffix_of(path: PathLike, known: tuple[str, ...], what: str) -> str:
     return suffix
 
 
+def suffix_to_read(path: PathLike, known: tuple[str, ...], what: str) -> str:
+    """Lower-case suffix of a file that is there, when it is one of `known`.
+
+    Raises:
+        InputError: missing, a folder, a device or a pipe.
+        FileFormatError: empty, or another suffix; names those that `what` can have.
+    """
+    check_readable(path)  # a file that is missing has no wrong suffix
+    return suffix_of(path, known, what)
+
+
 def signature(data: bytes) -> str:
     """In words, what the first bytes of a file look like."""
     for start, name in SIGNATURES.items():
