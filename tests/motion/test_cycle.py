@@ -178,3 +178,13 @@ def test_no_step_goes_far_up(monkeypatch, cycle, too_far):
         assert sums[-1] < sums[0] and np.abs(cycle.displacement).max() > 1e-3
     else:
         assert np.abs(cycle.displacement).max() < 2 * SMALLEST_STEP * np.abs(steps[0]).max()
+
+
+def test_a_cavity_that_empties_in_a_wall_at_rest_is_followed():
+    """Three quarters of all points do not move; those of the cavity at the other time are no outliers for that."""
+    outside = lumpy(300)
+    clouds = [{"endo": 0.7 * outside, "epi": outside}, {"endo": 0.5 * outside, "epi": outside}]
+    found = qf.track(clouds, box=(4, 4, 4))
+    full, empty = (model.volume("endo") for model in found.models)
+    assert empty / full == pytest.approx((0.5 / 0.7) ** 3, rel=0.05)
+    assert "OUTLIERS" not in found.warnings

@@ -27,6 +27,10 @@ ROUNDS, MOST_ROUNDS = 6, 24
 REST = 0.005
 """The cycle is fitted when the noise changes by less than this share, and no frame folds."""
 SLIDES = 3
+MOST = 0.5
+"""Of the points of a surface in a frame at least this share is taken to belong to it."""
+MEDIAN = 0.6745
+"""Of the distance of normally distributed values from their mean, in standard deviations."""
 SMALLEST_STEP = 1e-2
 
 
@@ -199,7 +203,10 @@ class Cycle:
         distances = iter(self._distances())
         for sheets in self.sheets:
             for sheet in sheets:
-                sheet.weigh(next(distances), self.noise)
+                away = next(distances)
+                sheet.weigh(away, self.noise)
+                if np.average(sheet.inliers, weights=sheet.weights) < MOST:  # not reached yet, rather than outliers
+                    sheet.weigh(away, float(np.median(np.abs(away))) / MEDIAN)
 
     def _shift(self) -> None:
         if self.planes is None:

@@ -310,7 +310,7 @@ def _cycle_warnings(
     for distances, kept, proven in zip(residuals, inliers, certified):
         warnings: Warnings = {}
         strangers = sum(int((values < STRANGER).sum()) for values in kept.values())
-        rms = max(float(np.sqrt((distances[n][kept[n] >= STRANGER] ** 2).mean())) for n in distances)
+        rms = max(float(np.sqrt(np.average(d**2, weights=(kept[n] >= STRANGER) + 1e-99))) for n, d in distances.items())
         if strangers:
             warnings[WarningKind.OUTLIERS] = f"{strangers} points are not of the surface"
         if rms > POOR * scale:
