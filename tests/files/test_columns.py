@@ -66,6 +66,11 @@ def test_names_decide_whatever_their_order(write, header, more):
     assert np.array_equal(found.points, ROWS) and found.unit == unit
 
 
+def test_a_comment_after_the_first_row_names_nothing(write):
+    found = read_point_set(write(lines(ROWS, separator=" ") + "# z y x\n", "p.txt"))
+    np.testing.assert_array_equal(found.points, ROWS)
+
+
 @pytest.mark.parametrize(
     ("comment", "order", "unit"),
     [

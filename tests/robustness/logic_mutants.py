@@ -59,6 +59,7 @@ KNOWN: dict[str, str] = {
     "shapes/crossings.py: _sharing_a_cell: `float((high - low).max()) / 30` -> `float((high - low).max()) * 30`": (
         "larger cells give more pairs to look at, and the same crossings"
     ),
+    "imaging/dicom_headers.py: _seconds: `3600` -> `3601`": "the clock of acquisitions only orders frames",
     "files/label_maps.py: label_map: `96` -> `97`": "how finely a surface is drawn before its voxels are filled",
 }
 """From a change, as it is printed, to why no test can notice it."""

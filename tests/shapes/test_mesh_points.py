@@ -117,6 +117,14 @@ def test_as_many_points_as_vertices_within_limits():
     assert len(mesh_points(dome)[0]) == len(dome.vertices) > SAMPLES
 
 
+def test_where_a_mesh_stands_does_not_matter():
+    mesh, away = box_mesh(), np.array([70.0, -20.0, 300.0])
+    points, note = mesh_points(mesh)
+    moved, moved_note = mesh_points(Mesh(mesh.vertices + away, mesh.faces))
+    np.testing.assert_allclose(moved, points + away, atol=1e-10)
+    assert moved_note == note and f"{np.sqrt(mesh.area() / SAMPLES):.3g} apart" in note
+
+
 class TestFits:
     @pytest.mark.parametrize("mesh", [box_mesh(), prism_mesh()], ids=["block", "prism"])
     def test_the_volume_of_a_body_with_few_vertices(self, mesh):
