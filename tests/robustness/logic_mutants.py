@@ -60,6 +60,9 @@ KNOWN: dict[str, str] = {
         "larger cells give more pairs to look at, and the same crossings"
     ),
     "imaging/dicom_headers.py: _seconds: `3600` -> `3601`": "the clock of acquisitions only orders frames",
+    "shapes/mesh_points.py: _unit_corners: `2` -> `3`": (
+        "another unit of length, in which nothing but the cells of the curve that orders triangles is measured"
+    ),
     "files/label_maps.py: label_map: `96` -> `97`": "how finely a surface is drawn before its voxels are filled",
 }
 """From a change, as it is printed, to why no test can notice it."""
