@@ -44,9 +44,10 @@ def test_what_cannot_be_saved(tmp_path, model, mesh):
     two = replace(model, surfaces={"endo": model.superquadric(), "epi": model.superquadric()})
     with pytest.raises(OptionError, match="'endo', 'epi'; choose one"):
         save(two, tmp_path / "m.ply")
+    assert not list(tmp_path.iterdir())
+    (tmp_path / "m.pkl").write_bytes(b"\x80\x04N.")
     with pytest.raises(FileFormatError, match=r"'\.pkl'"):
         load(tmp_path / "m.pkl")
-    assert not list(tmp_path.iterdir())
 
 
 def test_nothing_is_overwritten_unasked(tmp_path, model):

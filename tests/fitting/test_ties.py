@@ -76,6 +76,7 @@ def test_of_equal_values_the_first_is_best():
     assert best_first(np.array([1.0, 2.0, 2.0 + 1e-13, np.nan, -np.inf, 2.0 - 1e-13]))[:4].tolist() == [1, 2, 5, 0]
     assert best_first(np.array([1e3, 1e3 + 1e-3])).tolist() == [1, 0]
     assert first_least(np.array([[3.0, 1.0 + 1e-14, 1.0], [2.0, 1.0, 0.5]])).tolist() == [1, 2]
+    assert first_least(np.array([[3.0, -1e-17, 1.0], [2.0, 0.0, -2.0]])).tolist() == [1, 2]  # zero but for rounding
 
 
 def test_rounding_does_not_choose_the_sides_of_a_lattice():

@@ -27,6 +27,9 @@ AROUND, EDGE_GAP, EDGES = 20, np.radians(150), 0.01
 FACES_APART, ABOVE_NOISE, SMOOTHEST = 0.05, 4.0, 0.1
 """Two faces meet where heights differ from a smooth surface by more than the first, a share of the neighbours' RMS
 distance, and by more than the second times the noise: what they differ by at the smoothest tenth of the points."""
+ISOLATED = np.sqrt(2.0)
+"""Points whose neighbours are this many times farther away than those of the median point are not on a surface of the
+cloud's density, whose creases have neighbours on both sides: outliers, mostly."""
 
 
 @dataclass(frozen=True)
@@ -151,13 +154,14 @@ def _creased(along: Array, across: Array, height: Array, counts: NDArray[np.bool
     """
     count = counts.sum(axis=1)
     size = np.sqrt((counts * (along**2 + across**2)).sum(axis=1) / count)[:, None]
+    dense = size[:, 0] < ISOLATED * np.median(size)
     x, y, z = (np.where(counts, each / np.maximum(size, 1e-300), 0.0) for each in (along, across, height))
     terms = np.stack([counts, x, y, x * x, x * y, y * y], axis=2)
     basis = np.linalg.qr(terms)[0]
     left = np.abs(z - np.einsum("nkj,nj->nk", basis, np.einsum("nkj,nk->nj", basis, z)))
     left = np.sort(np.where(counts, left, np.inf), axis=1)
     middle = left[np.arange(len(left)), count // 2]  # the median: one outlier among the neighbours is no second face
-    return middle > np.maximum(FACES_APART, ABOVE_NOISE * np.quantile(middle, SMOOTHEST))
+    return dense & (middle > np.maximum(FACES_APART, ABOVE_NOISE * np.quantile(middle, SMOOTHEST)))
 
 
 def nearest(among: Array, of: Array, count: int) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:

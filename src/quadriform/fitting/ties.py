@@ -35,8 +35,9 @@ def best_first(values: Array) -> NDArray[np.int64]:
 
 
 def first_least(values: Array) -> NDArray[np.int64]:
-    """Index of the least of values (..., n) >= 0 along the last axis; of equal ones the first."""
-    return np.argmax(values <= (1 + EQUAL) * values.min(axis=-1, keepdims=True), axis=-1)
+    """Index of the least of values (..., n) along the last axis; of equal ones the first."""
+    least = values.min(axis=-1, keepdims=True)
+    return np.argmax(values <= least + EQUAL * np.abs(least), axis=-1)
 
 
 def settled_axes(values: Array, axes: Array, points: Array) -> Array:
