@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from quadriform.errors import FitError, OptionError, Warnings
 from quadriform.fitting.uncertainty import FinerBox
@@ -172,3 +172,8 @@ def flat(residuals: Array | dict[str, Array]) -> Array:
 def rms(residuals: Array | dict[str, Array]) -> float:
     """Root of the mean square of all residuals."""
     return float(np.sqrt((flat(residuals) ** 2).mean()))
+
+
+def rms_of_inliers(distances: Array, inliers: NDArray[np.bool_]) -> float:
+    """RMS distance of the points that belong to a surface; of all where none does."""
+    return float(np.sqrt((distances[inliers if inliers.any() else ...] ** 2).mean()))

@@ -17,7 +17,7 @@ from quadriform.fitting.candidates import ellipsoids
 from quadriform.fitting.clouds import ALONE, Given, common_unit, point_sets, without_meshes
 from quadriform.fitting.fit import Clouds, fit, lost, refine
 from quadriform.fitting.options import check_box, check_strength
-from quadriform.fitting.outcome import Fit, Progress, flat
+from quadriform.fitting.outcome import Fit, Progress, flat, rms_of_inliers
 from quadriform.fitting.tangent_fit import common_box
 from quadriform.motion.cycle import Cycle
 from quadriform.motion.slice_shifts import SlicePlanes
@@ -310,7 +310,7 @@ def _cycle_warnings(
     for distances, kept, proven in zip(residuals, inliers, certified):
         warnings: Warnings = {}
         strangers = sum(int((values < STRANGER).sum()) for values in kept.values())
-        rms = max(float(np.sqrt(np.average(d**2, weights=(kept[n] >= STRANGER) + 1e-99))) for n, d in distances.items())
+        rms = max(rms_of_inliers(values, kept[name] >= STRANGER) for name, values in distances.items())
         if strangers:
             warnings[WarningKind.OUTLIERS] = f"{strangers} points are not of the surface"
         if rms > POOR * scale:
