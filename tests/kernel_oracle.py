@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from quadriform.fitting.residuals import AXES, HOLE, POWERS, SHIFT, TURN
+from quadriform.fitting.superquadric.batch import AXES, HOLE, POWERS, SHIFT, TURN
 from quadriform.shapes import bernstein
 from quadriform.shapes.kinds import KINDS
 

@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from quadriform.files import load, read_points, save
     from quadriform.files.guide_points import read_guide_point_frames, read_guide_points
     from quadriform.fitting.fit import refine
-    from quadriform.fitting.outcome import Fit, SuperquadricFit
-    from quadriform.fitting.superquadric_fit import fit_superquadric
+    from quadriform.fitting.result import Fit, SuperquadricFit
+    from quadriform.fitting.superquadric.fit import fit_superquadric
     from quadriform.heart.measure import measure
     from quadriform.imaging.fit_files import fit
     from quadriform.imaging.reading import read_volume
@@ -32,14 +32,14 @@ __version__ = "0.1.0"
 _HOME = {
     "ControlBox": "shapes.control_box",
     "DeformableModel": "shapes.model",
-    "Fit": "fitting.outcome",
+    "Fit": "fitting.result",
     "Mesh": "shapes.mesh",
     "MovingModel": "shapes.moving_model",
     "Superquadric": "shapes.superquadric",
-    "SuperquadricFit": "fitting.outcome",
+    "SuperquadricFit": "fitting.result",
     "Track": "motion.tracking",
     "fit": "imaging.fit_files",
-    "fit_superquadric": "fitting.superquadric_fit",
+    "fit_superquadric": "fitting.superquadric.fit",
     "load": "files",
     "measure": "heart.measure",
     "plot": "report.plot",

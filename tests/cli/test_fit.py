@@ -176,10 +176,10 @@ def test_one_broken_input_does_not_stop_the_others(terminal, cloud, tmp_path):
 
 
 def test_the_worst_exit_code_counts_even_where_the_fault_is_ours(terminal, cloud, tmp_path, monkeypatch):
-    from quadriform.cli import batch
+    from quadriform.cli import fit_run
 
     (tmp_path / "broken.xyz").write_text("1 2\n")
-    monkeypatch.setattr(batch, "fit_sources", lambda *_args, **_options: 1 / 0)
+    monkeypatch.setattr(fit_run, "fit_sources", lambda *_args, **_options: 1 / 0)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     result = terminal("fit", "broken.xyz", cloud, "broken2.xyz", "-o", "out")
     assert result.code == 70
@@ -295,9 +295,9 @@ def test_a_mesh_keeps_its_frame_unless_another_is_asked_for(terminal, ellipsoid,
 
 
 def test_a_frame_that_is_not_known_cannot_be_changed(terminal, cloud, tmp_path, monkeypatch):
-    from quadriform.cli import batch
+    from quadriform.cli import fit_run
 
-    monkeypatch.setattr(batch, "fit_sources", lambda *_args, **_options: pytest.fail("worked before refusing"))
+    monkeypatch.setattr(fit_run, "fit_sources", lambda *_args, **_options: pytest.fail("worked before refusing"))
     assert_refused(terminal("fit", cloud, "-o", "out", "--space", "RAS"), 4, "frame of the world is not known", "cloud")
     refused = terminal("fit", cloud, "-o", "out", "--space", "LAS")
     assert refused.code == 2 and "--space='LAS'" in refused.err
@@ -397,9 +397,9 @@ def test_inputs_that_are_not_there(terminal, cloud, tmp_path, where):
 
 @pytest.mark.parametrize("out", ["cloud.xyz", "cloud.xyz/out", "/proc/out", "x" * 300])
 def test_outputs_that_cannot_be_written_are_refused_before_the_work(terminal, cloud, tmp_path, out, monkeypatch):
-    from quadriform.cli import batch
+    from quadriform.cli import fit_run
 
-    monkeypatch.setattr(batch, "read_source", lambda *_args: pytest.fail("computed before checking the output"))
+    monkeypatch.setattr(fit_run, "read_source", lambda *_args: pytest.fail("computed before checking the output"))
     before = cloud.read_bytes()
     assert_refused(terminal("fit", cloud, "-o", out), 5, "", out)
     assert cloud.read_bytes() == before

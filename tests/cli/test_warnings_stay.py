@@ -13,7 +13,7 @@ from shapes_made import even_directions
 
 import quadriform as qf
 from quadriform.cli.main import main
-from quadriform.files.marks import parse_record
+from quadriform.files.metadata import parse_record
 from quadriform.shapes import comparison
 from quadriform.shapes.record import NOT_RECORDED
 

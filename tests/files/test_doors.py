@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from quadriform.errors import FileFormatError, InputError, OptionError, OutputError
-from quadriform.files.doors import load, save
 from quadriform.files.reading import sha256_of
+from quadriform.files.save_and_load import load, save
 from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.model import DeformableModel
 

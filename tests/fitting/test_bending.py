@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from quadriform.fitting.regularity import Bending, Springs, penalty
+from quadriform.fitting.least_squares.regularisers import Bending, Springs, penalty
 from quadriform.shapes import bernstein
 
 SHAPES = [(2, 2, 2), (3, 3, 3), (5, 5, 5), (3, 5, 4), (2, 4, 7)]

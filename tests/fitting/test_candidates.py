@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from shapes_made import even_directions, made
 
-from quadriform.fitting.candidates import nested
+from quadriform.fitting.refinement.starts import nested
 
 OUTER = made(exponents=(1, 1), semi_axes=(34, 34, 53))
 INNER = replace(OUTER, semi_axes=np.array([24.0, 24, 44]))

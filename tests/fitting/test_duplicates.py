@@ -3,7 +3,7 @@
 import numpy as np
 
 from quadriform.errors import WarningKind
-from quadriform.fitting.duplicates import Distinct
+from quadriform.fitting.cloud import Distinct
 
 ROWS = np.array([[1.0, 2, 3], [4, 5, 6], [1, 2, 3], [7, 8, 9], [1, 2, 3]])
 

@@ -5,9 +5,9 @@ import pytest
 from shapes_made import even_directions, made
 
 from quadriform.errors import DegenerateError, OptionError
-from quadriform.fitting.evidence import Evidence
-from quadriform.fitting.normal_equations import normal_equations
-from quadriform.fitting.regularity import Bending, Springs
+from quadriform.fitting.least_squares.marginal_likelihood import Evidence
+from quadriform.fitting.least_squares.normal_equations import normal_equations
+from quadriform.fitting.least_squares.regularisers import Bending, Springs
 from quadriform.shapes.control_box import ControlBox
 
 SHAPE = (4, 4, 4)

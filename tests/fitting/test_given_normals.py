@@ -6,8 +6,8 @@ from shapes_made import even_directions, lumpy
 
 import quadriform as qf
 from quadriform.errors import OptionError, PointsError
-from quadriform.fitting.duplicates import Distinct
-from quadriform.fitting.sheet import Sheet
+from quadriform.fitting.cloud import Distinct
+from quadriform.fitting.refinement.surface_data import Sheet
 from quadriform.shapes.superquadric import Superquadric
 
 SPHERE = even_directions(200)

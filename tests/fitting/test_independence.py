@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from shapes_made import even_directions
 
-from quadriform.fitting.independence import independent_share
+from quadriform.fitting.least_squares.effective_count import independent_share
 
 FEET = 30 * even_directions(2000)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from quadriform.fitting.inliers import estimated
+from quadriform.fitting.mixture import estimated
 
 
 @pytest.mark.parametrize(("n_parameters", "freedom"), [(0, 10), (4, 6), (9, 2), (30, 2)])

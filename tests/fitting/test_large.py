@@ -6,7 +6,7 @@ from shapes_made import lumpy
 
 import quadriform as qf
 from quadriform.fitting import fit as doors
-from quadriform.fitting import large
+from quadriform.fitting.refinement import large_clouds
 
 pytestmark = pytest.mark.slow
 NOISE = 0.5
@@ -21,11 +21,11 @@ def cloud(count, seed=0):
 
 @pytest.fixture
 def small(monkeypatch):
-    """What is called very large, made small enough for a test."""
-    monkeypatch.setattr(large, "MANY", 4000)
+    """What is called very large_clouds, made small enough for a test."""
+    monkeypatch.setattr(large_clouds, "MANY", 4000)
     monkeypatch.setattr(doors, "MANY", 4000)
-    monkeypatch.setattr(large, "SAMPLE", 1500)
-    monkeypatch.setattr(large, "PART", 2000)
+    monkeypatch.setattr(large_clouds, "SAMPLE", 1500)
+    monkeypatch.setattr(large_clouds, "PART", 2000)
 
 
 def error(fit):
@@ -36,9 +36,9 @@ def test_the_sample_does_not_see_the_order_and_keeps_its_size(rng):
     points = rng.normal(size=(300_000, 3))
     ones = np.ones(len(points))
     order = rng.permutation(len(points))
-    first, second = large.sampled(points, ones), large.sampled(points[order], ones)
+    first, second = large_clouds.sampled(points, ones), large_clouds.sampled(points[order], ones)
     assert {tuple(p) for p in points[first]} == {tuple(p) for p in points[order][second]}
-    assert len(first) == pytest.approx(large.SAMPLE, rel=0.05)
+    assert len(first) == pytest.approx(large_clouds.SAMPLE, rel=0.05)
     halves = [np.mean(points[first][:, axis] > 0) for axis in range(3)]
     np.testing.assert_allclose(halves, 0.5, atol=0.02)
 
@@ -46,7 +46,7 @@ def test_the_sample_does_not_see_the_order_and_keeps_its_size(rng):
 def test_a_lattice_and_a_scan_line_are_sampled_evenly():
     x, y = np.meshgrid(np.arange(600.0), np.arange(400.0))
     points = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
-    chosen = points[large.sampled(points, np.ones(len(points)))]
+    chosen = points[large_clouds.sampled(points, np.ones(len(points)))]
     for axis, size in ((0, 600), (1, 400)):
         counts = np.histogram(chosen[:, axis], bins=20, range=(0, size))[0]
         assert counts.std() < 3 * np.sqrt(counts.mean())
@@ -55,14 +55,14 @@ def test_a_lattice_and_a_scan_line_are_sampled_evenly():
 def test_points_without_weight_are_not_sampled(rng):
     points, weights = rng.normal(size=(200_000, 3)), np.zeros(200_000)
     weights[::4] = 1
-    chosen = large.sampled(points, weights)
+    chosen = large_clouds.sampled(points, weights)
     assert (weights[chosen] == 1).all()
-    assert len(chosen) == pytest.approx(large.SAMPLE, rel=0.05)
+    assert len(chosen) == pytest.approx(large_clouds.SAMPLE, rel=0.05)
 
 
 def test_all_points_tell_more_than_a_sample_and_no_less_than_at_once(small, monkeypatch):
     points = cloud(12_000)
-    few = points[large.sampled(points, np.ones(len(points)))]
+    few = points[large_clouds.sampled(points, np.ones(len(points)))]
     alone, every = qf.fit(few), qf.fit(points)
     monkeypatch.setattr(doors, "MANY", 10**9)
     at_once = qf.fit(points)
@@ -82,7 +82,7 @@ def test_the_number_of_threads_changes_nothing(small, monkeypatch):
     found = []
     for threads in ("1", "2"):
         monkeypatch.setenv("OMP_NUM_THREADS", threads)
-        monkeypatch.setattr(large, "threads_for", lambda count, n=int(threads): n)
+        monkeypatch.setattr(large_clouds, "threads_for", lambda count, n=int(threads): n)
         found.append(qf.fit(points, box=(3, 3, 3)).model.box.control_points)
     np.testing.assert_array_equal(*found)
 
@@ -123,12 +123,12 @@ def test_refine_takes_the_same_way(small):
 
 def test_weights_of_one_surface_against_another_are_kept(small, monkeypatch):
     points = {"outer": cloud(4100, seed=4), "inner": 0.5 * cloud(400, seed=5)}
-    weights, seen, made = {"outer": np.ones(4100), "inner": np.full(400, 50.0)}, {}, large._surface
+    weights, seen, made = {"outer": np.ones(4100), "inner": np.full(400, 50.0)}, {}, large_clouds._surface
 
     def watched(model, name, cloud, weights, index, frame):
         seen[name] = weights
         return made(model, name, cloud, weights, index, frame)
 
-    monkeypatch.setattr(large, "_surface", watched)
+    monkeypatch.setattr(large_clouds, "_surface", watched)
     qf.fit(points, weights=weights, box=(3, 3, 3), strength=1e-4)
     assert seen["inner"].mean() / seen["outer"].mean() == pytest.approx(50)

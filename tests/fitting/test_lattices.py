@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from shapes_made import turned
 
-from quadriform.fitting.hypotheses import dense_parts
 from quadriform.fitting.neighbourhood import Neighbourhood
 from quadriform.fitting.sampling import outwards
+from quadriform.fitting.superquadric.hypotheses import dense_parts
 
 
 def lattice_shell(centre):

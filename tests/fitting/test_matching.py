@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from shapes_made import even_directions, turned
 
-from quadriform.fitting.matching import data_to_model, model_to_data
+from quadriform.fitting.paper.displacement import data_to_model, model_to_data
 
 LINE = np.array([[0.0, 0, 0], [10, 0, 0], [20, 0, 0]])
 

@@ -10,7 +10,7 @@ from shapes_made import lumpy, two_walls
 import quadriform as qf
 from quadriform.errors import WarningKind, join_warnings
 from quadriform.fitting import fit as fit_module
-from quadriform.fitting.fit_warnings import start_notes
+from quadriform.fitting.diagnostics import start_notes
 from quadriform.shapes.record import InputFile, ModelRecord, together, worst
 
 SMALL = {"box": (3, 3, 3)}

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from quadriform.fitting.normal_equations import normal_equations
+from quadriform.fitting.least_squares.normal_equations import normal_equations
 from quadriform.shapes import bernstein
 
 DEGREES = [(1, 1, 1), (2, 3, 1), (4, 4, 4), (6, 2, 5)]

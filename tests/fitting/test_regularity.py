@@ -5,7 +5,14 @@ import pytest
 from shapes_made import even_directions, made
 
 from quadriform.errors import OptionError
-from quadriform.fitting.regularity import Springs, held_step, step_for, svd_position_step, svd_step, truncated_svd
+from quadriform.fitting.least_squares.regularisers import (
+    Springs,
+    held_step,
+    step_for,
+    svd_position_step,
+    svd_step,
+    truncated_svd,
+)
 from quadriform.shapes.control_box import ControlBox
 
 SHAPE = (3, 4, 3)

@@ -8,9 +8,9 @@ from shapes_made import even_directions, made, turned
 
 from quadriform import fit_superquadric
 from quadriform.errors import OptionError
-from quadriform.fitting.inliers import Mixture
-from quadriform.fitting.residuals import Candidates
-from quadriform.fitting.robust_search import MOST_STEPS, NEARLY, Problem, em
+from quadriform.fitting.mixture import Mixture
+from quadriform.fitting.superquadric.batch import Candidates
+from quadriform.fitting.superquadric.multistart import MOST_STEPS, NEARLY, Problem, em
 from quadriform.points import Frame
 from quadriform.shapes.superquadric import Superquadric
 

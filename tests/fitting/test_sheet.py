@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from shapes_made import even_directions, lumpy, made, turned
 
-from quadriform.fitting.correspondence import MODEL_RESOLUTION, Correspondence
-from quadriform.fitting.sheet import FacingCloud, Sheet
-from quadriform.fitting.tangent import data_rows
+from quadriform.fitting.refinement.correspondence import MODEL_RESOLUTION, Correspondence
+from quadriform.fitting.refinement.point_to_plane import data_rows
+from quadriform.fitting.refinement.surface_data import FacingCloud, Sheet
 from quadriform.points import Frame
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superquadric import Superquadric

@@ -5,7 +5,7 @@ import pytest
 from shapes_made import SKEW, even_directions, made, turned
 
 from quadriform.errors import DegenerateError
-from quadriform.fitting.start import (
+from quadriform.fitting.superquadric.initial import (
     ellipsoid_by_moments,
     hyperboloid_by_quadric,
     principal_frame,

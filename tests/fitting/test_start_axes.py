@@ -5,7 +5,7 @@ import pytest
 from shapes_made import turned
 
 import quadriform as qf
-from quadriform.fitting.start import principal_frame
+from quadriform.fitting.superquadric.initial import principal_frame
 
 CASES = {
     "one sheet": ("hyperboloid1", (20, 18, 16), 40, (1.0, 1.0), 0.0),

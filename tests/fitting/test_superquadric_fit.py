@@ -6,9 +6,9 @@ from shapes_made import KINDS, angles, even_directions, gap, lumpy, made, single
 
 from quadriform import fit_superquadric
 from quadriform.errors import DegenerateError, OptionError
-from quadriform.fitting import superquadric_fit
-from quadriform.fitting.residuals import Candidates, distances
-from quadriform.fitting.superquadric_fit import _Unbounded
+from quadriform.fitting.superquadric import fit as superquadric_fit
+from quadriform.fitting.superquadric.batch import Candidates, distances
+from quadriform.fitting.superquadric.fit import _Unbounded
 from quadriform.shapes.control_box import ControlBox
 
 

@@ -7,7 +7,7 @@ from shapes_made import even_directions, gap, made
 
 import quadriform as qf
 from quadriform.errors import OptionError
-from quadriform.fitting.regularity import Bending
+from quadriform.fitting.least_squares.regularisers import Bending
 from quadriform.points import Frame
 
 NOISY = noisy_egg()

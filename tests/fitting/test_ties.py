@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from shapes_made import even_directions
 
 import quadriform as qf
-from quadriform.fitting.hypotheses import sides
+from quadriform.fitting.superquadric.hypotheses import sides
 from quadriform.fitting.ties import best_first, first_least, settled_axes
 
 TURN = Rotation.from_rotvec([0.3, -0.7, 0.4]).as_matrix()

@@ -6,10 +6,10 @@ from shapes_made import even_directions, made
 
 import quadriform as qf
 from quadriform.errors import OptionError
-from quadriform.fitting.descent import Descent, accelerated
-from quadriform.fitting.hypotheses import principal_axes
-from quadriform.fitting.inliers import Mixture
-from quadriform.fitting.residuals import Candidates
+from quadriform.fitting.mixture import Mixture
+from quadriform.fitting.superquadric.batch import Candidates
+from quadriform.fitting.superquadric.hypotheses import principal_axes
+from quadriform.fitting.superquadric.levenberg_marquardt import Descent, accelerated
 
 INDICES = np.stack(np.meshgrid(*[np.arange(-16, 17)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
 SPHERE = even_directions(300)

@@ -9,11 +9,11 @@ from clouds_made import noisy_egg
 from shapes_made import even_directions, made, turned
 
 import quadriform as qf
-from quadriform.fitting import tangent_fit
-from quadriform.fitting.unfolding import certified, cures
+from quadriform.fitting.refinement import refine as refinement
+from quadriform.fitting.refinement.unfolding import certified, cures
 from quadriform.points import Frame
-from quadriform.shapes.certificate import determinant_rows, lattice_inside
 from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.fold_bound import determinant_rows, lattice_inside
 
 FEW = noisy_egg(300)
 
@@ -32,7 +32,7 @@ DENTED = dented(even_directions(900)) + np.random.default_rng(0).normal(0, 0.1, 
 @pytest.fixture(scope="module")
 def folded():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tangent_fit, "cures", lambda rounds, refined, surfaces, most: iter([refined]))
+        patch.setattr(refinement, "cures", lambda rounds, refined, surfaces, most: iter([refined]))
         return qf.fit(DENTED)
 
 
@@ -99,7 +99,7 @@ def test_a_tangle_leaves_no_trace_in_its_cure(monkeypatch):
                 sheet.origins = rng.permutation(sheet.origins)
             return cures(rounds, replace(refined, box=box, sheets=lost), surfaces, most)
 
-        monkeypatch.setattr(tangent_fit, "cures", wrecked)
+        monkeypatch.setattr(refinement, "cures", wrecked)
         return qf.fit(DENTED).model
 
     one, other = tangled(0), tangled(1)
@@ -117,7 +117,7 @@ def test_several_surfaces_are_unfolded_at_any_price_but_the_fair_one_is_sought_f
         for noise in cured[(len(seen) - 1) % 3]:
             yield replace(refined, solution=replace(refined.solution, noise=noise))
 
-    monkeypatch.setattr(tangent_fit, "cures", look)
+    monkeypatch.setattr(refinement, "cures", look)
     fit = qf.fit({"epi": FEW, "endo": 0.7 * FEW}, box=(3, 3, 3))
     assert seen == [np.inf] * 3
     assert fit.noise == pytest.approx(0.4 * Frame.of(np.concatenate([FEW, 0.7 * FEW])).scale)
@@ -127,7 +127,7 @@ def test_several_surfaces_are_unfolded_at_any_price_but_the_fair_one_is_sought_f
 
 
 def test_a_fold_that_no_fair_price_cures_is_told(monkeypatch, folded):
-    monkeypatch.setattr(tangent_fit, "fair_price", lambda refined: 0.0)
+    monkeypatch.setattr(refinement, "fair_price", lambda refined: 0.0)
     fit = qf.fit(DENTED)
     assert "sampled places" in fit.warnings["FOLDING"]
     assert fit.model.min_jacobian() < 0

@@ -13,7 +13,7 @@ import quadriform as qf
 from quadriform.cli.main import main
 from quadriform.errors import FileFormatError, InputError, MaskError, OptionError, WarningKind
 from quadriform.files import sha256_of, write_mesh
-from quadriform.files.doors import content_of
+from quadriform.files.save_and_load import content_of
 from quadriform.imaging.sources import kind_of
 from quadriform.shapes.mesh import Mesh
 

@@ -8,9 +8,9 @@ from shapes_made import gap, lumpy
 
 import quadriform as qf
 from quadriform.errors import DegenerateError, OptionError
-from quadriform.fitting.candidates import ellipsoids
-from quadriform.fitting.regularity import Bending
-from quadriform.fitting.tangent_fit import common_box
+from quadriform.fitting.least_squares.regularisers import Bending
+from quadriform.fitting.refinement.refine import common_box
+from quadriform.fitting.refinement.starts import ellipsoids
 from quadriform.motion import cycle as cycle_module
 from quadriform.motion.cycle import DESCENT, MOST_ROUNDS, ROUNDS, SMALLEST_STEP, Cycle
 from quadriform.motion.cycle_equations import CycleEvidence

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from shapes_made import lumpy
 
 import quadriform as qf
-from quadriform.fitting import refinement
+from quadriform.fitting.paper import two_step
 from quadriform.points import Frame
 from quadriform.shapes.barr import taper
 from quadriform.shapes.superquadric import Superquadric
@@ -111,7 +111,7 @@ def test_each_iteration_is_the_papers(begun, way, box, monkeypatch):
     cloud, surface = begun
     options, given = WAYS[way]
     frame, boxes = Frame.of(cloud), []
-    solver = refinement.step_for
+    solver = two_step.step_for
 
     def recorded(*arguments):
         solve, strength = solver(*arguments)
@@ -123,9 +123,9 @@ def test_each_iteration_is_the_papers(begun, way, box, monkeypatch):
 
         return step, strength
 
-    monkeypatch.setattr(refinement, "step_for", recorded)
+    monkeypatch.setattr(two_step, "step_for", recorded)
     fit = qf.refine(surface, cloud, method="paper", box=box, **options)
-    pose, x = (surface.semi_axes, surface.rotation, surface.translation), surface.grid(refinement.MODEL_RESOLUTION)[0]
+    pose, x = (surface.semi_axes, surface.rotation, surface.translation), surface.grid(two_step.MODEL_RESOLUTION)[0]
     b = deformation_matrix(x, *pose, box)
     if "rows" in given:
         given = {"rows": np.sqrt(given["rows"] * len(x)) * springs(box)}

@@ -10,8 +10,8 @@ import pytest
 
 import quadriform as qf
 from quadriform.errors import InputError, OptionError
-from quadriform.fitting.matching import data_to_model
-from quadriform.fitting.outcome import rms
+from quadriform.fitting.paper.displacement import data_to_model
+from quadriform.fitting.result import rms
 from quadriform.imaging.image_points import points_from_image
 from quadriform.imaging.volume import Volume
 from quadriform.report.paper import (

@@ -10,7 +10,7 @@ from shapes_made import made, single
 
 import quadriform as qf
 from quadriform.errors import OptionError, PointsError
-from quadriform.fitting.outcome import Fit
+from quadriform.fitting.result import Fit
 from quadriform.heart.synthetic import SyntheticVentricle
 from quadriform.shapes.splines import TimeBasis
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from unittest import mock
 
 import quadriform as qf
-from quadriform.cli import batch
+from quadriform.cli import fit_run
 from quadriform.cli.main import main
 from quadriform.errors import InputError, QuadriformError
 from quadriform.imaging.formats import image_format
@@ -87,7 +87,7 @@ def faults(path: Path, folder: Path) -> dict[str, str]:
 def observed(call: Callable[[], int]) -> tuple[int, str]:
     """The exit code of a call, and all that it wrote to stderr, that of libraries too."""
     with tempfile.TemporaryFile() as file:
-        with _stderr_to(file.fileno()), warnings.catch_warnings(), mock.patch.object(batch, "fit_sources", _no_fit):
+        with _stderr_to(file.fileno()), warnings.catch_warnings(), mock.patch.object(fit_run, "fit_sources", _no_fit):
             warnings.simplefilter("always")
             warnings.showwarning = _show
             with open(os.devnull, "w", encoding="utf-8") as sink, contextlib.redirect_stdout(sink):

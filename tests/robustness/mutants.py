@@ -79,14 +79,14 @@ MUTANTS = [
     Mutant("names that are written alike", "points.py", "if text in result:", "if False:", "robustness/test_names.py"),
     Mutant(
         "copies count as weights",
-        "fitting/duplicates.py",
+        "fitting/cloud.py",
         "np.bincount(place, weights)",
         "np.bincount(place)",
         "fitting/test_duplicates.py",
     ),
     Mutant(
         "data that ends at an edge",
-        "fitting/fit_warnings.py",
+        "fitting/diagnostics.py",
         "elif name in result.ends:",
         "elif False:",
         "robustness/test_bad_inputs.py",
@@ -205,7 +205,7 @@ MUTANTS = [
     ),
     Mutant(
         "certificate of no folds",
-        "fitting/unfolding.py",
+        "fitting/refinement/unfolding.py",
         "return never_folds(box, surfaces.values()) and not DeformableModel(dict(surfaces), box).crossings()",
         "return True",
         "fitting/test_unfolding.py",

@@ -64,7 +64,7 @@ def test_a_sample_is_the_same_for_a_seed_and_changes_the_code():
 
 def test_tests_of_a_file_begin_with_those_of_its_name():
     assert next(iter(mutants.stages("files/atomic.py"))) == ["files/test_atomic.py"]
-    assert "fitting" in [name for names in mutants.stages("fitting/sheet.py") for name in names]
+    assert "fitting" in [name for names in mutants.stages("fitting/refinement/surface_data.py") for name in names]
 
 
 def test_what_is_explained_is_there():

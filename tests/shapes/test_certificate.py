@@ -6,8 +6,8 @@ from kernel_oracle import combined
 from shapes_made import SKEW, made, single
 
 from quadriform.shapes import bernstein
-from quadriform.shapes.certificate import jacobian_bound
 from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.fold_bound import jacobian_bound
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
 

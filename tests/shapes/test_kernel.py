@@ -4,7 +4,7 @@ import kernel_oracle as oracle
 import numpy as np
 import pytest
 
-from quadriform.fitting.residuals import Candidates, distances
+from quadriform.fitting.superquadric.batch import Candidates, distances
 from quadriform.shapes.closest import SLIDES, _slide, settle, surface_points
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superquadric import Superquadric

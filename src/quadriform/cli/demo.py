@@ -11,7 +11,7 @@ from quadriform.cli import options as shared
 
 if TYPE_CHECKING:
     from quadriform.errors import Warnings
-    from quadriform.fitting.outcome import Fit
+    from quadriform.fitting.result import Fit
 
 SOURCE = "human brain, example4d.nii.gz of nibabel"
 
@@ -29,9 +29,9 @@ def demo(
     from quadriform.files import save
     from quadriform.files.atomic import write_bytes
     from quadriform.files.result_folder import check_results, replaced_together
-    from quadriform.fitting.clouds import ALONE
     from quadriform.fitting.fit import fit
-    from quadriform.fitting.outcome import rms
+    from quadriform.fitting.inputs import ALONE
+    from quadriform.fitting.result import rms
     from quadriform.imaging.image_points import points_from_image
     from quadriform.imaging.reading import example_volume
     from quadriform.report.reports import fit_report

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from quadriform.cli.screen import say
 from quadriform.errors import QuadriformError
 from quadriform.fitting.options import options_for
-from quadriform.fitting.outcome import Fit
+from quadriform.fitting.result import Fit
 from quadriform.heart.measure import measure
 from quadriform.heart.table import Measures
 from quadriform.imaging.volume import Volume

@@ -55,7 +55,7 @@ def track(
     as_json: shared.Json = False,
 ) -> None:
     """Fit a moving model to the frames of a cycle: model.json, frames.csv, and a table of what came out."""
-    from quadriform.cli.following import follow
+    from quadriform.cli.track_run import follow
     from quadriform.words import numbers
 
     options: dict[str, Any] = {"strategy": strategy, "period": _period(period)}

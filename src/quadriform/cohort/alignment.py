@@ -16,8 +16,8 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.spatial.transform import Rotation
 
 from quadriform.errors import InputError
-from quadriform.fitting.regularity import Bending
-from quadriform.fitting.tangent_fit import common_box
+from quadriform.fitting.least_squares.regularisers import Bending
+from quadriform.fitting.refinement.refine import common_box
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.model import DeformableModel

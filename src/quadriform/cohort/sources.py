@@ -9,7 +9,7 @@ from quadriform.cohort.manifest import Row, is_label
 from quadriform.errors import InputError
 from quadriform.files.frame_numbers import frame_numbers, natural
 from quadriform.files.guide_points import is_guide_points, read_guide_point_frames
-from quadriform.fitting.clouds import ALONE
+from quadriform.fitting.inputs import ALONE
 from quadriform.imaging.frame_sources import Frames, frame_files, read_frames
 from quadriform.imaging.sources import ImageOptions, files_of, kind_of, marks_of, read_source
 

@@ -26,9 +26,9 @@ from quadriform.files.atomic import make_folder, write_bytes
 from quadriform.files.models import parse_json
 from quadriform.files.reading import quoted, read_bytes
 from quadriform.files.strict import Field
-from quadriform.fitting.clouds import ALONE
 from quadriform.fitting.fit import fit
-from quadriform.fitting.outcome import Fit
+from quadriform.fitting.inputs import ALONE
+from quadriform.fitting.result import Fit
 from quadriform.imaging.frame_sources import Frames, keep_slices
 from quadriform.imaging.input_files import input_files, without_folders
 from quadriform.imaging.sources import files_of

@@ -10,7 +10,7 @@ import numpy as np
 from quadriform.errors import FileFormatError, OutputError
 from quadriform.files.atomic import write_bytes
 from quadriform.files.legacy_vtk import parse_legacy_vtk
-from quadriform.files.marks import check_marks, parse_marks, parse_record
+from quadriform.files.metadata import check_marks, parse_marks, parse_record
 from quadriform.files.obj import parse_obj
 from quadriform.files.ply import parse_ply
 from quadriform.files.polygons import Polygons

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from quadriform.errors import FileFormatError, OptionError
 from quadriform.files.arrays import parse_npz
 from quadriform.files.atomic import write_bytes
-from quadriform.files.marks import SPACES, UNITS, check_marks
+from quadriform.files.metadata import SPACES, UNITS, check_marks
 from quadriform.files.packed import NUMBERS, TEXT, Unpacking, packed
 from quadriform.files.reading import quoted, read_bytes, signature, suffix_of, suffix_to_read
 from quadriform.files.records import FIELDS, read_record, record_document

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from quadriform.errors import OptionError
-from quadriform.files.marks import check_marks
+from quadriform.files.metadata import check_marks
 from quadriform.points import Array
 from quadriform.shapes.directions import Faces, split_quads
 from quadriform.shapes.model import DeformableModel

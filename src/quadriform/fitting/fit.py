@@ -9,16 +9,16 @@ from numpy.typing import ArrayLike
 
 from quadriform.columns import Chosen
 from quadriform.errors import OptionError, Warnings, choose
-from quadriform.fitting.clouds import ALONE, Given, common_unit, point_sets, without_meshes
-from quadriform.fitting.duplicates import Distinct
-from quadriform.fitting.fit_warnings import coverages, fit_warnings, named_texts, start_notes
-from quadriform.fitting.large import MANY, on_all, sampled
+from quadriform.fitting.cloud import Distinct
+from quadriform.fitting.diagnostics import coverages, fit_warnings, named_texts, start_notes
+from quadriform.fitting.inputs import ALONE, Given, common_unit, point_sets, without_meshes
 from quadriform.fitting.options import METHODS, PaperOptions, TangentOptions, options_for
-from quadriform.fitting.outcome import Fit, Progress, rms
+from quadriform.fitting.paper.two_step import ill_conditioned, two_step
 from quadriform.fitting.precision import precision
-from quadriform.fitting.refinement import ill_conditioned, two_step
-from quadriform.fitting.superquadric_fit import fit_superquadric
-from quadriform.fitting.tangent_fit import Result, fit_tangent
+from quadriform.fitting.refinement.large_clouds import MANY, on_all, sampled
+from quadriform.fitting.refinement.refine import Result, fit_tangent
+from quadriform.fitting.result import Fit, Progress, rms
+from quadriform.fitting.superquadric.fit import fit_superquadric
 from quadriform.fitting.threads import one_blas_thread
 from quadriform.point_sets import PointSet
 from quadriform.points import Array, Frame, by_name, check_weights

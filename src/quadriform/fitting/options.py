@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from quadriform.errors import OptionError, choose
-from quadriform.fitting.matching import MATCHINGS
-from quadriform.fitting.regularity import REGULARITIES, Regulariser
+from quadriform.fitting.least_squares.regularisers import REGULARITIES, Regulariser
+from quadriform.fitting.paper.displacement import MATCHINGS
 from quadriform.points import Array, Frame, check_number, check_points
 
 METHODS = ("tangent", "paper")

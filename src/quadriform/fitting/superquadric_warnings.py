@@ -4,7 +4,7 @@ import numpy as np
 
 from quadriform.errors import WarningKind, Warnings
 from quadriform.fitting.coverage import coverage_warning
-from quadriform.fitting.determined import UNDETERMINED, Determined
+from quadriform.fitting.superquadric.identifiability import UNDETERMINED, Determined
 from quadriform.points import Array
 from quadriform.shapes.superquadric import EXPONENTS, Superquadric
 

@@ -10,11 +10,11 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from quadriform.errors import InputError, OptionError, choose, join_warnings
-from quadriform.files.marks import SPACES
+from quadriform.files.metadata import SPACES
 from quadriform.files.reading import sha256_of
 from quadriform.fitting import fit as fitting
-from quadriform.fitting.clouds import ALONE
-from quadriform.fitting.outcome import Fit
+from quadriform.fitting.inputs import ALONE
+from quadriform.fitting.result import Fit
 from quadriform.imaging.input_files import input_files, title_of, without_folders
 from quadriform.imaging.sources import ImageOptions, Marks, Source, files_of, read_source
 from quadriform.shapes.mesh import Mesh

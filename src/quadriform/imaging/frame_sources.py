@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from quadriform.errors import InputError, OptionError, Warnings, join_warnings
 from quadriform.files.frame_numbers import frame_numbers, in_time, listed, missing_numbers
 from quadriform.files.guide_points import FILE_NAME, GuidePoints, is_guide_points, read_guide_point_frames
-from quadriform.fitting.clouds import ALONE
+from quadriform.fitting.inputs import ALONE
 from quadriform.imaging.sources import ImageOptions, Marks, fits, kind_of, read_source
 from quadriform.points import Array
 

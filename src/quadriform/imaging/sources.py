@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from quadriform.columns import MILLIMETRES, unit_of
 from quadriform.errors import FileFormatError, InputError, OptionError, Warnings, choose
-from quadriform.files.doors import content_of
 from quadriform.files.guide_points import is_guide_points
 from quadriform.files.meshes import read_marks, read_mesh_or_points
 from quadriform.files.points import read_point_set
 from quadriform.files.reading import naming
+from quadriform.files.save_and_load import content_of
 from quadriform.fitting.precision import precision
 from quadriform.imaging.formats import image_format, is_pair, pair_of
 from quadriform.point_sets import PointSet

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadriform.errors import DegenerateError, OptionError
-from quadriform.fitting.coarse_to_fine import FIRST_NOISE
-from quadriform.fitting.normal_equations import normal_equations
-from quadriform.fitting.outcome import Progress
-from quadriform.fitting.regularity import Regulariser, penalty
-from quadriform.fitting.sheet import Sheet
-from quadriform.fitting.tangent import data_rows, evidence_of
-from quadriform.fitting.unfolding import FIRST_PRESS, FLOOR, NEAR_FLOOR, Floor, certified, low_places
+from quadriform.fitting.least_squares.normal_equations import normal_equations
+from quadriform.fitting.least_squares.regularisers import Regulariser, penalty
+from quadriform.fitting.refinement.multiresolution import FIRST_NOISE
+from quadriform.fitting.refinement.point_to_plane import data_rows, evidence_of
+from quadriform.fitting.refinement.surface_data import Sheet
+from quadriform.fitting.refinement.unfolding import FIRST_PRESS, FLOOR, NEAR_FLOOR, Floor, certified, low_places
+from quadriform.fitting.result import Progress
 from quadriform.motion.cycle_equations import CycleEvidence
 from quadriform.motion.slice_shifts import SliceNumbers, SlicePlanes
 from quadriform.points import Array

@@ -16,8 +16,8 @@ import numpy as np
 from scipy.linalg import cho_solve, eigh
 from scipy.optimize import minimize_scalar
 
-from quadriform.fitting.evidence import cholesky_factor, spectrum
-from quadriform.fitting.normal_equations import NormalEquations
+from quadriform.fitting.least_squares.marginal_likelihood import cholesky_factor, spectrum
+from quadriform.fitting.least_squares.normal_equations import NormalEquations
 from quadriform.points import Array
 from quadriform.shapes.bernstein import gram
 from quadriform.shapes.splines import TimeBasis

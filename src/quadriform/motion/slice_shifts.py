@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from quadriform.fitting.normal_equations import normal_equations
-from quadriform.fitting.tangent import Rows
+from quadriform.fitting.least_squares.normal_equations import normal_equations
+from quadriform.fitting.refinement.point_to_plane import Rows
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
 

@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quadriform.errors import OptionError, PointsError, WarningKind, Warnings, choose
-from quadriform.fitting.candidates import ellipsoids
-from quadriform.fitting.clouds import ALONE, Given, common_unit, point_sets, without_meshes
 from quadriform.fitting.fit import Clouds, fit, lost, refine
+from quadriform.fitting.inputs import ALONE, Given, common_unit, point_sets, without_meshes
 from quadriform.fitting.options import check_box, check_strength
-from quadriform.fitting.outcome import Fit, Progress, flat, rms_of_inliers
-from quadriform.fitting.tangent_fit import common_box
+from quadriform.fitting.refinement.refine import common_box
+from quadriform.fitting.refinement.starts import ellipsoids
+from quadriform.fitting.result import Fit, Progress, flat, rms_of_inliers
 from quadriform.motion.cycle import Cycle
 from quadriform.motion.slice_shifts import SlicePlanes
 from quadriform.point_sets import PointSet

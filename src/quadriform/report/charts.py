@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from markupsafe import Markup
 
-from quadriform.fitting.outcome import Iteration
+from quadriform.fitting.result import Iteration
 from quadriform.points import Array
 from quadriform.report.parts import svg
 from quadriform.report.slices import COLOURS

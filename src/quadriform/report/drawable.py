@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadriform.errors import OptionError
-from quadriform.fitting.outcome import Fit
+from quadriform.fitting.result import Fit
 from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel

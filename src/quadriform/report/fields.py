@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from quadriform.fitting.outcome import Fit
+from quadriform.fitting.result import Fit
 from quadriform.points import Array
 from quadriform.report.viewer import FIELD_CELLS, Field
 from quadriform.shapes.model import DeformableModel

@@ -7,7 +7,7 @@ from pathlib import Path
 from markupsafe import Markup, escape
 
 from quadriform.errors import OptionError
-from quadriform.fitting.outcome import Fit
+from quadriform.fitting.result import Fit
 from quadriform.motion.tracking import Track
 from quadriform.report.fields import uncertainty_field
 from quadriform.report.page import Section, page, source

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from quadriform.fitting.outcome import Fit
+from quadriform.fitting.result import Fit
 from quadriform.heart.table import Measures
 from quadriform.imaging.volume import Volume
 from quadriform.motion.tracking import Track

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup, escape
 
-from quadriform.fitting.outcome import Iteration
+from quadriform.fitting.result import Iteration
 from quadriform.points import Array
 from quadriform.report import charts
 from quadriform.report.page import Section, rendered

@@ -11,9 +11,9 @@ import numpy as np
 
 from quadriform.points import Array
 from quadriform.shapes import _kernel
+from quadriform.shapes.closest_starts import Index, Net
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.ridges import beside_ridges, has_ridges
-from quadriform.shapes.starts import Index, Net
 from quadriform.shapes.superquadric import Superquadric
 from quadriform.shapes.threads import threads_for
 

@@ -228,7 +228,7 @@ class ControlBox:
 
     def min_jacobian(self) -> float:
         """A proven lower bound of det(d deformed / d point) over the whole box; positive: it folds nowhere."""
-        from quadriform.shapes.certificate import jacobian_bound
+        from quadriform.shapes.fold_bound import jacobian_bound
 
         return jacobian_bound(self).lower
 

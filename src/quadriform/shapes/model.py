@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from quadriform.errors import OptionError
 from quadriform.points import Array, check_points
-from quadriform.shapes import certificate
+from quadriform.shapes import fold_bound
 from quadriform.shapes.closest import FootPoints, closest_on
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.crossings import crossings
@@ -122,7 +122,7 @@ class DeformableModel(Recorded):
 
     def min_jacobian(self) -> float:
         """A proven lower bound of det(d deformed / d point) over the inside of the surfaces; positive: no fold."""
-        return certificate.jacobian_bound(self.box, self.surfaces.values()).lower
+        return fold_bound.jacobian_bound(self.box, self.surfaces.values()).lower
 
     def folds(self) -> Array:
         """Points (n, 3) of the inside, before deformation, where det(d deformed / d point) is not positive.
@@ -131,7 +131,7 @@ class DeformableModel(Recorded):
             Empty when the model is certified. The first point is the lowest that was met; where neither a proof nor a
             fold was found it stands alone, and its determinant is positive.
         """
-        return certificate.folds(self.box, self.surfaces.values())
+        return fold_bound.folds(self.box, self.surfaces.values())
 
     def crossings(self, resolution: int = 24) -> dict[tuple[str, str], Array]:
         """Where surfaces cross themselves, (a, a), or each other, (a, b); empty when none does.

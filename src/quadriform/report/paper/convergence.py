@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadriform.fitting.fit import refine
-from quadriform.fitting.outcome import Fit
+from quadriform.fitting.result import Fit
 from quadriform.report.paper.subjects import Box, Subject
 
 LONGEST = 300

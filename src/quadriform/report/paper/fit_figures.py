@@ -3,7 +3,7 @@
 import numpy as np
 from markupsafe import Markup
 
-from quadriform.fitting.outcome import Fit, rms
+from quadriform.fitting.result import Fit, rms
 from quadriform.points import Array
 from quadriform.report.paper import drawing
 from quadriform.report.paper.material import Material

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from markupsafe import Markup
 
-from quadriform.fitting.outcome import flat, rms
+from quadriform.fitting.result import flat, rms
 from quadriform.imaging.volume import Volume
 from quadriform.report.paper import drawing
 from quadriform.report.paper.material import Material

@@ -7,8 +7,8 @@ import numpy as np
 
 from quadriform import examples
 from quadriform.fitting.fit import fit
-from quadriform.fitting.outcome import Fit, SuperquadricFit, rms
-from quadriform.fitting.superquadric_fit import fit_superquadric
+from quadriform.fitting.result import Fit, SuperquadricFit, rms
+from quadriform.fitting.superquadric.fit import fit_superquadric
 from quadriform.points import Array
 from quadriform.report.paper.subjects import Box
 from quadriform.shapes.barr import bend

@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from quadriform import examples
-from quadriform.fitting.clouds import ALONE
 from quadriform.fitting.fit import fit, refine
-from quadriform.fitting.outcome import rms
-from quadriform.fitting.superquadric_fit import fit_superquadric
+from quadriform.fitting.inputs import ALONE
+from quadriform.fitting.result import rms
+from quadriform.fitting.superquadric.fit import fit_superquadric
 from quadriform.points import Array
 from quadriform.report.paper.subjects import Box
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadriform.fitting.clouds import ALONE
 from quadriform.fitting.fit import fit
-from quadriform.fitting.matching import data_to_model
-from quadriform.fitting.outcome import Fit, rms
+from quadriform.fitting.inputs import ALONE
+from quadriform.fitting.paper.displacement import data_to_model
+from quadriform.fitting.result import Fit, rms
 from quadriform.points import Array
 from quadriform.shapes.model import DeformableModel
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadriform import examples
-from quadriform.fitting.clouds import ALONE
 from quadriform.fitting.fit import fit, refine
-from quadriform.fitting.outcome import Fit
-from quadriform.fitting.superquadric_fit import fit_superquadric
+from quadriform.fitting.inputs import ALONE
+from quadriform.fitting.result import Fit
+from quadriform.fitting.superquadric.fit import fit_superquadric
 from quadriform.points import Array
 from quadriform.report.paper.subjects import Box
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from quadriform.errors import choose
 from quadriform.fitting.options import check_box
-from quadriform.fitting.outcome import Progress
+from quadriform.fitting.result import Progress
 from quadriform.report.page import Section, page, source
 from quadriform.report.paper import (
     fit_figures,

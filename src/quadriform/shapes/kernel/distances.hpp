@@ -1,4 +1,5 @@
-// Signed first-order distances of points to superquadrics and their derivatives; what fitting/residuals.py says.
+// Signed first-order distances of points to superquadrics and their derivatives; what fitting/superquadric/batch.py
+// says.
 #pragma once
 
 #include "superquadric.hpp"

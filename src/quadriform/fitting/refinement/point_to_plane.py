@@ -14,12 +14,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quadriform.fitting.evidence import Evidence, Solution
-from quadriform.fitting.independence import independent_share
-from quadriform.fitting.normal_equations import NormalEquations, normal_equations
-from quadriform.fitting.outcome import Iteration
-from quadriform.fitting.regularity import Regulariser, penalty
-from quadriform.fitting.sheet import Sheet
+from quadriform.fitting.least_squares.effective_count import independent_share
+from quadriform.fitting.least_squares.marginal_likelihood import Evidence, Solution
+from quadriform.fitting.least_squares.normal_equations import NormalEquations, normal_equations
+from quadriform.fitting.least_squares.regularisers import Regulariser, penalty
+from quadriform.fitting.refinement.surface_data import Sheet
+from quadriform.fitting.result import Iteration
 from quadriform.points import Array
 from quadriform.shapes.closest import surface_normals
 from quadriform.shapes.control_box import ControlBox

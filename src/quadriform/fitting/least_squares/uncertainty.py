@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from quadriform.fitting.evidence import Evidence, Solution
+from quadriform.fitting.least_squares.marginal_likelihood import Evidence, Solution
 from quadriform.fitting.threads import one_blas_thread
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox

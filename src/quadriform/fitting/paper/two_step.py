@@ -5,10 +5,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from quadriform.errors import WarningKind, Warnings
-from quadriform.fitting.matching import MATCHINGS
+from quadriform.fitting.least_squares.regularisers import step_for
 from quadriform.fitting.options import PaperOptions
-from quadriform.fitting.outcome import Iteration, Progress
-from quadriform.fitting.regularity import step_for
+from quadriform.fitting.paper.displacement import MATCHINGS
+from quadriform.fitting.result import Iteration, Progress
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superquadric import Superquadric

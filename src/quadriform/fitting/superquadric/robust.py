@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from quadriform.errors import OptionError, WarningKind, choose
-from quadriform.fitting.determined import determined
-from quadriform.fitting.duplicates import Distinct
-from quadriform.fitting.outcome import SuperquadricFit
-from quadriform.fitting.residuals import AXES, SHIFT
-from quadriform.fitting.robust_search import Problem, Solution, solve
+from quadriform.fitting.cloud import Distinct
+from quadriform.fitting.result import SuperquadricFit
+from quadriform.fitting.superquadric.batch import AXES, SHIFT
+from quadriform.fitting.superquadric.identifiability import determined
+from quadriform.fitting.superquadric.multistart import Problem, Solution, solve
 from quadriform.fitting.superquadric_warnings import robust_warnings
 from quadriform.points import Array, Frame, check_spread
 from quadriform.shapes import pose

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quadriform.errors import FitError, OptionError, Warnings
-from quadriform.fitting.uncertainty import FinerBox
+from quadriform.fitting.least_squares.uncertainty import FinerBox
 from quadriform.points import Array
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric

@@ -8,17 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.errors import WarningKind, Warnings
-from quadriform.fitting.candidates import candidates
-from quadriform.fitting.coarse_to_fine import FIRST_POINTS, Refined, Rounds, coarse_unfolded
-from quadriform.fitting.evidence import Solution
+from quadriform.fitting.least_squares.marginal_likelihood import Solution
+from quadriform.fitting.least_squares.regularisers import Regulariser
+from quadriform.fitting.least_squares.uncertainty import FinerBox
 from quadriform.fitting.options import TangentOptions, check_box, check_strength
-from quadriform.fitting.outcome import Iteration, Progress
-from quadriform.fitting.regularity import Regulariser
-from quadriform.fitting.sheet import Few, Sheet
-from quadriform.fitting.tangent import evidence_of
+from quadriform.fitting.refinement.multiresolution import FIRST_POINTS, Refined, Rounds, coarse_unfolded
+from quadriform.fitting.refinement.point_to_plane import evidence_of
+from quadriform.fitting.refinement.starts import candidates
+from quadriform.fitting.refinement.surface_data import Few, Sheet
+from quadriform.fitting.refinement.unfolding import cures, fair_price, folding
+from quadriform.fitting.result import Iteration, Progress
 from quadriform.fitting.ties import best_first
-from quadriform.fitting.uncertainty import FinerBox
-from quadriform.fitting.unfolding import cures, fair_price, folding
 from quadriform.points import Array
 from quadriform.shapes import pose
 from quadriform.shapes.control_box import ControlBox

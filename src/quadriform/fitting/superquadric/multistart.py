@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from quadriform.fitting.descent import Descent
-from quadriform.fitting.hypotheses import (
+from quadriform.fitting.mixture import LARGEST_SHARE, Mixture, cooled, crowding_odds, estimated, everyone
+from quadriform.fitting.sampling import outwards
+from quadriform.fitting.superquadric.batch import Candidates
+from quadriform.fitting.superquadric.hypotheses import (
     FRAMES,
     dense_parts,
     ellipsoids,
@@ -22,9 +24,7 @@ from quadriform.fitting.hypotheses import (
     reach,
     sides,
 )
-from quadriform.fitting.inliers import LARGEST_SHARE, Mixture, cooled, crowding_odds, estimated, everyone
-from quadriform.fitting.residuals import Candidates
-from quadriform.fitting.sampling import outwards
+from quadriform.fitting.superquadric.levenberg_marquardt import Descent
 from quadriform.fitting.ties import best_first, settled_axes
 from quadriform.points import Array
 from quadriform.shapes.superquadric import Superquadric

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 
 from quadriform.fitting.neighbourhood import crowded
-from quadriform.fitting.robust_search import Problem, nearby
-from quadriform.fitting.robust_superquadric import fit_robust
 from quadriform.fitting.sampling import outwards
-from quadriform.fitting.start import ellipsoid_by_moments
-from quadriform.fitting.superquadric_fit import least_criterion
+from quadriform.fitting.superquadric.fit import least_criterion
+from quadriform.fitting.superquadric.initial import ellipsoid_by_moments
+from quadriform.fitting.superquadric.multistart import Problem, nearby
+from quadriform.fitting.superquadric.robust import fit_robust
 from quadriform.points import Array
 from quadriform.shapes.superquadric import Superquadric
 

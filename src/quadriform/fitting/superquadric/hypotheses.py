@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from quadriform.fitting.neighbourhood import TIE
-from quadriform.fitting.residuals import Candidates
-from quadriform.fitting.start import hyperboloids, tori
+from quadriform.fitting.superquadric.batch import Candidates
+from quadriform.fitting.superquadric.initial import hyperboloids, tori
 from quadriform.fitting.ties import settled_axes
 from quadriform.points import Array
 from quadriform.shapes import pose

@@ -8,14 +8,14 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares, minimize
 
 from quadriform.errors import OptionError, WarningKind, Warnings, choose
-from quadriform.fitting.clouds import without_meshes
-from quadriform.fitting.determined import determined
-from quadriform.fitting.inliers import LEAST_SIGMA
-from quadriform.fitting.outcome import SuperquadricFit
+from quadriform.fitting.inputs import without_meshes
+from quadriform.fitting.mixture import LEAST_SIGMA
 from quadriform.fitting.precision import precision
-from quadriform.fitting.residuals import TURN, Candidates, distances
-from quadriform.fitting.robust_superquadric import cut_to, fit_robust, in_world
-from quadriform.fitting.start import start
+from quadriform.fitting.result import SuperquadricFit
+from quadriform.fitting.superquadric.batch import TURN, Candidates, distances
+from quadriform.fitting.superquadric.identifiability import determined
+from quadriform.fitting.superquadric.initial import start
+from quadriform.fitting.superquadric.robust import cut_to, fit_robust, in_world
 from quadriform.fitting.threads import one_blas_thread
 from quadriform.point_sets import point_set
 from quadriform.points import Array, Frame, check_spread, check_weights

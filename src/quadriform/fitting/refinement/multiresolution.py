@@ -7,14 +7,14 @@ from typing import Protocol
 import numpy as np
 
 from quadriform.errors import OptionError
-from quadriform.fitting.correspondence import Correspondence
-from quadriform.fitting.evidence import Evidence, Solution
+from quadriform.fitting.least_squares.marginal_likelihood import Evidence, Solution
+from quadriform.fitting.least_squares.normal_equations import NormalEquations
+from quadriform.fitting.least_squares.regularisers import Regulariser
 from quadriform.fitting.neighbourhood import nearest
-from quadriform.fitting.normal_equations import NormalEquations
-from quadriform.fitting.outcome import Iteration, Progress
-from quadriform.fitting.regularity import Regulariser
-from quadriform.fitting.sheet import Few, Sheet
-from quadriform.fitting.tangent import Pull, evidence_of, independent_of, moved, record
+from quadriform.fitting.refinement.correspondence import Correspondence
+from quadriform.fitting.refinement.point_to_plane import Pull, evidence_of, independent_of, moved, record
+from quadriform.fitting.refinement.surface_data import Few, Sheet
+from quadriform.fitting.result import Iteration, Progress
 from quadriform.points import Array
 from quadriform.shapes.closest import closest_on, settle
 from quadriform.shapes.control_box import ControlBox

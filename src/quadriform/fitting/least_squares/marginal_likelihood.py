@@ -13,7 +13,7 @@ from scipy.linalg import LinAlgError, cho_solve, cholesky, lapack, solve_triangu
 from scipy.optimize import minimize_scalar
 
 from quadriform.errors import DegenerateError, OptionError
-from quadriform.fitting.normal_equations import NormalEquations
+from quadriform.fitting.least_squares.normal_equations import NormalEquations
 from quadriform.points import Array
 
 WIDEST = (1e-13, 1e3)

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from quadriform.fitting.descent import EXPONENT_SPREAD
-from quadriform.fitting.residuals import AXES, HOLE, POWERS, SHIFT, TURN, Candidates
+from quadriform.fitting.superquadric.batch import AXES, HOLE, POWERS, SHIFT, TURN, Candidates
+from quadriform.fitting.superquadric.levenberg_marquardt import EXPONENT_SPREAD
 from quadriform.points import Array
 from quadriform.shapes.superellipse import quiet
 

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from quadriform.fitting.inliers import Mixture
+from quadriform.fitting.mixture import Mixture
 from quadriform.fitting.neighbourhood import Neighbourhood, crowded, has_edge, is_surface, oriented, outward_normals
 from quadriform.fitting.sampling import outwards
 from quadriform.points import Array

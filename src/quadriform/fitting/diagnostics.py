@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from quadriform.errors import WarningKind, Warnings
 from quadriform.fitting.coverage import coverage_warning, covered_share
-from quadriform.fitting.outcome import SuperquadricFit, rms
-from quadriform.fitting.tangent_fit import Result
+from quadriform.fitting.refinement.refine import Result
+from quadriform.fitting.result import SuperquadricFit, rms
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.model import DeformableModel

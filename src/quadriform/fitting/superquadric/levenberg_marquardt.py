@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from quadriform.fitting.inliers import Mixture
-from quadriform.fitting.residuals import POWERS, TURN, Candidates, distances
+from quadriform.fitting.mixture import Mixture
+from quadriform.fitting.superquadric.batch import POWERS, TURN, Candidates, distances
 from quadriform.points import Array
 from quadriform.shapes.superquadric import EXPONENTS
 

@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from quadriform.errors import WarningKind, Warnings
-from quadriform.fitting.coarse_to_fine import Refined, Rounds
-from quadriform.fitting.normal_equations import NormalEquations
+from quadriform.fitting.least_squares.normal_equations import NormalEquations
+from quadriform.fitting.refinement.multiresolution import Refined, Rounds
 from quadriform.points import Array
-from quadriform.shapes.certificate import determinant_rows, jacobian_bound, lattice_inside, never_folds
 from quadriform.shapes.closest import closest_on
 from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.fold_bound import determinant_rows, jacobian_bound, lattice_inside, never_folds
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
 

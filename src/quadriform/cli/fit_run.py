@@ -20,8 +20,8 @@ from quadriform.files.atomic import write_bytes
 from quadriform.files.frame_numbers import natural
 from quadriform.files.reading import naming
 from quadriform.files.result_folder import check_results, replaced_together
-from quadriform.fitting.clouds import ALONE
-from quadriform.fitting.outcome import Fit, flat
+from quadriform.fitting.inputs import ALONE
+from quadriform.fitting.result import Fit, flat
 from quadriform.imaging.fit_files import common_marks, fit_sources
 from quadriform.imaging.input_files import without_folders
 from quadriform.imaging.sources import ImageOptions, Source, fits, kind_of, read_source, space_to_write

@@ -14,16 +14,16 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from quadriform.errors import WarningKind
-from quadriform.fitting.evidence import Evidence, Solution
-from quadriform.fitting.fit_warnings import named_texts, outliers
-from quadriform.fitting.normal_equations import NormalEquations, normal_equations
+from quadriform.fitting.diagnostics import named_texts, outliers
+from quadriform.fitting.least_squares.marginal_likelihood import Evidence, Solution
+from quadriform.fitting.least_squares.normal_equations import NormalEquations, normal_equations
+from quadriform.fitting.least_squares.regularisers import Regulariser
+from quadriform.fitting.least_squares.uncertainty import FinerBox
 from quadriform.fitting.options import TangentOptions, check_strength
-from quadriform.fitting.outcome import Fit
-from quadriform.fitting.regularity import Regulariser
-from quadriform.fitting.sheet import Sheet
-from quadriform.fitting.tangent import data_rows, evidence_from, moved, record
-from quadriform.fitting.uncertainty import FinerBox
-from quadriform.fitting.unfolding import FIRST_PRESS, FLOOR, NEAR_FLOOR, Floor, certified, low_places
+from quadriform.fitting.refinement.point_to_plane import data_rows, evidence_from, moved, record
+from quadriform.fitting.refinement.surface_data import Sheet
+from quadriform.fitting.refinement.unfolding import FIRST_PRESS, FLOOR, NEAR_FLOOR, Floor, certified, low_places
+from quadriform.fitting.result import Fit
 from quadriform.points import Array, Frame
 from quadriform.shapes.closest import closest_on, settle
 from quadriform.shapes.control_box import ControlBox

@@ -1,0 +1,1 @@
+"""The default refinement: point-to-plane distances, from few control points to all, without folds."""
