@@ -8,14 +8,13 @@ from numpy.typing import NDArray
 from quadriform.errors import WarningKind, Warnings
 from quadriform.fitting.coverage import coverage_warning, covered_share
 from quadriform.fitting.refinement.refine import Result
+from quadriform.fitting.refinement.unfolding import POOR
 from quadriform.fitting.result import SuperquadricFit, rms
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
 
-POOR = 0.05
-"""An RMS distance of the inliers above this share of the cloud's RMS radius is called a poor fit."""
 STRANGER = 0.5
 NAMED = 5
 NOT_CONVERGED = (WarningKind.AT_BOUND, WarningKind.MAX_ITERATIONS)

@@ -1,6 +1,7 @@
 """The rounds of the refinement: few control points and few data points first, all of them at the end."""
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -230,6 +231,13 @@ class Rounds:
             after = box.with_control_points(box.control_points + share * (whole.control_points - box.control_points))
         self._note(box, after, solution)
         return replace(refined, box=after, solution=solution, history=tuple(self.history))
+
+    def weighed(self, refined: Refined) -> Refined:
+        """The same with the inliers that its own distances suggest, in sheets of its own."""
+        sheets = tuple(copy(sheet) for sheet in refined.sheets)
+        if self.robust:
+            self._weigh(refined.box, sheets, None)
+        return replace(refined, sheets=sheets)
 
     def _match(self, box: ControlBox, sheet: Sheet, pairs: Correspondence, covered: bool) -> Pull | None:
         costs = pairs.costs(box)

@@ -16,7 +16,7 @@ from quadriform.fitting.refinement.multiresolution import FIRST_POINTS, Refined,
 from quadriform.fitting.refinement.point_to_plane import evidence_of
 from quadriform.fitting.refinement.starts import candidates
 from quadriform.fitting.refinement.surface_data import Few, Sheet
-from quadriform.fitting.refinement.unfolding import cures, fair_price, folding
+from quadriform.fitting.refinement.unfolding import POOR, cures, fair_price, folding, least_regularised
 from quadriform.fitting.result import Iteration, Progress
 from quadriform.fitting.ties import best_first
 from quadriform.points import Array
@@ -170,7 +170,8 @@ def _best_start(task: _Task, starts: Sequence[dict[str, Superquadric]], shape: t
     """The best start that unfolds at a fair price, or the best: of the largest evidence after its first stage.
 
     Several surfaces in one box are only worth having when the space between them does not fold: there any price is
-    fair, if there is none better. A start that comes out tangled is the last resort.
+    fair, if there is none better. A start that comes out tangled is the last resort. A fold is kept, and reported, only
+    by a fit that is not poor.
     """
     trials = [_Trial.of(task, surfaces, shape) for surfaces in starts]
     if len(trials) > 1:
@@ -188,6 +189,10 @@ def _best_start(task: _Task, starts: Sequence[dict[str, Superquadric]], shape: t
     if dear:
         return _result(task, *min(dear, key=lambda found: found[1].solution.noise), {})
     trial, refined = whole[0]
+    if refined.solution.noise > POOR:
+        found = least_regularised(trial.rounds, refined, trial.surfaces)
+        if found is not None:
+            return _result(task, trial, found, {})
     return _result(task, trial, refined, folding(refined, trial.surfaces))
 
 

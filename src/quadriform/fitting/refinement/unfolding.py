@@ -26,6 +26,10 @@ FIRST_PRESS, HARDER, MOST_PRESSES = 1e-3, 2.0, 30
 """The pressure on a place begins with this share of all the data's, and grows by this factor from round to round."""
 LATTICE, GRID, FINE_LATTICE, FINE_GRID = 21, 12, 45, 32
 STRONGEST, DESCENT, PRESSES = 1e3, 8, 4
+AFFINE = 1e3
+"""A strength at which the data bends nothing."""
+POOR = 0.05
+"""Noise, or an RMS distance of the inliers, above this share of the cloud's RMS radius is that of a poor fit."""
 PRICE, CHEAP = 1.5, 0.025
 """A cure is worse than the fold when it makes the noise this many times larger, and larger than this share of the
 cloud's RMS radius."""
@@ -82,14 +86,32 @@ def fair_price(refined: Refined) -> float:
     return max(PRICE * refined.solution.noise, CHEAP)
 
 
+def least_regularised(rounds: Rounds, refined: Refined, surfaces: dict[str, Superquadric]) -> Refined | None:
+    """The certified refinement of least noise on the way from an affine map to the strength of a folded refinement.
+
+    For points that are no surface, such as those of a filled volume: their folded fit is useless at any noise. The
+    search begins at the undeformed superquadrics, at a strength under which no map but an affine one is left, and ends
+    before the first fold. None where the undeformed superquadrics cross.
+    """
+    unfolded, best = _at_rest(refined), None
+    floor = Floor.under(refined.box, surfaces, _first_weight(refined))
+    decades = int(np.ceil(np.log10(AFFINE / refined.solution.strength)))
+    for strength in np.geomspace(AFFINE, refined.solution.strength, max(decades, 0) + 1):
+        unfolded, above = _lifted(rounds, rounds.weighed(unfolded), floor, float(strength))
+        if not above or not certified(unfolded.box, surfaces):
+            break
+        if best is None or unfolded.solution.noise < best.solution.noise:
+            best = _copied(unfolded)
+    return best
+
+
 def cures(rounds: Rounds, refined: Refined, surfaces: dict[str, Superquadric], most: float) -> Iterator[Refined]:
     """What is certified not to fold inside the surfaces, with a noise of at most `most`.
 
     The given refinement itself if that is so; else with its folds pressed out, from where it is and from rest: the rest
     first where it is tangled, for then its foot points lead astray.
     """
-    weight = FIRST_PRESS * sum(len(sheet.points) for sheet in refined.sheets) * (refined.solution.noise / FLOOR) ** 2
-    floor = Floor.under(refined.box, surfaces, weight)
+    floor = Floor.under(refined.box, surfaces, _first_weight(refined))
     fair = refined.solution.noise <= most
     if fair and floor.lowest(refined.box) > NEAR_FLOOR and certified(refined.box, surfaces):
         yield refined
@@ -98,6 +120,11 @@ def cures(rounds: Rounds, refined: Refined, surfaces: dict[str, Superquadric], m
         cured = _descended(rounds, way(refined), floor, surfaces, most)
         if cured is not None:
             yield cured
+
+
+def _first_weight(refined: Refined) -> float:
+    """Weight of the Jacobian penalty at a place in the first round."""
+    return FIRST_PRESS * sum(len(sheet.points) for sheet in refined.sheets) * (refined.solution.noise / FLOOR) ** 2
 
 
 def folding(refined: Refined, surfaces: dict[str, Superquadric]) -> Warnings:

@@ -1,0 +1,46 @@
+"""Points that fill a body are no surface: their fit is poor, and its map must not fold."""
+
+import numpy as np
+import pytest
+from shapes_made import even_directions
+
+import quadriform as qf
+from quadriform.fitting.refinement import refine
+
+LATTICE = np.argwhere(np.ones((9, 9, 9))) - 4.0
+HALF_BALL = LATTICE[(np.linalg.norm(LATTICE, axis=1) <= 4.5) & (LATTICE[:, 2] >= 0)]
+
+
+def filled_ball(count, seed):
+    places = np.random.default_rng(seed).uniform(-1, 1, (4 * count, 3))
+    return places[np.linalg.norm(places, axis=1) < 1][:count]
+
+
+def assert_unfolded_and_poor(found, points):
+    assert found.model.min_jacobian() > 0 and not found.model.crossings()
+    assert "POOR_FIT" in found.warnings and "FOLDING" not in found.warnings
+    assert np.linalg.norm(found.model.mesh().vertices, axis=1).max() < 2 * np.linalg.norm(points, axis=1).max()
+
+
+def test_a_filled_volume_does_not_end_with_a_map_that_folds():
+    """Old bug: of a thousand points in a ball, control points many radii away and determinants of minus 80."""
+    points = filled_ball(1000, seed=2)
+    assert_unfolded_and_poor(qf.fit(points), points)
+
+
+@pytest.fixture
+def no_fold_removal(monkeypatch):
+    monkeypatch.setattr(refine, "cures", lambda rounds, refined, surfaces, most: iter(()))
+
+
+def test_where_no_fold_can_be_removed_a_poor_fit_is_regularised_until_nothing_folds(no_fold_removal):
+    found = qf.fit(HALF_BALL)
+    assert_unfolded_and_poor(found, HALF_BALL)
+    rest = found.model.box.with_control_points(found.model.box.rest)
+    undeformed = qf.DeformableModel(found.model.surfaces, rest)
+    assert found.rms < np.sqrt((undeformed.distance(HALF_BALL) ** 2).mean())
+
+
+def test_a_good_fit_that_folds_is_kept_with_its_warning(no_fold_removal):
+    found = qf.fit(even_directions(300) * [3, 2, 2], box=(3, 3, 3))
+    assert "FOLDING" in found.warnings and found.rms < 1e-3
