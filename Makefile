@@ -24,6 +24,7 @@ check: $(READY)
 	$(BIN)/clang-format --dry-run --Werror src/quadriform/shapes/kernel/*
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python tests/robustness/wording.py
 
 # The rivals stay out of the environment of the tests: what they bring along has pytest plugins of its own.
 bench: $(BENCH)/ready

@@ -1,0 +1,99 @@
+"""Searches the project for words that docs/vocabulary.toml replaces by standard terms; exit code 1 where it finds some.
+
+Identifiers are split at underscores and capitals. In a sentence a word may be plain English: then only names count.
+"""
+
+import re
+import sys
+import tomllib
+from collections import defaultdict
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+LIST = ROOT / "docs" / "vocabulary.toml"
+CODE = (".py", ".cpp", ".hpp", ".js")
+SEARCHED = (*CODE, ".md", ".j2", ".html")
+PYTHON_PROSE = re.compile(r'""".*?"""|"(?:\\.|[^"\\\n])*"|\'(?:\\.|[^\'\\\n])*\'|#[^\n]*', re.DOTALL)
+OTHER_PROSE = re.compile(r'/\*.*?\*/|`[^`]*`|"(?:\\.|[^"\\\n])*"|\'(?:\\.|[^\'\\\n])*\'|//[^\n]*', re.DOTALL)
+CAPITAL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
+WORD = re.compile(r"[a-z]+|\d[\d,.]*")
+
+
+def read_list(path=LIST):
+    """The entries of the list, words and allowed uses as tuples of single words."""
+    entries = tomllib.loads(path.read_text(encoding="utf-8"))["term"]
+    for entry in entries:
+        for key in ("words", "allowed"):
+            entry[key] = [tuple(phrase.split()) for phrase in entry.get(key, ())]
+    return entries
+
+
+def texts(root=ROOT):
+    """Name and text of everything that is searched."""
+    paths = [*(root / "src").rglob("*"), *(root / "docs").rglob("*.md"), *root.glob("examples/*.py")]
+    for path in sorted([*paths, root / "README.md", root / "CONTRIBUTING.md"]):
+        if path.suffix in SEARCHED and path.is_file():
+            yield str(path.relative_to(root)), path.read_text(encoding="utf-8")
+    yield "CHANGELOG.md", (root / "CHANGELOG.md").read_text(encoding="utf-8").split("\n## [0")[0]
+    for path in sorted((root / "tests").rglob("test_*.py")):
+        names = re.findall(r"^def (test_\w+)", path.read_text(encoding="utf-8"), re.MULTILINE)
+        yield str(path.relative_to(root)), "\n".join([path.stem, *names])
+
+
+def without_prose(name, text):
+    """The text with blanks for strings and comments; nothing where it is no code."""
+    if not name.endswith(CODE):
+        return ""
+    prose = PYTHON_PROSE if name.endswith(".py") else OTHER_PROSE
+    return prose.sub(lambda match: re.sub(r"[^\n]", " ", match[0]), text)
+
+
+def positions(words, phrase):
+    """Where the phrase begins among the words; # stands for any number."""
+    first = [i for i, word in enumerate(words) if word == phrase[0] or (phrase[0] == "#" and word[0].isdigit())]
+    return [i for i in first if words[i + 1 : i + len(phrase)] == list(phrase[1:])]
+
+
+def uses(entry, words):
+    """Positions of an entry's words that no allowed phrase covers."""
+    allowed = {i + k for phrase in entry["allowed"] for i in positions(words, phrase) for k in range(len(phrase))}
+    return [i for phrase in entry["words"] for i in positions(words, phrase) if i not in allowed]
+
+
+def search(entries, named_texts):
+    """For each entry, by its number, the uses as `file:line: word`."""
+    found = defaultdict(list)
+    for name, text in named_texts:
+        for names_only, searched in ((False, text), (True, without_prose(name, text))):
+            separate = CAPITAL.sub(" ", searched).replace("_", " ").lower()
+            matches = list(WORD.finditer(separate))
+            words = [match[0] for match in matches]
+            present = set(words) | ({"#"} if any(word[0].isdigit() for word in words) else set())
+            for number, entry in enumerate(entries):
+                if (entry.get("where") == "names") != names_only or present.isdisjoint(p[0] for p in entry["words"]):
+                    continue
+                for i in uses(entry, words):
+                    line = separate.count("\n", 0, matches[i].start()) + 1
+                    found[number].append(f"{name}:{line}: {words[i]}")
+    return found
+
+
+def main(path=LIST):
+    """Print what is found; 1 where a word is found that may not occur any more."""
+    entries = read_list(path)
+    found = search(entries, texts())
+    open_, failing = [], 0
+    for number, entry in enumerate(entries):
+        label = " ".join(entry["words"][0])
+        if entry.get("open"):
+            open_.append(f"{label} {len(found[number])}")
+        elif found[number]:
+            failing += len(found[number])
+            print(*found[number], f"  -> {entry['use']} ({path.name}: {label})", sep="\n")
+    if open_:
+        print("words still to be replaced, with their uses: " + ", ".join(open_))
+    return 1 if failing else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
