@@ -17,7 +17,8 @@ from racing.harness import Missing
 import quadriform as qf
 from quadriform.imaging.image_points import points_from_image
 from quadriform.imaging.reading import example_volume
-from quadriform.shapes.directions import sphere_grid, split_quads
+from quadriform.shapes.directions import sphere_grid
+from quadriform.shapes.mesh import split_quads
 
 SIDES, DEGREES, FACES = (3, 5, 7), (2, 4, 6, 9, 12, 16, 20), (50, 100, 250, 700, 2_000, 6_000)
 FIGURE = REPOSITORY / "docs" / "figures" / "rate_distortion.png"

@@ -9,9 +9,9 @@ from quadriform.errors import OptionError
 from quadriform.fitting.least_squares.regularisers import svd_step
 from quadriform.fitting.options import PaperOptions
 from quadriform.fitting.paper.displacement import data_to_model
-from quadriform.fitting.paper.two_step import MODEL_RESOLUTION, outer_box, two_step
+from quadriform.fitting.paper.two_step import MODEL_RESOLUTION, two_step
 from quadriform.points import Frame
-from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.control_box import ControlBox, outer_box
 from quadriform.shapes.superquadric import Superquadric
 
 

@@ -9,13 +9,13 @@ from shapes_made import gap, lumpy
 import quadriform as qf
 from quadriform.errors import DegenerateError, OptionError
 from quadriform.fitting.least_squares.regularisers import Bending
-from quadriform.fitting.refinement.refine import common_box
 from quadriform.fitting.refinement.starts import ellipsoids
 from quadriform.motion import cycle as cycle_module
 from quadriform.motion.cycle import DESCENT, MOST_ROUNDS, ROUNDS, SMALLEST_STEP, Cycle
 from quadriform.motion.cycle_equations import CycleEvidence
 from quadriform.motion.slice_shifts import FEWEST
 from quadriform.points import Frame
+from quadriform.shapes.control_box import common_box
 from quadriform.shapes.splines import TimeBasis
 
 FRAMES = [lumpy(100, seed=t) * [1 - 0.05 * t, 1 - 0.05 * t, 1] for t in range(3)]

@@ -5,7 +5,8 @@ import pytest
 from shapes_made import KINDS, made
 
 from quadriform.shapes.control_box import ControlBox
-from quadriform.shapes.directions import sphere_grid, split_quads
+from quadriform.shapes.directions import sphere_grid
+from quadriform.shapes.mesh import split_quads
 from quadriform.shapes.model import DeformableModel
 
 LOOPS = {"ellipsoid": 0, "toroid": 0, "hyperboloid1": 2, "hyperboloid2": 2}

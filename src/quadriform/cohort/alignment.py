@@ -17,9 +17,8 @@ from scipy.spatial.transform import Rotation
 
 from quadriform.errors import InputError
 from quadriform.fitting.least_squares.regularisers import Bending
-from quadriform.fitting.refinement.refine import common_box
 from quadriform.points import Array
-from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.control_box import ControlBox, common_box
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
 

@@ -13,7 +13,7 @@ import numpy as np
 from quadriform.errors import OptionError
 from quadriform.files.metadata import check_marks
 from quadriform.points import Array
-from quadriform.shapes.directions import Faces, split_quads
+from quadriform.shapes.mesh import Faces, split_quads
 from quadriform.shapes.model import DeformableModel
 
 KINDS = ("Vertices", "Lines", "Polygons", "Strips")

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from quadriform.errors import OptionError
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
-from quadriform.shapes.directions import Faces, solid_angles, sphere_grid
+from quadriform.shapes.directions import sphere_grid
+from quadriform.shapes.mesh import Faces, solid_angles
 from quadriform.shapes.superquadric import Superquadric
 from quadriform.shapes.wall import exits
 

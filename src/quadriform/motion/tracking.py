@@ -16,13 +16,13 @@ from quadriform.errors import OptionError, PointsError, WarningKind, Warnings, c
 from quadriform.fitting.fit import Clouds, fit, lost, refine
 from quadriform.fitting.inputs import ALONE, Given, common_unit, point_sets, without_meshes
 from quadriform.fitting.options import check_box, check_strength
-from quadriform.fitting.refinement.refine import common_box
 from quadriform.fitting.refinement.starts import ellipsoids
 from quadriform.fitting.result import Fit, Progress, flat, rms_of_inliers
 from quadriform.motion.cycle import Cycle
 from quadriform.motion.slice_shifts import SlicePlanes
 from quadriform.point_sets import PointSet
 from quadriform.points import Array, Frame, by_name
+from quadriform.shapes.control_box import common_box
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
 from quadriform.shapes.spaces import turn_between

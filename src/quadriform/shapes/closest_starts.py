@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree
 
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
-from quadriform.shapes.different import different
 from quadriform.shapes.kinds import KINDS
+from quadriform.shapes.mesh import sorted_unique
 from quadriform.shapes.superquadric import Superquadric
 from quadriform.shapes.threads import threads_for
 
@@ -80,7 +80,7 @@ class Net:
         owner, column = np.nonzero(room <= self.cell[vertex] ** 2 + nearest * slack[vertex])
         crowded = np.flatnonzero(room[:, -1] <= self.cell.max() ** 2 + nearest[:, 0] * slack.max())
         codes = [owner * n + vertex[owner, column], *self._among_all(crowded, targets, nearest[:, 0])]
-        return self._local_minima(targets, *np.divmod(different(np.concatenate(codes)), n))
+        return self._local_minima(targets, *np.divmod(sorted_unique(np.concatenate(codes)), n))
 
     def _among_all(self, crowded: Index, targets: Array, nearest: Array) -> list[Index]:
         """For crowded targets all vertices that qualify, as target * n + vertex."""
@@ -123,7 +123,7 @@ def _neighbours(kind: str) -> Index:
     vertices, quads = KINDS[kind].grid(RESOLUTION, np.ones(2), 2.0, 2.0)
     n = len(vertices)
     pairs = np.concatenate([quads[:, [i, j]] for i in range(4) for j in range(4) if i != j])
-    one, other = np.divmod(different(pairs[:, 0] * n + pairs[:, 1]), n)
+    one, other = np.divmod(sorted_unique(pairs[:, 0] * n + pairs[:, 1]), n)
     place = np.arange(len(one)) - np.searchsorted(one, np.arange(n))[one]
     table = np.tile(np.arange(n), (int(place.max()) + 1, 1))
     table[place, one] = other

@@ -1,5 +1,6 @@
 """The free-form deformation: a box of control points that carries the space inside it (paper 3.1, appendix B)."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -226,12 +227,6 @@ class ControlBox:
             damping[good], damping[bad] = np.minimum(1, 2 * damping[good]), damping[bad] / 4
         return point
 
-    def min_jacobian(self) -> float:
-        """A proven lower bound of det(d deformed / d point) over the whole box; positive: it folds nowhere."""
-        from quadriform.shapes.fold_bound import jacobian_bound
-
-        return jacobian_bound(self).lower
-
     def elevate(self, degrees: tuple[int, int, int]) -> "ControlBox":
         """The same deformation with more control points, exactly.
 
@@ -247,6 +242,29 @@ class ControlBox:
         for axis, (low, high) in enumerate(zip(self.degrees, degrees)):
             raised = np.moveaxis(np.tensordot(bernstein.elevation(low, high), raised, (1, axis)), 0, axis)
         return replace(self, control_points=raised)
+
+
+def outer_box(superquadrics: Mapping[str, Superquadric], shape: tuple[int, int, int]) -> ControlBox:
+    """The undeformed box around the largest of several surfaces."""
+    return ControlBox.around(max(superquadrics.values(), key=_box_volume), shape)
+
+
+def common_box(superquadrics: Mapping[str, Superquadric], shape: tuple[int, int, int]) -> ControlBox:
+    """The undeformed box of the largest surface, enlarged where another one reaches outside it."""
+    outer = max(superquadrics.values(), key=_box_volume)
+    box = ControlBox.around(outer, shape)
+    if len(superquadrics) == 1:
+        return box
+    corner = pose.to_local(box.origin[None], outer.rotation, outer.translation)[0]
+    grids = [pose.to_local(s.grid(12)[0], outer.rotation, outer.translation) for s in superquadrics.values()]
+    low = np.minimum(corner, np.concatenate(grids).min(axis=0))
+    high = np.maximum(-corner, np.concatenate(grids).max(axis=0))
+    edges = (high - low)[:, None] * outer.rotation.T
+    return ControlBox.undeformed(pose.to_world(low[None], outer.rotation, outer.translation)[0], edges, shape)
+
+
+def _box_volume(superquadric: Superquadric) -> float:
+    return float(np.abs(np.linalg.det(ControlBox.around(superquadric, (2, 2, 2)).edges)))
 
 
 def _check_edges(edges: Array) -> None:

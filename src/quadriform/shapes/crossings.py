@@ -11,9 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.points import Array
-from quadriform.shapes.different import different
-from quadriform.shapes.directions import solid_angles
-from quadriform.shapes.mesh import Mesh
+from quadriform.shapes.mesh import Mesh, solid_angles, sorted_unique
 
 CELL = 1.5
 """Side of a grid cell, in mean sizes of a triangle's box."""
@@ -51,7 +49,7 @@ def crossings(mesh: Mesh, other: Mesh | None = None) -> Array:
     if other is None:
         apart = ~_neighbours(faces, a, b)
         a, b = a[apart], b[apart]
-    a, b = np.divmod(different(a * len(faces) + b), len(faces))
+    a, b = np.divmod(sorted_unique(a * len(faces) + b), len(faces))
     found = [np.empty((0, 3))]
     for start in range(0, len(a), BLOCK):
         part = slice(start, start + BLOCK)

@@ -10,26 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.points import Array
-
-Faces = NDArray[np.int64]
-
-
-def split_quads(quads: Faces, vertices: Array) -> Faces:
-    """Two triangles for each quad (m, 4), cut along the shorter diagonal (ties keep the first)."""
-    a, b, c, d = (vertices[quads[:, k]] for k in range(4))
-    first = np.linalg.norm(a - c, axis=1) <= np.linalg.norm(b - d, axis=1) * (1 + 1e-9)
-    with_ac = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]], axis=1)
-    with_bd = np.concatenate([quads[:, [0, 1, 3]], quads[:, [1, 2, 3]]], axis=1)
-    return np.where(first[:, None], with_ac, with_bd).reshape(-1, 3)
-
-
-def solid_angles(a: Array, b: Array, c: Array) -> Array:
-    """Signed solid angles (m,) of triangles whose corners lie in unit directions (m, 3): positive counter-clockwise.
-
-    Van Oosterom and Strackee, The solid angle of a plane triangle, IEEE Trans Biomed Eng 1983; 30: 125-126.
-    """
-    dots = [np.einsum("ij,ij->i", p, q) for p, q in ((a, b), (b, c), (c, a))]
-    return 2 * np.arctan2(np.einsum("ij,ij->i", a, np.cross(b, c)), 1 + sum(dots))
+from quadriform.shapes.mesh import Faces
 
 
 @lru_cache(maxsize=16)

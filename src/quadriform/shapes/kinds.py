@@ -17,7 +17,8 @@ from typing import Protocol
 import numpy as np
 
 from quadriform.points import Array
-from quadriform.shapes.directions import Faces, disc_grid, sphere_grid, torus_grid, tube_grid
+from quadriform.shapes.directions import disc_grid, sphere_grid, torus_grid, tube_grid
+from quadriform.shapes.mesh import Faces
 from quadriform.shapes.superellipse import TINY, norm, norm_derivatives, signed_power
 
 WAIST = 1e-50

@@ -1,4 +1,4 @@
-"""A triangle mesh and what can be read off it."""
+"""A triangle mesh, its measures, and triangles from quads."""
 
 from dataclasses import dataclass
 
@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.points import Array
+
+Faces = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -18,7 +20,7 @@ class Mesh:
     """
 
     vertices: Array
-    faces: NDArray[np.int64]
+    faces: Faces
 
     def area_vectors(self) -> Array:
         """Outward area vectors of the triangles, (m, 3): direction normal, length area."""
@@ -39,3 +41,29 @@ class Mesh:
         """Whether every edge is run through as often one way as the other; vertices are told apart by their number."""
         start, stop, n = self.faces.reshape(-1), np.roll(self.faces, -1, axis=1).reshape(-1), len(self.vertices)
         return np.array_equal(np.sort(start * n + stop), np.sort(stop * n + start))
+
+
+def split_quads(quads: Faces, vertices: Array) -> Faces:
+    """Two triangles for each quad (m, 4), cut along the shorter diagonal (ties keep the first)."""
+    a, b, c, d = (vertices[quads[:, k]] for k in range(4))
+    first = np.linalg.norm(a - c, axis=1) <= np.linalg.norm(b - d, axis=1) * (1 + 1e-9)
+    with_ac = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]], axis=1)
+    with_bd = np.concatenate([quads[:, [0, 1, 3]], quads[:, [1, 2, 3]]], axis=1)
+    return np.where(first[:, None], with_ac, with_bd).reshape(-1, 3)
+
+
+def solid_angles(a: Array, b: Array, c: Array) -> Array:
+    """Signed solid angles (m,) of triangles whose corners lie in unit directions (m, 3): positive counter-clockwise.
+
+    Van Oosterom and Strackee, The solid angle of a plane triangle, IEEE Trans Biomed Eng 1983; 30: 125-126.
+    """
+    dots = [np.einsum("ij,ij->i", p, q) for p, q in ((a, b), (b, c), (c, a))]
+    return 2 * np.arctan2(np.einsum("ij,ij->i", a, np.cross(b, c)), 1 + sum(dots))
+
+
+def sorted_unique(codes: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The distinct values of whole numbers (n,), in ascending order.
+
+    NumPy 2.4 hashes first when only values are asked for, which takes far longer than sorting; with counts it sorts.
+    """
+    return np.unique(codes, return_counts=True)[0]

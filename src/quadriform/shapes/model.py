@@ -12,8 +12,7 @@ from quadriform.shapes import fold_bound
 from quadriform.shapes.closest import FootPoints, closest_on
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.crossings import crossings
-from quadriform.shapes.directions import split_quads
-from quadriform.shapes.mesh import Mesh
+from quadriform.shapes.mesh import Mesh, split_quads
 from quadriform.shapes.record import ModelRecord, Recorded
 from quadriform.shapes.spaces import turn_between
 from quadriform.shapes.superquadric import Superquadric

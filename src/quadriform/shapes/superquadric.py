@@ -9,9 +9,8 @@ from scipy.special import beta
 from quadriform.errors import OptionError, choose
 from quadriform.points import LARGEST, Array, check_points
 from quadriform.shapes import _kernel, pose
-from quadriform.shapes.directions import Faces, split_quads
 from quadriform.shapes.kinds import KINDS, Kind
-from quadriform.shapes.mesh import Mesh
+from quadriform.shapes.mesh import Faces, Mesh, split_quads
 from quadriform.shapes.superellipse import quiet
 from quadriform.shapes.taubin import bounded_distance, squared_implicit
 

@@ -10,22 +10,13 @@ from quadriform.fitting.options import PaperOptions
 from quadriform.fitting.paper.displacement import MATCHINGS
 from quadriform.fitting.result import Iteration, Progress
 from quadriform.points import Array
-from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.control_box import ControlBox, outer_box
 from quadriform.shapes.superquadric import Superquadric
 
 MODEL_RESOLUTION = 20
 """Cells along a cube edge for the model's sample: 2,402 points a surface."""
 FARTHEST = 1e6
 """Control points farther from their lattice, in RMS radii of the points, leave less than nine digits to the surface."""
-
-
-def outer_box(superquadrics: Mapping[str, Superquadric], shape: tuple[int, int, int]) -> ControlBox:
-    """The undeformed box around the largest of the surfaces."""
-    return ControlBox.around(max(superquadrics.values(), key=_box_volume), shape)
-
-
-def _box_volume(superquadric: Superquadric) -> float:
-    return float(np.abs(np.linalg.det(ControlBox.around(superquadric, (2, 2, 2)).edges)))
 
 
 def two_step(

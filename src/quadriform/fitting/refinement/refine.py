@@ -20,8 +20,7 @@ from quadriform.fitting.refinement.unfolding import POOR, cures, fair_price, fol
 from quadriform.fitting.result import Iteration, Progress
 from quadriform.fitting.ties import best_first
 from quadriform.points import Array
-from quadriform.shapes import pose
-from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.control_box import ControlBox, common_box
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
 
@@ -288,17 +287,3 @@ def _finer(refined: Refined, regularity: str | Regulariser) -> FinerBox:
     finer = refined.box.elevate((l + MORE, m + MORE, n + MORE))
     evidence = evidence_of(refined.sheets, [None] * len(refined.sheets), finer, regularity, refined.solution.share)
     return FinerBox(finer, evidence, refined.solution.strength)
-
-
-def common_box(surfaces: Mapping[str, Superquadric], shape: tuple[int, int, int]) -> ControlBox:
-    """The undeformed box of the largest surface, grown where another one reaches beyond it."""
-    outer = max(surfaces.values(), key=lambda s: abs(float(np.linalg.det(ControlBox.around(s, (2, 2, 2)).edges))))
-    box = ControlBox.around(outer, shape)
-    if len(surfaces) == 1:
-        return box
-    corner = pose.to_local(box.origin[None], outer.rotation, outer.translation)[0]
-    grids = [pose.to_local(s.grid(12)[0], outer.rotation, outer.translation) for s in surfaces.values()]
-    low = np.minimum(corner, np.concatenate(grids).min(axis=0))
-    high = np.maximum(-corner, np.concatenate(grids).max(axis=0))
-    edges = (high - low)[:, None] * outer.rotation.T
-    return ControlBox.undeformed(pose.to_world(low[None], outer.rotation, outer.translation)[0], edges, shape)
