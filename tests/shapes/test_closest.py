@@ -214,6 +214,34 @@ def test_other_kinds_find_their_own_normal_offsets(kind, rng):
     np.testing.assert_allclose(found.points, inner, atol=1e-7)
 
 
+@pytest.mark.parametrize("exponents", [(1.3, 1.2), (0.8, 1.5), (3.0, 2.5)])
+@pytest.mark.parametrize("kind", ["hyperboloid1", "hyperboloid2"])
+def test_ridges_that_run_to_infinity_are_searched_in_any_unit(kind, exponents, rng):
+    """Exponents above 1 of unbounded kinds: no overflow, no refusal of coordinates that the caller never gave."""
+    surface = made(kind, exponents)
+    vertices = surface.grid(40)[0]
+    targets = vertices[::29] + 0.2 * rng.normal(size=(len(vertices[::29]), 3))
+    found = [
+        np.abs(closest_on(each, ControlBox.around(each), unit * targets).signed) / unit
+        for unit, each in ((unit, made_in(unit, surface)) for unit in (1e-6, 1.0, 1e6))
+    ]
+    assert (found[1] <= cKDTree(vertices).query(targets)[0] + 1e-12).all()
+    np.testing.assert_allclose(found[0], found[1], atol=1e-9)
+    np.testing.assert_allclose(found[2], found[1], atol=1e-9)
+
+
+def made_in(unit, surface):
+    """The same body in another unit of length."""
+    return Superquadric(
+        surface.kind,
+        unit * surface.semi_axes,
+        surface.exponents,
+        surface.rotation,
+        unit * surface.translation,
+        height=unit * surface.height,
+    )
+
+
 def test_settle_never_leads_away_and_few_slides_come_near(rng):
     surface, box = deformed((0.7, 1.1))
     origins = surface.project(rng.normal(size=(2000, 3)))

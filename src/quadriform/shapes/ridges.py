@@ -18,7 +18,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from quadriform.points import Array
+from quadriform.points import LARGEST, Array
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superellipse import log_abs, norm
 from quadriform.shapes.superquadric import EXPONENTS, Superquadric
@@ -185,10 +185,14 @@ class _Search:
         """Undeformed surface points of all targets, (n, 3)."""
         return self.placed(self.scaled(np.arange(len(at)), at)) + self.superquadric.translation
 
+    @np.errstate(over="ignore", invalid="ignore")
     def value(self, index: Index, at: Array) -> Array:
-        """Half the squared distance of some targets."""
+        """Half the squared distance (n,) of some targets; infinite far out on a sheet, where it is beyond all numbers."""
         points = self.placed(self.scaled(index, at)) + self.superquadric.translation
-        return np.asarray(((self.targets[index] - self.box.deform(points)) ** 2).sum(axis=1) / 2)
+        far = (np.abs(points) > LARGEST).any(axis=1)
+        points[far] = self.superquadric.translation
+        half = ((self.targets[index] - self.box.deform(points)) ** 2).sum(axis=1) / 2
+        return np.where(far | np.isnan(half), np.inf, half)
 
     def gradient(self, index: Index, at: Array) -> Array:
         """Its derivatives by t and u, (n, 2)."""
