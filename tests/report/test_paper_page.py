@@ -32,6 +32,7 @@ from quadriform.report.paper.scans import NEEDED, Scan, check_hearts
 from quadriform.report.paper.subjects import Sparse, Subject, Walls, before, displacement_field, fitted, walls
 from quadriform.report.paper.trade_off import FOUR, Curve, TradeOff, measure_trade_off, moved, ratios, turning
 from quadriform.report.paper.whole import FIGURES, drawn, paper_page
+from quadriform.report.slices import slice_pictures
 
 SOURCE = "a test's own <ball> & nobody's"
 LIMIT = 5_000_000
@@ -161,7 +162,7 @@ def test_numbers_are_those_of_the_fits(text, material):
     assert after(text, "Fig. 3", "error RMS of the superellipsoid")[0] == mm(egg.paper.superquadric_rms)
     assert after(text, "Fig. 19", "compression ratio, egg") == [f"{fit.compression_ratio:.1f}" for fit in egg.fits]
     lids = [mm(np.sqrt(np.mean(f.residuals[20:] ** 2))) for f in egg.fits]
-    assert after(text, "Fig. 15", "the same without the lids where the image cuts the egg") == lids
+    assert after(text, "Fig. 15", "the same without the lids where the image or its region ends, egg") == lids
     assert after(text, "Section 6", "error with 50% outliers") == ["4 mm", "1.5 mm"]
     assert "0.88 (Dice)" in verdict(text, "Fig. 17")
     assert text.count("A note.") == 5
@@ -171,13 +172,32 @@ def test_sentences_follow_from_the_numbers(text, material):
     """Both ways: the verdicts on matching change with the errors."""
     said = verdict(text, "Fig. 4")
     assert "50% larger on egg (0.300 and 0.200 mm)" in said and "50% smaller on egg (2.000 and 4.000 mm)" in said
-    assert "nearer one in 1 of 2 cases" in said
+    assert "nearer by more than 2% in 1 of 2 cases, the other one in 1." in said
     other = {
         name: replace(each, directions=dict(zip(each.directions, (4.0, 3.0))))
         for name, each in material.matchings.items()
     }
     page = drawn(SimpleNamespace(**vars(material) | {"matchings": other}), ["4"]).decode()
-    assert "nearer one in 0 of 2 cases" in verdict(page, "Fig. 4")
+    assert "nearer by more than 2% in 0 of 2 cases, the other one in 2." in verdict(page, "Fig. 4")
+
+
+def test_the_approximations_of_the_distance_stand_beside_the_exact_one(text, material):
+    """Section 2.4: radial, P4 and Taubin's, of two points and of the data; each number from the distances."""
+    row = cells(text)["Fig. 4"]
+    body, cloud = material.crossing.paper.model.superquadric(), material.crossing.cloud
+    exact = np.abs(qf.DeformableModel({"surface": body}, qf.ControlBox.around(body)).distance(cloud))
+    for name, values in (
+        ("radial |M0 M|", body.radial_distance(cloud)),
+        ("first order (P4)", body.first_order_distance(cloud)),
+        ("second order (Taubin)", body.taubin_distance(cloud)),
+    ):
+        above = f"{(values > exact * (1 + 1e-9)).mean():.0%}"
+        k = row.index(name)
+        assert row[k + 3 : k + 6] == [f"{rms(values):.3f}", f"{rms(values - exact):.3f}", above]
+        assert f"{rms(values - exact):.3f}" in verdict(text, "Fig. 4") and above in verdict(text, "Fig. 4")
+    assert row[row.index("exact |M P|") + 3] == f"{rms(exact):.3f}"
+    of_n = [row[row.index(name) + 2] for name in ("first order (P4)", "second order (Taubin)", "exact |M P|")]
+    assert float(of_n[1]) < float(of_n[2]) < float(of_n[0])
 
 
 def test_one_box_is_compared_with_two_in_numbers(text, material):
@@ -212,12 +232,12 @@ def test_the_paper_is_quoted_with_its_own_ratios(text):
 
 def test_without_hearts_the_page_says_so(text, material):
     assert "No folder of real hearts was given" in text
-    assert text.count("stand-in") == 2
+    assert text.count("for no real data was given") == 2
     real = replace(material.first, real=True)
     given = {"real": True, "first": real, "third": real, "sparse_heart": material.sparse}
     with_hearts = SimpleNamespace(**vars(material) | given)
     page = drawn(with_hearts, ["9", "13", "14"]).decode()
-    assert "No folder of real hearts" not in page and "stand-in" not in page and "no medical example" not in page
+    assert "No folder of real hearts" not in page and "no real data" not in page and "no medical example" not in page
 
 
 def test_some_figures_alone_fit_only_what_they_need(monkeypatch):
@@ -309,6 +329,45 @@ def test_a_box_at_rest_folds_nowhere(material):
     assert space_figures._folded(box) == 0
     mirrored = box.with_control_points(box.rest * [-1, 1, 1])
     assert space_figures._folded(mirrored) == 1
+
+
+def test_sections_of_boxes_are_turned_alike(material):
+    """A box whose edges come in another order and run the other way is drawn as the first is."""
+    model = material.walls.together.paper.model
+    box = model.box
+    origin, edges = box.origin + box.edges[0] + box.edges[2], -box.edges[[2, 1, 0]] * [[1], [-1], [1]]
+    points = box.control_points.transpose(2, 1, 0, 3)[::-1, :, ::-1]
+    other = replace(model, box=qf.ControlBox(origin, edges, points))
+    here, there = (space_figures._section(each, box) for each in (model, other))
+    for ours, theirs in zip(here, there):
+        ends = [np.concatenate([part.reshape(-1, 2) for part in parts]) for parts in (ours, theirs)]
+        order = [np.lexsort(np.round(points, 6).T) for points in ends]
+        assert ends[0][order[0]] == pytest.approx(ends[1][order[1]], abs=1e-5)
+
+
+def test_slices_of_one_value_are_left_out():
+    values = np.zeros((6, 5, 40))
+    values[2:4, 1:4, 10:31] = 7.0
+    assert min(slice_pictures(values, np.eye(4), {}, 5)) == 10
+    assert max(slice_pictures(values, np.eye(4), {}, 5)) == 30
+    assert list(slice_pictures(values[:, :, :3], np.eye(4), {}, 5)) == [0, 1, 2]
+
+
+def test_the_page_fits_a_narrow_screen(material, tmp_path, browser):
+    """390 pixels wide: nothing is cut off at the right, and no text is smaller than 12 pixels."""
+    path = tmp_path / "paper.html"
+    path.write_bytes(drawn(material, ["4", "11", "21", "22"]))
+    size = {"width": 390, "height": 800, "deviceScaleFactor": 1, "mobile": True}
+    browser.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    browser.driver.get(path.as_uri())
+    wide, small = browser.run(
+        """const every = [...document.body.querySelectorAll('*')].filter(e => !e.closest('svg'));
+        const right = e => e.getBoundingClientRect().right;
+        return [every.filter(e => right(e) > 390).map(e => e.outerHTML.slice(0, 80)),
+                every.filter(e => parseFloat(getComputedStyle(e).fontSize) < 12).map(e => e.outerHTML.slice(0, 80))]"""
+    )
+    browser.driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    assert wide == [] and small == []
 
 
 def test_the_scanner_image_has_the_papers_voxels():

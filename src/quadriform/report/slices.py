@@ -51,7 +51,8 @@ def slices_png(
     figure = Figure(figsize=(11, 0.6 + 2.9 * rows * values.shape[1] * steps[1] / (values.shape[0] * steps[0])))
     figure.suptitle(title, fontsize=10)
     window = _window(values)
-    for position, k in enumerate(_levels(outlines, values.shape[2], count)):
+    heights = np.concatenate([mesh.vertices[:, 2] for mesh in outlines.values()])
+    for position, k in enumerate(_levels(heights, values.shape[2], count)):
         axes = figure.add_subplot(rows, columns, position + 1)
         _draw_grey(axes, values[:, :, k], window, steps[1] / steps[0])
         for colour, mesh in zip(COLOURS, outlines.values()):
@@ -76,7 +77,8 @@ def slice_pictures(
     Args:
         values: (i, j, k) image.
         world_from_voxel: (4, 4), to the frame of the meshes.
-        meshes: surfaces in the world whose outlines are drawn; the slices spread over what they reach, or over all.
+        meshes: surfaces in the world whose outlines are drawn; the slices spread over what they reach, or over those
+            that are not of one value.
         count: how many slices at most.
         colours: of the outlines, `COLOURS` by default.
     """
@@ -85,11 +87,10 @@ def slice_pictures(
     outlines = [Mesh(_to_voxels(mesh.vertices, world_from_voxel), mesh.faces) for mesh in meshes.values()]
     steps = np.linalg.norm(world_from_voxel[:3, :3], axis=0)
     window = _window(values)
-    extent = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, values.shape[2] - 1.0]])
-    spread = dict(enumerate(outlines)) if outlines else {0: Mesh(extent, np.empty((0, 3), dtype=np.int64))}
+    reached = np.concatenate([mesh.vertices[:, 2] for mesh in outlines]) if outlines else _uneven(values)
     height = 2.0 * values.shape[1] * steps[1] / (values.shape[0] * steps[0])
     pictures = {}
-    for k in _levels(spread, values.shape[2], count):
+    for k in _levels(reached, values.shape[2], count):
         figure = Figure(figsize=(2.0, height))
         axes = figure.add_axes((0, 0, 1, 1))
         _draw_grey(axes, values[:, :, k], window, steps[1] / steps[0])
@@ -134,8 +135,13 @@ def _to_voxels(points_world: Array, world_from_voxel: Array) -> Array:
     return np.asarray(np.linalg.solve(world_from_voxel[:3, :3], offset.T).T, dtype=np.float64)
 
 
-def _levels(outlines: Mapping[Any, Mesh], size: int, count: int) -> list[int]:
-    heights = np.concatenate([mesh.vertices[:, 2] for mesh in outlines.values()])
+def _uneven(values: Array) -> Array:
+    """Numbers of the slices that are not of one value; of all where each is."""
+    found = np.flatnonzero(np.ptp(values, axis=(0, 1)) > 0)
+    return np.asarray(found if len(found) else np.arange(values.shape[2]), dtype=np.float64)
+
+
+def _levels(heights: Array, size: int, count: int) -> list[int]:
     low, high = max(0, int(np.ceil(heights.min()))), min(size - 1, int(np.floor(heights.max())))
     return sorted({int(k) for k in np.linspace(low, high, count).round()})
 

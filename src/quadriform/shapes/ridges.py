@@ -187,7 +187,7 @@ class _Search:
 
     @np.errstate(over="ignore", invalid="ignore")
     def value(self, index: Index, at: Array) -> Array:
-        """Half the squared distance (n,) of some targets; infinite far out on a sheet, where it is beyond all numbers."""
+        """Half the squared distance (n,) of some targets; infinite far out on a sheet, beyond the largest number."""
         points = self.placed(self.scaled(index, at)) + self.superquadric.translation
         far = (np.abs(points) > LARGEST).any(axis=1)
         points[far] = self.superquadric.translation

@@ -15,7 +15,7 @@ from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.mesh import Mesh
 
 ORANGE, BLUE, GREEN, PINK = COLOURS
-GREY = "#57606a"
+GREY, INK = "#57606a", "#1b1f24"
 BY_PAPER, BY_DEFAULT = BLUE, GREEN
 """One colour for each method, everywhere on the page."""
 PALETTE = 128

@@ -11,6 +11,7 @@ from quadriform.report.paper.remake import NONE, SIMILAR, Remake, Row, beside, l
 from quadriform.report.paper.subjects import Sparse, Subject, before, displacement_field
 
 METHODS = ('method="paper"', "default")
+MODELS = ("paper's model", "default's model")
 COLOURS = (drawing.BY_PAPER, drawing.BY_DEFAULT)
 
 WHEN = ("superellipsoid to data", "final model to data")
@@ -21,7 +22,7 @@ Tiles = list[tuple[str, Markup]]
 def crossing_superquadrics(material: Material) -> Remake:
     """Fig. 3."""
     subject = material.crossing
-    count = f"{len(subject.cloud)} points"
+    count = f"{len(subject.cloud):,} points"
     pictures = [(count, drawing.in_space(subject.cloud, count, drawing.cloud(subject.cloud)))]
     for fit, name, colour in zip(subject.fits, METHODS, COLOURS):
         title, mesh = f"superellipsoid, {name}", fit.model.superquadric().mesh(drawing.RESOLUTION)
@@ -39,7 +40,7 @@ def crossing_superquadrics(material: Material) -> Remake:
         [_row("error RMS of the superellipsoid", errors)],
         f"the superellipsoid is rough by both methods: {mm(errors[0])} and {mm(errors[1])} RMS, "
         f"{errors[0] / rms(radius):.1%} "
-        f"of the RMS radius by the paper's. The error of the default's is {beside(errors[1], errors[0])}.",
+        f"of the RMS radius by the paper's. The default's error is {beside(errors[1], errors[0])}.",
     )
 
 
@@ -147,7 +148,7 @@ def sparse_data(material: Material) -> Remake:
     sets = [sparse for sparse in (material.sparse, material.sparse_heart) if sparse is not None]
     pictures = [
         shown(
-            drawing.tiles(_sparse_pictures(sparse)),
+            drawing.tiles(_sparse_pictures(sparse), "thirds"),
             f"The {sparse.whole.name}: sparse points, and the final models of them and of all points.",
             sparse.whole.source,
         )
@@ -172,7 +173,7 @@ def _sparse_rows(sparse: Sparse) -> list[Row]:
     whole = sparse.whole
     rows: list[Row] = []
     for part, said in zip(sparse.parts, ("600 of 6,000", "900 of 6,000")):
-        count = f"{len(part.cloud)} of {len(whole.cloud):,}"
+        count = f"{len(part.cloud):,} of {len(whole.cloud):,}"
         rows.append((f"points, {whole.name}, {part.name}", said, count, count))
         apart = [sparse.apart(part, method) for method in (0, 1)]
         rows.append((f"RMS distance to the model of all points, {whole.name}, {part.name}", "similar", *map(mm, apart)))
@@ -191,18 +192,17 @@ def _sparse_verdict(sparse: Sparse) -> str:
 
 
 def _sparse_pictures(sparse: Sparse) -> Tiles:
-    window, whole = sparse.whole.cloud, sparse.whole
+    """A row for each cloud: its points and both models, all at one scale."""
+    rows = {part.name: part for part in sparse.parts} | {"all points": sparse.whole}
+    meshes = {
+        name: [fit.model.mesh(each.surface, drawing.RESOLUTION) for fit in each.fits] for name, each in rows.items()
+    }
+    window = np.concatenate([sparse.whole.cloud, *(mesh.vertices for pair in meshes.values() for mesh in pair)])
     pictures: Tiles = []
-    for part in sparse.parts:
-        title = f"{part.name}, {len(part.cloud)} points"
-        pictures.append((title, drawing.in_space(window, title, drawing.cloud(part.cloud, size=4))))
-        pictures += _models(part, part.name, window)
-    return pictures + _models(whole, f"all {len(whole.cloud):,} points", window)
-
-
-def _models(subject: Subject, name: str, window: Array) -> Tiles:
-    pictures = []
-    for fit, method, colour in zip(subject.fits, METHODS, COLOURS):
-        title, mesh = f"{name}, {method}", fit.model.mesh(subject.surface, drawing.RESOLUTION)
-        pictures.append((title, drawing.in_space(window, title, drawing.mesh(mesh, colour))))
+    for name, each in rows.items():
+        title = f"{name}, {len(each.cloud):,}"
+        pictures.append((title, drawing.in_space(window, title, drawing.cloud(each.cloud, size=4))))
+        for mesh, method, colour in zip(meshes[name], MODELS, COLOURS):
+            title = f"{name}, {method}"
+            pictures.append((title, drawing.in_space(window, title, drawing.mesh(mesh, colour))))
     return pictures

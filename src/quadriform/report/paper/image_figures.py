@@ -1,6 +1,6 @@
 """Figs. 13 to 18: slices of images, with the segmentation and the models over them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from markupsafe import Markup
@@ -9,7 +9,7 @@ from quadriform.fitting.result import flat, rms
 from quadriform.imaging.volume import Volume
 from quadriform.report.paper import drawing
 from quadriform.report.paper.material import Material
-from quadriform.report.paper.remake import NONE, Remake, Row, beside, mm, shown
+from quadriform.report.paper.remake import NONE, Remake, Row, beside, listed, mm, shown
 from quadriform.report.paper.scans import Scan
 from quadriform.report.parts import image
 from quadriform.report.slices import slice_pictures
@@ -30,7 +30,7 @@ def first_images(material: Material) -> Remake:
         "cross sections of two SPECT images in order; volumes of 64 x 64 x 64 and of 64 x 64 x 21 voxels (p. 47).",
         [_slices(scan) for scan in scans],
         [_size(scan, said) for scan, said in zip(scans, ("64 x 64 x 64", "64 x 64 x 21"))],
-        _which(scans[0], "the brain, fine and coarse"),
+        _which(scans, "the brain, fine and coarse"),
     )
 
 
@@ -39,35 +39,39 @@ def third_image(material: Material) -> Remake:
     scan = material.third
     return Remake(
         "Fig. 14",
-        "3D image of the left ventricle, X-ray scanner",
+        "3D image of the left ventricle, in the paper by X-rays",
         "p. 48",
         "cross sections of an image by the Dynamic Spatial Reconstructor, a fast CT scanner: 98 x 100 x 110 voxels of "
         "0.926 mm (p. 47).",
         [_slices(scan)],
         [_size(scan, "98 x 100 x 110")],
-        _which(scan, "a synthetic ventricle in an image of the same size, with blur and noise"),
+        _which([scan], "a synthetic ventricle in an image of the paper's size, with blur and noise"),
     )
 
 
 def _size(scan: Scan, said: str) -> Row:
-    size = " x ".join(map(str, scan.volume.values.shape))
-    return f"voxels, {scan.subject.name}", said, size, size
+    return f"voxels, {scan.subject.name}", said, *[_voxels(scan)] * 2
 
 
-def _which(scan: Scan, stand_in: str) -> str:
+def _which(scans: Sequence[Scan], other: str) -> str:
     """The paper's own images were never published."""
-    text = "the paper's images are not public."
-    return text + (
-        " These are other hearts." if scan.real else f" Without real data this page has a stand-in: {stand_in}."
-    )
+    sizes = listed([f"{_voxels(scan)} voxels of {_spacing(scan)} mm" for scan in scans])
+    instead = "of other hearts" if scans[0].real else f"of {other}, for no real data was given"
+    return f"the paper's images are not public. These are {instead}: {sizes}."
+
+
+def _voxels(scan: Scan) -> str:
+    return " x ".join(map(str, scan.volume.values.shape))
+
+
+def _spacing(scan: Scan) -> str:
+    return " x ".join(f"{step:.3g}" for step in scan.volume.spacing)
 
 
 def _slices(scan: Scan) -> Markup:
-    volume = scan.volume
-    spacing = " x ".join(f"{step:.3g}" for step in volume.spacing)
-    sizes = " x ".join(map(str, volume.values.shape))
-    tiles = _tiles(volume, {})
-    words = f"The {scan.subject.name}: {sizes} voxels of {spacing} mm; {len(tiles)} even cross sections."
+    tiles = _tiles(scan.volume, {})
+    words = f"The {scan.subject.name}: {_voxels(scan)} voxels of {_spacing(scan)} mm; {len(tiles)} even cross sections "
+    words += "of those that are not of one value."
     return shown(drawing.tiles(tiles, "small"), words, scan.subject.source)
 
 
@@ -94,9 +98,13 @@ def segmentation(material: Material) -> Remake:
     verdict = f"the chain gives {points} points: {scan.steps}."
     if scan.overlap is not None:
         rows.append(
-            ("Dice overlap with the authors' labels, which the chain does not use", NONE, *[f"{scan.overlap:.2f}"] * 2)
+            (
+                "Dice overlap in the region with the authors' labels, which the chain does not use",
+                NONE,
+                *[f"{scan.overlap:.2f}"] * 2,
+            )
         )
-        verdict += f" The segmented cavity overlaps the labels made by hand by {scan.overlap:.2f} (Dice)."
+        verdict += f" In the region the segmented cavity overlaps the labels by {scan.overlap:.2f} (Dice)."
     return Remake(
         "Fig. 17",
         "segmentation of the endocardium",
@@ -151,8 +159,8 @@ def _overlaid(name: str, which: str, page: str, what: str, scan: Scan) -> Remake
         f"{what}; 5 x 5 x 5 control points, 11 parameters, 30 iterations (p. 48). Agreement is shown, not measured.",
         [_overlay(scan, {"isosurface": (scan.outline, drawing.ORANGE)}), _overlay(scan, models)],
         _rows(scan),
-        f"the points are {mm(paper)} RMS from the paper's model and {mm(default)} from the default's, an error "
-        f"{beside(default, paper)}. The points: {scan.steps}. {scan.subject.note}",
+        f"the points are {mm(paper)} RMS from the paper's model and {mm(default)} from the default's; the error of the "
+        f"latter is {beside(default, paper)}. The points: {scan.steps}. {scan.subject.note}",
     )
 
 
@@ -161,6 +169,6 @@ def _rows(scan: Scan) -> list[Row]:
     rows: list[Row] = [(f"error RMS, {name}", NONE, *(mm(fit.rms) for fit in fits))]
     if scan.caps.any():
         measured = (mm(rms(flat(fit.residuals)[~scan.caps])) for fit in fits)
-        rows.append((f"the same without the lids where the image cuts the {name}", NONE, *measured))
+        rows.append((f"the same without the lids where the image or its region ends, {name}", NONE, *measured))
     rows.append((f"iterations, {name}", "30", *(str(fit.iterations) for fit in fits)))
     return [*rows, (f"warnings, {name}", NONE, *(", ".join(fit.warnings) or "none" for fit in fits))]

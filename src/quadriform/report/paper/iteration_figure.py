@@ -9,13 +9,14 @@ from quadriform.report.paper import drawing
 from quadriform.report.paper.convergence import LONGEST, SETTLED, STOP, Convergence
 from quadriform.report.paper.material import Material
 from quadriform.report.paper.remake import NONE, NOT, Remake, Row, beside, listed, mm, shown
-from quadriform.report.slices import COLOURS
 
 QUANTITIES = {
     "error": "least-squares error RMS, mm",
     "box_motion": "motion of the box RMS, mm",
     "surface_motion": "stop test: motion of the surface RMS, mm",
 }
+COLOURS = (drawing.ORANGE, drawing.PINK, drawing.GREY, drawing.INK)
+"""Of the sets of data: none of those of the two methods."""
 LEAST = 1e-6
 """Motions in mm below this are not drawn."""
 
@@ -68,8 +69,9 @@ def _distances(found: list[Convergence], label: str) -> Markup:
 
 def _rows(each: Convergence) -> list[Row]:
     name, subject = each.subject.name, each.subject
-    first, last = each.long.history[0], each.long.history[-1]
-    settled = "not reached" if each.converged is None else str(each.converged)
+    first, last, count = each.long.history[0], each.long.history[-1], each.long.iterations
+    settled = f"not by {LONGEST}" if each.converged is None else str(each.converged)
+    end = "at the stop test" if count < LONGEST else f"after {count} iterations, without the stop test being met"
     return [
         (
             f"distance RMS after {subject.paper.iterations} iterations, {name}",
@@ -78,9 +80,9 @@ def _rows(each: Convergence) -> list[Row]:
             mm(subject.default.rms),
         ),
         (
-            f"distance RMS at the stop test, {name}",
+            f"distance RMS {end}, {name}",
             NONE,
-            f"{mm(each.long.rms)} in {each.long.iterations}",
+            f"{mm(each.long.rms)} in {count}",
             mm(subject.default.rms),
         ),
         (f"least-squares error, first and last, {name}", "curve", f"{mm(first.error)}, {mm(last.error)}", NOT),
@@ -102,7 +104,6 @@ def _verdict(found: list[Convergence]) -> str:
     return (
         f"each set was iterated until the surface moved less than {STOP:g} of the RMS radius, at most {LONGEST} times. "
         f"{enough}; the error has converged after these numbers of iterations: {listed(settled)}. The distance of the "
-        f"points to the model compares both methods in the same measure, at the paper's last iteration. The "
-        f"default's is, "
-        f"on the {listed(compared)}."
+        f"points to the model compares both methods in the same measure, at the last of these iterations. By default "
+        f"it is, on the {listed(compared)}."
     )

@@ -12,6 +12,8 @@ from quadriform.fitting.superquadric.fit import fit_superquadric
 from quadriform.points import Array
 from quadriform.report.paper.subjects import Box
 from quadriform.shapes.barr import bend
+from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
 
 TRUE = (
@@ -56,7 +58,8 @@ def _bent(truth: Superquadric, curvature: float, box: Box, resolution: int) -> B
     surface = truth.grid(resolution)[0]
     points = examples.noisy(surface)
     found = fit_superquadric(points, truth.kind, "paper")
-    error = rms(found.superquadric.first_order_distance(surface))
+    alone = DeformableModel({"surface": found.superquadric}, ControlBox.around(found.superquadric))
+    error = rms(alone.distance(surface))
     moved = bend(points, curvature)
     fits = (
         fit(moved, kind=truth.kind, method="paper", box=box),

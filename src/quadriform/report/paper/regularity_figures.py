@@ -14,6 +14,8 @@ from quadriform.report.parts import table
 
 EQUIVALENT = 1.25
 """Two regularities are called equivalent when at equal errors their motions differ by less than this factor."""
+NEAR = 1.6
+"""The second picture of Fig. 12 ends at this multiple of the error at the estimated strength."""
 P9 = "springs, P9 as printed"
 OURS = "springs on the displacement, our variation"
 TRUNCATION = "truncated SVD, P8"
@@ -103,7 +105,7 @@ def error_and_motion(material: Material) -> Remake:
 
 
 def _numbers(values: Any) -> str:
-    return ", ".join(f"{value:.3g}" for value in values)
+    return ", ".join(f"{value:,.0f}" if value >= 1000 else f"{value:.3g}" for value in values)
 
 
 def _monotone(four: Curve) -> str:
@@ -126,7 +128,15 @@ def both_regularities(material: Material) -> Remake:
             axes.plot(each.error, each.moved, style, color=colour, markersize=4)
         axes.plot(trade.auto.rms, moved(trade.auto), "*", color=drawing.GREY, markersize=11)
 
-    picture = drawing.chart(draw, "motion of the box against the error", "error RMS, mm", "box moved RMS, mm", "log")
+    def draw_near(axes: Any) -> None:
+        draw(axes)
+        axes.set(xlim=(0.9 * trade.auto.rms, NEAR * trade.auto.rms))
+
+    labels = ("error RMS, mm", "box moved RMS, mm")
+    pictures = [
+        ("all settings", drawing.chart(draw, "motion of the box against the error", *labels, "log")),
+        ("the same, small errors", drawing.chart(draw_near, "motion of the box against small errors", *labels)),
+    ]
     key = [(name, colour) for name, _, _, colour in CURVES] + [("star: default, strength estimated", drawing.GREY)]
     words = "Motion of the box against the error for each regularity; the noise of the data is 0.5 mm."
     found = ratios(trade.svd, trade.springs_paper)
@@ -143,7 +153,7 @@ def both_regularities(material: Material) -> Remake:
         "p. 47",
         "the norm of the deformation of the box against the least-squares approximation error, a curve for "
         "regularization with SVD and one with a regularizing term (P9). The two methods are called equivalent.",
-        [shown(drawing.tiles([("motion against error", picture)], "one") + drawing.legend(key), words, SYNTHETIC)],
+        [shown(drawing.tiles(pictures, "charts") + drawing.legend(key), words, SYNTHETIC)],
         [
             ("motion with P9 over motion with SVD, at equal errors, least", "equivalent", low, NOT),
             ("motion with P9 over motion with SVD, at equal errors, most", "equivalent", high, NOT),
@@ -195,7 +205,7 @@ def outliers(material: Material) -> Remake:
     label = "error of the true surface RMS, mm"
     picture = drawing.chart(draw, label, "outliers, % of the points", label)
     key = drawing.legend([('method="paper"', drawing.BY_PAPER), ("default", drawing.BY_DEFAULT)])
-    words = f"Error of the true surface of a synthetic ventricle, 100 mm long, from {found.count} points with noise of "
+    words = f"Error of the true surface of a synthetic ventricle from {found.count:,} points with noise of "
     words += "0.5 mm, some of which were moved anywhere in a box half as large again."
     rows = [
         (f"error with {ratio:.0%} outliers", "claimed, not measured", mm(paper), mm(default))

@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from quadriform import examples
 from quadriform.fitting.fit import fit, refine
 from quadriform.fitting.inputs import ALONE
@@ -61,9 +63,12 @@ def measure_matchings(box: Box, resolution: int = 32) -> dict[str, Matching]:
     """Dense and sparse clouds by both directions; those of the ventricle against its true surface."""
     truth = examples.ventricle(resolution)
     noisy, crossing = examples.noisy(truth), examples.crossing_superquadrics(3 * resolution // 4)
+    fine = examples.ventricle(2 * resolution)
+    uneven = fine[np.sort(np.random.default_rng(2).choice(len(fine), len(truth), replace=False))]
     return {
         "dense: three crossing superquadrics": _matching(crossing, crossing, box),
         "dense: ventricle without noise": _matching(truth, truth, box),
+        "dense: ventricle without noise, points in random places": _matching(uneven, fine, box),
         "dense: ventricle, noise 0.5 mm": _matching(noisy, truth, box),
         "sparse: ventricle, noise 0.5 mm, three planes": _matching(examples.three_planes(noisy), truth, box),
     }

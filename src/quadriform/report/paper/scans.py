@@ -32,7 +32,7 @@ HUMAN_FILE = "human_lv_guidepoints/frames/GPFile_000.txt"
 NEEDED = (SPECT_FILE.format(1), SPECT_FILE.format(2), PIG_LABELS, PIG_IMAGE, HUMAN_FILE)
 """Files of a folder of real hearts."""
 
-EXACT = "This shape is one that a single box of 5 x 5 x 5 represents exactly; no real heart's is."
+EXACT = "Both walls of this shape were made by one box of 5 x 5 x 5 control points; those of a real heart were not."
 COARSER = 4
 """So many voxels along each axis become one in the coarse brain, which then has as many points as the paper's SPECT."""
 CAVITY_LABEL = 1
@@ -71,7 +71,8 @@ class Chain:
     def steps(self) -> str:
         """The chain in words."""
         where = "" if self.region is None else " in a region around the heart"
-        closing = f"closing by {self.closing} dilations and {self.closing} erosions"
+        s = "" if self.closing == 1 else "s"
+        closing = f"closing by {self.closing} dilation{s} and {self.closing} erosion{s}"
         return (
             f"threshold {self.said}{where}, largest component of {self.connectivity} neighbours, {closing}, isosurface"
         )
@@ -81,8 +82,9 @@ WHOLE_BRAIN = Chain("otsu", "of Otsu", closing=2)
 COARSE_BRAIN = Chain("otsu", "of Otsu", closing=1)
 SPECT_WALL = Chain(HALF, "half of the 99.9th percentile", ((17, 53), (12, 52), (10, 34)), closing=8)
 """The closing fills the cavity, so that the isosurface is the epicardium."""
-PIG_REGION: Region = ((48, 118), (40, 110), (2, 11))
-PIG_CAVITY = Chain(42.0, "42", PIG_REGION, closing=6, connectivity=6)
+PIG_REGION: Region = ((40, 118), (38, 112), (2, 10))
+PIG_CAVITY = Chain(60.0, "60", PIG_REGION, closing=2, connectivity=6)
+"""The cavity touches the region at its first and last slice only, where lids close it."""
 
 
 @dataclass(frozen=True)

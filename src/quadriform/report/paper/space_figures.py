@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 from markupsafe import Markup
+from numpy.typing import NDArray
 
 from quadriform.fitting.fit import refine
 from quadriform.fitting.result import Fit, rms
@@ -11,12 +12,18 @@ from quadriform.points import Array
 from quadriform.report.paper import drawing
 from quadriform.report.paper.material import Material
 from quadriform.report.paper.remake import NONE, SAME, Remake, Row, listed, mm, shown
-from quadriform.report.paper.subjects import Subject, Walls
+from quadriform.report.paper.subjects import Subject, Walls, before
 from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.model import DeformableModel
+
+Index = NDArray[np.int64]
 
 LINES = 17
 """Of the lattice along each axis."""
+WALL = 40
+"""Cells along a cube's edge of the meshes whose sections are drawn."""
+WALL_COLOURS = (drawing.ORANGE, drawing.PINK)
 SAMPLES = 21
 """Along each axis of the box, for the share of the space that is folded."""
 TRUNCATED = 0.512
@@ -63,8 +70,15 @@ def wall_verdict(walls: Walls) -> str:
         word = "on both walls" if all(better) else "on one wall only" if any(better) else "on neither wall"
         sentences.append(f"With {method} a box each is nearer by more than {SAME:.0%} {word}: {listed(parts)}.")
     counts = walls.together.paper.model.n_parameters, sum(s.paper.model.n_parameters for s in walls.alone.values())
-    why = " The default estimates a strength of regularisation for each fit: its two boxes need not be nearer."
-    return f"One box has {counts[0]} parameters, two have {counts[1]}. {' '.join(sentences)}{why} {walls.together.note}"
+    strengths = [f"{name} {subject.default.strength:.1e}" for name, subject in walls.alone.items()]
+    why = (
+        f"The default estimates the strength of its regularisation anew in each fit, "
+        f"{walls.together.default.strength:.1e} in one box and in a box each {listed(strengths)}: its two boxes need "
+        f"not be nearer."
+    )
+    return (
+        f"One box has {counts[0]} parameters, two have {counts[1]}. {' '.join(sentences)} {why} {walls.together.note}"
+    )
 
 
 def whole_space(material: Material) -> Remake:
@@ -75,12 +89,16 @@ def whole_space(material: Material) -> Remake:
         'method="paper", truncated': _truncated(subject, material.box).model,
         "default": subject.default.model,
     }
-    section = {name: _section(model) for name, model in models.items()}
-    rest = DeformableModel(subject.paper.model.surfaces, _at_rest(subject.paper.model.box))
-    pictures = [("undeformed box", _picture(_section(rest), "undeformed box"))]
-    pictures += [(name, _picture(found, name)) for name, found in section.items()]
+    rest = before(subject.paper.model)
+    pictures = [
+        (name, _picture(_section(model, rest.box), name)) for name, model in ({"undeformed box": rest} | models).items()
+    ]
+    key = drawing.legend(list(zip(subject.points, WALL_COLOURS)))
     folded = [_folded(model.box) for model in models.values()]
-    words = f"The {subject.name}: {LINES} x {LINES} lines in the middle plane of the box, and both walls in it."
+    words = (
+        f"The {subject.name}: {LINES} x {LINES} lines in a middle plane of the box, and both walls in it; lines end "
+    )
+    words += "with the picture."
     kept = round(TRUNCATED * int(np.prod(material.box)))
     return Remake(
         "Section 3.4.2",
@@ -88,7 +106,7 @@ def whole_space(material: Material) -> Remake:
         "p. 46",
         "a single free-form deformation of two surfaces gives a deformation field over the entire space, because it is "
         "volumetric. No figure shows it; an irregular box does not allow quantitative conclusions from it (section 4).",
-        [shown(drawing.tiles(pictures, "charts"), words, subject.source)],
+        [shown(drawing.tiles(pictures) + key, words, subject.source)],
         [
             ("volume of the box where det J <= 0, all singular values", NONE, f"{folded[0]:.1%}", f"{folded[2]:.1%}"),
             (
@@ -112,10 +130,6 @@ def _truncated(subject: Subject, box: tuple[int, int, int]) -> Fit:
     )
 
 
-def _at_rest(box: ControlBox) -> ControlBox:
-    return box.with_control_points(box.rest)
-
-
 def _in_box(box: ControlBox, local: Array) -> Array:
     """World points (n, 3) of the undeformed box from local coordinates (n, 3) in [0, 1]."""
     return np.asarray(box.origin + local @ box.edges)
@@ -128,36 +142,58 @@ def _folded(box: ControlBox) -> float:
     return float((np.linalg.det(box.jacobian(_in_box(box, local))) <= 0).mean())
 
 
-def _section(model: DeformableModel) -> tuple[list[Array], list[Array]]:
-    """Deformed lattice lines and sections of the surfaces in the plane of two edges of the box, (n, 2) each."""
+def _section(model: DeformableModel, like: ControlBox) -> tuple[list[Array], list[Array]]:
+    """Deformed lattice lines, (n, 2) each, and segments (m, 2, 2) of each surface, in a middle plane of the box.
+
+    The plane is spanned by the edges nearest to the first and the last of another box, and turned as they are.
+    """
     box = model.box
-    across, along = box.edges[0], box.edges[2]
-    plane = np.stack([across / np.linalg.norm(across), along / np.linalg.norm(along)], axis=1)
+    chosen, plane = _nearest_edges(box, like)
     fine, coarse = np.linspace(0, 1, 101), np.linspace(0, 1, LINES)
-    lines = [np.column_stack(pair) for at in coarse for pair in _both_ways(fine, np.full_like(fine, at))]
-    turn = np.linspace(-np.pi, np.pi, 181)
-    rays = np.column_stack([np.cos(turn), np.zeros_like(turn), np.sin(turn)])
-    walls = [surface.surface(rays) for surface in model.surfaces.values()]
-    deformed = [box.deform(_in_box(box, line)) for line in lines]
-    return [points @ plane for points in deformed], [box.deform(wall) @ plane for wall in walls]
+    lines = [_line(chosen[way], fine, at) for at in coarse for way in ([0, 1], [1, 0])]
+    middle, normal = box.origin + box.edges.sum(axis=0) / 2, np.cross(*plane.T)
+    cuts = [_cut(surface.mesh(WALL), normal, middle) for surface in model.surfaces.values()]
+    deformed = [box.deform(_in_box(box, line)) @ plane for line in lines]
+    return deformed, [(box.deform(cut.reshape(-1, 3)) @ plane).reshape(-1, 2, 2) for cut in cuts]
 
 
-def _both_ways(moving: Array, fixed: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
-    half = np.full_like(moving, 0.5)
-    return (moving, half, fixed), (fixed, half, moving)
+def _nearest_edges(box: ControlBox, like: ControlBox) -> tuple[Index, Array]:
+    """Numbers (2,) of the edges along the first and the last edge of another box; their directions (3, 2), turned."""
+    edges, others = (each.edges / np.linalg.norm(each.edges, axis=1, keepdims=True) for each in (box, like))
+    cosines = edges @ others[[0, 2]].T
+    last = int(np.abs(cosines[:, 1]).argmax())
+    first = max((k for k in range(3) if k != last), key=lambda k: abs(cosines[k, 0]))
+    chosen = np.array([first, last])
+    return chosen, (edges[chosen] * np.sign(cosines[chosen, [0, 1]])[:, None]).T
+
+
+def _line(axes: Index, moving: Array, fixed: float) -> Array:
+    """Local coordinates (n, 3) of a line along the first of two axes, at a place along the second, in the middle."""
+    local = np.full((len(moving), 3), 0.5)
+    local[:, axes[0]], local[:, axes[1]] = moving, fixed
+    return local
+
+
+def _cut(mesh: Mesh, normal: Array, point: Array) -> Array:
+    """Segments (m, 2, 3) where a plane cuts a mesh."""
+    from trimesh import Trimesh
+    from trimesh.intersections import mesh_plane
+
+    return np.asarray(mesh_plane(Trimesh(mesh.vertices, mesh.faces, process=False), normal, point))
 
 
 def _picture(section: tuple[list[Array], list[Array]], words: str) -> Markup:
+    from matplotlib.collections import LineCollection
+
     lines, walls = section
-    every = np.concatenate(walls)
+    every = np.concatenate([wall.reshape(-1, 2) for wall in walls])
     low, high = every.min(axis=0), every.max(axis=0)
     room = 0.15 * (high - low).max()
 
     def draw(axes: Any) -> None:
-        for line in lines:
-            axes.plot(*line.T, color=drawing.GREY, linewidth=0.6)
-        for wall, colour in zip(walls, (drawing.ORANGE, drawing.PINK)):
-            axes.plot(*wall.T, color=colour, linewidth=2)
+        axes.add_collection(LineCollection(lines, colors=drawing.GREY, linewidths=0.6))
+        for wall, colour in zip(walls, WALL_COLOURS):
+            axes.add_collection(LineCollection(list(wall), colors=colour, linewidths=2))
         axes.set(xlim=(low[0] - room, high[0] + room), ylim=(low[1] - room, high[1] + room))
 
     return drawing.plane(draw, words)

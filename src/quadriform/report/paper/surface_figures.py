@@ -5,7 +5,7 @@ from markupsafe import Markup
 
 from quadriform.report.paper import drawing
 from quadriform.report.paper.material import Material
-from quadriform.report.paper.remake import NONE, Remake, Row, beside, listed, mm, shown
+from quadriform.report.paper.remake import NONE, Remake, Row, beside, mm, shown
 from quadriform.report.paper.scans import Scan
 from quadriform.report.paper.space_figures import wall_rows, wall_verdict
 
@@ -30,9 +30,9 @@ def second_surface(material: Material) -> Remake:
 def third_surface(material: Material) -> Remake:
     """Fig. 21."""
     claim = (
-        "left the isosurface of the endocardium (10,000 points), right the parametric model (130 points), two view "
-        "points; compression ratio 77. One box for epicardium and endocardium together has a ratio of 154 (p. 48); two "
-        "boxes approximate better, one has half the parameters (3.4.2)."
+        "left the isosurface of the endocardium (10,000 points; 20,000 on p. 48), right the parametric model (130 "
+        "points), two view points; compression ratio 77. One box for epicardium and endocardium together has a ratio "
+        "of 154 (p. 48); two boxes approximate better, one has half the parameters (3.4.2)."
     )
     made = _surface("Fig. 21", "p. 51", claim, ("10,000", "77"), material.third, 2)
     walls = material.walls
@@ -50,9 +50,7 @@ def third_surface(material: Material) -> Remake:
 def _surface(name: str, page: str, claim: str, said: tuple[str, str], scan: Scan, views: int) -> Remake:
     fits, points = scan.subject.fits, len(scan.subject.cloud)
     errors = [fit.rms for fit in fits]
-    counts = listed([str(fit.model.n_parameters) for fit in fits])
-    ratios = listed([f"{fit.compression_ratio:.1f}" for fit in fits])
-    paper = fits[0].model.n_parameters
+    count, ratio = fits[0].model.n_parameters, fits[0].compression_ratio
     return Remake(
         name,
         f"isosurface and model, {scan.subject.name}",
@@ -60,10 +58,10 @@ def _surface(name: str, page: str, claim: str, said: tuple[str, str], scan: Scan
         claim,
         [_beside(scan, views)],
         _rows(scan, said),
-        f"{points:,} points are {3 * points:,} coordinates, and the models have {counts} parameters: ratios of "
-        f"{ratios}. "
-        f"The paper counts {paper} parameters as {paper / 3:.1f} points. The default's error at its ratio is "
-        f"{beside(errors[1], errors[0])} ({mm(errors[1])} and {mm(errors[0])}).",
+        f"{points:,} points are {3 * points:,} coordinates, and both models have {count} parameters: a ratio of "
+        f"{ratio:.1f}. {count} parameters are {count / 3:.1f} times three coordinates; the paper says 130 points for "
+        f"5 x 5 x 5 control points. The default's error at this ratio is {beside(errors[1], errors[0])} "
+        f"({mm(errors[1])} and {mm(errors[0])}).",
     )
 
 
@@ -79,7 +77,7 @@ def _rows(scan: Scan, said: tuple[str, str]) -> list[Row]:
 def _beside(scan: Scan, views: int) -> Markup:
     subject = scan.subject
     models = [fit.model.mesh(subject.surface, drawing.RESOLUTION) for fit in subject.fits]
-    meshes = dict(zip(("isosurface", 'model, method="paper"', "model, default"), (scan.outline, *models)))
+    meshes = dict(zip(("isosurface", "paper's model", "default's model"), (scan.outline, *models)))
     window = np.concatenate([mesh.vertices for mesh in meshes.values()])
     pictures = [
         (title, drawing.in_space(window, title, drawing.mesh(mesh, colour), view=view, inches=2.4))
