@@ -171,7 +171,7 @@ def race(folder, subjects):
 
 def overhead(folder, subjects):
     """Wall clock a unit on one worker, from the slope between two sizes, less the unit itself in this process."""
-    from quadriform.cohort.layout import settle
+    from quadriform.cohort.layout import ensure_layout
     from quadriform.cohort.manifest import option, read_manifest
     from quadriform.cohort.subject import Task, work
 
@@ -183,7 +183,7 @@ def overhead(folder, subjects):
     options = dict((name, option(name, value)) for name, value in (one.split("=") for one in TINY))
     listed, out = read_manifest(short, options), manifest.parent / "direct"
     out.mkdir()
-    layout = settle(out, listed, None, 1)
+    layout = ensure_layout(out, listed, None, 1)
     tasks = [Task(row, listed.folder, out, layout) for row in listed.rows()]
     work(tasks[0])
     begin = time.perf_counter()
@@ -220,14 +220,14 @@ def memory(folder, subjects):
 def plant(manifest, out):
     """The results of the first subject, as those of all."""
     from quadriform.cohort import subject
-    from quadriform.cohort.layout import settle
+    from quadriform.cohort.layout import ensure_layout
     from quadriform.cohort.manifest import option, read_manifest
-    from quadriform.cohort.sources import files_by_surface
+    from quadriform.cohort.subject_files import files_by_surface
 
     options = dict((name, option(name, value)) for name, value in (one.split("=") for one in TINY))
     listed = read_manifest(manifest, options)
     out.mkdir()
-    layout = settle(out, listed, None, 1)
+    layout = ensure_layout(out, listed, None, 1)
     first = None
     for row in listed.rows():
         task = subject.Task(row, listed.folder, out.absolute(), layout)
@@ -247,7 +247,7 @@ def plant(manifest, out):
 def lists(folder, subjects):
     """How long a list of many rows is checked, what memory that takes, and how long files are looked for."""
     from quadriform.cohort.manifest import read_manifest
-    from quadriform.cohort.sources import sight
+    from quadriform.cohort.subject_files import inspect_files
 
     few = make(folder / "lists", 200, 24)
     many = few.with_name("many.csv")
@@ -265,7 +265,7 @@ def lists(folder, subjects):
     tracemalloc.stop()
     begin = time.perf_counter()
     for row in listed.rows():
-        sight(row, listed.folder)
+        inspect_files(row, listed.folder)
     look = (time.perf_counter() - begin) / listed.subjects
     print(
         f"{subjects} rows are checked in {seconds:.1f} s and {peak / 2**20:.0f} MiB; files of a row found in", end=" "

@@ -8,8 +8,8 @@ import SimpleITK
 from dicom_made import write_segmentation, write_slice
 from numpy.testing import assert_allclose
 
+from quadriform.imaging.file_points import files_of
 from quadriform.imaging.reading import read_volume
-from quadriform.imaging.sources import files_of
 
 SPACING = (1.5, 1.2, 3.0)
 ORIGIN = (-12.0, 30.0, 7.0)

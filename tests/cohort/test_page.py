@@ -11,10 +11,10 @@ import pytest
 from cohort_made import TINY, listed
 
 from quadriform.cli.cohort_run import _record, _rows
-from quadriform.cohort import engines
-from quadriform.cohort.gates import overview
+from quadriform.cohort import executors
 from quadriform.cohort.layout import read_layout
 from quadriform.cohort.modes import write_modes
+from quadriform.cohort.overview import overview
 from quadriform.cohort.page import write_page
 from quadriform.cohort.run import Choices, run
 from quadriform.files import load
@@ -32,7 +32,7 @@ def ran(tmp_path_factory):
     points = np.load(spoilt)
     points[::2] = points.mean(axis=0) + 1.6 * (points[::2] - points.mean(axis=0))
     np.save(spoilt, points)
-    summary = run(cohort, folder / "out", partial(engines.given, ThreadPoolExecutor(1), 1), Choices(TINY))
+    summary = run(cohort, folder / "out", partial(executors.from_executor, ThreadPoolExecutor(1), 1), Choices(TINY))
     return folder / "out", summary
 
 

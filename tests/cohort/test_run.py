@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from cohort_made import TINY, differences, listed
 
-from quadriform.cohort import engines
+from quadriform.cohort import executors
 from quadriform.cohort.run import Choices, run
 from quadriform.cohort.stores import models
 from quadriform.errors import InputError, OptionError, OutputError
@@ -30,7 +30,7 @@ WORDS = ("--set", "box=2,2,2", "--set", "robust=no", "--set", "strength=1e-4")
 
 
 def one_thread():
-    return engines.given(ThreadPoolExecutor(1), 1)
+    return executors.from_executor(ThreadPoolExecutor(1), 1)
 
 
 @pytest.fixture(scope="module")
@@ -104,7 +104,7 @@ def test_measures_are_one_number_a_row(serial):
 
 
 def test_processes_give_the_same_bytes(cohort, serial, tmp_path):
-    run(cohort, tmp_path / "out", partial(engines.processes, 2), CHOICES)
+    run(cohort, tmp_path / "out", partial(executors.processes, 2), CHOICES)
     assert differences(serial[0], tmp_path / "out") == []
 
 
@@ -126,7 +126,7 @@ def test_dask_gives_the_same_bytes_although_a_worker_is_killed(cohort, serial, t
 
     @contextlib.contextmanager
     def with_an_accident():
-        with engines.cluster(None, 2) as started:
+        with executors.cluster(None, 2) as started:
             thread = threading.Thread(target=killing, args=(started.client,))
             thread.start()
             yield started
@@ -143,7 +143,7 @@ def test_dask_gives_the_same_bytes_although_a_worker_is_killed(cohort, serial, t
 def test_a_cluster_has_as_many_workers_as_were_asked_for(workers):
     """Whatever the number of cores; once the number was taken for the cluster's name."""
     pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
-    with engines.cluster(None, workers) as begun:
+    with executors.cluster(None, workers) as begun:
         assert len(begun.client.nthreads()) == workers
         kept = begun.client.run(os.environ.get, "MALLOC_TRIM_THRESHOLD_")
     assert all(int(least) > 1e8 for least in kept.values())
@@ -153,8 +153,8 @@ def test_a_cluster_has_as_many_workers_as_were_asked_for(workers):
 def test_a_cluster_that_is_there_is_found_by_its_address(tmp_path):
     distributed = pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
     cohort = listed(tmp_path, 3)
-    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=engines.LOCAL) as there:
-        summary = run(cohort, tmp_path / "out", partial(engines.cluster, there.scheduler_address, 0), CHOICES)
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=executors.LOCAL) as there:
+        summary = run(cohort, tmp_path / "out", partial(executors.cluster, there.scheduler_address, 0), CHOICES)
     assert summary.counts == {"fitted": 3}
 
 

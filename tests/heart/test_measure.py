@@ -11,9 +11,9 @@ from heart_made import SHARE, TIMES
 from quadriform.errors import OptionError, OutputError
 from quadriform.fitting.fit import refine
 from quadriform.heart.measure import measure
+from quadriform.heart.measures_table import write_measures
 from quadriform.heart.synthetic import CENTRE, TURN
 from quadriform.heart.synthetic_truth import true_measures, true_volume
-from quadriform.heart.table import write_measures
 from quadriform.motion.tracking import track
 
 OBSERVED = (

@@ -14,7 +14,7 @@ from quadriform.cli.main import main
 from quadriform.errors import FileFormatError, InputError, MaskError, OptionError, WarningKind
 from quadriform.files import sha256_of, write_mesh
 from quadriform.files.save_and_load import content_of
-from quadriform.imaging.sources import kind_of
+from quadriform.imaging.file_points import kind_of
 from quadriform.shapes.mesh import Mesh
 
 QUICK = {"box": (3, 3, 3), "strength": 1e-4}

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from quadriform.cli.screen import emit_json, emit_table, say
-from quadriform.cohort import engines, failures, modes, page, stores
-from quadriform.cohort.run import Choices, Summary, Told, run
-from quadriform.cohort.running import Engine
+from quadriform.cohort import executors, failures, modes, page, stores
+from quadriform.cohort.run import Choices, OnOutcome, Summary, run
+from quadriform.cohort.scheduling import WorkerPool
 from quadriform.cohort.subject import FAILED, FITTED, KEPT, Outcome
 from quadriform.errors import OptionError
 
@@ -47,21 +47,21 @@ def run_and_show(manifest: Path, output: Path, choices: Choices, asked: Asked, s
     return summary.counts[FAILED]
 
 
-def _engine(asked: Asked) -> Callable[[], AbstractContextManager[Engine]]:
+def _engine(asked: Asked) -> Callable[[], AbstractContextManager[WorkerPool]]:
     processes, workers, scheduler = asked
     if sum(one is not None for one in asked) > 1:
         raise OptionError("options --processes, --workers and --scheduler exclude each other; give one")
     if workers is None and scheduler is None:
-        return partial(engines.processes, processes or engines.cores())
+        return partial(executors.processes, processes or executors.cores())
     stores.needs("distributed")
-    return partial(engines.cluster, scheduler, workers or 0)
+    return partial(executors.cluster, scheduler, workers or 0)
 
 
 # --- on the way --------------------------------------------------------------------------------------------------
 
 
 @contextmanager
-def _telling(show_ids: bool) -> Iterator[Told]:
+def _telling(show_ids: bool) -> Iterator[OnOutcome]:
     """A bar with rate and time left on a terminal, a line now and then elsewhere; the first failures by line."""
     lines = 0
     with _bar() if sys.stderr.isatty() else _log() as show:

@@ -31,7 +31,7 @@ def deform(
     from quadriform.files.meshes import MESH_SUFFIXES
     from quadriform.files.points import POINT_SUFFIXES, read_point_set, write_points
     from quadriform.files.reading import naming, suffix_of
-    from quadriform.imaging.sources import marks_of, space_to_write
+    from quadriform.imaging.file_points import space_and_unit_of, space_to_write
     from quadriform.shapes.mesh import Mesh
     from quadriform.shapes.spaces import turn_between
 
@@ -44,7 +44,7 @@ def deform(
     carry = carrier.undeform if inverse else carrier.deform
     mesh = read_mesh(points) if as_mesh else None
     with naming(points):
-        turn = turn_to_model(points, marks_of(points, columns), (carrier.space, carrier.unit))
+        turn = turn_to_model(points, space_and_unit_of(points, columns), (carrier.space, carrier.unit))
         given = read_point_set(points, columns).in_metric_unit().points if mesh is None else mesh.vertices
         moved = carry(given @ turn.T)
     moved = moved @ turn_between(carrier.space, wanted).T

@@ -56,7 +56,7 @@ def fit(
     Several inputs, or a folder, give one model each in OUT/NAME/; a broken one does not stop the others.
     """
     from quadriform.cli.fit_run import plan, run_all, run_one
-    from quadriform.imaging.sources import ImageOptions
+    from quadriform.imaging.file_points import ImageOptions
 
     image = ImageOptions.parse(label, threshold, region, seed, closing, fill_holes, border, frame, affine)
     image = replace(image, columns=columns, unit=unit)

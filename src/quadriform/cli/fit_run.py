@@ -22,9 +22,9 @@ from quadriform.files.reading import naming
 from quadriform.files.result_folder import check_results, replaced_together
 from quadriform.fitting.inputs import ALONE
 from quadriform.fitting.result import Fit, flat
-from quadriform.imaging.fit_files import common_marks, fit_sources
+from quadriform.imaging.file_points import ImageOptions, Source, fits, kind_of, read_source, space_to_write
+from quadriform.imaging.fit_files import common_space_and_unit, fit_sources
 from quadriform.imaging.input_files import without_folders
-from quadriform.imaging.sources import ImageOptions, Source, fits, kind_of, read_source, space_to_write
 from quadriform.shapes.record import remarks
 
 Record = dict[str, Any]
@@ -202,7 +202,7 @@ def _page(job: Job, sources: Mapping[str, Source], found: Fit, record: Record) -
 
 
 def _fit(job: Job, sources: Mapping[str, Source], options: Mapping[str, Any]) -> Fit:
-    wanted = space_to_write(job.space, common_marks(sources)[0])
+    wanted = space_to_write(job.space, common_space_and_unit(sources)[0])
     with progress_bar(job.name) as progress:
         found = fit_sources(job.sources, sources, {**options, "progress": progress})
     return replace(found, model=found.model.in_space(wanted))

@@ -28,7 +28,7 @@ def info(
     from quadriform.cli.screen import emit_json, emit_table, tell
     from quadriform.files import sha256_of
     from quadriform.files.reading import naming
-    from quadriform.imaging.sources import files_of, kind_of
+    from quadriform.imaging.file_points import files_of, kind_of
     from quadriform.shapes.record import remarks
 
     with naming(file):

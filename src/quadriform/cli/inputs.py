@@ -6,12 +6,12 @@ import numpy as np
 
 from quadriform.cli.screen import say
 from quadriform.errors import FitError, InputError, Warnings
-from quadriform.imaging.sources import Marks
+from quadriform.imaging.file_points import SpaceAndUnit
 from quadriform.points import Array
 from quadriform.shapes.spaces import turn_between
 
 
-def turn_to_model(file: Path, marks: Marks, model: Marks) -> Array:
+def turn_to_model(file: Path, marks: SpaceAndUnit, model: SpaceAndUnit) -> Array:
     """The rotation (3, 3) from the frame of a file's points to that of a model; said where it is one. Unknown fits all.
 
     Raises:

@@ -8,18 +8,18 @@ from quadriform.cli.inputs import turn_to_model
 from quadriform.errors import InputError, OptionError
 from quadriform.files.guide_points import GuidePoints, is_guide_points, read_guide_point_frames, read_guide_points
 from quadriform.files.points import read_point_set
-from quadriform.imaging.sources import Marks, marks_of
+from quadriform.imaging.file_points import SpaceAndUnit, space_and_unit_of
 from quadriform.points import Array
 
 if TYPE_CHECKING:
     from quadriform.heart.base import Base
 
-CONTOURS: Marks = ("LPS", "mm")
+CONTOURS: SpaceAndUnit = ("LPS", "mm")
 FEWEST = 3
 """Mitral points that span a plane."""
 
 
-def read_base(words: Sequence[str], marks: Marks) -> "Base":
+def read_base(words: Sequence[str], marks: SpaceAndUnit) -> "Base":
     """What --base says, as `measure` takes it.
 
     Args:
@@ -43,7 +43,7 @@ def read_base(words: Sequence[str], marks: Marks) -> "Base":
     return _loop(Path(words[0]), marks)
 
 
-def read_contours(paths: Sequence[Path], frames: int, marks: Marks) -> tuple[list[Array], list[Array]]:
+def read_contours(paths: Sequence[Path], frames: int, marks: SpaceAndUnit) -> tuple[list[Array], list[Array]]:
     """Mitral points and RV insertions (n, 3) of every frame; there may be none of the second.
 
     Args:
@@ -65,11 +65,11 @@ def read_contours(paths: Sequence[Path], frames: int, marks: Marks) -> tuple[lis
     return mitral, [points.rv_inserts @ turn.T for points in read]
 
 
-def _loop(file: Path, marks: Marks) -> Array:
+def _loop(file: Path, marks: SpaceAndUnit) -> Array:
     """All points of a file, but of contours the mitral ones."""
     if is_guide_points(file):
         return _mitral(read_guide_points(file), file) @ turn_to_model(file, CONTOURS, marks).T
-    return read_point_set(file).in_metric_unit().points @ turn_to_model(file, marks_of(file), marks).T
+    return read_point_set(file).in_metric_unit().points @ turn_to_model(file, space_and_unit_of(file), marks).T
 
 
 def _mitral(points: GuidePoints, file: Path) -> Array:

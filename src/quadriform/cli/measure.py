@@ -49,7 +49,7 @@ def measure(
     from quadriform.files.atomic import check_writable
     from quadriform.files.reading import naming, suffix_of
     from quadriform.heart.measure import measure as measure_heart
-    from quadriform.heart.table import TABLE_SUFFIXES, write_measures
+    from quadriform.heart.measures_table import TABLE_SUFFIXES, write_measures
 
     if output is not None:
         suffix_of(output, TABLE_SUFFIXES, "a table of measures")

@@ -27,9 +27,9 @@ def report(
     from quadriform.files.moving_models import is_moving_model, read_moving_model
     from quadriform.files.reading import naming, suffix_of
     from quadriform.heart.base import base_rule
-    from quadriform.heart.frames import check_frames
+    from quadriform.heart.base_planes import base_planes
+    from quadriform.heart.heart_cycle import check_cycle
     from quadriform.heart.measure import measure
-    from quadriform.heart.planes import base_planes
     from quadriform.report.reports import model_report
     from quadriform.shapes.record import remarks_of
 
@@ -40,7 +40,7 @@ def report(
     if base or contours or "endo" in frames[0].surfaces:
         where, inserts = landmarks(base, contours or [], None, frames)
         measures = measure(frames, times, base=where, rv_inserts=inserts)
-        found = base_planes(check_frames(frames, times), base_rule(where, len(frames)), {})
+        found = base_planes(check_cycle(frames, times), base_rule(where, len(frames)), {})
         planes = None if where is None else [(plane.point, plane.direction) for plane in found if plane is not None]
     if strict:
         with naming(model):

@@ -13,7 +13,7 @@ from quadriform.errors import QuadriformError
 from quadriform.fitting.options import options_for
 from quadriform.fitting.result import Fit
 from quadriform.heart.measure import measure
-from quadriform.heart.table import Measures
+from quadriform.heart.measures_table import Measures
 from quadriform.imaging.volume import Volume
 from quadriform.motion.tracking import Track, track
 from quadriform.points import Array

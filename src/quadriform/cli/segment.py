@@ -32,8 +32,8 @@ def segment(
     from quadriform.files.atomic import check_writable, write_bytes
     from quadriform.files.label_maps import LABEL_SUFFIXES, encode_labels
     from quadriform.files.reading import naming
+    from quadriform.imaging.file_points import ImageOptions, kept_note, read_object
     from quadriform.imaging.segmentation import segment as segment_volume
-    from quadriform.imaging.sources import ImageOptions, kept_note, read_object
 
     suffix = next((suffix for suffix in LABEL_SUFFIXES if output.name.lower().endswith(suffix)), None)
     if suffix is None:

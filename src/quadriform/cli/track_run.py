@@ -20,9 +20,9 @@ from quadriform.files import save, sha256_of
 from quadriform.files.atomic import write_bytes
 from quadriform.files.reading import naming
 from quadriform.files.result_folder import check_results, replaced_together
-from quadriform.imaging.frame_sources import Frames, frame_files, keep_slices, read_frames
+from quadriform.imaging.file_points import files_of, space_to_write
+from quadriform.imaging.frame_series import FrameSeries, frame_files, keep_slices, read_frames
 from quadriform.imaging.input_files import input_files, title_of, without_folders
-from quadriform.imaging.sources import files_of, space_to_write
 from quadriform.shapes.record import remarks
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def follow(
 
 
 def _track(
-    frames: Frames,
+    frames: FrameSeries,
     shift_slices: bool,
     asked: str | None,
     options: dict[str, Any],

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from quadriform.cohort.manifest import Manifest
-from quadriform.cohort.sources import Sight, sight
+from quadriform.cohort.subject_files import FileSummary, inspect_files
 from quadriform.errors import InputError, OptionError, QuadriformError
 from quadriform.files.atomic import create_bytes
 from quadriform.files.models import parse_json
@@ -67,7 +67,7 @@ class Layout:
         return range((part - 1) * self.blocks // parts, part * self.blocks // parts)
 
 
-def settle(folder: Path, manifest: Manifest, space: str | None, parts: int) -> Layout:
+def ensure_layout(folder: Path, manifest: Manifest, space: str | None, parts: int) -> Layout:
     """The layout in the folder of the results, made where there is none yet; several processes get the same one.
 
     Args:
@@ -93,11 +93,11 @@ def settle(folder: Path, manifest: Manifest, space: str | None, parts: int) -> L
 
 
 def _planned(manifest: Manifest, space: str | None, parts: int) -> Layout:
-    seen = list(islice(_sights(manifest), 1))
+    seen = list(islice(_summaries(manifest), 1))
     if not seen:
         raise InputError(f"{quoted(manifest.path)}: no subject has files that can be read; paths are relative to it")
     first = seen[0]
-    frames = max(each.frames for each in _sights(manifest))
+    frames = max(each.frames for each in _summaries(manifest))
     block = max(1, min(LARGEST_BLOCK, -(-manifest.subjects // parts)))
     chunk = max(count for count in range(1, CHUNK + 1) if block % count == 0)  # whole chunks alone make a block
     return Layout(
@@ -113,11 +113,11 @@ def _planned(manifest: Manifest, space: str | None, parts: int) -> Layout:
     )
 
 
-def _sights(manifest: Manifest) -> Iterator[Sight]:
+def _summaries(manifest: Manifest) -> Iterator[FileSummary]:
     """What each subject's files show; those that show nothing fail later, and are then counted."""
     for row in manifest.rows():
         try:
-            yield sight(row, manifest.folder)
+            yield inspect_files(row, manifest.folder)
         except (QuadriformError, OSError):
             continue
 

@@ -11,9 +11,9 @@ import numpy as np
 from markupsafe import Markup
 
 from quadriform.cohort import failures
-from quadriform.cohort.gates import SHOWN, Overview, Verdict, overview
 from quadriform.cohort.layout import Layout
 from quadriform.cohort.modes import Modes
+from quadriform.cohort.overview import SHOWN, Overview, SubjectSummary, overview
 from quadriform.files.atomic import write_bytes
 from quadriform.report.page import Section, page, rendered, source
 from quadriform.report.parts import table
@@ -53,7 +53,7 @@ def _verdict(results: Path, layout: Layout, found: Overview) -> Section:
     if found.kinds:
         counted = [(kind, count, f"{100 * count / done:.1f} %") for kind, count in found.kinds.most_common()]
         body += table(("warning", "subjects", "share"), counted)
-    return Section("Verdict", body)
+    return Section("SubjectSummary", body)
 
 
 def _unit(layout: Layout) -> str:
@@ -116,7 +116,7 @@ def _of(found: Overview, quantity: str) -> str:
     return found.units.get(quantity, "").replace("unknown", "units").removeprefix("1")
 
 
-def _row(verdict: Verdict, shown: Sequence[str], surfaces: Sequence[str]) -> dict[str, Any]:
+def _row(verdict: SubjectSummary, shown: Sequence[str], surfaces: Sequence[str]) -> dict[str, Any]:
     status = "warned" if verdict.warnings else "ok"
     cells: list[tuple[str, Any]] = [(str(verdict.frames), verdict.frames)]
     cells += [_number(verdict.values.get(name)) for name in shown]

@@ -10,18 +10,18 @@ from pathlib import Path
 from typing import Any
 
 from quadriform.cohort import failures, stores
-from quadriform.cohort.layout import Layout, settle
+from quadriform.cohort.layout import Layout, ensure_layout
 from quadriform.cohort.manifest import Manifest, read_manifest
 from quadriform.cohort.measures import kinds_of
 from quadriform.cohort.modes import write_modes
 from quadriform.cohort.page import write_page
-from quadriform.cohort.running import Engine, completed
+from quadriform.cohort.scheduling import WorkerPool, completed
 from quadriform.cohort.subject import FAILED, MODEL, Failure, Outcome, Task, subject_folder, work
 from quadriform.errors import OptionError, OutputError
 from quadriform.files.atomic import check_folder, make_folder
 from quadriform.files.reading import quoted
 
-Told = Callable[[Outcome, int, int], None]
+OnOutcome = Callable[[Outcome, int, int], None]
 """Called with each outcome, how many there are now, and how many there will be."""
 
 
@@ -81,9 +81,9 @@ class Summary:
 def run(
     manifest: Path,
     results: Path,
-    engine: Callable[[], AbstractContextManager[Engine]],
+    engine: Callable[[], AbstractContextManager[WorkerPool]],
     choices: Choices,
-    told: Told = lambda _outcome, _done, _total: None,
+    told: OnOutcome = lambda _outcome, _done, _total: None,
 ) -> Summary:
     """Do the subjects of a list, or of a share of it.
 
@@ -103,7 +103,7 @@ def run(
     listed = read_manifest(manifest, choices.options)
     check_folder(results)
     make_folder(results)
-    layout = settle(results, listed, choices.space, choices.shard[1])
+    layout = ensure_layout(results, listed, choices.space, choices.shard[1])
     blocks = layout.share(*choices.shard)
     if not (choices.resume or choices.force):
         _refuse_done(results, listed, layout, blocks)
@@ -137,7 +137,7 @@ def _tasks(listed: Manifest, results: Path, layout: Layout, blocks: range, choic
             yield Task(row, listed.folder, results.absolute(), layout, choices.resume, choices.strict)
 
 
-def _outcomes(tasks: Iterator[Task], engine: Engine) -> Iterator[Outcome]:
+def _outcomes(tasks: Iterator[Task], engine: WorkerPool) -> Iterator[Outcome]:
     for task, result in completed(tasks, work, engine):
         if isinstance(result, Outcome):
             yield result

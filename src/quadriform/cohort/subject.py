@@ -19,7 +19,7 @@ from quadriform import __version__
 from quadriform.cohort.layout import Layout
 from quadriform.cohort.manifest import READING, Row
 from quadriform.cohort.measures import Measure, measures_of
-from quadriform.cohort.sources import files_by_surface, read_subject
+from quadriform.cohort.subject_files import files_by_surface, read_subject
 from quadriform.errors import FitError, InputError, OutputError, QuadriformError, join_warnings
 from quadriform.files import load, save, sha256_of
 from quadriform.files.atomic import make_folder, write_bytes
@@ -29,9 +29,9 @@ from quadriform.files.strict import Field
 from quadriform.fitting.fit import fit
 from quadriform.fitting.inputs import ALONE
 from quadriform.fitting.result import Fit
-from quadriform.imaging.frame_sources import Frames, keep_slices
+from quadriform.imaging.file_points import files_of
+from quadriform.imaging.frame_series import FrameSeries, keep_slices
 from quadriform.imaging.input_files import input_files, without_folders
-from quadriform.imaging.sources import files_of
 from quadriform.motion.tracking import Track, track
 from quadriform.points import Array
 from quadriform.shapes.mesh import Mesh
@@ -173,7 +173,7 @@ def _work(task: Task) -> Outcome:
         raise FitError("refused for its warnings: " + "; ".join(map(str, remarks(model.warnings))))
     record = replace(model.record, title=task.row.id, sources=input_files(files_by_surface(task.row, task.folder)))
     model = replace(model, input_sha256=sha256_of(read[0], *read[1:]), record=record)
-    numbers = numbers_of(model, task.layout)
+    numbers = parameters_of(model, task.layout)
     make_folder(task.target)
     write_bytes(task.target / RECORD, _record(key, measures, model.record), force=True)
     save(model, task.target / MODEL, force=True)  # the last: where it lies, the subject is done
@@ -183,7 +183,7 @@ def _work(task: Task) -> Outcome:
 # --- model -------------------------------------------------------------------------------------------------------
 
 
-def _modelled(frames: Frames, task: Task) -> tuple[AnyModel, tuple[Measure, ...]]:
+def _modelled(frames: FrameSeries, task: Task) -> tuple[AnyModel, tuple[Measure, ...]]:
     options = {name: value for name, value in task.row.options if name not in READING}
     several = len(frames.clouds) > 1
     unfit = [name for name in (ONE_FRAME if several else SEVERAL_FRAMES) if name in options]
@@ -193,7 +193,7 @@ def _modelled(frames: Frames, task: Task) -> tuple[AnyModel, tuple[Measure, ...]
     return make(frames, task, options)
 
 
-def _fitted(frames: Frames, task: Task, options: dict[str, Any]) -> tuple[AnyModel, tuple[Measure, ...]]:
+def _fitted(frames: FrameSeries, task: Task, options: dict[str, Any]) -> tuple[AnyModel, tuple[Measure, ...]]:
     clouds = frames.clouds[0]
     found = _with_reading(fit(clouds[ALONE] if clouds.keys() == {ALONE} else clouds, **options), frames)
     model = _marked(found.model, frames, task.layout)
@@ -201,7 +201,7 @@ def _fitted(frames: Frames, task: Task, options: dict[str, Any]) -> tuple[AnyMod
     return model, measures_of([model], np.zeros(1), [found.rms], about, model.record)
 
 
-def _followed(frames: Frames, task: Task, options: dict[str, Any]) -> tuple[AnyModel, tuple[Measure, ...]]:
+def _followed(frames: FrameSeries, task: Task, options: dict[str, Any]) -> tuple[AnyModel, tuple[Measure, ...]]:
     if options.pop("shift_slices", False):
         keep_slices(frames)
         options["slices"] = frames.slices
@@ -215,13 +215,13 @@ def _followed(frames: Frames, task: Task, options: dict[str, Any]) -> tuple[AnyM
     return model, measures_of(models, found.times, found.frame_rms, about, model.record)
 
 
-def _with_reading(found: FitOrTrack, frames: Frames) -> FitOrTrack:
+def _with_reading(found: FitOrTrack, frames: FrameSeries) -> FitOrTrack:
     """The same with the warnings and notes of reading the files before its own."""
     warnings = join_warnings(frames.warnings, found.warnings)
     return replace(found, warnings=warnings, notes=(*frames.notes, *found.notes))
 
 
-def _marked(model: Any, frames: Frames, layout: Layout) -> Any:
+def _marked(model: Any, frames: FrameSeries, layout: Layout) -> Any:
     """The model with its marks, in the frame of the cohort.
 
     Raises:
@@ -237,7 +237,7 @@ def _marked(model: Any, frames: Frames, layout: Layout) -> Any:
     return marked.in_space(layout.space)
 
 
-def numbers_of(model: AnyModel, layout: Layout) -> Numbers:
+def parameters_of(model: AnyModel, layout: Layout) -> Numbers:
     """The parameters of a model, in the order of the cohort.
 
     Raises:
@@ -301,7 +301,7 @@ def _kept(task: Task, key: str) -> Outcome | None:
         if isinstance(model, Mesh):
             return None
         measures = tuple(_measures(record.member("measures")))
-        return Outcome(task.row.number, task.row.id, KEPT, numbers_of(model, task.layout), measures)
+        return Outcome(task.row.number, task.row.id, KEPT, parameters_of(model, task.layout), measures)
     except (QuadriformError, ValueError):
         return None
 

@@ -49,7 +49,7 @@ class LongAxis:
         return BasePlane(self.apex + share * (self.base - self.apex), self.direction)
 
 
-def ends_of(model: DeformableModel, cavity: str, warnings: Warnings) -> Array:
+def cavity_ends(model: DeformableModel, cavity: str, warnings: Warnings) -> Array:
     """Ends (2, 3) of the cavity's longest semi-axis before deformation, the apex first.
 
     The apex is the narrower end: the outer quarter of the deformed axis holds less of the cavity there.
@@ -73,7 +73,7 @@ def ends_of(model: DeformableModel, cavity: str, warnings: Warnings) -> Array:
     return ends if low <= high else ends[::-1]
 
 
-def axis_below(model: DeformableModel, cavity: str, plane: BasePlane) -> LongAxis:
+def axis_to_base_plane(model: DeformableModel, cavity: str, plane: BasePlane) -> LongAxis:
     """The long axis when the base is known: from the farthest point of the cavity to the middle of the base.
 
     The middle is the centre of area of the cavity's section with the plane.

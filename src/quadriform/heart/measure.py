@@ -7,10 +7,10 @@ from numpy.typing import ArrayLike
 
 from quadriform.errors import OptionError, Warnings
 from quadriform.heart.base import Base, BaseRule, base_rule
+from quadriform.heart.base_planes import Planes, base_planes, long_axis
 from quadriform.heart.contours import contour_length
-from quadriform.heart.frames import Frames, check_frames
-from quadriform.heart.planes import Planes, base_planes, long_axis
-from quadriform.heart.table import Measures, Row
+from quadriform.heart.heart_cycle import HeartCycle, check_cycle
+from quadriform.heart.measures_table import Measures, Row
 from quadriform.heart.volumes import DENSITY, volume
 from quadriform.heart.wall_rows import wall_rows
 from quadriform.points import Array
@@ -46,7 +46,7 @@ def measure(
         OptionError, PointsError, DegenerateError: no cavity, swapped surfaces, times that do not increase, a base that
             leaves nothing, insertions that show no septum, a frame that is not there.
     """
-    frames = check_frames(models, times)
+    frames = check_cycle(models, times)
     rule = base_rule(base, len(frames.models))
     warnings = dict(frames.warnings)
     planes = base_planes(frames, rule, warnings)
@@ -70,7 +70,7 @@ def measure(
 
 
 def _ends(volumes: Array, ed: int | None) -> tuple[int, int | None]:
-    """Frames of end diastole and end systole."""
+    """Return the frames of end diastole and end systole."""
     n = len(volumes)
     if ed is not None and not 0 <= ed < n:
         raise OptionError(f"option ed={ed}: there is no such frame; expected 0 to {n - 1}")
@@ -93,7 +93,7 @@ def _inserts_at(rv_inserts: ArrayLike | Sequence[ArrayLike] | None, frame: int, 
     return sets[frame] if np.size(sets[frame]) else None
 
 
-def _contours(frames: Frames, rule: BaseRule, planes: Planes, warnings: Warnings) -> Array:
+def _contours(frames: HeartCycle, rule: BaseRule, planes: Planes, warnings: Warnings) -> Array:
     """Length (F,) of the endocardium's longitudinal contours in every frame, in the unit of the data."""
     lengths = []
     for number, (model, plane) in enumerate(zip(frames.models, planes)):
@@ -108,7 +108,9 @@ def _longitudinal(value: float, rule: BaseRule) -> Row:
     return Row("longitudinal strain", float(value), "%", how)
 
 
-def _volume_rows(frames: Frames, rule: BaseRule, planes: Planes, volumes: Array, ed: int, es: int | None) -> list[Row]:
+def _volume_rows(
+    frames: HeartCycle, rule: BaseRule, planes: Planes, volumes: Array, ed: int, es: int | None
+) -> list[Row]:
     to_ml = frames.millimetres**3 / 1000
     before = f"frame {ed} at {frames.times[ed]:g}"
     rows = [Row("end-diastolic volume", float(volumes[ed]), "ml", f"{before}, {rule.words}")]

@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quadriform.errors import WarningKind, Warnings
+from quadriform.heart.aha_segments import NAMES, AhaSegmentation
 from quadriform.heart.axis import LongAxis
 from quadriform.heart.base import BasePlane
-from quadriform.heart.frames import Frames
-from quadriform.heart.segments import NAMES, Segmentation17
+from quadriform.heart.heart_cycle import HeartCycle
+from quadriform.heart.measures_table import Row
 from quadriform.heart.strain import relative_lengthening
-from quadriform.heart.table import Row
 from quadriform.heart.twist import DEPTH, LEVELS
 from quadriform.heart.wall import Wall
 from quadriform.heart.wall_motion import MovingWall
@@ -34,7 +34,7 @@ class Contraction:
 
 
 def wall_rows(
-    frames: Frames,
+    frames: HeartCycle,
     plane: BasePlane | None,
     axis: LongAxis,
     ends: tuple[int, int | None],
@@ -81,17 +81,17 @@ def _wall(endo: Superquadric, epi: Superquadric, warnings: Warnings) -> Wall:
 
 
 def _segments(
-    frames: Frames, moving: MovingWall, ed: int, rv_inserts: ArrayLike | None, warnings: Warnings
+    frames: HeartCycle, moving: MovingWall, ed: int, rv_inserts: ArrayLike | None, warnings: Warnings
 ) -> dict[str, NDArray[np.bool_]]:
     """Which lines (n,) belong to each segment; those that hold no wall are left out."""
     if rv_inserts is None:
-        segments = Segmentation17.unanchored(moving.axis, frames.models[ed].surfaces["endo"])
+        segments = AhaSegmentation.unanchored(moving.axis, frames.models[ed].surfaces["endo"])
         warnings[WarningKind.UNANCHORED] = (
             "without RV insertion points the segments start at an arbitrary angle: their rings are right, their names "
             "are not"
         )
     else:
-        segments = Segmentation17.anchored(moving.axis, rv_inserts)
+        segments = AhaSegmentation.anchored(moving.axis, rv_inserts)
     numbers = segments.numbers(moving.box.deform(moving.wall.at(DEPTH)))
     there = moving.areas > 0
     label = "segment" if rv_inserts is not None else "unanchored segment"
@@ -100,7 +100,7 @@ def _segments(
 
 
 def _part_rows(
-    frames: Frames,
+    frames: HeartCycle,
     moving: MovingWall,
     contraction: Contraction | None,
     part: str,
@@ -141,7 +141,7 @@ def _strain_rows(moving: MovingWall, strain: Array, part: str, where: NDArray[np
     ]
 
 
-def _twist_rows(frames: Frames, moving: MovingWall, later: ControlBox, strain: Array, observed: bool) -> list[Row]:
+def _twist_rows(frames: HeartCycle, moving: MovingWall, later: ControlBox, strain: Array, observed: bool) -> list[Row]:
     """The four definitions."""
     twist = moving.slices.twist(later)
     shear = moving.mean(strain[..., 1, 2], moving.between_slices())
@@ -157,7 +157,7 @@ def _twist_rows(frames: Frames, moving: MovingWall, later: ControlBox, strain: A
     return [Row(name, value, unit, said + how, observed) for name, value, unit, how in found]
 
 
-def _curves(frames: Frames, moving: MovingWall) -> dict[str, Array]:
+def _curves(frames: HeartCycle, moving: MovingWall) -> dict[str, Array]:
     """Thickness (mm), strains (%) and twist (degrees) of the whole wall over the cycle."""
     everywhere = np.ones((len(moving.volumes), 1), dtype=bool)
     weights = moving.areas / moving.areas.sum()

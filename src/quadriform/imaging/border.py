@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from quadriform.points import Array
 
 
-def side_vectors(world_from_voxel: Array) -> Array:
+def face_area_vectors(world_from_voxel: Array) -> Array:
     """Area vectors of a voxel's three sides, rows (3, 3), each towards the next voxel along its axis."""
     a, b, c = world_from_voxel[:3, :3].T
     areas = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)])
@@ -22,7 +22,7 @@ def border_cut(inside: NDArray[Any], world_from_voxel: Array) -> str:
         inside: (i, j, k) bool, the object.
         world_from_voxel: (4, 4), for the areas of the voxels' sides.
     """
-    side_areas = np.linalg.norm(side_vectors(world_from_voxel), axis=1)
+    side_areas = np.linalg.norm(face_area_vectors(world_from_voxel), axis=1)
     faces, cut, total = [], 0.0, 0.0
     for axis, area in enumerate(side_areas):
         ends = {f"{end} {'ijk'[axis]}": int(inside.take(at, axis).sum()) for end, at in (("first", 0), ("last", -1))}

@@ -16,8 +16,8 @@ from quadriform.files.reading import PathLike, check_budget, quoted
 from quadriform.imaging.dicom_files import Folder, Series, decoding, examine, examine_folder
 from quadriform.imaging.dicom_headers import is_segmentation, n_images, planes_of
 from quadriform.imaging.dicom_segments import label_map
-from quadriform.imaging.frames import choose_frame, import_reader
-from quadriform.imaging.planes import LISTED, Plane, Stack, stack_planes
+from quadriform.imaging.dicom_stack import LISTED, ImagePlane, SliceStack, stack_slices
+from quadriform.imaging.reader_common import choose_frame, import_reader
 from quadriform.imaging.volume import Volume
 from quadriform.points import Array
 
@@ -121,13 +121,13 @@ def _left_out(folder: Folder) -> Warnings:
     }
 
 
-def _stack(path: Path, headers: "dict[Path, Dataset]", warnings: Warnings) -> Stack:
+def _stack(path: Path, headers: "dict[Path, Dataset]", warnings: Warnings) -> SliceStack:
     planes = []
     for file, header in headers.items():
         with decoding(file):
             planes += planes_of(header, file)
     try:
-        return stack_planes(planes, quoted(path))
+        return stack_slices(planes, quoted(path))
     except InputError as error:
         if not warnings:
             raise
@@ -166,7 +166,7 @@ def _bytes(header: "Dataset") -> int:
     return n_images(header) * int(header.Rows) * int(header.Columns) * int(header.get("BitsAllocated", 8)) // 8
 
 
-def _images(planes: tuple[Plane, ...]) -> Iterator[NDArray[Any]]:
+def _images(planes: tuple[ImagePlane, ...]) -> Iterator[NDArray[Any]]:
     """The pixels (columns, rows) of each plane; each file is read once, for the files of a frame are few or one."""
     scaled = any((plane.slope, plane.intercept) != (1.0, 0.0) for plane in planes)
     file, pixels, total = None, np.empty(0), 0

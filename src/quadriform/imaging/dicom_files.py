@@ -10,7 +10,7 @@ from typing import IO, TYPE_CHECKING
 from quadriform.errors import FileFormatError, InputError, QuadriformError
 from quadriform.files.reading import check_budget, check_readable, quoted
 from quadriform.imaging.dicom_headers import TAGS, n_images
-from quadriform.imaging.frames import import_reader
+from quadriform.imaging.reader_common import import_reader
 
 if TYPE_CHECKING:
     from pydicom import Dataset

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from quadriform.errors import AffineError, FileFormatError, MaskError
-from quadriform.imaging.planes import Plane
+from quadriform.imaging.dicom_stack import ImagePlane
 from quadriform.points import Array
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ TAGS = [
 """All that is read of a header; nothing in it is of the patient."""
 
 
-def planes_of(header: "Dataset", file: Path) -> list[Plane]:
+def planes_of(header: "Dataset", file: Path) -> list[ImagePlane]:
     """The planes of one file, in the order of its images.
 
     Raises:
@@ -88,8 +88,8 @@ def n_images(header: "Dataset") -> int:
     return int(header.get("NumberOfFrames") or 1)
 
 
-def _classic(header: "Dataset", file: Path) -> Plane:
-    return Plane(
+def _classic(header: "Dataset", file: Path) -> ImagePlane:
+    return ImagePlane(
         _numbers(header, "ImagePositionPatient", 3, file),
         *_steps(header, header, file),
         _size(header),
@@ -102,7 +102,7 @@ def _classic(header: "Dataset", file: Path) -> Plane:
     )
 
 
-def _enhanced(header: "Dataset", file: Path) -> list[Plane]:
+def _enhanced(header: "Dataset", file: Path) -> list[ImagePlane]:
     groups, shared = header.PerFrameFunctionalGroupsSequence, header.get("SharedFunctionalGroupsSequence") or [{}]
     if len(groups) != n_images(header):
         raise FileFormatError(f"{str(file)!r}: {n_images(header)} images, but {len(groups)} functional groups")
@@ -114,7 +114,7 @@ def _enhanced(header: "Dataset", file: Path) -> list[Plane]:
     planes = []
     for index in range(len(groups)):
         values, content = macro(index, "PixelValueTransformationSequence"), macro(index, "FrameContentSequence")
-        plane = Plane(
+        plane = ImagePlane(
             _numbers(macro(index, "PlanePositionSequence"), "ImagePositionPatient", 3, file),
             *_steps(macro(index, "PlaneOrientationSequence"), macro(index, "PixelMeasuresSequence"), file),
             _size(header),
@@ -130,7 +130,7 @@ def _enhanced(header: "Dataset", file: Path) -> list[Plane]:
     return planes
 
 
-def _nuclear(header: "Dataset", file: Path) -> list[Plane]:
+def _nuclear(header: "Dataset", file: Path) -> list[ImagePlane]:
     """Reconstructed slices: the first one's place is the detector's, the others follow along the normal."""
     n = n_images(header)
     for vector in ("EnergyWindowVector", "RRIntervalVector"):
@@ -145,7 +145,7 @@ def _nuclear(header: "Dataset", file: Path) -> list[Plane]:
     step = normal / np.linalg.norm(normal) * _numbers(header, "SpacingBetweenSlices", 1, file)
     origin, slot_ms = _numbers(place, "ImagePositionPatient", 3, file), _slot_ms(header)
     return [
-        Plane(
+        ImagePlane(
             origin + (slices[index] - 1) * step,
             along_row,
             along_column,

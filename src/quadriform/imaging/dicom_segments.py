@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from quadriform.errors import AffineError, FileFormatError, InputError, Warnings
 from quadriform.files.reading import check_budget, quoted
 from quadriform.imaging.dicom_headers import planes_of
-from quadriform.imaging.planes import ROUNDING, UNEVEN, Plane, check_alike
+from quadriform.imaging.dicom_stack import ROUNDING, UNEVEN, ImagePlane, check_alike
 from quadriform.imaging.segments import SegmentMap
 from quadriform.imaging.volume import Volume
 from quadriform.points import Array
@@ -96,7 +96,7 @@ def _number(header: "Dataset", index: int) -> int | None:
     return None
 
 
-def _grid(header: "Dataset", planes: list[Plane], file: Path) -> tuple[list[int], Array]:
+def _grid(header: "Dataset", planes: list[ImagePlane], file: Path) -> tuple[list[int], Array]:
     """The slice of each frame, from 0, and world from voxel (4, 4)."""
     first = planes[0]
     normal = np.cross(first.along_row, first.along_column)

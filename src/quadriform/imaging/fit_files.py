@@ -15,8 +15,8 @@ from quadriform.files.reading import sha256_of
 from quadriform.fitting import fit as fitting
 from quadriform.fitting.inputs import ALONE
 from quadriform.fitting.result import Fit
+from quadriform.imaging.file_points import ImageOptions, Source, SpaceAndUnit, files_of, read_source
 from quadriform.imaging.input_files import input_files, title_of, without_folders
-from quadriform.imaging.sources import ImageOptions, Marks, Source, files_of, read_source
 from quadriform.shapes.mesh import Mesh
 
 PathLike = str | os.PathLike[str]
@@ -87,7 +87,7 @@ def fit_sources(files: Files, sources: Mapping[str, Source], options: Mapping[st
         InputError: the surfaces differ in frame or unit.
         PointsError, DegenerateError, OptionError: the input cannot be fitted.
     """
-    space, unit = common_marks(sources)
+    space, unit = common_space_and_unit(sources)
     clouds = {name: source.cloud for name, source in sources.items()}
     alone = clouds.keys() == {ALONE}
     found = fitting.fit(clouds[ALONE] if alone else clouds, **options)
@@ -101,7 +101,7 @@ def fit_sources(files: Files, sources: Mapping[str, Source], options: Mapping[st
     return replace(found, model=model, warnings=warnings)
 
 
-def common_marks(sources: Mapping[str, Source]) -> Marks:
+def common_space_and_unit(sources: Mapping[str, Source]) -> SpaceAndUnit:
     """Return the frame of the world and the unit that all sources have.
 
     Raises:

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from quadriform.files import sha256_of
-from quadriform.imaging.sources import files_of
+from quadriform.imaging.file_points import files_of
 from quadriform.shapes.record import InputFile
 
 

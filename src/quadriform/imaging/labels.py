@@ -12,7 +12,7 @@ import numpy as np
 
 from quadriform.errors import InputError, MaskError, OptionError, choose
 from quadriform.files.reading import PathLike, quoted
-from quadriform.imaging.hollow import BACKGROUND, CAVITY, WALL, faces_between
+from quadriform.imaging.open_cavity import BACKGROUND, CAVITY, WALL, faces_between
 from quadriform.imaging.reading import read_volume
 from quadriform.imaging.segments import LISTED, Segment
 from quadriform.imaging.selection import Labels

@@ -24,8 +24,8 @@ from quadriform.errors import (
     Warnings,
 )
 from quadriform.imaging.formats import is_pair, pair_of
-from quadriform.imaging.frames import Size, choose_frame
 from quadriform.imaging.nifti_forms import choose_form, read_forms
+from quadriform.imaging.reader_common import Size, choose_frame
 from quadriform.imaging.segments import Segment
 from quadriform.imaging.volume import Volume
 from quadriform.points import Array

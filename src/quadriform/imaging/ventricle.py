@@ -6,9 +6,17 @@ from typing import Any
 import numpy as np
 
 from quadriform.errors import MaskError, OptionError, WarningKind, Warnings
-from quadriform.imaging.border import border_cut, side_vectors
-from quadriform.imaging.hollow import BACKGROUND, CAVITY, WALL, Tissue, base_of_hollow, faces_between, fill_hollow
+from quadriform.imaging.border import border_cut, face_area_vectors
 from quadriform.imaging.isosurface import height_of, isosurface
+from quadriform.imaging.open_cavity import (
+    BACKGROUND,
+    CAVITY,
+    WALL,
+    Tissue,
+    base_of_open_cavity,
+    faces_between,
+    fill_open_cavity,
+)
 from quadriform.imaging.segmentation import Component, Mask, Segmentation, segment
 from quadriform.imaging.selection import Labels, Percentile, Select
 from quadriform.imaging.thinning import thinned
@@ -120,9 +128,9 @@ def ventricle_from_perfusion(
     """
     found = segment(volume, select=select, region=region, component=component)
     inner = volume.crop(found.region)
-    tissue = fill_hollow(_inside(found), inner.world_from_voxel)
+    tissue = fill_open_cavity(_inside(found), inner.world_from_voxel)
     warnings = dict(found.warnings)
-    plane = base_of_hollow(tissue, inner.world_from_voxel) if base is None else _check_plane(base)
+    plane = base_of_open_cavity(tissue, inner.world_from_voxel) if base is None else _check_plane(base)
     shown, level = found.object_volume(), 0.5
     if found.threshold is not None:
         level = found.threshold
@@ -190,7 +198,7 @@ def _open_wall(tissue: Tissue, world_from_voxel: Array) -> Warnings:
 
 def _cut_face(cavity: Mask, inner: Volume) -> Plane | None:
     """Through the outermost voxel centres of the face of the image that cuts most of the cavity."""
-    areas = side_vectors(inner.world_from_voxel)
+    areas = face_area_vectors(inner.world_from_voxel)
     faces = [(axis, end) for axis in range(3) for end in (0, -1)]
     cuts = [float(cavity.take(end, axis).sum() * np.linalg.norm(areas[axis])) for axis, end in faces]
     if max(cuts) == 0:

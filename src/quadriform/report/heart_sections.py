@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 from markupsafe import Markup
 
-from quadriform.heart.table import Measures
+from quadriform.heart.measures_table import Measures
 from quadriform.report import charts
 from quadriform.report.page import Section
 from quadriform.report.parts import figure, table

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from quadriform.fitting.result import Fit
-from quadriform.heart.table import Measures
+from quadriform.heart.measures_table import Measures
 from quadriform.imaging.volume import Volume
 from quadriform.motion.tracking import Track
 from quadriform.points import Array

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from quadriform.imaging.selection import Labels
     from quadriform.imaging.volume import Volume
 
-Marks = tuple[str, str]
+SpaceAndUnit = tuple[str, str]
 """Frame of the world and unit, each maybe "unknown"."""
 
 FOUND = {"mesh": "a mesh", "points": "points"}
@@ -260,7 +260,7 @@ def kept_note(segmentation: "Segmentation") -> tuple[str, ...]:
     return (f"kept {kept} of {found} connected components; --seed chooses another",) if found > kept else ()
 
 
-def marks_of(path: Path, columns: str | None = None) -> Marks:
+def space_and_unit_of(path: Path, columns: str | None = None) -> SpaceAndUnit:
     """Frame of the world and unit of a mesh; of a table or an array the unit in the names of its columns."""
     kind = kind_of(path)
     if kind == "mesh":

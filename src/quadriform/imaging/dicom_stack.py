@@ -24,7 +24,7 @@ LISTED = 6
 
 
 @dataclass(frozen=True)
-class Plane:
+class ImagePlane:
     """One image of a series: where it lies in the world, when it was taken, and where its pixels are.
 
     Attributes:
@@ -62,7 +62,7 @@ class Plane:
 
 
 @dataclass(frozen=True)
-class Stack:
+class SliceStack:
     """Planes on a regular grid.
 
     Attributes:
@@ -71,12 +71,12 @@ class Stack:
         times: (frames,) ms, the mean trigger time of each frame; None where the headers have none.
     """
 
-    frames: tuple[tuple[Plane, ...], ...]
+    frames: tuple[tuple[ImagePlane, ...], ...]
     world_from_voxel: Array
     times: Array | None
 
 
-def stack_planes(planes: Sequence[Plane], where: str) -> Stack:
+def stack_slices(planes: Sequence[ImagePlane], where: str) -> SliceStack:
     """Sort the planes of one series by position, then by time.
 
     Times are trigger times, else acquisition times, else the scanner's count: the first that every plane has, and that
@@ -98,10 +98,10 @@ def stack_planes(planes: Sequence[Plane], where: str) -> Stack:
     affine = np.eye(4)
     first = slices[0][0]
     affine[:3] = np.column_stack([first.along_row, first.along_column, step, first.origin])
-    return Stack(tuple(zip(*slices, strict=True)), affine, times)
+    return SliceStack(tuple(zip(*slices, strict=True)), affine, times)
 
 
-def check_alike(planes: Sequence[Plane], where: str) -> None:
+def check_alike(planes: Sequence[ImagePlane], where: str) -> None:
     """Refuse planes of different sizes, orientations or spacings.
 
     Raises:
@@ -111,18 +111,22 @@ def check_alike(planes: Sequence[Plane], where: str) -> None:
     _refuse(where, "images of different sizes", planes, lambda plane: plane.size != first.size, lambda p: f"{p.size}")
     allowed = TURNED * min(np.linalg.norm(first.along_row), np.linalg.norm(first.along_column)) / max(first.size)
 
-    def turned(plane: Plane) -> bool:
+    def turned(plane: ImagePlane) -> bool:
         moved = (plane.along_row - first.along_row, plane.along_column - first.along_column)
         return bool(np.linalg.norm(moved, axis=1).max() > allowed)
 
-    def steps(plane: Plane) -> str:
+    def steps(plane: ImagePlane) -> str:
         return f"steps {plane.along_row.round(4).tolist()} and {plane.along_column.round(4).tolist()}"
 
     _refuse(where, "images of different orientations or pixel sizes", planes, turned, steps)
 
 
 def _refuse(
-    where: str, fault: str, planes: Sequence[Plane], differs: Callable[[Plane], bool], say: Callable[[Plane], str]
+    where: str,
+    fault: str,
+    planes: Sequence[ImagePlane],
+    differs: Callable[[ImagePlane], bool],
+    say: Callable[[ImagePlane], str],
 ) -> None:
     others = [plane for plane in planes if differs(plane)]
     if others:
@@ -132,7 +136,7 @@ def _refuse(
         )
 
 
-def _by_position(planes: Sequence[Plane], where: str) -> list[list[Plane]]:
+def _by_position(planes: Sequence[ImagePlane], where: str) -> list[list[ImagePlane]]:
     """Planes of the same place together, places in the order of the normal."""
     normal = np.cross(planes[0].along_row, planes[0].along_column)
     normal /= np.linalg.norm(normal)
@@ -154,7 +158,7 @@ def _by_position(planes: Sequence[Plane], where: str) -> list[list[Plane]]:
     return slices
 
 
-def _check_counts(slices: list[list[Plane]], where: str) -> None:
+def _check_counts(slices: list[list[ImagePlane]], where: str) -> None:
     counts = [len(group) for group in slices]
     usual = max(set(counts), key=counts.count)
     odd = [f"{len(group)} at {_at(group[0])} ({_names(group)})" for group in slices if len(group) != usual]
@@ -165,7 +169,7 @@ def _check_counts(slices: list[list[Plane]], where: str) -> None:
         )
 
 
-def _in_time(slices: list[list[Plane]], where: str) -> tuple[list[list[Plane]], Array | None]:
+def _in_time(slices: list[list[ImagePlane]], where: str) -> tuple[list[list[ImagePlane]], Array | None]:
     for key in ("trigger_time", "acquisition_time", "number"):
         times = np.array([[getattr(plane, key) for plane in group] for group in slices], dtype=np.float64)
         if not (np.isfinite(times).all() and all(len(set(row)) == len(row) for row in times.tolist())):
@@ -185,7 +189,7 @@ def _in_time(slices: list[list[Plane]], where: str) -> tuple[list[list[Plane]], 
     )
 
 
-def _check_phases(times: Array, slices: list[list[Plane]], where: str) -> None:
+def _check_phases(times: Array, slices: list[list[ImagePlane]], where: str) -> None:
     """Refuse slices of which different frames are missing: the counts are equal, the phases of the cycle are not.
 
     Heart rates differ from breath-hold to breath-hold, so it is the share of each slice's own span that must agree,
@@ -206,7 +210,7 @@ def _check_phases(times: Array, slices: list[list[Plane]], where: str) -> None:
         )
 
 
-def _step(slices: list[list[Plane]], where: str) -> Array:
+def _step(slices: list[list[ImagePlane]], where: str) -> Array:
     """The vector from slice to slice, when it is one."""
     origins = np.array([group[0].origin for group in slices])
     steps = np.diff(origins, axis=0)
@@ -225,10 +229,10 @@ def _step(slices: list[list[Plane]], where: str) -> Array:
     return np.asarray((origins[-1] - origins[0]) / (len(origins) - 1))
 
 
-def _names(planes: Sequence[Plane]) -> str:
+def _names(planes: Sequence[ImagePlane]) -> str:
     more = f" and {len(planes) - LISTED} more" if len(planes) > LISTED else ""
     return ", ".join(plane.name for plane in planes[:LISTED]) + more
 
 
-def _at(plane: Plane) -> str:
+def _at(plane: ImagePlane) -> str:
     return f"({', '.join(f'{value:.2f}' for value in plane.origin)})"

@@ -10,12 +10,12 @@ from quadriform.errors import InputError
 from quadriform.files.frame_numbers import frame_numbers, natural
 from quadriform.files.guide_points import is_guide_points, read_guide_point_frames
 from quadriform.fitting.inputs import ALONE
-from quadriform.imaging.frame_sources import Frames, frame_files, read_frames
-from quadriform.imaging.sources import ImageOptions, files_of, kind_of, marks_of, read_source
+from quadriform.imaging.file_points import ImageOptions, files_of, kind_of, read_source, space_and_unit_of
+from quadriform.imaging.frame_series import FrameSeries, frame_files, read_frames
 
 
 @dataclass(frozen=True)
-class Sight:
+class FileSummary:
     """What the files of a subject show before they are read.
 
     Attributes:
@@ -55,8 +55,8 @@ def _check_same_numbers(found: dict[str, list[Path]]) -> None:
             raise InputError(f"the frames of {name} are numbered {theirs}, those of {first[0]} {first[1]}")
 
 
-def sight(row: Row, folder: Path) -> Sight:
-    """Frames, surfaces and marks of a subject.
+def inspect_files(row: Row, folder: Path) -> FileSummary:
+    """Return frames, surfaces, space and unit of a subject.
 
     Raises:
         QuadriformError: the files are not there, or the header of an image cannot be read.
@@ -72,11 +72,11 @@ def sight(row: Row, folder: Path) -> Sight:
         count = len(read_guide_point_frames(files))
     names = tuple(name for name, _ in row.surfaces) or (("endo", "epi") if contours else (ALONE,))
     placed = "unknown" if image and row.reading["affine"] == "pixdim" else "LPS"
-    marks = (placed, "mm") if image or contours else marks_of(files[0], row.reading["columns"])
-    return Sight(count, names, *marks)
+    marks = (placed, "mm") if image or contours else space_and_unit_of(files[0], row.reading["columns"])
+    return FileSummary(count, names, *marks)
 
 
-def read_subject(row: Row, folder: Path) -> tuple[Frames, list[Path]]:
+def read_subject(row: Row, folder: Path) -> tuple[FrameSeries, list[Path]]:
     """The points of all frames, and the files that were read.
 
     Raises:
@@ -92,8 +92,8 @@ def read_subject(row: Row, folder: Path) -> tuple[Frames, list[Path]]:
     return frames, list(dict.fromkeys(every))
 
 
-def _read_by_surface(found: dict[str, list[Path]], options: ImageOptions) -> Frames:
-    frames = Frames()
+def _read_by_surface(found: dict[str, list[Path]], options: ImageOptions) -> FrameSeries:
+    frames = FrameSeries()
     for files in zip(*found.values()):
         sources = {name: read_source(file, options) for name, file in zip(found, files)}
         marks = {(source.space, source.unit) for source in sources.values()}

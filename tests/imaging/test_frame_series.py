@@ -1,11 +1,11 @@
-"""Frames from files: what is refused, and warnings of several files."""
+"""FrameSeries from files: what is refused, and warnings of several files."""
 
 import nibabel
 import numpy as np
 import pytest
 
 from quadriform.errors import InputError, OptionError, PointsError
-from quadriform.imaging.frame_sources import Frames, frame_files, read_frames
+from quadriform.imaging.frame_series import FrameSeries, frame_files, read_frames
 
 CLOUD = np.random.default_rng(1).normal(size=(20, 3))
 
@@ -106,7 +106,7 @@ def test_frames_in_different_frames_of_the_world_are_refused(tmp_path):
 
 
 def test_warnings_of_one_kind_are_joined_and_said_once():
-    frames = Frames()
+    frames = FrameSeries()
     for text in ("the first", "the second", "the first"):
         frames.add_warnings({"PRECISION_LOSS": text})
     assert frames.warnings == {"PRECISION_LOSS": "the first; the second"}

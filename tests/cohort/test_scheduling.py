@@ -5,8 +5,8 @@ from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecu
 import pytest
 from cohort_made import doubled
 
-from quadriform.cohort.engines import AHEAD, given, processes
-from quadriform.cohort.running import completed
+from quadriform.cohort.executors import AHEAD, given, processes
+from quadriform.cohort.scheduling import completed
 
 
 def test_every_task_comes_back_once_with_its_result_or_error():
@@ -67,17 +67,17 @@ class Silent(Executor):
 
 
 def test_units_that_a_broken_executor_is_silent_about_are_done_again():
-    class Engine:
+    class WorkerPool:
         def __init__(self):
             self.executor = Silent()
 
-        def capacity(self):
+        def max_pending(self):
             return 3
 
-        def renew(self):
+        def restart(self):
             self.executor = ThreadPoolExecutor(1)
 
-    engine = Engine()
+    engine = WorkerPool()
     found = list(completed(range(10, 20), doubled, engine))
     engine.executor.shutdown()
     assert sorted(found) == [(task, 2 * task) for task in range(10, 20)]

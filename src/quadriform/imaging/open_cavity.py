@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.errors import MaskError
-from quadriform.imaging.border import side_vectors
+from quadriform.imaging.border import face_area_vectors
 from quadriform.imaging.segmentation import Mask
 from quadriform.points import Array
 
@@ -16,7 +16,7 @@ ENCLOSED = 0.5
 """At least this share of a cavity's surface is wall; less is a dent."""
 
 
-def fill_hollow(wall: Mask, world_from_voxel: Array) -> Tissue:
+def fill_open_cavity(wall: Mask, world_from_voxel: Array) -> Tissue:
     """Which voxels are background, wall and cavity.
 
     The cavity is found in what the convex hull adds to the wall: the largest balls there, at least half as wide as
@@ -56,7 +56,7 @@ def fill_hollow(wall: Mask, world_from_voxel: Array) -> Tissue:
 def faces_between(tissue: Tissue, one: int, other: int, world_from_voxel: Array) -> tuple[Array, Array]:
     """Sides of voxels between two tissues: their middles (n, 3) and area vectors (n, 3) from `one` to `other`."""
     middles, areas = [], []
-    for axis, area in enumerate(side_vectors(world_from_voxel)):
+    for axis, area in enumerate(face_area_vectors(world_from_voxel)):
         low, high = np.delete(tissue, -1, axis), np.delete(tissue, 0, axis)
         for first, second, sign in ((one, other, 1.0), (other, one, -1.0)):
             voxels = np.argwhere((low == first) & (high == second)) + 0.5 * (np.arange(3) == axis)
@@ -65,7 +65,7 @@ def faces_between(tissue: Tissue, one: int, other: int, world_from_voxel: Array)
     return np.concatenate(middles), np.concatenate(areas)
 
 
-def base_of_hollow(tissue: Tissue, world_from_voxel: Array) -> tuple[Array, Array]:
+def base_of_open_cavity(tissue: Tissue, world_from_voxel: Array) -> tuple[Array, Array]:
     """The plane across the mouth of a hollow, half the thickest wall below it, and the unit direction out of it.
 
     That much lower the rim, where the inner surface turns into the outer one, is behind the plane.

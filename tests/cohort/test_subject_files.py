@@ -6,10 +6,10 @@ import nibabel
 import numpy as np
 import pytest
 
-from quadriform.cohort.layout import Layout, read_layout, settle
+from quadriform.cohort.layout import Layout, ensure_layout, read_layout
 from quadriform.cohort.manifest import read_manifest
-from quadriform.cohort.sources import sight
 from quadriform.cohort.subject import Task, work
+from quadriform.cohort.subject_files import inspect_files
 from quadriform.errors import FileFormatError, InputError
 from quadriform.files import load, write_mesh
 from quadriform.heart.synthetic import SyntheticVentricle
@@ -72,7 +72,7 @@ def test_a_header_that_contradicts_itself_is_read_as_the_row_says(one, tmp_path)
         assert found.failure is None
         volume = next(m.value for m in found.measures if m.quantity == "volume surface")
         assert volume == pytest.approx(4 / 3 * np.pi * (7 * edge) ** 3, rel=0.05)
-        assert sight(next(read_manifest(tmp_path / "list.csv", FAST).rows()), tmp_path).space == space
+        assert inspect_files(next(read_manifest(tmp_path / "list.csv", FAST).rows()), tmp_path).space == space
 
 
 def test_files_for_each_wall(one, tmp_path):
@@ -112,7 +112,7 @@ def test_columns_of_arrays_are_named_by_the_row(one, tmp_path, by_wall):
     assert one(cells).failure.kind == "ColumnsError"
     listed = tmp_path / "list.csv"
     listed.write_text(f'id,input,surface,columns\n{cells},"z,y,x,r,g,b"\n', encoding="utf-8")
-    assert sight(next(read_manifest(listed, {}).rows()), tmp_path).unit == "unknown"
+    assert inspect_files(next(read_manifest(listed, {}).rows()), tmp_path).unit == "unknown"
 
 
 @pytest.mark.parametrize(
@@ -144,10 +144,10 @@ def test_files_are_looked_at_before_they_are_read(tmp_path):
     path.write_text("id,input\na,*.npy\nb,missing.npy\n", encoding="utf-8")
     listed = read_manifest(path, {})
     rows = list(listed.rows())
-    assert sight(rows[0], tmp_path).frames == 3
+    assert inspect_files(rows[0], tmp_path).frames == 3
     with pytest.raises(InputError, match="no such file"):
-        sight(rows[1], tmp_path)
-    assert settle(tmp_path, listed, None, 1).frames == 3
+        inspect_files(rows[1], tmp_path)
+    assert ensure_layout(tmp_path, listed, None, 1).frames == 3
 
 
 def test_a_damaged_layout_is_refused(tmp_path):

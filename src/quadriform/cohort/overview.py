@@ -17,7 +17,7 @@ VOLUME = "volume "
 
 
 @dataclass(frozen=True, order=True)
-class Verdict:
+class SubjectSummary:
     """One subject, in the order of trouble: warnings first, then distance.
 
     Attributes:
@@ -53,7 +53,7 @@ class Overview:
         units: of the quantities.
     """
 
-    worst: list[Verdict]
+    worst: list[SubjectSummary]
     kinds: Counter[str]
     warned: int
     rms: array
@@ -69,7 +69,7 @@ def overview(results: Path, most: int) -> Overview:
     """
     found = Overview([], Counter(), 0, array("d"), {})
 
-    def told() -> Iterator[Verdict]:
+    def told() -> Iterator[SubjectSummary]:
         for verdict in _verdicts(results, found.units):
             found.kinds.update(verdict.warnings.keys())
             found.warned += bool(verdict.warnings)
@@ -80,7 +80,7 @@ def overview(results: Path, most: int) -> Overview:
     return found
 
 
-def _verdicts(results: Path, units: dict[str, str]) -> Iterator[Verdict]:
+def _verdicts(results: Path, units: dict[str, str]) -> Iterator[SubjectSummary]:
     for part in parts(results):
         for name, rows in groupby(read_measures(part), key=lambda row: row["subject"]):
             warnings, notes, values = {}, [], {}
@@ -100,4 +100,4 @@ def _verdicts(results: Path, units: dict[str, str]) -> Iterator[Verdict]:
                     frames = max(frames, row["frame"] + 1)
                 elif row["frame"] is None:
                     values[quantity] = value
-            yield Verdict(len(warnings), values["rms"], name, warnings, tuple(notes), values, volumes, frames)
+            yield SubjectSummary(len(warnings), values["rms"], name, warnings, tuple(notes), values, volumes, frames)

@@ -11,7 +11,7 @@ from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from typing import Any
 
-from quadriform.cohort.running import Engine
+from quadriform.cohort.scheduling import WorkerPool
 from quadriform.errors import InputError
 
 AHEAD = 3
@@ -34,20 +34,20 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-class _Given:
+class _GivenExecutor:
     """An executor of the caller's."""
 
     def __init__(self, executor: Executor, workers: int) -> None:
         self.executor, self.workers = executor, workers
 
-    def capacity(self) -> int:
+    def max_pending(self) -> int:
         return AHEAD * self.workers
 
-    def renew(self) -> None:
+    def restart(self) -> None:
         raise BrokenExecutor("the executor broke, and there is no other; resume the run")
 
 
-class _Processes:
+class _ProcessPool:
     """Processes of this machine, begun anew when one of them dies."""
 
     def __init__(self, workers: int) -> None:
@@ -58,28 +58,28 @@ class _Processes:
         fresh = multiprocessing.get_context("spawn")  # a fork would copy the threads' locks as they are
         return ProcessPoolExecutor(self.workers, mp_context=fresh, initializer=_in_a_worker)
 
-    def capacity(self) -> int:
+    def max_pending(self) -> int:
         return AHEAD * self.workers
 
-    def renew(self) -> None:
+    def restart(self) -> None:
         self.executor.shutdown(wait=True, cancel_futures=True)
         self.executor = self._begun()
 
 
-class _Cluster:
-    """Workers of dask.distributed; their number may change. A unit whose worker died is given to another by dask."""
+class _DaskCluster:
+    """Workers of dask.distributed; their number may change. A unit whose worker died is resubmitted by dask."""
 
     def __init__(self, client: Any) -> None:
         self.client = client
         self.executor: Executor = client.get_executor(pure=False)
         self._workers, self._asked = 1, -GLANCE
 
-    def capacity(self) -> int:
+    def max_pending(self) -> int:
         if time.monotonic() - self._asked > GLANCE:
             self._workers, self._asked = max(1, sum(self.client.nthreads().values())), time.monotonic()
         return AHEAD * self._workers
 
-    def renew(self) -> None:
+    def restart(self) -> None:
         raise BrokenExecutor("the cluster is gone; resume the run with another")
 
 
@@ -98,15 +98,15 @@ def _die_with(parent: Any) -> None:
 
 
 @contextmanager
-def given(executor: Executor, workers: int) -> Iterator[Engine]:
+def from_executor(executor: Executor, workers: int) -> Iterator[WorkerPool]:
     """Any executor with so many workers; it stays open."""
-    yield _Given(executor, workers)
+    yield _GivenExecutor(executor, workers)
 
 
 @contextmanager
-def processes(workers: int) -> Iterator[Engine]:
+def processes(workers: int) -> Iterator[WorkerPool]:
     """So many processes of this machine."""
-    engine = _Processes(workers)
+    engine = _ProcessPool(workers)
     try:
         yield engine
     finally:
@@ -114,7 +114,7 @@ def processes(workers: int) -> Iterator[Engine]:
 
 
 @contextmanager
-def cluster(address: str | None, workers: int) -> Iterator[Engine]:
+def cluster(address: str | None, workers: int) -> Iterator[WorkerPool]:
     """A cluster of dask.distributed: the one at an address, or a local one of so many workers.
 
     Raises:
@@ -130,7 +130,7 @@ def cluster(address: str | None, workers: int) -> Iterator[Engine]:
             LocalCluster(**local, silence_logs=logging.ERROR) as begun,
             Client(begun) as client,
         ):
-            yield _Cluster(client)
+            yield _DaskCluster(client)
         return
     try:
         client = Client(address, timeout=30)
@@ -139,4 +139,4 @@ def cluster(address: str | None, workers: int) -> Iterator[Engine]:
             f"option --scheduler={address!r}: no scheduler of dask.distributed answers: {error}"
         ) from error
     with client:
-        yield _Cluster(client)
+        yield _DaskCluster(client)

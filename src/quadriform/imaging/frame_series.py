@@ -13,7 +13,7 @@ from quadriform.errors import InputError, OptionError, Warnings, join_warnings
 from quadriform.files.frame_numbers import frame_numbers, in_time, listed, missing_numbers
 from quadriform.files.guide_points import FILE_NAME, GuidePoints, is_guide_points, read_guide_point_frames
 from quadriform.fitting.inputs import ALONE
-from quadriform.imaging.sources import ImageOptions, Marks, fits, kind_of, read_source
+from quadriform.imaging.file_points import ImageOptions, SpaceAndUnit, fits, kind_of, read_source
 from quadriform.points import Array
 
 MOST_EXACT = 2**53
@@ -28,7 +28,7 @@ SAME_GRID = 1e-3
 
 
 @dataclass
-class Frames:
+class FrameSeries:
     """What the files hold.
 
     Attributes:
@@ -52,7 +52,7 @@ class Frames:
     notes: list[str] = field(default_factory=list)
 
     def add(
-        self, clouds: dict[str, Array], marks: Marks, warnings: Warnings | None = None, notes: Sequence[str] = ()
+        self, clouds: dict[str, Array], marks: SpaceAndUnit, warnings: Warnings | None = None, notes: Sequence[str] = ()
     ) -> None:
         """One more frame, the warnings of its reading joined with those of the others."""
         self.clouds.append(clouds)
@@ -111,7 +111,7 @@ def _files_in(folder: Path) -> list[Path]:
 
 def read_frames(
     files: Sequence[Path], surfaces: Sequence[str], columns: str | None = None, affine: str | None = None
-) -> Frames:
+) -> FrameSeries:
     """The frames of files in the order of time: contours, 4-D images, or a file of points, a mesh or an image each.
 
     Args:
@@ -125,7 +125,7 @@ def read_frames(
     """
     from quadriform.imaging.labels import parse_surface
 
-    frames = Frames()
+    frames = FrameSeries()
     labels = dict(map(parse_surface, surfaces))
     if files and all(map(is_guide_points, files)):
         _add_contours(frames, files, labels)
@@ -144,7 +144,7 @@ def read_frames(
     return frames
 
 
-def _number(frames: Frames, files: Sequence[Path]) -> None:
+def _number(frames: FrameSeries, files: Sequence[Path]) -> None:
     """Say in which order the files were taken, and let the numbers in their names tell missing frames."""
     if len(files) < 2:
         return
@@ -155,7 +155,7 @@ def _number(frames: Frames, files: Sequence[Path]) -> None:
         frames.number(numbers)
 
 
-def _add_contours(frames: Frames, files: Sequence[Path], labels: "Mapping[str, Labels | Preset]") -> None:
+def _add_contours(frames: FrameSeries, files: Sequence[Path], labels: "Mapping[str, Labels | Preset]") -> None:
     if labels:
         raise OptionError(
             f"option --surface does not go with contours such as {files[0].name!r}: their types name surfaces"
@@ -173,7 +173,7 @@ def _add_contours(frames: Frames, files: Sequence[Path], labels: "Mapping[str, L
     _say_of_contours(frames, files, every)
 
 
-def _say_of_contours(frames: Frames, files: Sequence[Path], every: Sequence[GuidePoints]) -> None:
+def _say_of_contours(frames: FrameSeries, files: Sequence[Path], every: Sequence[GuidePoints]) -> None:
     read = [frame for frame in every if frame.has_any]
     if len(every) > 1:
         frames.notes.append(f"{len(every)} frames of contours are taken in the order of their numbers: {listed(files)}")
@@ -186,7 +186,7 @@ def _say_of_contours(frames: Frames, files: Sequence[Path], every: Sequence[Guid
         frames.number([frame.frame for frame in read])
 
 
-def _add_image(frames: Frames, file: Path, labels: "Mapping[str, Labels | Preset]", affine: str | None) -> None:
+def _add_image(frames: FrameSeries, file: Path, labels: "Mapping[str, Labels | Preset]", affine: str | None) -> None:
     from quadriform.imaging.reading import frame_count, frame_times
 
     count = frame_count(file)
@@ -207,7 +207,7 @@ def _add_image(frames: Frames, file: Path, labels: "Mapping[str, Labels | Preset
         frames.add(clouds, (first.space, first.unit), warnings, notes)
 
 
-def keep_slices(frames: Frames) -> None:
+def keep_slices(frames: FrameSeries) -> None:
     """Leave out the points of images that are of no slice; how many is said.
 
     Raises:

@@ -1,15 +1,15 @@
 """From what was said about the base to a plane in every frame, and to the long axis."""
 
 from quadriform.errors import OptionError, WarningKind, Warnings
-from quadriform.heart.axis import LongAxis, axis_below, ends_of
+from quadriform.heart.axis import LongAxis, axis_to_base_plane, cavity_ends
 from quadriform.heart.base import BasePlane, BaseRule, plane_through
-from quadriform.heart.frames import Frames
+from quadriform.heart.heart_cycle import HeartCycle
 from quadriform.heart.volumes import section_centre, volume_below
 
 Planes = tuple[BasePlane | None, ...]
 
 
-def base_planes(frames: Frames, rule: BaseRule, warnings: Warnings) -> Planes:
+def base_planes(frames: HeartCycle, rule: BaseRule, warnings: Warnings) -> Planes:
     """The plane at the base in every frame, None for a closed surface.
 
     Args:
@@ -31,22 +31,22 @@ def base_planes(frames: Frames, rule: BaseRule, warnings: Warnings) -> Planes:
     return planes
 
 
-def _plane(frames: Frames, rule: BaseRule, number: int, warnings: Warnings) -> BasePlane | None:
+def _plane(frames: HeartCycle, rule: BaseRule, number: int, warnings: Warnings) -> BasePlane | None:
     if rule.loops is not None:
         middle = frames.models[number].mesh(frames.cavity, 8).vertices.mean(axis=0)
         return plane_through(rule.loops[number], middle)
     if rule.share is not None:
-        return axis_ends(frames, number, warnings).plane(rule.share)
+        return superquadric_axis(frames, number, warnings).plane(rule.share)
     return rule.fixed
 
 
-def axis_ends(frames: Frames, number: int, warnings: Warnings) -> LongAxis:
+def superquadric_axis(frames: HeartCycle, number: int, warnings: Warnings) -> LongAxis:
     """The deformed longest axis of the cavity's superquadric; where frames share it, frame 0 tells the apex."""
     decides = frames.models[0 if frames.material else number]
-    return LongAxis(*frames.models[number].deform(ends_of(decides, frames.cavity, warnings)))
+    return LongAxis(*frames.models[number].deform(cavity_ends(decides, frames.cavity, warnings)))
 
 
-def _cuts(frames: Frames, number: int, plane: BasePlane) -> bool:
+def _cuts(frames: HeartCycle, number: int, plane: BasePlane) -> bool:
     """Whether the plane meets the cavity; refuses one that leaves nothing."""
     mesh = frames.models[number].mesh(frames.cavity)
     if volume_below(mesh, plane) <= 1e-6 * mesh.volume():
@@ -57,13 +57,13 @@ def _cuts(frames: Frames, number: int, plane: BasePlane) -> bool:
     return section_centre(mesh, plane) is not None
 
 
-def long_axis(frames: Frames, number: int, rule: BaseRule, plane: BasePlane | None, warnings: Warnings) -> LongAxis:
+def long_axis(frames: HeartCycle, number: int, rule: BaseRule, plane: BasePlane | None, warnings: Warnings) -> LongAxis:
     """The long axis of a frame, from the apex to the middle of the base, and how far the wall is measured.
 
     With a base: from the middle of the cavity's section to the cavity's farthest point. With a share: that part of the
     superquadric's longest axis. Of a closed surface: all of it.
     """
     if plane is not None and rule.share is None and _cuts(frames, number, plane):
-        return axis_below(frames.models[number], frames.cavity, plane)
-    axis = axis_ends(frames, number, warnings)
+        return axis_to_base_plane(frames.models[number], frames.cavity, plane)
+    axis = superquadric_axis(frames, number, warnings)
     return axis if rule.share is None else LongAxis(axis.apex, axis.plane(rule.share).point)

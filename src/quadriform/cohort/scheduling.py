@@ -9,7 +9,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 
-class Engine(Protocol):
+class WorkerPool(Protocol):
     """Who does the work.
 
     Attributes:
@@ -18,10 +18,10 @@ class Engine(Protocol):
 
     executor: Executor
 
-    def capacity(self) -> int:
+    def max_pending(self) -> int:
         """How many units to have on the way: enough that no worker waits, few enough for memory."""
 
-    def renew(self) -> None:
+    def restart(self) -> None:
         """A fresh executor in place of one that broke.
 
         Raises:
@@ -29,7 +29,7 @@ class Engine(Protocol):
         """
 
 
-def completed(tasks: Iterable[T], work: Callable[[T], R], engine: Engine) -> Iterator[tuple[T, R | BaseException]]:
+def completed(tasks: Iterable[T], work: Callable[[T], R], engine: WorkerPool) -> Iterator[tuple[T, R | BaseException]]:
     """Each task with its result, or with the error of the engine, as they are ready.
 
     Args:
@@ -54,13 +54,13 @@ def completed(tasks: Iterable[T], work: Callable[[T], R], engine: Engine) -> Ite
         if suspects:
             suspects += waiting.values()
             waiting.clear()
-            engine.renew()
+            engine.restart()
             yield from _one_by_one(suspects, work, engine)
 
 
-def _fill(waiting: dict[Future[R], T], source: Iterator[T], work: Callable[[T], R], engine: Engine) -> list[T]:
+def _fill(waiting: dict[Future[R], T], source: Iterator[T], work: Callable[[T], R], engine: WorkerPool) -> list[T]:
     """Give out tasks while there is room; those that a broken executor refuses come back."""
-    for task in islice(source, max(0, engine.capacity() - len(waiting))):
+    for task in islice(source, max(0, engine.max_pending() - len(waiting))):
         try:
             waiting[engine.executor.submit(work, task)] = task
         except BrokenExecutor:
@@ -68,13 +68,13 @@ def _fill(waiting: dict[Future[R], T], source: Iterator[T], work: Callable[[T], 
     return []
 
 
-def _one_by_one(suspects: list[T], work: Callable[[T], R], engine: Engine) -> Iterator[tuple[T, R | BaseException]]:
+def _one_by_one(suspects: list[T], work: Callable[[T], R], engine: WorkerPool) -> Iterator[tuple[T, R | BaseException]]:
     """Units that were on the way when a worker died, each alone: the one that kills its worker again is the culprit."""
     for task in suspects:
         try:
             yield task, engine.executor.submit(work, task).result()
         except BrokenExecutor as error:
-            engine.renew()
+            engine.restart()
             yield task, error
         except Exception as error:
             yield task, error

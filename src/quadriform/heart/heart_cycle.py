@@ -16,7 +16,7 @@ SAME = 1e-9
 
 
 @dataclass(frozen=True)
-class Frames:
+class HeartCycle:
     """Models in the order of time.
 
     Attributes:
@@ -38,7 +38,7 @@ class Frames:
     warnings: Warnings
 
 
-def check_frames(models: Sequence[DeformableModel] | DeformableModel, times: ArrayLike | None) -> Frames:
+def check_cycle(models: Sequence[DeformableModel] | DeformableModel, times: ArrayLike | None) -> HeartCycle:
     """The frames, checked.
 
     Args:
@@ -71,7 +71,7 @@ def check_frames(models: Sequence[DeformableModel] | DeformableModel, times: Arr
             "thickening, twist or strain; refine all frames from one superquadric, or track them together"
         )
     checked = _check_times(times, len(given))
-    return Frames(given, checked, cavity, wall, shared, MILLIMETRES[first.unit], warnings)
+    return HeartCycle(given, checked, cavity, wall, shared, MILLIMETRES[first.unit], warnings)
 
 
 def _names(model: DeformableModel, warnings: Warnings) -> tuple[str, str | None]:

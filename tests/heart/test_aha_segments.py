@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from quadriform.errors import OptionError
+from quadriform.heart.aha_segments import NAMES, AhaSegmentation
 from quadriform.heart.axis import LongAxis
-from quadriform.heart.segments import NAMES, Segmentation17
 from quadriform.shapes.pose import rotation_from_euler
 from quadriform.shapes.superquadric import Superquadric
 
@@ -42,27 +42,27 @@ INSERTS = np.array([at(-50, 0.5), at(-65, 0.8), at(50, 0.5), at(65, 0.8)])
     ],
 )
 def test_each_place_has_its_segment(degrees, height, name):
-    number = Segmentation17.anchored(AXIS, INSERTS).numbers(at(degrees, height)[None])[0]
+    number = AhaSegmentation.anchored(AXIS, INSERTS).numbers(at(degrees, height)[None])[0]
     assert NAMES[number - 1] == name
 
 
 def test_beyond_the_base_is_no_segment():
-    assert Segmentation17.anchored(AXIS, INSERTS).numbers(at(10, 1.01)[None])[0] == 0
+    assert AhaSegmentation.anchored(AXIS, INSERTS).numbers(at(10, 1.01)[None])[0] == 0
 
 
 def test_segments_turn_with_the_heart(rng):
     turn, shift = rotation_from_euler(np.array([0.5, -1.1, 2.0])), np.array([10.0, 20, -30])
     points = rng.normal(size=(300, 3)) * [20, 20, 40] - [0, 0, 45]
     axis = LongAxis(turn @ AXIS.apex + shift, turn @ AXIS.base + shift)
-    before = Segmentation17.anchored(AXIS, INSERTS).numbers(points)
-    after = Segmentation17.anchored(axis, INSERTS @ turn.T + shift).numbers(points @ turn.T + shift)
+    before = AhaSegmentation.anchored(AXIS, INSERTS).numbers(points)
+    after = AhaSegmentation.anchored(axis, INSERTS @ turn.T + shift).numbers(points @ turn.T + shift)
     assert (before == after).all()
     assert set(before) >= set(range(1, 18))
 
 
 def test_more_insertions_on_one_side_do_not_pull_the_septum():
     many = np.concatenate([INSERTS, [at(-50, h) for h in np.linspace(0.4, 0.9, 10)]])
-    septum = Segmentation17.anchored(AXIS, many).septum
+    septum = AhaSegmentation.anchored(AXIS, many).septum
     assert np.degrees(np.arccos(septum @ [1, 0, 0])) < 4
 
 
@@ -76,10 +76,10 @@ def test_more_insertions_on_one_side_do_not_pull_the_septum():
 )
 def test_insertions_that_show_no_septum_are_refused(inserts, words):
     with pytest.raises(OptionError, match=words):
-        Segmentation17.anchored(AXIS, inserts)
+        AhaSegmentation.anchored(AXIS, inserts)
 
 
 def test_without_insertions_rings_are_right():
     cavity = Superquadric(semi_axes=(20, 20, 45), translation=(0, 0, -45))
-    numbers = Segmentation17.unanchored(AXIS, cavity).numbers(np.array([at(a, 0.5) for a in range(3, 360, 60)]))
+    numbers = AhaSegmentation.unanchored(AXIS, cavity).numbers(np.array([at(a, 0.5) for a in range(3, 360, 60)]))
     assert sorted(numbers) == [7, 8, 9, 10, 11, 12]

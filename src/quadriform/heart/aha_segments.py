@@ -28,7 +28,7 @@ OPPOSITE = 0.05
 
 
 @dataclass(frozen=True)
-class Segmentation17:
+class AhaSegmentation:
     """Where the segments lie.
 
     Attributes:
@@ -40,7 +40,7 @@ class Segmentation17:
     septum: Array
 
     @classmethod
-    def anchored(cls, axis: LongAxis, rv_inserts: ArrayLike) -> "Segmentation17":
+    def anchored(cls, axis: LongAxis, rv_inserts: ArrayLike) -> "AhaSegmentation":
         """From the points (n, 3) where the right ventricle meets the left: anterior and inferior, of any slices.
 
         The middle of the septum halves the smaller angle between both groups; which is anterior follows from the
@@ -64,7 +64,7 @@ class Segmentation17:
         return cls(axis, _unit(sum(group / np.linalg.norm(group) for group in groups)))
 
     @classmethod
-    def unanchored(cls, axis: LongAxis, cavity: Superquadric) -> "Segmentation17":
+    def unanchored(cls, axis: LongAxis, cavity: Superquadric) -> "AhaSegmentation":
         """Without insertions: turned to that axis of the cavity's superquadric that is most across the long axis."""
         across = axis.across(cavity.rotation.T)
         return cls(axis, _unit(across[np.linalg.norm(across, axis=1).argmax()]))
