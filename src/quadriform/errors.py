@@ -3,7 +3,15 @@
 Every error message is one sentence chain: what is wrong, where, what was expected, what was found, what to try.
 """
 
+from collections.abc import Callable
+from difflib import get_close_matches
 from enum import StrEnum
+from functools import wraps
+from inspect import signature
+from typing import ParamSpec, TypeVar
+
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 class QuadriformError(Exception):
@@ -127,3 +135,18 @@ def choose(value: object, choices: tuple[str, ...], option: str) -> str:
     if not isinstance(value, str) or value not in choices:
         raise OptionError(f"option {option}={value!r} is unknown; expected one of {', '.join(map(repr, choices))}")
     return value
+
+
+def known_options(function: Callable[P, R]) -> Callable[P, R]:
+    """The same function, which answers an option that it does not have with an `OptionError` naming the nearest one."""
+    names = tuple(signature(function).parameters)
+
+    @wraps(function)
+    def checked(*args: P.args, **options: P.kwargs) -> R:
+        for name in options.keys() - set(names):
+            near = get_close_matches(name, names, n=1)
+            hint = f"did you mean {near[0]}?" if near else f"expected one of {', '.join(names)}"
+            raise OptionError(f"option {name} is unknown; {hint}")
+        return function(*args, **options)
+
+    return checked

@@ -18,11 +18,9 @@ CLOUD = lumpy(200)
         ("paper", {"robust": False}),
         ("paper", {"base": CLOUD}),
         ("paper", {"max_error": 1.0}),
-        ("paper", {"bix": 3}),
         ("tangent", {"matching": "data-to-model"}),
         ("tangent", {"iterations": 3}),
         ("tangent", {"tolerance": 1e-3}),
-        ("tangent", {"bix": 3}),
     ],
 )
 def test_options_of_the_other_method_are_refused_by_name(method, option):
@@ -30,6 +28,22 @@ def test_options_of_the_other_method_are_refused_by_name(method, option):
     for door in (lambda **given: qf.fit(CLOUD, **given), lambda **given: qf.refine(made(), CLOUD, **given)):
         with pytest.raises(OptionError, match=f"option {name} is not one of method='{method}'; expected box"):
             door(method=method, **option)
+
+
+@pytest.mark.parametrize(("name", "hint"), [("bix", "did you mean box"), ("q", "expected one of points, kind, method")])
+def test_an_unknown_option_is_refused_with_the_nearest_one(name, hint):
+    with pytest.raises(OptionError, match=f"option {name} is unknown; {hint}"):
+        qf.fit(CLOUD, **{name: 3})
+    for call in (lambda **given: qf.refine(made(), CLOUD, **given), lambda **given: qf.track([CLOUD] * 2, **given)):
+        with pytest.raises(OptionError, match=f"option {name} is unknown"):
+            call(**{name: 3})
+
+
+def test_the_defaults_of_a_method_may_be_given_as_none():
+    """As a program does that passes on what its user said."""
+    for method in ("paper", "tangent"):
+        nothing = dict.fromkeys(("regularity", "robust", "base", "matching", "iterations", "tolerance"))
+        assert options_for(method, nothing) == options_for(method, {})
 
 
 def test_weights_are_not_the_papers():

@@ -1,4 +1,6 @@
-"""The front doors: points in, a model out, in one call or in two steps."""
+"""The entry points: points in, a model out, in one call or in two steps."""
+
+from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping
@@ -8,10 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from quadriform.columns import Chosen
-from quadriform.errors import OptionError, Warnings, choose
+from quadriform.errors import OptionError, Warnings, choose, known_options
 from quadriform.fitting.cloud import Distinct
 from quadriform.fitting.diagnostics import coverages, fit_warnings, named_texts, start_notes
 from quadriform.fitting.inputs import ALONE, Given, common_unit, point_sets, without_meshes
+from quadriform.fitting.least_squares.regularisers import Regulariser
 from quadriform.fitting.options import METHODS, PaperOptions, TangentOptions, options_for
 from quadriform.fitting.paper.two_step import ill_conditioned, two_step
 from quadriform.fitting.precision import precision
@@ -35,39 +38,33 @@ Normals = dict[str, Array]
 Weights = ArrayLike | Mapping[str, ArrayLike] | None
 
 
+@known_options
 @one_blas_thread
 def fit(
     points: Given,
     *,
     kind: str = "ellipsoid",
     method: str = "tangent",
+    box: tuple[int, int, int] | str = (5, 5, 5),
+    regularity: str | Regulariser | None = None,
+    strength: float | str = "auto",
+    robust: bool | None = None,
+    base: ArrayLike | tuple[ArrayLike, ArrayLike] | None = None,
+    max_error: float | None = None,
+    matching: str | None = None,
+    iterations: int | None = None,
+    tolerance: float | None = None,
     weights: Weights = None,
     progress: Progress | None = None,
     columns: Chosen = None,
     normals: ArrayLike | Mapping[str, ArrayLike] | None = None,
     unit: str | None = None,
     space: str = "unknown",
-    **options: object,
 ) -> Fit:
     """Fit a superquadric, and refine it by a free-form deformation.
 
-    More than 50,000 points are fitted to a sample first, then to all of them, a part at a time.
-
-    Args:
-        points: (n, 3) points around a body in any unit and frame, or a triangle mesh, of which the points are spread
-            over its area unless its vertices are dense; or several of these by name, which then share one control box,
-            that of the outermost. Of a structured array or a data frame the columns named x, y and z are taken, with
-            the normals nx, ny, nz and the unit in the names, such as "x [mm]".
-        kind: of superquadric: "ellipsoid", "toroid", "hyperboloid1" or "hyperboloid2".
-        method: "tangent": the best fit of these numbers that we know; "paper": Bardinet, Cohen and Ayache 1998.
-        weights: (n,) >= 0, or by name; a point of weight k counts as k points. Not for meshes.
-        progress: called with (steps done, about how many).
-        columns: which columns are which, where the names do not say it, such as "x,y,z,nx,ny,nz" for (n, 6).
-        normals: (n, 3), or by name, in place of those in columns; signs may be arbitrary, zero means none. They say
-            which side of the surface a point belongs to, instead of normals that its neighbours suggest.
-        unit: of the points, "mm" or "m", which the model is marked with; that of the columns unless given.
-        space: frame of the world of the points, "LPS", "RAS" or "unknown", which the model is marked with.
-        **options: as in `refine`.
+    `quadriform.fit` says what the options are; here `points` are arrays or meshes in memory. More than 50,000 points
+    are fitted to a sample first, then to all of them, a part at a time.
 
     Raises:
         PointsError, DegenerateError, OptionError: the input cannot be fitted.
@@ -76,6 +73,8 @@ def fit(
     sets = {name: each.in_metric_unit() for name, each in point_sets(given, columns, normals).items()}
     clouds, unit, space = _points(sets), common_unit(sets, unit), choose(space, (*SPACES, "unknown"), "space")
     choose(kind, tuple(KINDS), "kind")
+    options = dict(box=box, regularity=regularity, strength=strength, robust=robust, base=base)
+    options |= dict(max_error=max_error, matching=matching, iterations=iterations, tolerance=tolerance)
     chosen = options_for(method, options)
     counted = _weights(weights, clouds, method)
     way = "paper" if method == "paper" else "robust"
@@ -95,16 +94,25 @@ def fit(
     return _with(lost(sets), notes, sets, replace(found, model=replace(found.model, unit=unit, space=space)))
 
 
+@known_options
 @one_blas_thread
 def refine(
     superquadric: Superquadric | Mapping[str, Superquadric],
     points: Given,
     *,
     method: str = "tangent",
+    box: tuple[int, int, int] | str = (5, 5, 5),
+    regularity: str | Regulariser | None = None,
+    strength: float | str = "auto",
+    robust: bool | None = None,
+    base: ArrayLike | tuple[ArrayLike, ArrayLike] | None = None,
+    max_error: float | None = None,
+    matching: str | None = None,
+    iterations: int | None = None,
+    tolerance: float | None = None,
     start: ControlBox | None = None,
     weights: Weights = None,
     progress: Progress | None = None,
-    **options: object,
 ) -> Fit:
     """Refine given superquadric(s).
 
@@ -116,15 +124,7 @@ def refine(
             "tangent".
         weights: as in `fit`.
         progress: as in `fit`.
-        **options: for both methods `box`, control points along each axis, (5, 5, 5) unless said, and `strength`.
-            For "tangent": `regularity` "bending", "springs" or an object with one method `matrix(shape)`; `strength`
-            alpha per data point, or "auto" from the evidence; `robust`, whether strangers are told from inliers;
-            `base`, a plane (point, direction) or a loop (m, 3) where the data ends on purpose; `box="auto"` with
-            `max_error`, the RMS distance to reach. For "paper": `regularity` "svd" (default: P7 by SVD),
-            "springs-paper" (P9 as printed), or our variations "springs" and an object (on the displacement) and
-            "svd-position"; `strength`, for the SVD a count (>= 1) or a threshold (< 1) of singular values ("auto":
-            all above rounding), for springs alpha per model point; `matching` "data-to-model" or "model-to-data";
-            `iterations`, 30; `tolerance`, the stop test: the motion of the surface, a fraction of the RMS radius.
+        box, regularity, strength, robust, base, max_error, matching, iterations, tolerance: as in `fit`.
 
     Raises:
         PointsError, DegenerateError, OptionError: the input cannot be fitted.
@@ -137,7 +137,10 @@ def refine(
     )
     if surfaces.keys() != clouds.keys():
         raise OptionError(f"surfaces {sorted(surfaces)} and points {sorted(clouds)} must have the same names")
-    counted, chosen = _weights(weights, clouds, method), options_for(method, options)
+    counted = _weights(weights, clouds, method)
+    options = dict(box=box, regularity=regularity, strength=strength, robust=robust, base=base)
+    options |= dict(max_error=max_error, matching=matching, iterations=iterations, tolerance=tolerance)
+    chosen = options_for(method, options)
     if start is not None and isinstance(chosen, PaperOptions):
         raise OptionError("option start is not one of method='paper'; use method='tangent'")
 

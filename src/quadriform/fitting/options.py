@@ -138,7 +138,7 @@ def _plane(base: ArrayLike | tuple[ArrayLike, ArrayLike], centre: Array) -> tupl
 
 
 def options_for(method: str, given: Mapping[str, object]) -> PaperOptions | TangentOptions:
-    """The options of a method from named choices.
+    """The checked options of a method, from named choices; None stands for the default of the method.
 
     Raises:
         OptionError: unknown method, a choice that the method has not, or one out of its range.
@@ -146,7 +146,8 @@ def options_for(method: str, given: Mapping[str, object]) -> PaperOptions | Tang
     choose(method, METHODS, "method")
     kind = PaperOptions if method == "paper" else TangentOptions
     known = kind.__dataclass_fields__
-    for name in given:
+    chosen = {name: value for name, value in given.items() if value is not None}
+    for name in chosen:
         if name not in known:
             raise OptionError(f"option {name} is not one of method={method!r}; expected {', '.join(known)}")
-    return kind(**given)  # type: ignore[arg-type]
+    return kind(**chosen)  # type: ignore[arg-type]

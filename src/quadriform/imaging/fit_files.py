@@ -1,5 +1,7 @@
 """`fit` for files as well: the terminal fits by the same functions, and one rule decides what a file holds."""
 
+from __future__ import annotations
+
 import os
 from collections.abc import Mapping
 from dataclasses import replace
@@ -39,6 +41,21 @@ def fit(points: Input, **options: Any) -> Fit:
             the unit in the names, such as "x [mm]".
         kind: of superquadric: "ellipsoid", "toroid", "hyperboloid1" or "hyperboloid2".
         method: "tangent": the best fit of these numbers that we know; "paper": Bardinet, Cohen and Ayache 1998.
+        box: control points along each axis, from 2 to 20; or "auto": the smallest box that reaches `max_error`.
+        regularity: of the box. For method "tangent" "bending" (default), "springs", or an object with one method
+            `matrix(shape)`, (n, n) over control points. For "paper" "svd" (default: P7 by SVD), "springs-paper" (P9
+            as printed), or our variations "springs" and an object (on the displacement) and "svd-position".
+        strength: regularisation weight alpha per data point (for "paper" per model point), or "auto": that of the
+            largest evidence. For "svd" how many singular values are used (>= 1), or the smallest fraction of the
+            largest (< 1); "auto": all above rounding.
+        robust: only for "tangent": whether outliers are detected and down-weighted; True unless given.
+        base: only for "tangent": where the data ends on purpose, a plane (point, direction to the side without data)
+            or a loop (m, 3) of points along the edge.
+        max_error: only for box="auto": the RMS distance to the inliers to reach, in the unit of the points.
+        matching: only for "paper": "data-to-model" (default) or "model-to-data".
+        iterations: only for "paper": the largest number of iterations; 30 unless given.
+        tolerance: only for "paper": stop when the surface moves by less, as a fraction of the RMS radius of the
+            points; unless given all iterations are made.
         weights: (n,) >= 0, or by name; a point of weight k counts as k points. Not for meshes and files.
         progress: called with (steps done, about how many).
         columns: which columns are which, where the names do not say it, such as "x,y,z,nx,ny,nz" for (n, 6).
@@ -47,7 +64,6 @@ def fit(points: Input, **options: Any) -> Fit:
         unit: of the points, "mm" or "m", which the model is marked with; that of the columns or the file unless given.
         space: frame of the world of the points, "LPS", "RAS" or "unknown", which the model is marked with; that of the
             file where it has one.
-        **options: as in `refine`.
 
     Raises:
         PointsError, DegenerateError, OptionError: the input cannot be fitted.

@@ -4,6 +4,8 @@
 frame before; "cycle" finds the control points of all times at once, smooth and periodic.
 """
 
+from __future__ import annotations
+
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -12,7 +14,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from quadriform.errors import OptionError, PointsError, WarningKind, Warnings, choose
+from quadriform.errors import OptionError, PointsError, WarningKind, Warnings, choose, known_options
 from quadriform.fitting.fit import Clouds, fit, lost, refine
 from quadriform.fitting.inputs import ALONE, Given, common_unit, point_sets, without_meshes
 from quadriform.fitting.options import check_box, check_strength
@@ -93,12 +95,12 @@ class Track:
         """The same for each frame, (F,)."""
         return np.array([np.sqrt((flat(found) ** 2).mean()) for found in self.residuals])
 
-    def in_unit(self, unit: str) -> "Track":
+    def in_unit(self, unit: str) -> Track:
         """The same, its models marked with the unit of the lengths that they have."""
         moving = None if self.moving is None else replace(self.moving, unit=unit)
         return replace(self, models=tuple(replace(model, unit=unit) for model in self.models), moving=moving)
 
-    def in_space(self, space: str) -> "Track":
+    def in_space(self, space: str) -> Track:
         """Models and shifts in another frame of the world, "LPS" or "RAS".
 
         Raises:
@@ -114,6 +116,7 @@ class Track:
         )
 
 
+@known_options
 def track(
     frames: Sequence[Given],
     *,
@@ -158,15 +161,8 @@ def track(
     at = _times(times, len(clouds))
     basis = _basis(at, period)
     numbers = _slice_numbers(slices, clouds, strategy)
-    task = _Task(
-        clouds,
-        at,
-        basis,
-        numbers,
-        {"box": box, "regularity": regularity, "strength": strength, "robust": robust},
-        progress,
-    )
-    found = STRATEGIES[strategy](task)
+    options = {"box": box, "regularity": regularity, "strength": strength, "robust": robust}
+    found = STRATEGIES[strategy](_Task(clouds, at, basis, numbers, options, progress))
     warnings = found.warnings | _by_frame([lost(frame) for frame in sets])
     assumed = dict.fromkeys(note for frame in sets for each in frame.values() for note in each.notes)
     marked = found.in_unit(_unit_of(sets))

@@ -1,5 +1,7 @@
 """Fitting a superquadric: the front door, and the paper's way (2.3): criterion P3 by conjugate gradient."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -7,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares, minimize
 
-from quadriform.errors import OptionError, WarningKind, Warnings, choose
+from quadriform.errors import OptionError, WarningKind, Warnings, choose, known_options
 from quadriform.fitting.inputs import without_meshes
 from quadriform.fitting.mixture import LEAST_SIGMA
 from quadriform.fitting.precision import precision
@@ -34,6 +36,7 @@ ROUND = 1e-6
 TO_THE_LAST_DIGITS = {"method": "lm", "xtol": 1e-14, "ftol": 1e-14, "gtol": 1e-14, "max_nfev": 300}
 
 
+@known_options
 @one_blas_thread
 def fit_superquadric(
     points: ArrayLike | Mesh,
