@@ -297,7 +297,7 @@ def test_a_gzip_is_read_to_its_checksum(save_nifti, values):
 def test_a_gzip_that_expands_beyond_the_budget_is_stopped(save_nifti, values, monkeypatch):
     path = save_nifti(values)
     path.write_bytes(gzip.compress(gzip.decompress(path.read_bytes()) + bytes(10_000)))
-    monkeypatch.setattr("quadriform.imaging.nifti.MAX_BYTES", 5_000)
+    monkeypatch.setattr("quadriform.files.reading.MAX_BYTES", 5_000)
     refused(path, FileLimitError, "expands")
 
 

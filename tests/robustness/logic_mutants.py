@@ -59,7 +59,7 @@ KNOWN: dict[str, str] = {
     "shapes/crossings.py: _sharing_a_cell: `float((high - low).max()) / 30` -> `float((high - low).max()) * 30`": (
         "larger cells give more pairs to look at, and the same crossings"
     ),
-    "imaging/dicom_headers.py: _seconds: `3600` -> `3601`": "the clock of acquisitions only orders frames",
+    "imaging/dicom_values.py: seconds_of_day: `3600` -> `3601`": "the clock of acquisitions only orders frames",
     "shapes/mesh_points.py: _unit_corners: `2` -> `3`": (
         "another unit of length, in which nothing but the cells of the curve that orders triangles is measured"
     ),

@@ -162,10 +162,10 @@ MUTANTS = [
     Mutant(
         "the end of a gzip stream",
         "imaging/nifti.py",
-        "_skip(stream, MAX_BYTES)\n    if missing > 0:\n        raise FileFormatError("
-        'f"{str(data)!r}: cut short: {missing} bytes of the {shape} voxels are missing")\n    if stream.read(1):',
-        "_skip(stream, block * (shape[3] - chosen - 1))\n    if missing > 0:\n        raise FileFormatError"
-        '(f"{str(data)!r}: {missing} cut short")\n    if False:',
+        "_skip(stream, reading.MAX_BYTES)\n    if missing > 0:\n        raise FileFormatError("
+        'f"cut short: {missing} bytes of the {shape} voxels are missing")\n    if stream.read(1):',
+        "_skip(stream, block * (shape[3] - frame.number - 1))\n    if missing > 0:\n        raise FileFormatError"
+        '(f"{missing} cut short")\n    if False:',
         "imaging/test_reading.py",
     ),
     Mutant("voxels that are missing", "imaging/nifti.py", "if missing > 0:", "if False:", "imaging/test_reading.py"),

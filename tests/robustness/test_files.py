@@ -88,7 +88,7 @@ def test_row_61_a_gzip_that_swells_takes_little_room(tmp_path, monkeypatch):
     """A whole image, and 400 MiB of nothing behind it."""
     image = nibabel.Nifti1Image(np.ones((3, 3, 3), np.uint8), np.eye(4)).to_bytes()
     (tmp_path / "image.nii.gz").write_bytes(gzip.compress(image + bytes(400 * MIB), 1))
-    monkeypatch.setattr("quadriform.imaging.nifti.MAX_BYTES", 300 * MIB)
+    monkeypatch.setattr("quadriform.files.reading.MAX_BYTES", 300 * MIB)
     assert peak_of(lambda: read_volume(tmp_path / "image.nii.gz"), FileLimitError) < 64 * MIB
 
 

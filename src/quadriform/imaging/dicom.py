@@ -1,7 +1,7 @@
 """DICOM: a folder of slices, one file of a series, or a file of many images.
 
-pydicom decodes headers and pixels; what each file is is told by `dicom_files`, where its planes lie by
-`dicom_headers`, and their order by `planes`. Nothing of the patient is kept.
+pydicom decodes headers and pixels. `dicom_files` finds the files of a series, `dicom_headers` the planes of a file,
+`dicom_stack` their order, `dicom_spacing` all spacings. Nothing that identifies the patient is kept.
 """
 
 from collections.abc import Iterator
@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from quadriform.errors import InputError, MaskError, OptionError, WarningKind, Warnings
-from quadriform.files.reading import PathLike, check_budget, quoted
+from quadriform.errors import InputError, OptionError, WarningKind, Warnings
+from quadriform.files.reading import PathLike, check_budget, naming, quoted
 from quadriform.imaging.dicom_files import Folder, Series, decoding, examine, examine_folder
-from quadriform.imaging.dicom_headers import is_segmentation, n_images, planes_of
-from quadriform.imaging.dicom_segments import label_map
-from quadriform.imaging.dicom_stack import LISTED, ImagePlane, SliceStack, stack_slices
+from quadriform.imaging.dicom_headers import planes_of
+from quadriform.imaging.dicom_planes import LISTED, ImagePlane
+from quadriform.imaging.dicom_segments import label_image
+from quadriform.imaging.dicom_stack import SliceStack, stack_slices
+from quadriform.imaging.dicom_values import is_segmentation, n_images
 from quadriform.imaging.reader_common import choose_frame, import_reader
 from quadriform.imaging.volume import Volume
 from quadriform.points import Array
@@ -24,30 +26,30 @@ from quadriform.points import Array
 if TYPE_CHECKING:
     from pydicom import Dataset
 
-Chosen = tuple[dict[Path, "Dataset"], Warnings]
-"""The headers of one series, and what was left out beside it."""
+Headers = dict[Path, "Dataset"]
+"""The headers of the files of one series."""
 
 
 def read_dicom(path: PathLike, frame: int | None = None, series: str | None = None) -> Volume:
-    """Read one frame of a DICOM series into world LPS millimetres; a segmentation as a label image with names.
+    """Return one frame of a DICOM series in LPS millimetres; a segmentation as a label image with names.
 
-    Slices are spaced by ImagePositionPatient alone; SliceThickness and SliceLocation are not looked at. Frames are
-    sorted by TriggerTime, else AcquisitionTime, else InstanceNumber. RescaleSlope and RescaleIntercept are applied
-    once. Files of other series beside it do not matter; files that are damaged before they name their series are
-    left out with the warning UNREADABLE_FILES.
+    Slices are spaced by ImagePositionPatient alone; see `quadriform.imaging.dicom_spacing`. Frames are sorted by
+    TriggerTime, else AcquisitionTime, else InstanceNumber. RescaleSlope and RescaleIntercept are applied once. Files of
+    other series in the same folder do not matter; files that are damaged before they name their series are left out
+    with the warning UNREADABLE_FILES.
 
     Args:
-        path: a folder with the files of a series, one file of a series (the others are looked for beside it), or a
-            file that holds all slices.
+        path: a folder with the files of a series, one file of a series (the others are searched in its folder), or a
+            file that contains all slices.
         frame: which frame of a moving image, from 0.
-        series: SeriesInstanceUID, where a folder holds several.
+        series: SeriesInstanceUID, where a folder contains several.
 
     Raises:
         InputError: no such file, an object without images (its class is named), several series, a ragged one (the
             slices are named), or pydicom is not installed.
         FileFormatError: no DICOM, damaged, or cut short.
         FileLimitError: beyond the budget.
-        AffineError: positions, orientations or spacings are missing or cannot be.
+        AffineError: positions, orientations or spacings are missing or unusable.
         MaskError: several frames and none chosen, colour, NaN, or no slices.
         OptionError: there is no such frame or series.
     """
@@ -57,20 +59,17 @@ def read_dicom(path: PathLike, frame: int | None = None, series: str | None = No
     if is_segmentation(header):
         choose_frame(frame, (0, 0, 0, 1), path)
         with decoding(file):
-            return label_map(header, _pixels(file), file, warnings)
+            return label_image(header, _pixels(file), file, warnings)
     stack = _stack(path, headers, warnings)
-    first = stack.frames[0][0]
-    shape = (*first.size, len(stack.frames[0]), len(stack.frames))
-    planes = stack.frames[choose_frame(frame, shape, path)]
+    first = stack.frames[0]
+    planes = stack.frames[choose_frame(frame, (*first[0].size, len(first), len(stack.frames)), path)]
     values = np.stack(list(_images(planes)), axis=-1)
-    try:
+    with naming(path):
         return Volume(values, stack.world_from_voxel, warnings=warnings)
-    except MaskError as error:
-        raise MaskError(f"{quoted(path)}: {error}") from error
 
 
 def dicom_times(path: Path) -> tuple[int, Array | None]:
-    """The number of frames of a series, and their mean trigger times (frames,) in ms, where the headers have them.
+    """Return the number of frames of a series, and their mean trigger times (frames,) in ms, where it has them.
 
     Raises:
         InputError, FileFormatError, AffineError, MaskError: as `read_dicom`.
@@ -82,32 +81,34 @@ def dicom_times(path: Path) -> tuple[int, Array | None]:
     return len(stack.frames), stack.times
 
 
-def _headers(path: Path, series: str | None = None) -> Chosen:
-    """The headers of the series that is meant; a segmentation and a file of many images are each their own."""
+def _headers(path: Path, series: str | None = None) -> tuple[Headers, Warnings]:
+    """The headers of the requested series, and UNREADABLE_FILES of its folder."""
+    own: Headers = {}
     if path.is_dir():
         folder = examine_folder(path)
-        headers = _judged(_chosen(folder, series, path))
+        chosen = _chosen(folder, series, path)
     else:
         examined = examine(path)
-        if examined.fault is not None:
-            raise examined.fault
-        headers = {path: examined.header} if examined.header is not None else {}
-        if any(n_images(header) > 1 or is_segmentation(header) for header in headers.values()):
-            return headers, {}
+        if examined.header is None:
+            raise examined.fault or InputError(f"{quoted(path)}: no image")
+        own = {path: examined.header}
+        if _is_whole(examined.header):
+            return own, {}
         folder = examine_folder(path.parent)
-        headers |= _judged(folder.series.get(examined.series or "", Series()))
-    many = [file for file, header in headers.items() if n_images(header) > 1 or is_segmentation(header)]
-    if many and len(headers) > 1:
-        names = ", ".join(file.name for file in many[:LISTED])
-        raise InputError(f"{quoted(path)}: the series has {len(many)} files of many images; choose one of {names}")
+        chosen = folder.series.get(examined.series or "", Series())
+    if chosen.faults:
+        raise chosen.faults[0]
+    headers = own | chosen.headers
+    whole = [file.name for file, header in headers.items() if _is_whole(header)]
+    if whole and len(headers) > 1:
+        listed = ", ".join(whole[:LISTED])
+        raise InputError(f"{quoted(path)}: the series has {len(whole)} files of many images; choose one of {listed}")
     return headers, _left_out(folder)
 
 
-def _judged(series: Series) -> "dict[Path, Dataset]":
-    """The headers of a series without damaged files."""
-    if series.faults:
-        raise series.faults[0]
-    return series.headers
+def _is_whole(header: "Dataset") -> bool:
+    """Whether a file is an image of its own, not one slice of a series."""
+    return n_images(header) > 1 or is_segmentation(header)
 
 
 def _left_out(folder: Folder) -> Warnings:
@@ -121,13 +122,14 @@ def _left_out(folder: Folder) -> Warnings:
     }
 
 
-def _stack(path: Path, headers: "dict[Path, Dataset]", warnings: Warnings) -> SliceStack:
+def _stack(path: Path, headers: Headers, warnings: Warnings) -> SliceStack:
     planes = []
     for file, header in headers.items():
         with decoding(file):
             planes += planes_of(header, file)
     try:
-        return stack_slices(planes, quoted(path))
+        with naming(path):
+            return stack_slices(planes)
     except InputError as error:
         if not warnings:
             raise
@@ -138,16 +140,16 @@ def _chosen(folder: Folder, series: str | None, path: Path) -> Series:
     found = folder.series
     listed = "; ".join(_describe(uid, one) for uid, one in found.items())
     if not found:
-        raise _nothing(folder, path)
+        raise _without_images(folder, path)
     if series is not None and series not in found:
-        raise OptionError(f"option series={series!r}: {quoted(path)} holds {listed}")
+        raise OptionError(f"option series={series!r}: {quoted(path)} contains {listed}")
     if series is None and len(found) > 1:
-        raise InputError(f"{quoted(path)}: {len(found)} series: {listed}; give the path of one file of the one meant")
+        raise InputError(f"{quoted(path)}: {len(found)} series: {listed}; give the path of a file of one series")
     return found[series] if series is not None else next(iter(found.values()))
 
 
-def _nothing(folder: Folder, path: Path) -> Exception:
-    """The error for a folder without images: a damaged file, else what is there instead."""
+def _without_images(folder: Folder, path: Path) -> Exception:
+    """The error for a folder without images: of a damaged file, else the classes of the other objects."""
     if folder.unreadable:
         return next(iter(folder.unreadable.values()))
     kinds = ", ".join(f"{folder.others.count(kind)} of {kind!r}" for kind in dict.fromkeys(folder.others))
@@ -162,12 +164,8 @@ def _describe(uid: str, series: Series) -> str:
     return f"{uid} (series {number}, {modality}, {len(series.headers)} files, the first {file.name})"
 
 
-def _bytes(header: "Dataset") -> int:
-    return n_images(header) * int(header.Rows) * int(header.Columns) * int(header.get("BitsAllocated", 8)) // 8
-
-
 def _images(planes: tuple[ImagePlane, ...]) -> Iterator[NDArray[Any]]:
-    """The pixels (columns, rows) of each plane; each file is read once, for the files of a frame are few or one."""
+    """The pixels (columns, rows) of each plane; consecutive planes of one file read it once."""
     scaled = any((plane.slope, plane.intercept) != (1.0, 0.0) for plane in planes)
     file, pixels, total = None, np.empty(0), 0
     for plane in planes:
@@ -175,7 +173,7 @@ def _images(planes: tuple[ImagePlane, ...]) -> Iterator[NDArray[Any]]:
             file, pixels = plane.file, _pixels(plane.file)
             check_budget(total := total + pixels.nbytes, f"the series of {quoted(file)}")
         image = pixels[plane.index].T
-        # Labels stay whole numbers.
+        # labels stay whole numbers where nothing is scaled (PS3.3, C.11.1)
         yield image.astype(np.float64) * plane.slope + plane.intercept if scaled else image
 
 
@@ -184,16 +182,17 @@ def _pixels(file: Path) -> NDArray[Any]:
     pydicom = import_reader("pydicom", file)
     with decoding(file):
         content = pydicom.dcmread(file, force=True)
-        check_budget(_bytes(content), quoted(file))
-        pixels = _decoded(content, file)
+        bits = int(content.get("BitsAllocated", 8))
+        check_budget(n_images(content) * int(content.Rows) * int(content.Columns) * bits // 8, quoted(file))
+        pixels = _decoded(content)
         return pixels if pixels.ndim == 3 else pixels[None]
 
 
-def _decoded(content: Any, file: Path) -> NDArray[Any]:
-    """The pixels, when there is a decoder for their compression.
+def _decoded(content: Any) -> NDArray[Any]:
+    """The pixels of a file.
 
     Raises:
-        InputError: there is none; the message names the compression.
+        InputError: there is no decoder; the message names the compression.
     """
     from pydicom import uid
 
@@ -202,7 +201,8 @@ def _decoded(content: Any, file: Path) -> NDArray[Any]:
         (False, True): uid.ExplicitVRLittleEndian,
         (False, False): uid.ExplicitVRBigEndian,
     }
-    if "TransferSyntaxUID" not in content.file_meta:  # then it is not compressed, and the header shows the byte order
+    # PS3.10, 7.1: a file without meta information is not compressed; its elements show the byte order
+    if "TransferSyntaxUID" not in content.file_meta:
         content.file_meta.TransferSyntaxUID = encodings[content.original_encoding]
     try:
         return np.asarray(content.pixel_array)
@@ -210,6 +210,6 @@ def _decoded(content: Any, file: Path) -> NDArray[Any]:
         if "missing dependencies" not in str(error):
             raise
         raise InputError(
-            f"{quoted(file)}: its pixels are compressed ({content.file_meta.TransferSyntaxUID.name}), and no decoder "
-            "for it is installed; pip install 'pylibjpeg[all]', or write the images uncompressed"
+            f"its pixels are compressed ({content.file_meta.TransferSyntaxUID.name}), and no decoder for it is "
+            "installed; pip install 'pylibjpeg[all]', or write the images uncompressed"
         ) from error

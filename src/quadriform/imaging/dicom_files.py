@@ -1,4 +1,4 @@
-"""What a DICOM file is, by its content: images, or an object of another class, or damaged."""
+"""The DICOM files of a folder by their content: images by series, objects of other classes, damaged files."""
 
 import warnings
 from collections.abc import Iterator
@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
 from quadriform.errors import FileFormatError, InputError, QuadriformError
-from quadriform.files.reading import check_budget, check_readable, quoted
-from quadriform.imaging.dicom_headers import TAGS, n_images
+from quadriform.files.reading import check_budget, check_readable, naming, quoted
+from quadriform.imaging.dicom_values import KEYWORDS, n_images
 from quadriform.imaging.reader_common import import_reader
 
 if TYPE_CHECKING:
@@ -17,16 +17,16 @@ if TYPE_CHECKING:
 
 DICOM_SUFFIXES = (".dcm", ".ima")
 PREAMBLE = 128
-"""Bytes before the letters DICM."""
+"""Bytes before the letters DICM (PS3.10, 7.1)."""
 FIRST_GROUPS = (b"\x02\x00", b"\x08\x00", b"\x00\x08")
-"""Groups that a file without these letters can begin with, in either byte order."""
+"""Groups of the first element of a file without these letters, in either byte order."""
 SHORT = 1 << 16
-"""The first element of such a file is shorter, where it does not name its type."""
+"""The first element of such a file is shorter, where it does not name its value representation."""
 SERIES_TAG = 0x0020000E
 """Of SeriesInstanceUID."""
 PIXELS = (0x7FE00008, 0x7FE00009, 0x7FE00010)
 UNDEFINED = 0xFFFFFFFF
-"""The length of an element that ends with a mark."""
+"""The length of an element that ends with a delimiter (PS3.5, 7.1.1)."""
 IMAGES = ("Image Storage", "Segmentation Storage", "RT Dose Storage", "Parametric Map Storage")
 HINTS = {
     "RT Structure Set Storage": "; its contours are not read: write them as a mask or a DICOM segmentation first",
@@ -36,7 +36,7 @@ HINTS = {
 
 @dataclass(frozen=True)
 class Examined:
-    """A DICOM file that was looked at.
+    """What the header of a DICOM file contains.
 
     Attributes:
         header: of a file with images; None for others.
@@ -80,13 +80,13 @@ class Folder:
 
 
 def is_dicom(path: Path) -> bool:
-    """Whether a file is DICOM by its content: the letters DICM, or a first element as such files have."""
+    """Return whether a file is DICOM by its content: the letters DICM, or a first element without them."""
     start = beginning(path)
     return start[PREAMBLE:] == b"DICM" or _begins_with_element(start)
 
 
 def beginning(path: Path) -> bytes:
-    """The first bytes of a file; none where it cannot be read."""
+    """Return the first bytes of a file; none where it cannot be read."""
     try:
         with path.open("rb") as stream:
             return stream.read(PREAMBLE + 4)
@@ -95,7 +95,7 @@ def beginning(path: Path) -> bytes:
 
 
 def _begins_with_element(start: bytes) -> bool:
-    """A type of two capital letters after the tag, or a short length: written without the letters DICM."""
+    """A value representation of two capital letters after the tag, or a short length (PS3.5, 7.1)."""
     if start[:2] not in FIRST_GROUPS or len(start) < PREAMBLE:
         return False
     named = start[4:6].isalpha() and start[4:6].isupper()
@@ -103,7 +103,7 @@ def _begins_with_element(start: bytes) -> bool:
 
 
 def examine_folder(folder: Path) -> Folder:
-    """Look at each file that is DICOM, or should be; hidden files and indices are passed by."""
+    """Return what the DICOM files of a folder contain, without hidden files and indices."""
     found = Folder()
     for file in sorted(folder.iterdir()):
         if not file.is_file() or file.name.startswith(".") or file.name == "DICOMDIR" or not _meant_as_dicom(file):
@@ -121,13 +121,13 @@ def examine_folder(folder: Path) -> Folder:
 
 
 def _meant_as_dicom(file: Path) -> bool:
-    """A damaged slice must not go unseen: only text, and names of other formats, are no slices."""
+    """Whether a file may be a slice, even a damaged one: not text, and without the suffix of another format."""
     suffix = file.suffix.lower()
     return suffix in DICOM_SUFFIXES or is_dicom(file) or (suffix == "" and b"\0" in beginning(file))
 
 
 def examine(file: Path) -> Examined:
-    """Read the header of a file, and see whether it holds pixels.
+    """Return the header of a file, and whether it has pixels.
 
     Raises:
         InputError: pydicom is not installed.
@@ -136,9 +136,9 @@ def examine(file: Path) -> Examined:
     try:
         header, pixels, cut = _parsed(file)
         with decoding(file):
-            for keyword in TAGS:
-                header.get(keyword)  # values are decoded when asked for
-            n_images(header)  # so that a count that is none is met here
+            for keyword in KEYWORDS:
+                header.get(keyword)  # pydicom decodes a value on access: damage is found here
+            n_images(header)
         check_budget(file.stat().st_size, quoted(file))
         fault = None if pixels else _without_pixels(file, _class_name(header), cut)
         return Examined(header if fault is None else None, _series(header), _class_name(header), fault)
@@ -147,7 +147,7 @@ def examine(file: Path) -> Examined:
 
 
 def _of_damaged(file: Path, fault: QuadriformError) -> Examined:
-    """What a damaged file says of itself before the damage."""
+    """What can be read of a damaged file before the damage."""
     try:
         header, *_ = _parsed(file, SERIES_TAG)
     except QuadriformError:
@@ -156,7 +156,7 @@ def _of_damaged(file: Path, fault: QuadriformError) -> Examined:
 
 
 def _parsed(file: Path, last: int | None = None) -> "tuple[Dataset, bool, bool]":
-    """The header to the tag `last`, whether there are pixels behind it, and whether the file ends within an element."""
+    """The header to the tag `last`, whether pixels follow, and whether the file ends within an element."""
     from pydicom.filereader import read_partial
     from pydicom.tag import Tag
 
@@ -164,15 +164,15 @@ def _parsed(file: Path, last: int | None = None) -> "tuple[Dataset, bool, bool]"
     if not is_dicom(file):
         raise FileFormatError(f"{quoted(file)}: not a DICOM file; it begins with {beginning(file)[:8]!r}")
     with file.open("rb") as stream, decoding(file):
-        seen = _Watch(stream, size, last)
-        header = read_partial(stream, seen, force=True, specific_tags=[Tag(keyword) for keyword in TAGS])
-    if seen.cut_in is not None and seen.cut_in in header:
-        del header[seen.cut_in]  # half a value is none
-    return header, seen.pixels, seen.cut_in is not None
+        stop = _StopCondition(stream, size, last)
+        header = read_partial(stream, stop, force=True, specific_tags=[Tag(keyword) for keyword in KEYWORDS])
+    if stop.cut_in is not None and stop.cut_in in header:
+        del header[stop.cut_in]  # its value is incomplete
+    return header, stop.pixels, stop.cut_in is not None
 
 
-class _Watch:
-    """Told of each element while a header is read; stops at the pixels, or behind the tag `last`."""
+class _StopCondition:
+    """Called by pydicom before each element; stops at the pixels, or behind the tag `last`."""
 
     def __init__(self, stream: IO[bytes], size: int, last: int | None) -> None:
         self.stream, self.size, self.last = stream, size, last
@@ -182,7 +182,8 @@ class _Watch:
     def __call__(self, tag: int, vr: str | None, length: int) -> bool:
         self.pixels |= tag in PIXELS
         at = self.stream.tell()
-        if not self.pixels and length != UNDEFINED and at < self.size < at + length:  # at the end: it was unpacked
+        # at the end of the file the element was inflated in memory, and its length means nothing here
+        if not self.pixels and length != UNDEFINED and at < self.size < at + length:
             self.cut_in = tag
         return self.pixels or (self.last is not None and tag > self.last)
 
@@ -197,7 +198,7 @@ def _without_pixels(file: Path, kind: str, cut: bool) -> QuadriformError:
             f"{quoted(file)}: {kind} without pixels: cut short before them, or written without; fetch the file again"
         )
     return InputError(
-        f"{quoted(file)}: a DICOM object of the class {kind!r}, which holds no images{HINTS.get(kind, '')}"
+        f"{quoted(file)}: a DICOM object of the class {kind!r}, which contains no images{HINTS.get(kind, '')}"
     )
 
 
@@ -226,16 +227,16 @@ def _series(header: "Dataset") -> str | None:
 
 @contextmanager
 def decoding(file: Path) -> Iterator[None]:
-    """One error for whatever a decoder meets in a damaged file.
+    """Turn every exception of the decoder into a FileFormatError, and put the name of the file before all errors.
 
-    Its warnings are about values that break rules of DICOM; those that matter to the image are checked here.
+    Warnings of pydicom are about values that break rules of DICOM; those that matter to the image are checked here.
     """
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+    with naming(file), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
             yield
-    except QuadriformError:
-        raise
-    except Exception as error:  # a damaged header can raise anything in the decoder
-        said = " ".join(str(error).split())
-        raise FileFormatError(f"{quoted(file)}: cannot be decoded; is it DICOM, and whole? {said}") from error
+        except QuadriformError:
+            raise
+        except Exception as error:  # a damaged header can raise anything in the decoder
+            text = " ".join(str(error).split())
+            raise FileFormatError(f"cannot be decoded; is it DICOM, and whole? {text}") from error

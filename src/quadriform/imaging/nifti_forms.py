@@ -1,7 +1,7 @@
-"""Which of the transforms in a NIfTI header leads to the world: sform, qform, or the sizes of voxels alone.
+"""The choice of the transform from voxels to the world in a NIfTI header: sform, qform, or the voxel sizes alone.
 
-A header states the sizes of voxels twice: in `pixdim`, from which the qform takes them, and in the sform. Where the
-two transforms disagree:
+A header has the voxel sizes twice: in `pixdim`, which the qform uses, and in the sform (nifti1.h, "methods" 1 to 3 of
+the section on orientation). Where the two transforms disagree:
 
 - in sizes: the qform is used, for `pixdim` supports it, with a warning that names both;
 - in position or direction alone: the sform is used, as other readers do, with a warning that names both;
@@ -11,7 +11,6 @@ A sform alone whose sizes are not those of `pixdim` is refused too.
 """
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,13 +23,13 @@ if TYPE_CHECKING:
     from nibabel.nifti1 import Nifti1Header
 
 AFFINES = ("sform", "qform", "pixdim")
-"""What can be asked for; the last has sizes, and no position or direction in a known frame."""
+"""The values of the option `affine`; the last has sizes, and no position or direction in a known space."""
 KNOWN_CODES = 5
-"""What the format knows to say of a form: 0 for none, up to "another template"."""
+"""The largest qform_code and sform_code of the standard: 0 for none, up to NIFTI_XFORM_TEMPLATE_OTHER."""
 SAME_FORM = 0.01
-"""Two forms agree when no corner of the image moves by more than this share of the smallest spacing."""
+"""Two forms agree when no corner of the image moves by more than this fraction of the smallest spacing."""
 SAME_SIZE = 0.01
-"""Sizes of voxels agree to this share; headers round."""
+"""Sizes of voxels agree to this fraction; headers round."""
 
 
 @dataclass(frozen=True)
@@ -42,59 +41,57 @@ class Forms:
         codes: of sform and qform; 0 for one that is not given.
         sizes: (3,) `pixdim`.
         shape: voxels along i, j, k.
-        path: for messages.
     """
 
     stored: dict[str, Array]
     codes: dict[str, int]
     sizes: Array
     shape: tuple[int, ...]
-    path: Path
 
     @property
     def given(self) -> list[str]:
-        """The forms with a code above 0."""
+        """Names of the forms with a code above 0."""
         return [name for name, code in self.codes.items() if code > 0]
 
     def described(self) -> str:
-        """All forms, for a message."""
+        """Return all forms, for a message."""
         return "; ".join(f"{name} (code {code}) {self.stored[name].tolist()}" for name, code in self.codes.items())
 
     def refuse(self, fault: str) -> AffineError:
-        """The error that names what is there, and the option that chooses."""
+        """Return the error with the forms of the header, and the option that chooses one."""
         usable = [name for name in (*self.given, "pixdim") if not affine_fault(self.stored[name])]
         choice = " or ".join(f"--affine {name} (affine={name!r})" for name in usable)
         advice = f"choose by {choice}" if usable else "repair the header, or build a Volume with your own transform"
-        return AffineError(f"{str(self.path)!r}: {fault}; {self.described()}; pixdim {_words(self.sizes)}; {advice}")
+        return AffineError(f"{fault}; {self.described()}; pixdim {_words(self.sizes)}; {advice}")
 
 
-def read_forms(header: "Nifti1Header", shape: tuple[int, ...], path: Path) -> Forms:
-    """The transforms of a header as they are stored.
+def read_forms(header: "Nifti1Header", shape: tuple[int, ...]) -> Forms:
+    """Return the transforms of a header as they are stored, for an image of `shape` voxels.
 
     Raises:
-        AffineError: codes that the format does not know.
+        AffineError: codes that the standard does not have.
     """
     sizes = np.array(header["pixdim"][1:4], dtype=np.float64)
     stored = {"sform": header.get_sform(), "qform": _qform(header), "pixdim": np.diag([*sizes, 1.0])}
     codes = {name: int(header[f"{name}_code"]) for name in ("sform", "qform")}
     if not all(0 <= code <= KNOWN_CODES for code in codes.values()):
-        raise AffineError(f"{str(path)!r}: form codes {codes}; expected 0 to {KNOWN_CODES}: the header is damaged")
-    return Forms(stored, codes, sizes, shape[:3], path)
+        raise AffineError(f"form codes {codes}; expected 0 to {KNOWN_CODES}: the header is damaged")
+    return Forms(stored, codes, sizes, shape[:3])
 
 
-def choose_form(forms: Forms, asked: str | None) -> tuple[str, Warnings]:
-    """The name of the transform to use, and AFFINE_REPAIRED where two of them disagree.
+def choose_form(forms: Forms, requested: str | None) -> tuple[str, Warnings]:
+    """Return the name of the transform to use, and AFFINE_REPAIRED where two of them disagree.
 
     Args:
         forms: of the header.
-        asked: one of AFFINES, or None to decide by the rules of this module.
+        requested: one of AFFINES, or None to decide by the rules of this module.
 
     Raises:
         AffineError: none can be used, or they disagree and nothing decides.
-        OptionError: `asked` is unknown, or the header has no such transform.
+        OptionError: `requested` is unknown, or the header has no such transform.
     """
-    if asked is not None:
-        return _asked(forms, choose(asked, AFFINES, "affine")), {}
+    if requested is not None:
+        return _requested(forms, choose(requested, AFFINES, "affine")), {}
     if not forms.given:
         raise forms.refuse("no usable transform to the world: no form has a code above 0")
     first = forms.given[0]
@@ -106,32 +103,32 @@ def choose_form(forms: Forms, asked: str | None) -> tuple[str, Warnings]:
     if "qform" not in forms.given or fault:
         if not _same_sizes(forms):
             raise forms.refuse(f"the sform has voxels of {_words(_lengths(forms.stored['sform']))}, pixdim has others")
-        said = f"the qform is unusable ({fault}); the sform is used"
-        return first, {WarningKind.AFFINE_REPAIRED: said} if "qform" in forms.given else {}
+        text = f"the qform is unusable ({fault}); the sform is used"
+        return first, {WarningKind.AFFINE_REPAIRED: text} if "qform" in forms.given else {}
     return _of_two(forms)
 
 
-def _asked(forms: Forms, name: str) -> str:
+def _requested(forms: Forms, name: str) -> str:
     if name in forms.codes and name not in forms.given:
-        raise OptionError(f"option affine={name!r}: {str(forms.path)!r} has no {name} (code 0); {forms.described()}")
+        raise OptionError(f"option affine={name!r}: the header has no {name} (code 0); {forms.described()}")
     if fault := affine_fault(forms.stored[name]) or ("" if (forms.sizes > 0).all() else "pixdim has no sizes"):
-        raise AffineError(f"{str(forms.path)!r}: affine={name!r} cannot be used: {fault}; {forms.described()}")
+        raise AffineError(f"affine={name!r} cannot be used: {fault}; {forms.described()}")
     return name
 
 
 def _of_two(forms: Forms) -> tuple[str, Warnings]:
     """sform or qform, both given and usable."""
     sform, qform = forms.stored["sform"], forms.stored["qform"]
-    apart = _apart(forms)
-    if apart <= SAME_FORM * _lengths(sform).min():
+    distance = _corner_distance(forms)
+    if distance <= SAME_FORM * _lengths(sform).min():
         return "sform", {}
     volumes = np.linalg.det(sform[:3, :3]), np.linalg.det(qform[:3, :3])
     if volumes[0] * volumes[1] < 0:
         raise forms.refuse("sform and qform are mirror images of each other: left and right are exchanged in one")
     both = (
         f"sform (code {forms.codes['sform']}, voxels of {_words(_lengths(sform))}) and qform (code "
-        f"{forms.codes['qform']}, {_words(_lengths(qform))}) disagree: they put a corner of the image {apart:.4g} (in "
-        f"the file's unit) apart and differ by {_degrees(sform, qform):.3g} degrees"
+        f"{forms.codes['qform']}, {_words(_lengths(qform))}) disagree: they put a corner of the image {distance:.4g} "
+        f"(in the unit of the file) apart and differ by {_degrees(sform, qform):.3g} degrees"
     )
     if not _same_sizes(forms):
         return "qform", {
@@ -154,8 +151,8 @@ def _same_sizes(forms: Forms) -> bool:
     return bool((np.abs(_lengths(forms.stored["sform"]) / sizes - 1) <= SAME_SIZE).all())
 
 
-def _apart(forms: Forms) -> float:
-    """How far apart sform and qform put the corners of the image, at most."""
+def _corner_distance(forms: Forms) -> float:
+    """The largest distance of a corner of the image by the sform from the same corner by the qform."""
     corners = np.array([(*corner, 1) for corner in np.ndindex(2, 2, 2)]) * (*np.array(forms.shape) - 1, 1)
     return float(np.linalg.norm(corners @ (forms.stored["sform"] - forms.stored["qform"]).T, axis=1).max())
 
@@ -179,7 +176,7 @@ def _qform(header: "Nifti1Header") -> Array:
 
     header = header.copy()
     if header["pixdim"][0] == 0:
-        header["pixdim"][0] = 1  # the format says so
+        header["pixdim"][0] = 1  # nifti1.h: qfac, the sign of the third axis, is 1 where pixdim[0] is 0
     try:
         return header.get_qform()
     except (HeaderDataError, ValueError):
