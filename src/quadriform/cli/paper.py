@@ -25,7 +25,8 @@ def paper(
 ) -> None:
     """Make the figures of the paper again, by method="paper" and by default, with their numbers side by side.
 
-    Without --data the page has synthetic data and a brain in the place of hearts. All figures take about four minutes.
+    Without --data the page has synthetic data and a brain in the place of hearts.
+    All figures take about two minutes of processor time.
     """
     from quadriform.cli.screen import progress_bar, say
     from quadriform.files.atomic import check_writable, write_bytes

@@ -177,6 +177,7 @@ def _sparse_rows(sparse: Sparse) -> list[Row]:
         rows.append((f"points, {whole.name}, {part.name}", said, count, count))
         apart = [sparse.apart(part, method) for method in (0, 1)]
         rows.append((f"RMS distance to the model of all points, {whole.name}, {part.name}", "similar", *map(mm, apart)))
+        rows.append((f"warnings, {whole.name}, {part.name}", NONE, *map(_warnings, part.fits)))
     return rows
 
 
@@ -193,14 +194,14 @@ def _sparse_verdict(sparse: Sparse) -> str:
 
 def _sparse_pictures(sparse: Sparse) -> Tiles:
     """A row for each cloud: its points and both models, all at one scale."""
-    rows = {part.name: part for part in sparse.parts} | {"all points": sparse.whole}
+    rows = {part.name: part for part in sparse.parts} | {"all": sparse.whole}
     meshes = {
         name: [fit.model.mesh(each.surface, drawing.RESOLUTION) for fit in each.fits] for name, each in rows.items()
     }
     window = np.concatenate([sparse.whole.cloud, *(mesh.vertices for pair in meshes.values() for mesh in pair)])
     pictures: Tiles = []
     for name, each in rows.items():
-        title = f"{name}, {len(each.cloud):,}"
+        title = f"{name}, {len(each.cloud):,} points"
         pictures.append((title, drawing.in_space(window, title, drawing.cloud(each.cloud, size=4))))
         for mesh, method, colour in zip(meshes[name], MODELS, COLOURS):
             title = f"{name}, {method}"

@@ -30,8 +30,8 @@ MEASURED = (
     "of M, mm",
     "of N, mm",
     "of the data RMS, mm",
-    "RMS difference, mm",
-    "above the exact",
+    "difference from the exact RMS, mm",
+    "data above the exact",
 )
 RADIAL, FIRST, TAUBIN = "radial |M0 M|", "first order (P4)", "second order (Taubin)"
 EXACT = "exact |M P|"

@@ -108,5 +108,5 @@ def drawn(material: Material, figures: Sequence[str], progress: Progress | None 
 
 def _summary(remakes: list[Remake]) -> list[Section]:
     """All numbers that the paper gives, or claims in words, beside ours."""
-    rows = [(remake.name, *row) for remake in remakes for row in remake.rows if row[1] != NONE]
-    return [Section("What the paper says in numbers", table(("", *HEADER), rows))] if rows else []
+    rows = [(f"{remake.name}: {row[0]}", *row[1:]) for remake in remakes for row in remake.rows if row[1] != NONE]
+    return [Section("What the paper says in numbers", table(HEADER, rows))] if rows else []
