@@ -72,7 +72,7 @@ def parametrisations(_: Material) -> Remake:
         (f"{name}, {len(points)} points", drawing.in_space(window, name, drawing.cloud(points, size=5)))
         for name, points in samples.items()
     ]
-    gaps = [_largest_gap(points) for points in samples.values()]
+    far = [_largest_distance(points) for points in samples.values()]
     curved = [_curved(points) for points in samples.values()]
     area = _curved_area()
     words = "A rounded box, 100 mm long, on the closed grid of latitude and longitude, and on our grid."
@@ -84,29 +84,29 @@ def parametrisations(_: Material) -> Remake:
         "regular one, called uniform: rays through a closed grid of latitude and longitude with constant steps.",
         [shown(drawing.tiles(pictures), words, SYNTHETIC)],
         [
-            ("largest distance from the surface to a sample, natural", NONE, mm(gaps[0]), NOT),
-            ("largest distance from the surface to a sample, regular", NONE, mm(gaps[1]), NOT),
-            ("largest distance from the surface to a sample, projected cube", NONE, NOT, mm(gaps[2])),
+            ("largest distance from the surface to a sample, natural", NONE, mm(far[0]), NOT),
+            ("largest distance from the surface to a sample, regular", NONE, mm(far[1]), NOT),
+            ("largest distance from the surface to a sample, projected cube", NONE, NOT, mm(far[2])),
             (f"samples on the curved {area:.0%} of the area, natural", NONE, f"{curved[0]:.0%}", NOT),
             (f"samples on the curved {area:.0%} of the area, regular", NONE, f"{curved[1]:.0%}", NOT),
             (f"samples on the curved {area:.0%} of the area, projected cube", NONE, NOT, f"{curved[2]:.0%}"),
         ],
-        _spread(gaps, curved, area),
+        _spread(far, curved, area),
     )
 
 
-def _spread(gaps: list[float], curved: list[float], area: float) -> str:
-    evener = abs(curved[1] - area) < abs(curved[0] - area) and gaps[1] < gaps[0]
+def _spread(far: list[float], curved: list[float], area: float) -> str:
+    evener = abs(curved[1] - area) < abs(curved[0] - area) and far[1] < far[0]
     return (
         f"the regular parametrisation is {'more' if evener else 'not more'} even than the natural one: no point of the "
-        f"surface is farther than {mm(gaps[1])} from a sample, against {mm(gaps[0])}, and {curved[1]:.0%} of its "
+        f"surface is farther than {mm(far[1])} from a sample, against {mm(far[0])}, and {curved[1]:.0%} of its "
         f"samples are on the curved {area:.0%} of the area, of the natural one's {curved[0]:.0%}. It is not uniform: a "
         f"grid of latitude and longitude is dense at its poles, each of which it holds {2 * 20 + 1} times. Fits sample "
-        f"by a cube projected onto the surface, which has no poles: {mm(gaps[2])} and {curved[2]:.0%}."
+        f"by a cube projected onto the surface, which has no poles: {mm(far[2])} and {curved[2]:.0%}."
     )
 
 
-def _largest_gap(points: Array) -> float:
+def _largest_distance(points: Array) -> float:
     """The largest distance of a point of the surface from its nearest sample."""
     return float(cKDTree(points).query(ROUNDED_BOX.grid(80)[0])[0].max())
 
