@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from shapes_made import even_directions
 
-from quadriform.fitting.least_squares.effective_count import independent_share
+from quadriform.fitting.neighbourhood import effective_fraction
 
 FEET = 30 * even_directions(2000)
 
 
 def test_white_noise_leaves_all_points():
     noise = np.random.default_rng(0).normal(size=len(FEET))
-    assert independent_share(FEET, noise, np.ones(len(FEET))) == 1
+    assert effective_fraction(FEET, noise, np.ones(len(FEET))) == 1
 
 
 @pytest.mark.parametrize("together", [3, 5, 9])
@@ -20,7 +20,7 @@ def test_points_that_err_together_count_once(together):
     rng = np.random.default_rng(1)
     feet = np.repeat(FEET, together, axis=0) + rng.normal(0, 1e-3, (together * len(FEET), 3))
     noise = np.repeat(rng.normal(size=len(FEET)), together)
-    assert independent_share(feet, noise, np.ones(len(feet))) == pytest.approx(1 / together, rel=0.1)
+    assert effective_fraction(feet, noise, np.ones(len(feet))) == pytest.approx(1 / together, rel=0.1)
 
 
 def test_neighbours_are_those_of_the_feet():
@@ -28,8 +28,8 @@ def test_neighbours_are_those_of_the_feet():
     rng = np.random.default_rng(2)
     feet, noise = FEET[:1000], 3 * rng.normal(size=1000)
     in_space = feet * (1 + noise / 30)[:, None]
-    assert independent_share(in_space, noise, np.ones(1000)) < 0.95
-    assert independent_share(feet, noise, np.ones(1000)) == 1
+    assert effective_fraction(in_space, noise, np.ones(1000)) < 0.95
+    assert effective_fraction(feet, noise, np.ones(1000)) == 1
 
 
 def test_points_of_no_weight_say_nothing():
@@ -37,4 +37,4 @@ def test_points_of_no_weight_say_nothing():
     noise, weights = rng.normal(size=len(FEET)), np.ones(len(FEET))
     strangers = FEET[:, 2] > 15
     noise[strangers], weights[strangers] = 40, 0
-    assert independent_share(FEET, noise, weights) == 1
+    assert effective_fraction(FEET, noise, weights) == 1

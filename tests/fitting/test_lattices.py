@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from shapes_made import turned
 
+from quadriform.fitting.cloud import canonical_order
 from quadriform.fitting.neighbourhood import Neighbourhood
-from quadriform.fitting.sampling import outwards
-from quadriform.fitting.superquadric.hypotheses import dense_parts
+from quadriform.fitting.superquadric.initial import dense_parts
 
 
 def lattice_shell(centre):
@@ -41,13 +41,13 @@ def test_neighbours_tell_the_same(change):
 
 def test_the_same_points_come_first(change):
     turn, order = change
-    np.testing.assert_array_equal(order[outwards((LOPSIDED @ turn.T)[order])], outwards(LOPSIDED))
+    np.testing.assert_array_equal(order[canonical_order((LOPSIDED @ turn.T)[order])], canonical_order(LOPSIDED))
 
 
 def test_the_same_points_come_first_where_nothing_is_heavier(rng):
     order = rng.permutation(len(EVEN))
     noisy = EVEN + 1e-15 * rng.normal(size=EVEN.shape)
-    np.testing.assert_array_equal(order[outwards(noisy[order])], outwards(EVEN))
+    np.testing.assert_array_equal(order[canonical_order(noisy[order])], canonical_order(EVEN))
 
 
 def test_the_same_parts_are_dense(change):

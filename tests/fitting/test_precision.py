@@ -6,7 +6,7 @@ from shapes_made import lumpy
 
 import quadriform as qf
 from quadriform.errors import WarningKind
-from quadriform.fitting.precision import precision
+from quadriform.fitting.diagnostics import precision_loss
 
 CLOUD = lumpy(60)
 HALF = np.linalg.norm(np.ptp(CLOUD, axis=0)) / 2
@@ -14,7 +14,7 @@ HALF = np.linalg.norm(np.ptp(CLOUD, axis=0)) / 2
 
 def reported(points, given=None):
     values = np.asarray(points, dtype=np.float64)
-    return precision(values if given is None else given, values).get(WarningKind.PRECISION_LOSS, "")
+    return precision_loss(values if given is None else given, values).get(WarningKind.PRECISION_LOSS, "")
 
 
 def texts(points, pattern):

@@ -6,9 +6,9 @@ from shapes_made import even_directions, made, two_walls, ventricle
 
 import quadriform as qf
 from quadriform.errors import OptionError
-from quadriform.fitting.least_squares.regularisers import svd_step
 from quadriform.fitting.options import PaperOptions
 from quadriform.fitting.paper.displacement import data_to_model
+from quadriform.fitting.paper.solvers import svd_step
 from quadriform.fitting.paper.two_step import MODEL_RESOLUTION, two_step
 from quadriform.points import Frame
 from quadriform.shapes.control_box import ControlBox, outer_box

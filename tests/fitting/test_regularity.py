@@ -5,9 +5,9 @@ import pytest
 from shapes_made import even_directions, made
 
 from quadriform.errors import OptionError
-from quadriform.fitting.least_squares.regularisers import (
-    Springs,
-    held_step,
+from quadriform.fitting.least_squares.regularisers import Springs
+from quadriform.fitting.paper.solvers import (
+    penalised_step,
     step_for,
     svd_position_step,
     svd_step,
@@ -112,7 +112,7 @@ def test_springs_minimise_p9(strength, on_displacement, rng):
     b, rest, wanted = system()
     control = rest + 0.1 * rng.normal(size=rest.shape)
     penalty = Springs().matrix(SHAPE)
-    step, _ = held_step(b, penalty, strength, on_displacement)
+    step, _ = penalised_step(b, penalty, strength, on_displacement)
     found = control + step(wanted, control, rest)
     weight = strength * len(b)
     anchor = rest if on_displacement else 0 * rest

@@ -6,9 +6,9 @@ from shapes_made import KINDS, angles, even_directions, gap, lumpy, made, single
 
 from quadriform import fit_superquadric
 from quadriform.errors import DegenerateError, OptionError
-from quadriform.fitting.superquadric import fit as superquadric_fit
+from quadriform.fitting.superquadric import paper
 from quadriform.fitting.superquadric.batch import Candidates, distances
-from quadriform.fitting.superquadric.fit import _Unbounded
+from quadriform.fitting.superquadric.paper import _Unbounded
 from quadriform.shapes.control_box import ControlBox
 
 
@@ -119,7 +119,7 @@ def test_the_steps_are_conjugate_gradients_of_p3(monkeypatch):
     """2.3: explicit derivatives of the mean of (1 - F)^2; steps along Polak and Ribiere's conjugate directions."""
     cloud = 20 * lumpy(300) + 5
     seen = {}
-    library = superquadric_fit.minimize
+    library = paper.minimize
 
     def watched(criterion, first, callback, **how):
         seen.update(criterion=criterion, at=[first.copy()])
@@ -130,7 +130,7 @@ def test_the_steps_are_conjugate_gradients_of_p3(monkeypatch):
 
         return library(criterion, first, callback=each, **how)
 
-    monkeypatch.setattr(superquadric_fit, "minimize", watched)
+    monkeypatch.setattr(paper, "minimize", watched)
     found = fit_superquadric(cloud, method="paper")
     criterion, at = seen["criterion"], seen["at"]
     assert found.history[-1] == pytest.approx(((1 - found.superquadric.implicit(cloud)) ** 2).mean(), rel=1e-9)

@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 from shapes_made import even_directions
 
 import quadriform as qf
-from quadriform.fitting.superquadric.hypotheses import sides
-from quadriform.fitting.ties import best_first, first_least, settled_axes
+from quadriform.fitting.cloud import best_first, canonical_axes, first_least
+from quadriform.fitting.superquadric.initial import sides
 
 TURN = Rotation.from_rotvec([0.3, -0.7, 0.4]).as_matrix()
 SIDE = np.moveaxis(np.mgrid[-8:9, -8:9, -8:9], 0, -1)
@@ -27,7 +27,7 @@ def shell(mask):
 
 def axes_of(points):
     offset = points - points.mean(axis=0)
-    return settled_axes(*np.linalg.eigh(offset.T @ offset), offset)
+    return canonical_axes(*np.linalg.eigh(offset.T @ offset), offset)
 
 
 def same_up_to_names(one, other):
@@ -69,7 +69,7 @@ def test_axes_of_isotropic_clouds_without_symmetry_turn_with_them(fold):
 def test_axes_that_eigenvalues_tell_are_left_as_they_are():
     points = even_directions(50) * [1, 2, 3]
     given = np.linalg.eigh(points.T @ points)
-    assert settled_axes(*given, points) is given[1]
+    assert canonical_axes(*given, points) is given[1]
 
 
 def test_of_equal_values_the_first_is_best():

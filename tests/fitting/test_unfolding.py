@@ -129,7 +129,7 @@ def test_several_surfaces_are_unfolded_at_any_price_but_the_fair_one_is_sought_f
 def test_a_fold_that_no_fair_price_cures_is_told(monkeypatch, folded):
     monkeypatch.setattr(refinement, "fair_price", lambda refined: 0.0)
     fit = qf.fit(DENTED)
-    assert "sampled places" in fit.warnings["FOLDING"]
+    assert "sampled points" in fit.warnings["FOLDING"]
     assert fit.model.min_jacobian() < 0
     assert off(fit.model) == off(folded.model)  # what the cure tried has left no trace
 

@@ -9,7 +9,7 @@ from fitters_made import FITTERS, at_rest
 from shapes_made import even_directions
 
 import quadriform as qf
-from quadriform.fitting.precision import precision
+from quadriform.fitting.diagnostics import precision_loss
 
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
@@ -37,7 +37,7 @@ def ball(clouds):
     points = np.array(given, dtype=float, order="C")
     centre = points.mean(axis=0)
     distances = np.linalg.norm(points - centre, axis=1)
-    return Ball(centre, distances.mean(), distances - distances.mean(), precision(given, points))
+    return Ball(centre, distances.mean(), distances - distances.mean(), precision_loss(given, points))
 
 
 def surface(found):

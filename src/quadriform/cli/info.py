@@ -68,7 +68,7 @@ def _told(warnings: "Warnings") -> dict[str, str]:
 
 def _points(file: Path, columns: str | None) -> dict[str, Any]:
     from quadriform.files.points import read_point_set
-    from quadriform.fitting.precision import precision
+    from quadriform.fitting.diagnostics import precision_loss
 
     found = read_point_set(file, columns)
     return {
@@ -78,7 +78,7 @@ def _points(file: Path, columns: str | None) -> dict[str, Any]:
         "extent": _extent(found.points),
         "space": "unknown",
         "unit": found.unit,
-        "warnings": _told(precision(found.number_type, found.points)),
+        "warnings": _told(precision_loss(found.number_type, found.points)),
         "notes": list(found.notes),
     }
 
@@ -87,7 +87,7 @@ def _mesh(file: Path, frame: int | None, affine: str | None) -> dict[str, Any]:
     from quadriform.errors import FileFormatError, join_warnings
     from quadriform.files import read_mesh, read_points
     from quadriform.files.meshes import read_marks, read_record
-    from quadriform.fitting.precision import precision
+    from quadriform.fitting.diagnostics import precision_loss
     from quadriform.shapes.record import ModelRecord
 
     space, unit = read_marks(file)
@@ -96,7 +96,7 @@ def _mesh(file: Path, frame: int | None, affine: str | None) -> dict[str, Any]:
     except FileFormatError:
         points = read_points(file)  # a cloud in a mesh format; a damaged file fails here again
         cloud = {"kind": "points", "points": len(points), "extent": _extent(points), "space": space, "unit": unit}
-        return cloud | {"warnings": _told(precision(None, points))}
+        return cloud | {"warnings": _told(precision_loss(None, points))}
     record = read_record(file) or ModelRecord()
     return {
         "kind": "mesh",
@@ -107,7 +107,7 @@ def _mesh(file: Path, frame: int | None, affine: str | None) -> dict[str, Any]:
         "space": space,
         "unit": unit,
         "status": record.status,
-        "warnings": _told(join_warnings(record.warnings, precision(None, mesh.vertices))),
+        "warnings": _told(join_warnings(record.warnings, precision_loss(None, mesh.vertices))),
     }
 
 

@@ -1,25 +1,53 @@
-"""What is to be said of a refined model."""
+"""Warnings about a fit, one function and one text for each kind; each returns a mapping that is empty without cause."""
 
 from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from quadriform.errors import WarningKind, Warnings
-from quadriform.fitting.coverage import coverage_warning, covered_share
-from quadriform.fitting.refinement.refine import Result
-from quadriform.fitting.refinement.unfolding import POOR
-from quadriform.fitting.result import SuperquadricFit, rms
+from quadriform.fitting.least_squares.marginal_likelihood import Solution
+from quadriform.fitting.result import HalfSpace, Result, SuperquadricFit, rms
 from quadriform.points import Array
-from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes import pose
+from quadriform.shapes.directions import sphere_grid
 from quadriform.shapes.model import DeformableModel
-from quadriform.shapes.superquadric import Superquadric
+from quadriform.shapes.superquadric import EXPONENTS, Superquadric
 
-STRANGER = 0.5
+INLIER = 0.5
+"""A point of at least this probability belongs to the surface."""
 NAMED = 5
+"""How many outliers are named by index."""
+POOR, POOR_SUPERQUADRIC = 0.05, 0.1
+"""An RMS distance above this fraction of the cloud's RMS radius is that of a poor fit; a superquadric alone is allowed
+more, because the shape of most bodies is not one."""
+PER_CELL, COVERED = 8, 0.85
+"""Directions are counted in cells that hold so many points of an even cloud, so that empty ones mean something; of a
+covered surface at least this fraction of them has points."""
+UNDETERMINED = 1e4
+"""Condition of the derivatives by the parameters of a superquadric above which some of them are not determined."""
+NEAR_BOUND = 1e-3
+"""A parameter this near to its bound, relative to its range for a semi-axis, lies at it."""
+ROUNDING_MOVES = 5e9
+"""Condition above which rounding, 2e-16 for each unit of it, may move the surface by a millionth of the RMS radius."""
+THIN = 0.25
+"""Noise above this fraction of a body's mean thickness leaves it open which points belong to which side."""
+THICKNESS_RESOLUTION = 16
+"""Of the mesh that a body's mean thickness is measured on."""
+FARTHEST = 1e6
+"""Control points farther from their lattice, in RMS radii of the points, leave less than nine digits to the surface."""
+SAME = 1e-9
+"""Superquadrics that differ by less, relative to their size, are the same but for rounding."""
 NOT_CONVERGED = (WarningKind.AT_BOUND, WarningKind.MAX_ITERATIONS)
 """Of a superquadric: another order or pose of the points can then give another one, and another model."""
-ROUNDING = 1e-9
+FINE_STEP, FINE_SHORT_STEP = 1e-9, 1e-5
+"""Smallest steps between neighbouring coordinates that are reported, of a double and of a shorter type, relative to
+half the cloud's diagonal."""
+FAR, COARSE = 100, 1e-3
+"""A cloud this many half-diagonals from the origin, on a decimal grid this coarse, was written with too few digits."""
+TYPE_POINTS = 10_000
+"""Points whose values tell the type they had."""
 
 
 def named_texts(found: Mapping[str, Warnings]) -> Warnings:
@@ -32,7 +60,7 @@ def named_texts(found: Mapping[str, Warnings]) -> Warnings:
     return joined
 
 
-def fit_warnings(
+def model_warnings(
     result: Result, clouds: Mapping[str, Array], residuals: Mapping[str, Array], inliers: Mapping[str, Array]
 ) -> Warnings:
     """Warnings about a model, its points and their distances, all in the centred, scaled frame."""
@@ -40,11 +68,155 @@ def fit_warnings(
     return named_texts(found) | result.warnings
 
 
-def coverages(result: Result, clouds: Mapping[str, Array], inliers: Mapping[str, Array]) -> dict[str, float]:
-    """Share [0, 1] of the directions from the centre that have inliers, of each superellipsoid, by its name."""
-    kept = {name: cloud[inliers[name] >= STRANGER] for name, cloud in clouds.items()}
-    bodies = {name: body for name, body in result.model.surfaces.items() if body.kind == "ellipsoid"}
-    return {n: covered_share(body, kept[n], result.beyond) if len(kept[n]) else 0.0 for n, body in bodies.items()}
+def _of_surface(result: Result, name: str, cloud: Array, residuals: Array, inliers: Array) -> Warnings:
+    counted = np.ones(len(cloud), dtype=bool) if result.counted is None else result.counted[name]
+    kept, surface = inliers >= INLIER, result.model.surfaces[name]
+    coverage = partial_coverage(surface, cloud[kept], result.beyond)
+    if (result.covered and kept.any()) or not coverage:
+        coverage = _ends(name in result.ends)
+    return (
+        outliers(inliers, counted)
+        | poor_fit(rms(residuals[kept]) if kept.any() else 1.0)
+        | coverage
+        | _outside_lattice(result.model, surface)
+    )
+
+
+def outliers(inliers: Array, counted: NDArray[np.bool_] | None = None) -> Warnings:
+    """OUTLIERS where points (n,) that count, all unless said, are not of the surface."""
+    found = np.flatnonzero((inliers < INLIER) & (True if counted is None else counted))
+    if not len(found):
+        return {}
+    first = ", ".join(map(str, found[:NAMED])) + (", ..." if len(found) > NAMED else "")
+    return {WarningKind.OUTLIERS: f"{len(found)} of {len(inliers)} points are outliers: {first}"}
+
+
+def duplicates(copies: int, count: int) -> Warnings:
+    """DUPLICATES where some of the points are copies of others."""
+    text = f"{copies} of {count} points are copies of others and were counted as weights"
+    return {WarningKind.DUPLICATES: text} if copies else {}
+
+
+def poor_fit(relative: float, limit: float = POOR) -> Warnings:
+    """POOR_FIT where the RMS distance of the inliers, in RMS radii of the cloud, is above a limit."""
+    text = (
+        f"the RMS distance of the inliers is {100 * relative:.1f} % of the cloud's RMS radius: are the points one "
+        "closed surface, without inner walls, filled volumes or other bodies?"
+    )
+    return {WarningKind.POOR_FIT: text} if relative > limit else {}
+
+
+def max_error_missed(side: int, error: float, noise: float) -> Warnings:
+    """POOR_FIT of the largest box, whose error and the noise are given in units of `max_error`."""
+    text = (
+        f"no box up to {side} control points a side reached max_error: the last one's error is {error:.2f} times it, "
+        f"the noise of the points {noise:.2f} times"
+    )
+    return {WarningKind.POOR_FIT: text}
+
+
+def not_converged(converged: bool, steps: int) -> Warnings:
+    """MAX_ITERATIONS of a superquadric fit that did not converge."""
+    return {} if converged else {WarningKind.MAX_ITERATIONS: f"the superquadric fit did not converge in {steps} steps"}
+
+
+def undetermined(rank: int, condition: float, parameters: int) -> Warnings:
+    """ILL_CONDITIONED where points do not determine a superquadric."""
+    text = f"the points determine {rank} of {parameters} superquadric parameters, condition {condition:.1e}"
+    return {WarningKind.ILL_CONDITIONED: text} if condition > UNDETERMINED else {}
+
+
+def near_symmetric(symmetric: bool) -> Warnings:
+    """NEAR_SYMMETRIC of a surface of revolution, or nearly one."""
+    text = "the surface looks the same when rotated: its axes are not determined"
+    return {WarningKind.NEAR_SYMMETRIC: text} if symmetric else {}
+
+
+def multiple_minima(others: int) -> Warnings:
+    """MULTIPLE_MINIMA where other surfaces explain the points as well."""
+    return {WarningKind.MULTIPLE_MINIMA: f"{others} other surface(s) explain the points as well"} if others else {}
+
+
+def at_bound(found: Superquadric, longest: float) -> Warnings:
+    """AT_BOUND where exponents are at the ends of their range, or a semi-axis is at the `longest` allowed."""
+    parts, exponents = [], found.exponents
+    if (exponents < EXPONENTS[0] + NEAR_BOUND).any() or (exponents > EXPONENTS[1] - NEAR_BOUND).any():
+        parts.append(f"exponents {exponents.round(3).tolist()} at {EXPONENTS}")
+    if (found.semi_axes > longest * (1 - NEAR_BOUND)).any():
+        parts.append("a semi-axis at twice the extent of the data")
+    return {WarningKind.AT_BOUND: " and ".join(parts) + ": the data does not determine them"} if parts else {}
+
+
+def partial_coverage(superquadric: Superquadric, points: Array, beyond: HalfSpace | None = None) -> Warnings:
+    """PARTIAL_COVERAGE where inliers (n, 3) cover too few directions from the centre of a superellipsoid."""
+    if not len(points):
+        return {WarningKind.PARTIAL_COVERAGE: "no point is near the surface"}
+    covered = covered_fraction(superquadric, points, beyond) if superquadric.kind == "ellipsoid" else 1.0
+    if covered >= COVERED:
+        return {}
+    text = (
+        f"points cover {100 * covered:.0f} % of the directions from the centre; elsewhere the surface is extrapolated"
+    )
+    return {WarningKind.PARTIAL_COVERAGE: text}
+
+
+def _ends(edge: bool) -> Warnings:
+    text = "the points end at an edge, beyond which the surface is extrapolated; if it is a base, state it (base=)"
+    return {WarningKind.PARTIAL_COVERAGE: text} if edge else {}
+
+
+def _outside_lattice(model: DeformableModel, surface: Superquadric) -> Warnings:
+    local = model.box.local(surface.grid(12)[0])
+    outside = float(((local < -1e-9) | (local > 1 + 1e-9)).any(axis=1).mean())
+    return {WarningKind.OUTSIDE_LATTICE: f"{100 * outside:.0f} % of the surface is beyond the box"} if outside else {}
+
+
+def folding(model: DeformableModel) -> Warnings:
+    """FOLDING of a model whose map is not verified to be free of folds."""
+    crossed = ", ".join(" and ".join(dict.fromkeys(pair)) for pair in model.crossings())
+    end = f"crossing: {crossed}" if crossed else "no surface crosses itself or another"
+    text = f"the map is not verified to be free of folds: it folds at {len(model.folds())} sampled points; {end}"
+    return {WarningKind.FOLDING: text}
+
+
+def ill_conditioned(model: DeformableModel, solution: Solution) -> Warnings:
+    """ILL_CONDITIONED of bodies too thin for the noise, or of a solution that rounding moves."""
+    if thin := _thin(model, solution.noise):
+        text = (
+            f"{', '.join(thin)}: their sides are not distinguished and volumes mean nothing; expected 4 times or more"
+        )
+        return {WarningKind.ILL_CONDITIONED: text}
+    text = (
+        f"at strength {solution.strength:g} rounding may move the surface by more than a millionth of its size, "
+        f"condition {solution.condition:.1e}; try a larger strength, or fewer control points"
+    )
+    return {} if solution.condition < ROUNDING_MOVES else {WarningKind.ILL_CONDITIONED: text}
+
+
+def _thin(model: DeformableModel, noise: float) -> list[str]:
+    """A text for each body so thin that the noise does not distinguish its two sides."""
+    texts = []
+    for name, surface in model.surfaces.items():
+        mesh = model.mesh(name, THICKNESS_RESOLUTION)
+        thickness = 2 * abs(mesh.volume()) / mesh.area()
+        if not surface.kind.startswith("hyperboloid") and noise > THIN * thickness:
+            about = "the body" if len(model.surfaces) == 1 else name
+            texts.append(f"{about} is {thickness / noise:.3g} times as thick as the noise of the points")
+    return texts
+
+
+def far_control_points(model: DeformableModel) -> Warnings:
+    """ILL_CONDITIONED where control points are so far from their lattice that rounding moves the surface.
+
+    Args:
+        model: in units of the RMS radius of its points.
+    """
+    farthest = float(np.abs(model.box.control_points - model.box.rest).max())
+    text = (
+        f"control points are up to {farthest:.0e} RMS radii from their lattice, as near an ellipsoid, on which many "
+        "of their motions cancel; rounding moves the surface. Use fewer singular values, as by strength=1e-6"
+    )
+    return {WarningKind.ILL_CONDITIONED: text} if farthest > FARTHEST else {}
 
 
 def start_notes(starts: Mapping[str, SuperquadricFit], model: DeformableModel) -> tuple[str, ...]:
@@ -62,45 +234,99 @@ def _same(one: Superquadric, other: Superquadric) -> bool:
     """Whether two superquadrics are one but for rounding."""
     size = float(one.semi_axes.max())
     lengths = np.concatenate([one.semi_axes - other.semi_axes, one.translation - other.translation])
-    return np.abs(lengths).max() < ROUNDING * (size + np.abs(one.translation).max()) and np.allclose(
-        one.exponents, other.exponents, rtol=0, atol=ROUNDING
+    return np.abs(lengths).max() < SAME * (size + np.abs(one.translation).max()) and np.allclose(
+        one.exponents, other.exponents, rtol=0, atol=SAME
     )
 
 
-def _of_surface(result: Result, name: str, cloud: Array, residuals: Array, inliers: Array) -> Warnings:
-    warnings: Warnings = {}
-    counted = np.ones(len(cloud), dtype=bool) if result.counted is None else result.counted[name]
-    kept = inliers >= STRANGER
-    warnings |= outliers(inliers, counted)
-    share = rms(residuals[kept]) if kept.any() else 1.0
-    if share > POOR:
-        warnings[WarningKind.POOR_FIT] = (
-            f"the RMS distance is {100 * share:.1f} % of the cloud's RMS radius; is it one closed surface, without "
-            "inner walls, filled volumes or other bodies?"
-        )
-    surface = result.model.surfaces[name]
-    thin = coverage_warning(surface, cloud[kept], result.beyond) if kept.any() else "no point is near the surface"
-    if thin and not result.covered:
-        warnings[WarningKind.PARTIAL_COVERAGE] = thin
-    elif name in result.ends:
-        warnings[WarningKind.PARTIAL_COVERAGE] = (
-            "the points end at an edge, beyond which the surface is the model's guess; if it is a base, say so (base=)"
-        )
-    outside = _outside(result.model.box, surface)
-    if outside > 0:
-        warnings[WarningKind.OUTSIDE_LATTICE] = f"{100 * outside:.0f} % of the surface is beyond the box"
-    return warnings
+def coverages(result: Result, clouds: Mapping[str, Array], inliers: Mapping[str, Array]) -> dict[str, float]:
+    """Fraction [0, 1] of the directions from the centre that have inliers, of each superellipsoid, by its name."""
+    kept = {name: cloud[inliers[name] >= INLIER] for name, cloud in clouds.items()}
+    bodies = {name: body for name, body in result.model.surfaces.items() if body.kind == "ellipsoid"}
+    return {n: covered_fraction(body, kept[n], result.beyond) if len(kept[n]) else 0.0 for n, body in bodies.items()}
 
 
-def outliers(inliers: Array, counted: NDArray[np.bool_]) -> Warnings:
-    """The warning about points (n,) that count and are not of the surface, if there are any."""
-    strangers = np.flatnonzero(counted & (inliers < STRANGER))
-    if not len(strangers):
+def covered_fraction(superquadric: Superquadric, points: Array, beyond: HalfSpace | None = None) -> float:
+    """Fraction [0, 1] of even cells of the sphere, seen from the centre in units of the semi-axes, that have points.
+
+    Cells whose surface point lies in the half-space `beyond` (point, direction), where no data is expected, do not
+    count.
+    """
+    resolution = int(np.clip(np.sqrt(len(points) / PER_CELL / 6), 2, 8)) // 2 * 2
+    cells, _ = sphere_grid(resolution)
+    scaled = pose.to_local(points, superquadric.rotation, superquadric.translation) / superquadric.semi_axes
+    directions = scaled / np.maximum(np.linalg.norm(scaled, axis=1, keepdims=True), 1e-300)
+    seen = np.zeros(len(cells), dtype=bool)
+    seen[cKDTree(cells).query(directions)[1]] = True
+    if beyond is not None:
+        at, direction = beyond
+        seen = seen[(superquadric.surface(cells) - at) @ direction <= 0]
+    return float(seen.mean()) if len(seen) else 0.0
+
+
+def precision_loss(given: object, points: Array) -> Warnings:
+    """PRECISION_LOSS where the step between neighbouring values of the largest coordinate is coarse beside the cloud.
+
+    Digits were lost before the points came: far from the origin, or in a short type. A short type is recognised from
+    the type itself, and from the values, because readers and lists give double precision whatever the source had.
+
+    Args:
+        given: as the caller gave them, whose type counts: an array, a NumPy type, or anything else, which is judged by
+            its values.
+        points: (n, 3), the same as float64.
+    """
+    kind = given if isinstance(given, np.dtype) else getattr(given, "dtype", None)
+    if isinstance(kind, np.dtype) and kind.kind != "f":
         return {}
-    first = ", ".join(map(str, strangers[:NAMED])) + (", ..." if len(strangers) > NAMED else "")
-    return {WarningKind.OUTLIERS: f"{len(strangers)} of {len(inliers)} points are not of the surface: {first}"}
+    largest = max(abs(float(points.min())), abs(float(points.max())))
+    with np.errstate(over="ignore"):  # a cloud of that size is refused for it
+        half = float(np.linalg.norm(np.ptp(points, axis=0))) / 2
+    if not 0 < half < np.inf:
+        return {}
+    name, step, least = _step(kind, points[:: max(1, len(points) // TYPE_POINTS)], largest, half)
+    if step / half <= least:
+        return {}
+    text = (
+        f"neighbouring {name} numbers at {largest:.3g} are {step:.1e} apart, {step / half:.0e} of half the cloud's "
+        "diagonal; subtract an offset before they are stored"
+    )
+    return {WarningKind.PRECISION_LOSS: text}
 
 
-def _outside(box: ControlBox, surface: Superquadric) -> float:
-    local = box.local(surface.grid(12)[0])
-    return float(((local < -1e-9) | (local > 1 + 1e-9)).any(axis=1).mean())
+def _step(kind: object, points: Array, largest: float, half: float) -> tuple[str, float, float]:
+    """Name of the type, its step at the largest coordinate, and the least step to report over half the diagonal."""
+    with np.errstate(over="ignore"):
+        if isinstance(kind, np.dtype) and kind.itemsize < 8:
+            return kind.name, float(np.spacing(kind.type(largest))), FINE_SHORT_STEP
+        single = float(np.spacing(np.float32(largest)))
+        if _are_single(points) and not _decimal_grid(points, 2 * single):  # on a coarser grid single precision is exact
+            return "float32", single, FINE_SHORT_STEP
+    if largest > FAR * half and (grid := _decimal_grid(points, COARSE * half)):
+        return "decimal", grid, COARSE
+    return "float64", float(np.spacing(largest)), FINE_STEP
+
+
+def _are_single(points: Array) -> bool:
+    """Whether all coordinates are numbers of single precision, or the shortest texts of such."""
+    single = points.astype(np.float32)
+    other = points != single
+    if not other.any():
+        return True
+    values, texts = points[other], np.float64(single[other].astype(str))
+    return bool((values == texts).all())
+
+
+def _decimal_grid(points: Array, least: float) -> float:
+    """The largest power of ten, not below `least`, that all coordinates are multiples of; 0 where there is none."""
+    if not 1e-300 < least < 1e300:
+        return 0.0
+    grid, found = float(10.0 ** np.ceil(np.log10(least))), 0.0
+    while points.any() and _are_multiples(points, grid):
+        grid, found = 10 * grid, grid
+    return found
+
+
+def _are_multiples(points: Array, grid: float) -> bool:
+    steps = points / grid
+    rounding = 1e-6 + 4 * np.finfo(np.float64).eps * np.abs(steps)
+    return bool((np.abs(steps - np.round(steps)) < rounding).all())

@@ -12,15 +12,22 @@ from numpy.typing import ArrayLike
 from quadriform.columns import Chosen
 from quadriform.errors import OptionError, Warnings, choose, known_options
 from quadriform.fitting.cloud import Distinct
-from quadriform.fitting.diagnostics import coverages, fit_warnings, named_texts, start_notes
+from quadriform.fitting.diagnostics import (
+    coverages,
+    duplicates,
+    far_control_points,
+    model_warnings,
+    named_texts,
+    precision_loss,
+    start_notes,
+)
 from quadriform.fitting.inputs import ALONE, Given, common_unit, point_sets, without_meshes
 from quadriform.fitting.least_squares.regularisers import Regulariser
 from quadriform.fitting.options import METHODS, PaperOptions, TangentOptions, options_for
-from quadriform.fitting.paper.two_step import ill_conditioned, two_step
-from quadriform.fitting.precision import precision
+from quadriform.fitting.paper.two_step import two_step
 from quadriform.fitting.refinement.large_clouds import MANY, on_all, sampled
-from quadriform.fitting.refinement.refine import Result, fit_tangent
-from quadriform.fitting.result import Fit, Progress, rms
+from quadriform.fitting.refinement.refine import fit_tangent
+from quadriform.fitting.result import Fit, Progress, Result, rms
 from quadriform.fitting.superquadric.fit import fit_superquadric
 from quadriform.fitting.threads import one_blas_thread
 from quadriform.point_sets import PointSet
@@ -91,7 +98,9 @@ def fit(
         return replace(refined, warnings=said | refined.warnings)
 
     found = _few_first(clouds, counted, _normals(sets), chosen, whole)
-    return _with(lost(sets), notes, sets, replace(found, model=replace(found.model, unit=unit, space=space)))
+    return _with(
+        precision_warnings(sets), notes, sets, replace(found, model=replace(found.model, unit=unit, space=space))
+    )
 
 
 @known_options
@@ -147,7 +156,7 @@ def refine(
     def whole(few: dict[str, Array], counts: dict[str, Array], facing: Normals) -> Fit:
         return _refine(surfaces, few, counts, facing, chosen, None, progress, start)
 
-    return _with(lost(sets), notes, sets, _few_first(clouds, counted, _normals(sets), chosen, whole))
+    return _with(precision_warnings(sets), notes, sets, _few_first(clouds, counted, _normals(sets), chosen, whole))
 
 
 def _with(warnings: Warnings, notes: tuple[str, ...], sets: Mapping[str, PointSet], found: Fit) -> Fit:
@@ -163,9 +172,9 @@ def _normals(sets: Mapping[str, PointSet]) -> Normals:
     return {name: each.normals for name, each in sets.items() if each.normals is not None}
 
 
-def lost(sets: Mapping[str, PointSet]) -> Warnings:
-    """What clouds had lost before they came: a warning or none."""
-    return named_texts({name: precision(each.number_type, each.points) for name, each in sets.items()})
+def precision_warnings(sets: Mapping[str, PointSet]) -> Warnings:
+    """PRECISION_LOSS of clouds whose digits were lost before they came, or none."""
+    return named_texts({name: precision_loss(each.number_type, each.points) for name, each in sets.items()})
 
 
 def _few_first(
@@ -206,7 +215,8 @@ def _refine(
         frame = Frame.of(np.concatenate(list(clouds.values())))
         local, starts = _local(clouds, frame), _placed(surfaces, frame)
         box, history, strength = two_step(starts, local, options, progress)
-        result = Result(DeformableModel(starts, box), history, strength, warnings=ill_conditioned(box))
+        model = DeformableModel(starts, box)
+        result = Result(model, history, strength, warnings=far_control_points(model))
         return _in_world(result, clouds, frame)
     parts = {name: Distinct.of(cloud, weights[name]) for name, cloud in clouds.items()}
     frame = Frame.of(np.concatenate([part.points for part in parts.values()]))
@@ -220,9 +230,13 @@ def _refine(
         _placed(surfaces, frame), local, counted, options, beyond, limit, kind, progress, begin, facing
     )
     inliers = {name: parts[name].spread(found) for name, found in (result.inliers or {}).items()}
-    there = {name: part.there for name, part in parts.items()}
+    there = {name: part.counted for name, part in parts.items()}
     found = _in_world(replace(result, inliers=inliers, counted=there), clouds, frame)
-    return replace(found, warnings=named_texts({n: part.warnings() for n, part in parts.items()}) | found.warnings)
+    return replace(
+        found,
+        warnings=named_texts({n: duplicates(part.copies, len(part.counted)) for n, part in parts.items()})
+        | found.warnings,
+    )
 
 
 def _of_mean_one(weights: dict[str, Array]) -> dict[str, Array]:
@@ -251,7 +265,7 @@ def _in_world(result: Result, clouds: dict[str, Array], frame: Frame) -> Fit:
     record = ModelRecord(coverage=coverages(result, local, inliers))
     return Fit(
         model=replace(model.placed(frame.scale, frame.centre), input_sha256=_hash(clouds), record=record),
-        warnings=fit_warnings(result, local, residuals, inliers),
+        warnings=model_warnings(result, local, residuals, inliers),
         residuals=_unnamed({name: frame.scale * values for name, values in residuals.items()}),
         superquadric_residuals=_unnamed({name: frame.scale * values for name, values in first.items()}),
         history=tuple(entry.scaled(frame.scale) for entry in result.history),

@@ -8,6 +8,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
+from quadriform.fitting.cloud import evenly_chosen
 from quadriform.points import Array
 from quadriform.shapes.threads import threads_for
 
@@ -30,6 +31,9 @@ distance, and by more than the second times the noise: what they differ by at th
 ISOLATED = np.sqrt(2.0)
 """Points whose neighbours are this many times farther away than those of the median point are not on a surface of the
 cloud's density, whose creases have neighbours on both sides: outliers, mostly."""
+MOST_CORRELATED, ASKED, SURE = 64, 10_000, 3.0
+"""Correlation that reaches beyond so many neighbours counts for no more; it is taken at an even sample of so many
+points; it counts when it is so many of its own standard errors above none at all."""
 
 
 @dataclass(frozen=True)
@@ -174,3 +178,28 @@ def nearest(among: Array, of: Array, count: int) -> tuple[NDArray[np.int64], NDA
     distance, near = cKDTree(among).query(of, k=ranks, workers=threads_for(len(of)))
     last = distance[:, [min(count, len(among)) - 1]]
     return near, distance <= (1 + TIE) * last
+
+
+def effective_fraction(feet: Array, deviations: Array, weights: Array) -> float:
+    """Effective number of independent points over the number of points, in (0, 1].
+
+    Points of a contour were drawn in one stroke, those of an isosurface share voxels: their errors, and the misfit of
+    any small model, are correlated. n points whose deviations correlate by c_k with those of their k-th neighbours
+    count for n / (1 + sum of c_k); the sum, in pairs, ends where the correlation is lost (the initial positive sequence
+    of Geyer, Statistical Science 7(4), 1992). Counted as n they would outweigh the regulariser.
+
+    Args:
+        feet: (n, 3), foot points on the fitted surface: neighbours in space would be chosen by their deviations.
+        deviations: (n,), signed distances to the fitted surface.
+        weights: (n,), how much each counts; outliers nothing.
+    """
+    count = min(MOST_CORRELATED, len(feet) - 1) // 2 * 2
+    some = evenly_chosen(feet, ASKED)
+    near = cKDTree(feet).query(feet[some], k=np.arange(2, count + 2), workers=threads_for(len(feet)))[1]
+    joint = weights[some, None] * weights[near]
+    products = (joint * deviations[some, None] * deviations[near]).sum(axis=0)
+    variance = float(weights @ deviations**2 / weights.sum())
+    correlation = products / np.maximum(joint.sum(axis=0) * variance, 1e-300)
+    pairs = correlation.reshape(-1, 2).sum(axis=1)
+    uncorrelated = np.flatnonzero(pairs < SURE * np.sqrt(2 / weights[some].sum()))
+    return float(1 / (1 + pairs[: uncorrelated[0] if len(uncorrelated) else None].sum()))

@@ -7,12 +7,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from quadriform.errors import OptionError, choose
-from quadriform.fitting.least_squares.regularisers import REGULARITIES, Regulariser
-from quadriform.fitting.paper.displacement import MATCHINGS
+from quadriform.fitting.least_squares.regularisers import Regulariser
 from quadriform.points import Array, Frame, check_number, check_points
 
 METHODS = ("tangent", "paper")
 TANGENT_REGULARITIES = ("bending", "springs")
+PAPER_REGULARITIES = ("svd", "svd-position", "springs", "springs-paper")
+MATCHINGS = ("data-to-model", "model-to-data")
 
 
 def check_box(box: object) -> tuple[int, int, int]:
@@ -67,9 +68,9 @@ class PaperOptions:
     def __post_init__(self) -> None:
         object.__setattr__(self, "box", check_box(self.box))
         if isinstance(self.regularity, str):
-            choose(self.regularity, REGULARITIES, "regularity")
+            choose(self.regularity, PAPER_REGULARITIES, "regularity")
         check_strength(self.strength)
-        choose(self.matching, tuple(MATCHINGS), "matching")
+        choose(self.matching, MATCHINGS, "matching")
         if not isinstance(self.iterations, int) or isinstance(self.iterations, bool) or self.iterations < 1:
             raise OptionError(f"option iterations={self.iterations!r} is out of range; expected a whole number >= 1")
         if self.tolerance is not None and not check_number(self.tolerance, "tolerance", 0):

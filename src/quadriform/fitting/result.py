@@ -1,7 +1,7 @@
 """What a fit returns beside the model: how good it is, how it went, and what to be wary of."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +12,8 @@ from quadriform.points import Array
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
 
+HalfSpace = tuple[Array, Array]
+"""A point of a plane and the unit direction to the side that is meant, (3,) each."""
 Progress = Callable[[int, int], None]
 """Called with (steps done, steps in all)."""
 
@@ -162,6 +164,39 @@ class Fit:
         if self.warnings:
             raise FitError("; ".join(f"{kind}: {text}" for kind, text in self.warnings.items()))
         return self
+
+
+@dataclass(frozen=True)
+class Result:
+    """A refinement by either method, in the centred, scaled frame.
+
+    Attributes:
+        model: refined.
+        history: one record a round.
+        strength: that was used.
+        noise: standard deviation along the normal; None where none is estimated.
+        covariance: of the control points, or None.
+        finer: what a box with more control points says, or None.
+        inliers: name -> probabilities, or None.
+        warnings: about the refinement itself.
+        beyond: half-space where no data is expected.
+        covered: whether the data was seen to sample closed surfaces, whatever directions it lies in.
+        ends: names of surfaces whose data stops at an edge.
+        counted: name -> which points have a weight, or None for all.
+    """
+
+    model: DeformableModel
+    history: tuple[Iteration, ...]
+    strength: float
+    noise: float | None = None
+    covariance: Array | None = None
+    finer: FinerBox | None = None
+    inliers: dict[str, Array] | None = None
+    warnings: Warnings = field(default_factory=dict)
+    beyond: HalfSpace | None = None
+    covered: bool = False
+    ends: tuple[str, ...] = ()
+    counted: dict[str, NDArray[np.bool_]] | None = None
 
 
 def flat(residuals: Array | dict[str, Array]) -> Array:

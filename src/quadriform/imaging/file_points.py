@@ -15,7 +15,7 @@ from quadriform.files.meshes import read_marks, read_mesh_or_points
 from quadriform.files.points import read_point_set
 from quadriform.files.reading import naming
 from quadriform.files.save_and_load import content_of
-from quadriform.fitting.precision import precision
+from quadriform.fitting.diagnostics import precision_loss
 from quadriform.imaging.formats import image_format, is_pair, pair_of
 from quadriform.point_sets import PointSet
 from quadriform.points import Array
@@ -211,7 +211,7 @@ def _from_mesh(path: Path) -> Source:
     points, note = mesh_points(mesh)
     if note is None:
         return Source(points, *read_marks(path))
-    lost = precision(mesh.vertices.tolist(), mesh.vertices)  # the points between them have all their digits
+    lost = precision_loss(mesh.vertices.tolist(), mesh.vertices)  # the points between them have all their digits
     return Source(points, *read_marks(path), lost, (f"{path}: {note}",))
 
 
@@ -224,7 +224,7 @@ def _from_table(path: Path, options: ImageOptions) -> Source:
     found = read_point_set(path, options.columns)
     found = _said_unit(found, options.unit, path).in_metric_unit()
     notes = tuple(f"{path}: {note}" for note in found.notes)
-    warnings = precision(found.number_type, found.points)
+    warnings = precision_loss(found.number_type, found.points)
     return Source(found.points, unit=found.unit, warnings=warnings, notes=notes, normals=found.normals)
 
 

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quadriform.errors import OptionError, PointsError, WarningKind, Warnings, choose, known_options
-from quadriform.fitting.fit import Clouds, fit, lost, refine
+from quadriform.fitting.diagnostics import INLIER, folding, named_texts, outliers, poor_fit
+from quadriform.fitting.fit import Clouds, fit, precision_warnings, refine
 from quadriform.fitting.inputs import ALONE, Given, common_unit, point_sets, without_meshes
 from quadriform.fitting.options import check_box, check_strength
 from quadriform.fitting.refinement.starts import ellipsoids
@@ -32,9 +33,6 @@ from quadriform.shapes.splines import TimeBasis
 
 MOST_KNOTS = 12
 """A heart's cycle needs no more; fewer frames have a knot each."""
-POOR = 0.05
-"""A frame whose RMS distance is above this share of the clouds' RMS radius is called a poor fit."""
-STRANGER = 0.5
 
 SliceNumbers = Sequence[Mapping[str, ArrayLike] | ArrayLike]
 _Frames = list[dict[str, Array]]
@@ -163,7 +161,7 @@ def track(
     numbers = _slice_numbers(slices, clouds, strategy)
     options = {"box": box, "regularity": regularity, "strength": strength, "robust": robust}
     found = STRATEGIES[strategy](_Task(clouds, at, basis, numbers, options, progress))
-    warnings = found.warnings | _by_frame([lost(frame) for frame in sets])
+    warnings = found.warnings | _by_frame([precision_warnings(frame) for frame in sets])
     assumed = dict.fromkeys(note for frame in sets for each in frame.values() for note in each.notes)
     marked = found.in_unit(_unit_of(sets))
     return replace(marked, warnings=warnings, notes=(*notes, *assumed))
@@ -289,7 +287,7 @@ def _cycle(task: _Task) -> Track:
         noise=frame.scale * found.noise,
         strengths=found.strengths,
         shifts=shifts,
-        warnings=_by_frame(_cycle_warnings(residuals, found.inliers, found.certified, frame.scale)),
+        warnings=_by_frame(_cycle_warnings(models, residuals, found.inliers, found.certified, frame.scale)),
     )
 
 
@@ -297,23 +295,17 @@ STRATEGIES: dict[str, Callable[[_Task], Track]] = {"cycle": _cycle, "previous": 
 
 
 def _cycle_warnings(
+    models: Sequence[DeformableModel],
     residuals: Sequence[Mapping[str, Array]],
     inliers: Sequence[Mapping[str, Array]],
     certified: Sequence[bool],
     scale: float,
 ) -> list[Warnings]:
     result = []
-    for distances, kept, proven in zip(residuals, inliers, certified):
-        warnings: Warnings = {}
-        strangers = sum(int((values < STRANGER).sum()) for values in kept.values())
-        rms = max(rms_of_inliers(values, kept[name] >= STRANGER) for name, values in distances.items())
-        if strangers:
-            warnings[WarningKind.OUTLIERS] = f"{strangers} points are not of the surface"
-        if rms > POOR * scale:
-            warnings[WarningKind.POOR_FIT] = f"the RMS distance is {rms:.3g}"
-        if not proven:
-            warnings[WarningKind.FOLDING] = "the map is not proven to be free of folds"
-        result.append(warnings)
+    for model, distances, kept, proven in zip(models, residuals, inliers, certified):
+        rms = max(rms_of_inliers(values, kept[name] >= INLIER) for name, values in distances.items())
+        found = named_texts({name: outliers(values) for name, values in kept.items()}) | poor_fit(rms / scale)
+        result.append(found if proven else found | folding(model))
     return result
 
 

@@ -41,6 +41,3 @@ def _interpolate(at: Array, known_at: Array, known: Array, neighbours: int) -> A
 def model_to_data(model_points: Array, data: Array, neighbours: int = NEIGHBOURS) -> Array:
     """Displacements (m, 3) of the model points to the closest DATA point of each: the usual choice, and the worse."""
     return data[cKDTree(data).query(model_points)[1]] - model_points
-
-
-MATCHINGS = {"data-to-model": data_to_model, "model-to-data": model_to_data}

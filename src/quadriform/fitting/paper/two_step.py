@@ -4,10 +4,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from quadriform.errors import WarningKind, Warnings
-from quadriform.fitting.least_squares.regularisers import step_for
 from quadriform.fitting.options import PaperOptions
-from quadriform.fitting.paper.displacement import MATCHINGS
+from quadriform.fitting.paper.displacement import data_to_model, model_to_data
+from quadriform.fitting.paper.solvers import step_for
 from quadriform.fitting.result import Iteration, Progress
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox, outer_box
@@ -15,8 +14,6 @@ from quadriform.shapes.superquadric import Superquadric
 
 MODEL_RESOLUTION = 20
 """Cells along a cube edge for the model's sample: 2,402 points a surface."""
-FARTHEST = 1e6
-"""Control points farther from their lattice, in RMS radii of the points, leave less than nine digits to the surface."""
 
 
 def two_step(
@@ -41,7 +38,7 @@ def two_step(
     b = box.matrix(np.concatenate(list(samples.values())))  # P5
     ends = np.cumsum([len(sample) for sample in samples.values()])[:-1]
     solve, strength = step_for(b, options.box, options.regularity, options.strength)
-    match = MATCHINGS[options.matching]
+    match = data_to_model if options.matching == "data-to-model" else model_to_data
     rest = box.control_points.reshape(-1, 3)
     control, history = rest, []
     for turn in range(options.iterations):
@@ -64,22 +61,6 @@ def two_step(
         if options.tolerance is not None and history[-1].surface_motion < options.tolerance:
             break  # section 3.3, the stop test
     return box.with_control_points(control), tuple(history), strength
-
-
-def ill_conditioned(box: ControlBox) -> Warnings:
-    """A warning when control points are so far from their lattice that rounding moves the surface, or none.
-
-    Args:
-        box: of a model in units of the RMS radius of its points.
-    """
-    farthest = float(np.abs(box.control_points - box.rest).max())
-    if farthest <= FARTHEST:
-        return {}
-    text = (
-        f"control points are up to {farthest:.0e} RMS radii from their lattice, as near an ellipsoid, on which many "
-        "of their motions cancel; rounding moves the surface. Use fewer singular values, as by strength=1e-6"
-    )
-    return {WarningKind.ILL_CONDITIONED: text}
 
 
 def _rms(vectors: Array) -> float:

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from quadriform.fitting.cloud import first_least
 from quadriform.fitting.refinement.surface_data import FacingCloud
-from quadriform.fitting.ties import first_least
 from quadriform.points import Array
 from quadriform.shapes.closest import surface_points
 from quadriform.shapes.control_box import ControlBox

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quadriform.fitting.least_squares.effective_count import independent_share
 from quadriform.fitting.least_squares.marginal_likelihood import Evidence, Solution
 from quadriform.fitting.least_squares.normal_equations import NormalEquations, normal_equations
 from quadriform.fitting.least_squares.regularisers import Regulariser, penalty
+from quadriform.fitting.neighbourhood import effective_fraction
 from quadriform.fitting.refinement.surface_data import Sheet
 from quadriform.fitting.result import Iteration
 from quadriform.points import Array
@@ -111,7 +111,7 @@ def independent_of(sheets: Sequence[Sheet], box: ControlBox) -> float:
         normals = surface_normals(sheet.superquadric, box, sheet.origins)
         deviations = np.einsum("ni,ni->n", sheet.points - feet, normals)
         counts.append(float(weights.sum()))
-        kept.append(independent_share(feet, deviations, weights))
+        kept.append(effective_fraction(feet, deviations, weights))
     return float(np.average(kept, weights=counts))
 
 

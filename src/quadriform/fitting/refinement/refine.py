@@ -1,13 +1,14 @@
 """The refinement by tangent distance as a whole: starts, rounds, the size of the box, and the check for folds."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from quadriform.errors import WarningKind, Warnings
+from quadriform.errors import Warnings
+from quadriform.fitting.cloud import best_first
+from quadriform.fitting.diagnostics import POOR, folding, ill_conditioned, max_error_missed
 from quadriform.fitting.least_squares.marginal_likelihood import Solution
 from quadriform.fitting.least_squares.regularisers import Regulariser
 from quadriform.fitting.least_squares.uncertainty import FinerBox
@@ -16,9 +17,8 @@ from quadriform.fitting.refinement.multiresolution import FIRST_POINTS, Refined,
 from quadriform.fitting.refinement.point_to_plane import evidence_of
 from quadriform.fitting.refinement.starts import candidates
 from quadriform.fitting.refinement.surface_data import Few, Sheet
-from quadriform.fitting.refinement.unfolding import POOR, cures, fair_price, folding, least_regularised
-from quadriform.fitting.result import Iteration, Progress
-from quadriform.fitting.ties import best_first
+from quadriform.fitting.refinement.unfolding import cures, fair_price, least_regularised
+from quadriform.fitting.result import HalfSpace, Progress, Result
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox, common_box
 from quadriform.shapes.model import DeformableModel
@@ -29,44 +29,6 @@ MORE = 2
 """Control points a side that the finer box of the uncertainty has besides: the next step of the ladder 3, 5, 7."""
 PROBES = 8
 """Resolution of the points by which a round's motion of the surfaces is told."""
-VAGUE = 5e9
-"""Condition above which rounding, 2e-16 for each unit of it, may move the surface by a millionth of the RMS radius."""
-THIN = 0.25
-"""A noise above this share of a body's mean thickness leaves it open which points are of which side."""
-HalfSpace = tuple[Array, Array]
-
-
-@dataclass(frozen=True)
-class Result:
-    """A refinement by either method, in the centred, scaled frame.
-
-    Attributes:
-        model: refined.
-        history: one record a round.
-        strength: that was used.
-        noise: standard deviation along the normal; None where none is estimated.
-        covariance: of the control points, or None.
-        finer: what a box with more control points says, or None.
-        inliers: name -> probabilities, or None.
-        warnings: about the refinement itself.
-        beyond: half-space where no data is expected.
-        covered: whether the data was seen to sample closed surfaces, whatever directions it lies in.
-        ends: names of surfaces whose data stops at an edge.
-        counted: name -> which points have a weight, or None for all.
-    """
-
-    model: DeformableModel
-    history: tuple[Iteration, ...]
-    strength: float
-    noise: float | None = None
-    covariance: Array | None = None
-    finer: FinerBox | None = None
-    inliers: dict[str, Array] | None = None
-    warnings: Warnings = field(default_factory=dict)
-    beyond: HalfSpace | None = None
-    covered: bool = False
-    ends: tuple[str, ...] = ()
-    counted: dict[str, NDArray[np.bool_]] | None = None
 
 
 @dataclass(frozen=True)
@@ -148,11 +110,8 @@ def fit_tangent(
         error = _error(result, clouds)
         if error <= max_error:
             return result
-    result.warnings[WarningKind.POOR_FIT] = (
-        f"no box up to {AUTO_SIDES[-1]} control points a side reached max_error: the last one's error is "
-        f"{error / max_error:.2f} times it, the noise of the points {(result.noise or 0) / max_error:.2f} times"
-    )
-    return result
+    missed = max_error_missed(AUTO_SIDES[-1], error / max_error, (result.noise or 0) / max_error)
+    return replace(result, warnings=result.warnings | missed)
 
 
 def _error(result: Result, clouds: dict[str, Array]) -> float:
@@ -192,7 +151,7 @@ def _best_start(task: _Task, starts: Sequence[dict[str, Superquadric]], shape: t
         found = least_regularised(trial.rounds, refined, trial.surfaces)
         if found is not None:
             return _result(task, trial, found, {})
-    return _result(task, trial, refined, folding(refined, trial.surfaces))
+    return _result(task, trial, refined, folding(DeformableModel(trial.surfaces, refined.box)))
 
 
 @dataclass(frozen=True)
@@ -242,34 +201,11 @@ def _result(task: _Task, trial: _Trial, refined: Refined, warnings: Warnings) ->
         covariance=refined.solution.covariance(),
         finer=_finer(refined, task.options.regularity),
         inliers=_all_inliers(task, refined),
-        warnings=warnings | (_thin(model, refined.solution.noise) or _vague(refined.solution)),
+        warnings=warnings | ill_conditioned(model, refined.solution),
         beyond=task.beyond,
         covered=trial.coarse.covered and task.beyond is None,
         ends=tuple(name for name, sheet in zip(task.clouds, trial.coarse.sheets) if sheet.ends()),
     )
-
-
-def _thin(model: DeformableModel, noise: float) -> Warnings:
-    """The warning about bodies so thin that the noise does not tell their two sides apart."""
-    texts = []
-    for name, surface in model.surfaces.items():
-        mesh = model.mesh(name, 2 * PROBES)
-        thickness = 2 * abs(mesh.volume()) / mesh.area()
-        if not surface.kind.startswith("hyperboloid") and noise > THIN * thickness:
-            about = "the body" if len(model.surfaces) == 1 else name
-            texts.append(f"{about} is {thickness / noise:.3g} times as thick as the noise of the points")
-    end = "their sides are not told apart and volumes mean nothing; expected 4 times or more"
-    return {WarningKind.ILL_CONDITIONED: f"{', '.join(texts)}: {end}"} if texts else {}
-
-
-def _vague(solution: Solution) -> Warnings:
-    if solution.condition < VAGUE:
-        return {}
-    text = (
-        f"at strength {solution.strength:g} rounding may move the surface by more than a millionth of its size, "
-        f"condition {solution.condition:.1e}; try a larger strength, or fewer control points"
-    )
-    return {WarningKind.ILL_CONDITIONED: text}
 
 
 def _all_inliers(task: _Task, refined: Refined) -> dict[str, Array]:

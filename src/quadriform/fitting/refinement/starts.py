@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from quadriform.fitting.cloud import evenly_chosen
 from quadriform.fitting.neighbourhood import crowded
-from quadriform.fitting.sampling import outwards
-from quadriform.fitting.superquadric.fit import least_criterion
+from quadriform.fitting.superquadric.fit import fit_robust
 from quadriform.fitting.superquadric.initial import ellipsoid_by_moments
 from quadriform.fitting.superquadric.multistart import Problem, nearby
-from quadriform.fitting.superquadric.robust import fit_robust
+from quadriform.fitting.superquadric.paper import least_criterion
 from quadriform.points import Array
 from quadriform.shapes.superquadric import Superquadric
 
@@ -39,7 +39,7 @@ def candidates(
         return [dict(robust)]
     dense = {name: cloud[crowded(cloud)] for name, cloud in clouds.items()}
     found = [dict(robust), {name: _beside(cloud, robust[name]) for name, cloud in dense.items()}]
-    plain = {name: least_criterion(_some(cloud), kind) for name, cloud in dense.items()}
+    plain = {name: least_criterion(cloud[evenly_chosen(cloud, PAPER_POINTS)], kind) for name, cloud in dense.items()}
     if all(surface.semi_axes.max() <= LONGEST * np.ptp(dense[name], axis=0).max() for name, surface in plain.items()):
         found.append(plain)
     return [nested(surfaces, clouds) for surfaces in found]
@@ -86,9 +86,3 @@ def _beside(points: Array, robust: Superquadric) -> Superquadric:
 
 def _ellipsoid(points: Array) -> Superquadric:
     return fit_robust(points, "ellipsoid", np.ones(len(points)), {"exponents": (1.0, 1.0)}).superquadric
-
-
-def _some(points: Array) -> Array:
-    """About a thousand points, spread over their distances to the centre."""
-    order = outwards(points - points.mean(axis=0))
-    return points[order[np.linspace(0, len(order) - 1, min(PAPER_POINTS, len(order))).astype(int)]]

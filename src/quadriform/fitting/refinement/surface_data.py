@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from quadriform.fitting.cloud import canonical_order, evenly_spread
 from quadriform.fitting.mixture import Mixture
 from quadriform.fitting.neighbourhood import Neighbourhood, crowded, has_edge, is_surface, oriented, outward_normals
-from quadriform.fitting.sampling import outwards
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superquadric import Superquadric
@@ -55,10 +55,10 @@ class Sheet:
 
         With `robust` those without near neighbours are left out: sums over few points have no other defence.
         """
-        order = outwards(self.points - self.points.mean(axis=0))
+        order = canonical_order(self.points - self.points.mean(axis=0))
         if robust:
             order = order[self._crowded[order]]
-        chosen = order[np.linspace(0, len(order) - 1, min(count, len(order))).astype(int)]
+        chosen = evenly_spread(order, count)
         normals = None if self.normals is None else self.normals[chosen]
         return Sheet(self.superquadric, self.points[chosen], self.weights[chosen], self.beyond, normals)
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadriform.errors import WarningKind, Warnings
 from quadriform.fitting.least_squares.normal_equations import NormalEquations
 from quadriform.fitting.refinement.multiresolution import Refined, Rounds
 from quadriform.points import Array
@@ -28,8 +27,6 @@ LATTICE, GRID, FINE_LATTICE, FINE_GRID = 21, 12, 45, 32
 STRONGEST, DESCENT, PRESSES = 1e3, 8, 4
 AFFINE = 1e3
 """A strength at which the data bends nothing."""
-POOR = 0.05
-"""Noise, or an RMS distance of the inliers, above this share of the cloud's RMS radius is that of a poor fit."""
 PRICE, CHEAP = 1.5, 0.025
 """A cure is worse than the fold when it makes the noise this many times larger, and larger than this share of the
 cloud's RMS radius."""
@@ -125,15 +122,6 @@ def cures(rounds: Rounds, refined: Refined, surfaces: dict[str, Superquadric], m
 def _first_weight(refined: Refined) -> float:
     """Weight of the Jacobian penalty at a place in the first round."""
     return FIRST_PRESS * sum(len(sheet.points) for sheet in refined.sheets) * (refined.solution.noise / FLOOR) ** 2
-
-
-def folding(refined: Refined, surfaces: dict[str, Superquadric]) -> Warnings:
-    """The warning about a refinement without a cure."""
-    model = DeformableModel(surfaces, refined.box)
-    crossed = ", ".join(" and ".join(dict.fromkeys(pair)) for pair in model.crossings())
-    end = f"crossing: {crossed}" if crossed else "no surface crosses itself or another"
-    text = f"the map folds space inside the surface at {len(model.folds())} sampled places; {end}"
-    return {WarningKind.FOLDING: text}
 
 
 def _descended(

@@ -1,4 +1,4 @@
-"""Fitting a superquadric: the front door, and the paper's way (2.3): criterion P3 by conjugate gradient."""
+"""A superquadric fitted to points, robustly or as the paper does: from given points to the answer with its warnings."""
 
 from __future__ import annotations
 
@@ -6,18 +6,30 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import least_squares, minimize
+from numpy.typing import ArrayLike
 
-from quadriform.errors import OptionError, WarningKind, Warnings, choose, known_options
+from quadriform.errors import OptionError, choose, known_options
+from quadriform.fitting.cloud import Distinct
+from quadriform.fitting.diagnostics import (
+    POOR_SUPERQUADRIC,
+    at_bound,
+    duplicates,
+    multiple_minima,
+    near_symmetric,
+    not_converged,
+    outliers,
+    partial_coverage,
+    poor_fit,
+    precision_loss,
+    undetermined,
+)
 from quadriform.fitting.inputs import without_meshes
-from quadriform.fitting.mixture import LEAST_SIGMA
-from quadriform.fitting.precision import precision
 from quadriform.fitting.result import SuperquadricFit
-from quadriform.fitting.superquadric.batch import TURN, Candidates, distances
+from quadriform.fitting.superquadric.batch import AXES, SHIFT
 from quadriform.fitting.superquadric.identifiability import determined
-from quadriform.fitting.superquadric.initial import start
-from quadriform.fitting.superquadric.robust import cut_to, fit_robust, in_world
+from quadriform.fitting.superquadric.initial import cut_to
+from quadriform.fitting.superquadric.multistart import Problem, Solution, solve
+from quadriform.fitting.superquadric.paper import fit_paper
 from quadriform.fitting.threads import one_blas_thread
 from quadriform.point_sets import point_set
 from quadriform.points import Array, Frame, check_spread, check_weights
@@ -25,15 +37,7 @@ from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.superquadric import EXPONENTS, Superquadric
 
-MAX_ITERATIONS = 1000
-GRADIENT_TOLERANCE = 1e-8
-"""Of the mean criterion, lengths in units of the cloud's RMS radius."""
-UNDETERMINED = 1e4
-"""A condition above this is warned of."""
-NEAR_BOUND = 1e-3
-ROUND = 1e-6
-"""Semi-axes nearer to each other than this share of the largest make a body round, about one axis or all."""
-TO_THE_LAST_DIGITS = {"method": "lm", "xtol": 1e-14, "ftol": 1e-14, "gtol": 1e-14, "max_nfev": 300}
+FIXABLE = ("semi_axes", "exponents", "rotation", "translation")
 
 
 @known_options
@@ -65,165 +69,88 @@ def fit_superquadric(
     checked = point_set(given)
     world, notes = checked.points, notes + checked.notes
     if method == "robust":
-        robust = fit_robust(world, kind, check_weights(weights, len(world)), dict(fixed or {}))
-        return replace(robust, warnings=precision(checked.number_type, world) | robust.warnings, notes=notes)
-    if weights is not None or fixed:
+        found = fit_robust(world, kind, check_weights(weights, len(world)), dict(fixed or {}))
+    elif weights is not None or fixed:
         raise OptionError("method='paper' takes neither weights nor fixed; use method='robust'")
-    check_spread(world, needed=12 if kind == "toroid" else 11)
-    frame = Frame.of(world)
-    found = in_world(fit_paper(frame.to_local(world), kind), frame)
-    return replace(found, warnings=precision(checked.number_type, world) | found.warnings, notes=notes)
+    else:
+        check_spread(world, needed=12 if kind == "toroid" else 11)
+        frame = Frame.of(world)
+        found = in_world(fit_paper(frame.to_local(world), kind), frame)
+    return replace(found, warnings=precision_loss(checked.number_type, world) | found.warnings, notes=notes)
 
 
-class _Unbounded:
-    """The parameters as free numbers: logarithms of lengths, logits of exponents, turns away from the start.
+def fit_robust(world: Array, kind: str, weights: Array, fixed: dict[str, ArrayLike]) -> SuperquadricFit:
+    """Fit one superquadric to points (n, 3) of which some may be outliers, parts of other things, or missing.
 
-    Euler angles are counted from the start's axes, so the fit begins far from gimbal lock.
+    Args:
+        world: checked points.
+        kind: of the superquadric.
+        weights: (n,) checked.
+        fixed: held values by name, in the frame of the points.
     """
-
-    def __init__(self, first: Superquadric) -> None:
-        self.first = replace(first, rotation=np.eye(3))
-        self.axes = first.rotation
-
-    def free(self) -> Array:
-        """The start as free numbers."""
-        p = self.first.parameters.copy()
-        p[:3] = np.log(p[:3])
-        share = (p[3:5] - EXPONENTS[0]) / (EXPONENTS[1] - EXPONENTS[0])
-        p[3:5] = np.log(share / (1 - share))
-        p[8:11] = p[8:11] @ self.axes
-        p[11:] = np.log(p[11:] - 1)
-        return p
-
-    def bound(self, free: Array) -> tuple[Superquadric, Array]:
-        """The superquadric in the start's axes, and the derivative of each of its numbers by its free one."""
-        p, slope = free.copy(), np.ones(len(free))
-        p[:3] = slope[:3] = np.exp(np.clip(free[:3], -50, 50))
-        share = 1 / (1 + np.exp(-np.clip(free[3:5], -500, 500)))
-        span = EXPONENTS[1] - EXPONENTS[0]
-        p[3:5], slope[3:5] = EXPONENTS[0] + span * share, span * share * (1 - share)
-        slope[11:] = np.exp(np.clip(free[11:], -30, 30))
-        p[11:] = 1 + slope[11:]
-        return self.first.with_parameters(p), slope
-
-    def in_place(self, free: Array) -> Superquadric:
-        """The superquadric in the frame of the points."""
-        found, _ = self.bound(free)
-        return replace(
-            found,
-            rotation=self.axes @ found.rotation,
-            translation=self.axes @ found.translation,
+    check_spread(world[weights > 0], needed=12 if kind == "toroid" else 11)
+    given = Distinct.of(world, weights)
+    frame = Frame.of(given.points)
+    held = _in_frame(fixed, frame)
+    with np.errstate(all="ignore"):
+        solution = solve(
+            Problem(
+                frame.to_local(given.points),
+                given.weights / given.weights.mean(),
+                kind,
+                held,
+                np.zeros(len(given.points)),
+            )
         )
+    inliers = given.spread(solution.descent.inliers[0])
+    fit = in_world(_outcome(solution, frame.to_local(world), inliers), frame)
+    return replace(fit, warnings=fit.warnings | duplicates(given.copies, len(world)))
 
 
-def fit_paper(points: Array, kind: str) -> SuperquadricFit:
-    """The paper's fit to centred, scaled points (n, 3)."""
-    coordinates = _Unbounded(start(points, kind))
-    turned = points @ coordinates.axes
+def _in_frame(fixed: dict[str, ArrayLike], frame: Frame) -> dict[str, Array]:
+    """Held values, checked, in the centred and scaled frame."""
+    for name in fixed:
+        choose(name, FIXABLE, "fixed")
+    try:
+        checked = Superquadric(**fixed)  # type: ignore[arg-type]
+    except OptionError as error:
+        raise OptionError(f"option fixed: {error}") from error
+    if "exponents" in fixed and checked.exponents.max() > EXPONENTS[1]:
+        raise OptionError(f"option fixed: exponents {checked.exponents.tolist()}; fits keep them within {EXPONENTS}")
+    local = checked.placed(1 / frame.scale, -frame.centre / frame.scale)
+    return {name: getattr(local, name) for name in fixed}
 
-    def criterion(free: Array) -> tuple[float, Array]:
-        candidate, slope = coordinates.bound(free)
-        # Euler angles of the candidate are the free ones themselves, so no gimbal lock can swap them
-        value, by_parameter = candidate.parameter_derivatives(turned)
-        gap = value - 1
-        return float(gap @ gap) / len(gap), 2 * (gap @ by_parameter) * slope / len(gap)  # P3
 
-    history: list[float] = []
-    result = minimize(
-        criterion,
-        coordinates.free(),
-        jac=True,
-        method="CG",
-        callback=lambda intermediate_result: history.append(float(intermediate_result.fun)),
-        options={"gtol": GRADIENT_TOLERANCE, "maxiter": MAX_ITERATIONS},
+def _outcome(solution: Solution, points: Array, inliers: Array) -> SuperquadricFit:
+    """The answer in the centred and scaled frame; points and inliers as the caller gave them."""
+    descent = solution.descent
+    sigma = float(descent.mixture.sigma[0])
+    found = cut_to(descent.candidates.superquadric(0), points[inliers >= 0.5])
+    weights = descent.weights * descent.inliers[0]
+    state = determined(descent.candidates, descent.derivatives[0], weights, sigma, descent.held)
+    steps = len(descent.history)
+    warnings = (
+        undetermined(state.rank, state.condition, len(found.parameters))
+        | near_symmetric(state.symmetric)
+        | outliers(inliers)
+        | partial_coverage(found, points[inliers >= 0.5])
+        | poor_fit(sigma, POOR_SUPERQUADRIC)
+        | at_bound(found, descent.longest)
+        | multiple_minima(solution.rivals)
+        | not_converged(solution.converged, steps)
     )
-    found = cut_to(coordinates.in_place(result.x), points)
-    rank, condition = determinacy(found, points)
-    warnings = superquadric_warnings(found, points, rank, condition)
-    if result.nit >= MAX_ITERATIONS:
-        warnings[WarningKind.MAX_ITERATIONS] = f"the superquadric fit stopped after {result.nit} iterations"
-    distance, derivatives = distances(Candidates.of([found]), points)
-    noise = max(float(np.sqrt((distance**2).mean())), LEAST_SIGMA)
-    free = np.zeros(len(found.parameters), dtype=np.bool_)
-    state = determined(Candidates.of([found]), derivatives[0], np.ones(len(points)), noise, free)
-    everyone = np.ones(len(points))
-    iterations = int(result.nit)
     return SuperquadricFit(
-        found,
-        warnings,
-        rank,
-        condition,
-        state.covariance,
-        everyone,
-        noise,
-        tuple(history),
-        iterations,
+        found, warnings, state.rank, state.condition, state.covariance, inliers, sigma, tuple(descent.history), steps
     )
 
 
-def least_criterion(points: Array, kind: str) -> Superquadric:
-    """The minimum of P3 from the paper's start, to the last digits, by Levenberg and Marquardt's method.
-
-    Conjugate gradients stop a few digits earlier; a start that other results depend on must be the same for a turned
-    cloud. Points (n, 3) centred and scaled.
-    """
-    coordinates = _Unbounded(start(points, kind))
-    turned = points @ coordinates.axes
-
-    def gap(free: Array) -> Array:
-        return coordinates.bound(free)[0].implicit(turned) - 1
-
-    def slopes(free: Array) -> Array:
-        candidate, slope = coordinates.bound(free)
-        return candidate.parameter_derivatives(turned)[1] * slope
-
-    def least(begin: Array, moving: NDArray[np.bool_]) -> Array:
-        def whole(part: Array) -> Array:
-            every = begin.copy()
-            every[moving] = part
-            return every
-
-        found = least_squares(
-            lambda part: gap(whole(part)),
-            begin[moving],
-            lambda part: slopes(whole(part))[:, moving],
-            **TO_THE_LAST_DIGITS,
-        )
-        return whole(found.x)
-
-    begin, every = coordinates.free(), np.ones(len(coordinates.free()), dtype=np.bool_)
-    if (np.diff(np.sort(coordinates.first.semi_axes)) < ROUND * coordinates.first.semi_axes.max()).any():
-        begin = least(begin, ~np.isin(np.arange(len(begin)), np.r_[TURN]))  # turns of round bodies are rounding
-    return cut_to(coordinates.in_place(least(begin, every)), points)
-
-
-def determinacy(found: Superquadric, points: Array) -> tuple[int, float]:
-    """Rank and condition of the derivatives of F by the parameters at centred, scaled points.
-
-    Taken in the superquadric's own axes, where Euler angles are small turns: gimbal lock is no lack of data.
-    """
-    turn = found.rotation
-    upright = replace(found, rotation=np.eye(3), translation=found.translation @ turn)
-    _, by_parameter = upright.parameter_derivatives(points @ turn)
-    singular = np.linalg.svd(by_parameter, compute_uv=False)
-    rank = int((singular > 1e-10 * singular[0]).sum())
-    return rank, float(singular[0] / max(singular[-1], 1e-300))
-
-
-def superquadric_warnings(found: Superquadric, points: Array, rank: int, condition: float) -> Warnings:
-    """What is to be said of a superquadric fitted to centred, scaled points."""
-    warnings: Warnings = {}
-    needed = len(found.parameters)
-    if rank < needed or condition > UNDETERMINED:
-        warnings[WarningKind.ILL_CONDITIONED] = (
-            f"the points determine {rank} of {needed} superquadric parameters, condition {condition:.1e}"
-        )
-    at_bound = (found.exponents < EXPONENTS[0] + NEAR_BOUND) | (found.exponents > EXPONENTS[1] - NEAR_BOUND)
-    extent = float(np.ptp(points, axis=0).max())
-    too_long = found.semi_axes > 2 * extent
-    if at_bound.any() or too_long.any():
-        warnings[WarningKind.AT_BOUND] = (
-            f"exponents {found.exponents.round(3).tolist()}, longest semi-axis "
-            f"{found.semi_axes.max() / extent:.2g} x the extent of the data: the data does not hold them"
-        )
-    return warnings
+def in_world(fit: SuperquadricFit, frame: Frame) -> SuperquadricFit:
+    """A fit made in the centred, unit-free frame, back in the unit of the data."""
+    unit = np.ones(len(fit.covariance))
+    unit[AXES] = unit[SHIFT] = frame.scale
+    return replace(
+        fit,
+        superquadric=fit.superquadric.placed(frame.scale, frame.centre),
+        covariance=fit.covariance * unit[:, None] * unit,
+        noise=fit.noise * frame.scale,
+    )

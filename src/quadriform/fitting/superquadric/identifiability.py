@@ -5,13 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from quadriform.fitting.diagnostics import UNDETERMINED
 from quadriform.fitting.superquadric.batch import AXES, HOLE, POWERS, SHIFT, TURN, Candidates
 from quadriform.fitting.superquadric.levenberg_marquardt import EXPONENT_SPREAD
 from quadriform.points import Array
 from quadriform.shapes.superellipse import quiet
 
-UNDETERMINED = 1e4
-"""A singular value this many times below the largest counts as undetermined."""
+SYMMETRIC_TURN = 0.2
+"""An axis known no better than this, in radians, is an axis of symmetry for all that the data determines."""
 PURE_TURN = 0.9
 """Share of a direction in parameter space above which it only turns the surface."""
 
@@ -23,7 +24,7 @@ class Determined:
     Attributes:
         rank: of the derivatives of the distances by the parameters that were free.
         condition: their largest singular value over the smallest.
-        symmetric: whether a direction that only turns the surface is undetermined.
+        symmetric: whether a rotation of the surface is undetermined.
         covariance: (p, p) in the order a1 a2 a3, e1 e2, three turns about the object's own axes in radians,
             tx ty tz, hole radius; zero for held parameters.
     """
@@ -32,11 +33,6 @@ class Determined:
     condition: float
     symmetric: bool
     covariance: Array
-
-    @property
-    def turn_spread(self) -> float:
-        """One sigma, in radians, of the least determined turn."""
-        return float(np.sqrt(max(np.linalg.eigvalsh(self.covariance[TURN, TURN])[-1], 0)))
 
 
 @quiet
@@ -65,7 +61,9 @@ def determined(
     covariance = np.zeros((len(held), len(held)))
     covariance[np.ix_(free, free)] = _inverse(rows @ rows.T / sigma**2, free)
     condition = float(singular[0] / max(singular[-1], 1e-300))
-    return Determined(rank, condition, bool((turning > PURE_TURN).any()), covariance)
+    rotation_sigma = np.sqrt(max(np.linalg.eigvalsh(covariance[TURN, TURN])[-1], 0))
+    symmetric = bool((turning > PURE_TURN).any() or rotation_sigma > SYMMETRIC_TURN)
+    return Determined(rank, condition, symmetric, covariance)
 
 
 def _natural(candidate: Candidates, derivatives: Array) -> Array:

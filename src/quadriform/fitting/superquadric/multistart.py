@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from quadriform.fitting.cloud import best_first, canonical_axes, canonical_order
 from quadriform.fitting.mixture import LARGEST_SHARE, Mixture, cooled, crowding_odds, estimated, everyone
-from quadriform.fitting.sampling import outwards
 from quadriform.fitting.superquadric.batch import Candidates
-from quadriform.fitting.superquadric.hypotheses import (
+from quadriform.fitting.superquadric.initial import (
     FRAMES,
     dense_parts,
     ellipsoids,
@@ -25,7 +25,6 @@ from quadriform.fitting.superquadric.hypotheses import (
     sides,
 )
 from quadriform.fitting.superquadric.levenberg_marquardt import Descent
-from quadriform.fitting.ties import best_first, settled_axes
 from quadriform.points import Array
 from quadriform.shapes.superquadric import Superquadric
 
@@ -83,7 +82,7 @@ class Problem:
 
     @cached_property
     def _order(self) -> NDArray[np.int64]:
-        return outwards(self.points)
+        return canonical_order(self.points)
 
     def thinned(self, most: int) -> NDArray[np.int64]:
         """Indices of at most `most` points, even over their order by distance from the centre."""
@@ -182,7 +181,7 @@ def _crowded(problem: Problem, winner: tuple[Candidates, Mixture], longest: floa
 def bound_of_axes(points: Array) -> float:
     """Twice the extent of the points (n, 3) along a side of their box, whichever way the box is turned."""
     _, values, axes = np.linalg.svd(points, full_matrices=False)
-    axes = settled_axes(values**2, axes.T, points)
+    axes = canonical_axes(values**2, axes.T, points)
     return 2 * float(np.ptp(points @ axes, axis=0).max()) / np.sqrt(3)
 
 

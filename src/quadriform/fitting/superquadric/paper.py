@@ -1,0 +1,151 @@
+"""The paper's superquadric fit: criterion P3 by conjugate gradient from the start of A.3 (section 2.3)."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares, minimize
+
+from quadriform.fitting.diagnostics import at_bound, not_converged, undetermined
+from quadriform.fitting.mixture import LEAST_SIGMA
+from quadriform.fitting.result import SuperquadricFit
+from quadriform.fitting.superquadric.batch import TURN, Candidates, distances
+from quadriform.fitting.superquadric.identifiability import determined
+from quadriform.fitting.superquadric.initial import cut_to, start
+from quadriform.points import Array
+from quadriform.shapes.superquadric import EXPONENTS, Superquadric
+
+MAX_ITERATIONS = 1000
+GRADIENT_TOLERANCE = 1e-8
+"""Of the mean criterion, lengths in units of the cloud's RMS radius."""
+ROUND = 1e-6
+"""Semi-axes nearer to each other than this, relative to the largest, make a body round, about one axis or all."""
+TO_THE_LAST_DIGITS = {"method": "lm", "xtol": 1e-14, "ftol": 1e-14, "gtol": 1e-14, "max_nfev": 300}
+
+
+class _Unbounded:
+    """The parameters as free numbers: logarithms of lengths, logits of exponents, turns away from the start.
+
+    Euler angles are counted from the start's axes, so the fit begins far from gimbal lock.
+    """
+
+    def __init__(self, first: Superquadric) -> None:
+        self.first = replace(first, rotation=np.eye(3))
+        self.axes = first.rotation
+
+    def free(self) -> Array:
+        """The start as free numbers."""
+        p = self.first.parameters.copy()
+        p[:3] = np.log(p[:3])
+        share = (p[3:5] - EXPONENTS[0]) / (EXPONENTS[1] - EXPONENTS[0])
+        p[3:5] = np.log(share / (1 - share))
+        p[8:11] = p[8:11] @ self.axes
+        p[11:] = np.log(p[11:] - 1)
+        return p
+
+    def bound(self, free: Array) -> tuple[Superquadric, Array]:
+        """The superquadric in the start's axes, and the derivative of each of its numbers by its free one."""
+        p, slope = free.copy(), np.ones(len(free))
+        p[:3] = slope[:3] = np.exp(np.clip(free[:3], -50, 50))
+        share = 1 / (1 + np.exp(-np.clip(free[3:5], -500, 500)))
+        span = EXPONENTS[1] - EXPONENTS[0]
+        p[3:5], slope[3:5] = EXPONENTS[0] + span * share, span * share * (1 - share)
+        slope[11:] = np.exp(np.clip(free[11:], -30, 30))
+        p[11:] = 1 + slope[11:]
+        return self.first.with_parameters(p), slope
+
+    def in_place(self, free: Array) -> Superquadric:
+        """The superquadric in the frame of the points."""
+        found, _ = self.bound(free)
+        return replace(
+            found,
+            rotation=self.axes @ found.rotation,
+            translation=self.axes @ found.translation,
+        )
+
+
+def fit_paper(points: Array, kind: str) -> SuperquadricFit:
+    """The paper's fit to centred, scaled points (n, 3)."""
+    coordinates = _Unbounded(start(points, kind))
+    turned = points @ coordinates.axes
+
+    def criterion(free: Array) -> tuple[float, Array]:
+        candidate, slope = coordinates.bound(free)
+        # Euler angles of the candidate are the free ones themselves, so no gimbal lock can swap them
+        value, by_parameter = candidate.parameter_derivatives(turned)
+        gap = value - 1
+        return float(gap @ gap) / len(gap), 2 * (gap @ by_parameter) * slope / len(gap)  # P3
+
+    history: list[float] = []
+    result = minimize(
+        criterion,
+        coordinates.free(),
+        jac=True,
+        method="CG",
+        callback=lambda intermediate_result: history.append(float(intermediate_result.fun)),
+        options={"gtol": GRADIENT_TOLERANCE, "maxiter": MAX_ITERATIONS},
+    )
+    found = cut_to(coordinates.in_place(result.x), points)
+    rank, condition = determinacy(found, points)
+    warnings = (
+        undetermined(rank, condition, len(found.parameters))
+        | at_bound(found, 2 * float(np.ptp(points, axis=0).max()))
+        | not_converged(result.nit < MAX_ITERATIONS, int(result.nit))
+    )
+    distance, derivatives = distances(Candidates.of([found]), points)
+    noise = max(float(np.sqrt((distance**2).mean())), LEAST_SIGMA)
+    free = np.zeros(len(found.parameters), dtype=np.bool_)
+    state = determined(Candidates.of([found]), derivatives[0], np.ones(len(points)), noise, free)
+    covariance, iterations = state.covariance, int(result.nit)
+    return SuperquadricFit(
+        found, warnings, rank, condition, covariance, np.ones(len(points)), noise, tuple(history), iterations
+    )
+
+
+def least_criterion(points: Array, kind: str) -> Superquadric:
+    """The minimum of P3 from the paper's start, to the last digits, by Levenberg and Marquardt's method.
+
+    Conjugate gradients stop a few digits earlier; a start that other results depend on must be the same for a turned
+    cloud. Points (n, 3) centred and scaled.
+    """
+    coordinates = _Unbounded(start(points, kind))
+    turned = points @ coordinates.axes
+
+    def gap(free: Array) -> Array:
+        return coordinates.bound(free)[0].implicit(turned) - 1
+
+    def slopes(free: Array) -> Array:
+        candidate, slope = coordinates.bound(free)
+        return candidate.parameter_derivatives(turned)[1] * slope
+
+    def least(begin: Array, moving: NDArray[np.bool_]) -> Array:
+        def whole(part: Array) -> Array:
+            every = begin.copy()
+            every[moving] = part
+            return every
+
+        found = least_squares(
+            lambda part: gap(whole(part)),
+            begin[moving],
+            lambda part: slopes(whole(part))[:, moving],
+            **TO_THE_LAST_DIGITS,
+        )
+        return whole(found.x)
+
+    begin, every = coordinates.free(), np.ones(len(coordinates.free()), dtype=np.bool_)
+    if (np.diff(np.sort(coordinates.first.semi_axes)) < ROUND * coordinates.first.semi_axes.max()).any():
+        begin = least(begin, ~np.isin(np.arange(len(begin)), np.r_[TURN]))  # turns of round bodies are rounding
+    return cut_to(coordinates.in_place(least(begin, every)), points)
+
+
+def determinacy(found: Superquadric, points: Array) -> tuple[int, float]:
+    """Rank and condition of the derivatives of F by the parameters at centred, scaled points.
+
+    Taken in the superquadric's own axes, where Euler angles are small turns: gimbal lock is no lack of data.
+    """
+    turn = found.rotation
+    upright = replace(found, rotation=np.eye(3), translation=found.translation @ turn)
+    _, by_parameter = upright.parameter_derivatives(points @ turn)
+    singular = np.linalg.svd(by_parameter, compute_uv=False)
+    rank = int((singular > 1e-10 * singular[0]).sum())
+    return rank, float(singular[0] / max(singular[-1], 1e-300))
