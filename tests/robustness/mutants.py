@@ -64,8 +64,8 @@ MUTANTS = [
     Mutant("whole numbers above 2^53", "points.py", "> 2**53", "> 2**99", "robustness/test_bad_inputs.py"),
     Mutant(
         "digits that were lost",
-        "fitting/precision.py",
-        "if share <= least:",
+        "fitting/diagnostics.py",
+        "if step / half <= least:",
         "if True:",
         "robustness/test_bad_inputs.py",
     ),
@@ -80,15 +80,15 @@ MUTANTS = [
     Mutant(
         "copies count as weights",
         "fitting/cloud.py",
-        "np.bincount(place, weights)",
-        "np.bincount(place)",
+        "np.bincount(index, weights)",
+        "np.bincount(index)",
         "fitting/test_duplicates.py",
     ),
     Mutant(
         "data that ends at an edge",
         "fitting/diagnostics.py",
-        "elif name in result.ends:",
-        "elif False:",
+        "coverage = _ends(name in result.ends)",
+        "coverage = {}",
         "robustness/test_bad_inputs.py",
     ),
     Mutant(
