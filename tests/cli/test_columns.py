@@ -69,7 +69,7 @@ def test_units_that_contradict_each_other_are_refused(terminal, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_the_order_of_napari_is_said(terminal, tmp_path):
+def test_the_order_of_napari_is_reported(terminal, tmp_path):
     np.savetxt(tmp_path / "p.csv", CLOUD[:, ::-1], delimiter=",", header="axis-0,axis-1,axis-2", comments="")
     record = fitted(terminal, tmp_path / "p.csv", tmp_path)
     assert any("taken as z, y, x" in note for note in record["notes"])
@@ -94,13 +94,13 @@ def test_points_far_from_the_origin_are_warned_of_and_written(terminal, tmp_path
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux has file names that are not UTF-8")
-@pytest.mark.parametrize("verb", ["fit", "track"])
-def test_a_file_name_that_is_not_utf8(terminal, tmp_path, verb):
+@pytest.mark.parametrize("command", ["fit", "track"])
+def test_a_file_name_that_is_not_utf8(terminal, tmp_path, command):
     name = tmp_path / os.fsdecode(b"a\xff\xed\xa0\x80.xyz")
     np.savetxt(name, lumpy(60))
     np.savetxt(tmp_path / "b.xyz", lumpy(60))
-    files = [name] if verb == "fit" else [name, tmp_path / "b.xyz"]
-    result = terminal(verb, *files, "-o", tmp_path / "out", "--box", "2,2,2", "--json")
+    files = [name] if command == "fit" else [name, tmp_path / "b.xyz"]
+    result = terminal(command, *files, "-o", tmp_path / "out", "--box", "2,2,2", "--json")
     assert result.code == 0, result.err
     assert json.loads(result.out)["points"] == 60 * len(files)
     assert (tmp_path / "out" / "report.html").read_text(encoding="utf-8")

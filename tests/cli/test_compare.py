@@ -81,7 +81,7 @@ def test_a_surface_is_chosen_by_name(terminal, files):
     assert other["hausdorff"] == compared(terminal, "a.json", "b.npz")["hausdorff"]
 
 
-def test_what_is_unknown_or_open_is_said(terminal, files):
+def test_what_is_unknown_or_open_is_noted(terminal, files):
     result = terminal("compare", "bare.stl", "a.json", "--json")
     assert result.code == 0 and "bare.stl: its space is unknown, taken as LPS" in result.err
     assert json.loads(result.out)["unit"] == "mm"
@@ -93,7 +93,7 @@ def test_what_is_unknown_or_open_is_said(terminal, files):
 
 
 @pytest.mark.parametrize("name", ["b.vtp", "b.npz"])
-def test_what_lies_in_the_other_frame_is_brought_to_the_first_and_said(terminal, files, tmp_path, name):
+def test_what_lies_in_the_other_frame_is_brought_to_the_first_with_a_note(terminal, files, tmp_path, name):
     turned = "ras.ply" if name == "b.vtp" else "ras.json"
     save(model(OUTER).in_space("RAS"), tmp_path / "ras.json")
     save(model(INNER).in_space("RAS"), tmp_path / "inner-ras.json")

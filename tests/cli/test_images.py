@@ -63,7 +63,7 @@ def test_a_mask_lies_where_its_image_lies(terminal, tmp_path, body, grey, writer
 
 
 @pytest.mark.parametrize("writer, name", [("nrrd", "scan.dat"), ("metaimage", "scan"), ("nifti", "scan.img.bin")])
-def test_every_format_is_told_by_its_content(terminal, tmp_path, grey, writer, name):
+def test_every_format_is_recognised_by_its_content(terminal, tmp_path, grey, writer, name):
     path = WRITERS[writer](tmp_path, grey).rename(tmp_path / name)
     assert np.array_equal(read_volume(path).values, grey)
     info = json.loads(terminal("info", path, "--json").out)

@@ -22,8 +22,8 @@ def process(*words, **options):
     )
 
 
-def test_every_verb_has_help():
-    for words in ([], ["--help"], *([verb, "--help"] for verb in ("fit", "segment", "deform", "export", "info"))):
+def test_every_subcommand_has_help():
+    for words in ([], ["--help"], *([name, "--help"] for name in ("fit", "segment", "deform", "export", "info"))):
         result = CliRunner().invoke(entry.app, words)
         assert "Usage" in result.output
 

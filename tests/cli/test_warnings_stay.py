@@ -115,7 +115,7 @@ def test_strict_refuses_and_writes_nothing(call, tmp_path, words):
     assert not list(tmp_path.glob("out*"))
 
 
-def test_two_phases_are_told_apart(call, made):
+def test_two_phases_are_distinguished(call, made):
     """Two files of one ventricle: an ejection fraction is as doubtful as the worse of them."""
     found = call("measure", "ed/model.json", "es/model.json", "--json")
     text = json.loads(found.out)["warnings"]["PARTIAL_COVERAGE"]

@@ -69,7 +69,7 @@ def test_a_report_begins_with_the_verdict_and_holds_the_fit(egg):
     assert "Bardinet" in text and f"quadriform {qf.__version__}" in text
 
 
-def test_warnings_are_said_first(egg):
+def test_warnings_are_shown_first(egg):
     fit, points = egg
     far = np.concatenate([points, [[90.0, 0, 0], [0, 95, 0]]])
     warned = qf.fit(far, box=(3, 3, 3))

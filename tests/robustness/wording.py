@@ -37,7 +37,7 @@ def texts(root=ROOT):
     yield "CHANGELOG.md", (root / "CHANGELOG.md").read_text(encoding="utf-8").split("\n## [0")[0]
     for path in sorted((root / "tests").rglob("test_*.py")):
         names = re.findall(r"^def (test_\w+)", path.read_text(encoding="utf-8"), re.MULTILINE)
-        yield str(path.relative_to(root)), "\n".join([path.stem, *names])
+        yield f"{path.relative_to(root)} (names)", "\n".join([path.stem, *names])
 
 
 def without_prose(name, text):
@@ -71,6 +71,8 @@ def search(entries, named_texts):
             present = set(words) | ({"#"} if any(word[0].isdigit() for word in words) else set())
             for number, entry in enumerate(entries):
                 if (entry.get("where") == "names") != names_only or present.isdisjoint(p[0] for p in entry["words"]):
+                    continue
+                if not name.startswith(entry.get("within", "")):
                     continue
                 for i in uses(entry, words):
                     line = separate.count("\n", 0, matches[i].start()) + 1

@@ -1,1 +1,1 @@
-"""The terminal: one verb a file, no mathematics. stdout carries data, stderr progress and warnings."""
+"""The command line: one subcommand a file, no mathematics. stdout carries data, stderr progress and warnings."""

@@ -1,55 +1,56 @@
 """`quadriform cohort`: a list of subjects becomes models, one store of parameters and one table of measures."""
 
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from quadriform.cli import options as shared
 from quadriform.cli.exit_codes import SOME_FAILED
+from quadriform.cli.options import Common, Space, check_space, grouped
 
-ENGINE = "Engine"
-Processes = Annotated[
-    int | None,
-    typer.Option(min=1, help="Processes of this machine. [default: one a core]", rich_help_panel=ENGINE),
-]
-Workers = Annotated[
-    int | None,
-    typer.Option(min=1, help="Start a local cluster of dask.distributed with so many.", rich_help_panel=ENGINE),
-]
-Scheduler = Annotated[
-    str | None,
-    typer.Option(help="Address of a scheduler of dask.distributed, as tcp://host:8786.", rich_help_panel=ENGINE),
-]
-Shard = Annotated[
-    str, typer.Option(help="Only part i of n, i from 1: the task of an array job; all may run at the same time.")
-]
-Resume = Annotated[bool, typer.Option("--resume", help="Go on: what is done and has not changed is kept.")]
-Set = Annotated[
-    list[str] | None,
-    typer.Option("--set", help="NAME=VALUE, an option of all subjects whose row has none, such as box=5,5,5."),
-]
-ShowIds = Annotated[
-    bool, typer.Option("--show-ids", help="Name subjects on the screen; else only their lines are told.")
-]
+engine_option = partial(typer.Option, rich_help_panel="Engine")
 
 
+@dataclass(frozen=True)
+class EngineChoice:
+    """Where the subjects are fitted; at most one of them is given."""
+
+    processes: Annotated[int | None, engine_option(min=1, help="Processes of this machine. [default: one a core]")] = (
+        None
+    )
+    workers: Annotated[
+        int | None, engine_option(min=1, help="Start a local cluster of dask.distributed with so many.")
+    ] = None
+    scheduler: Annotated[
+        str | None, engine_option(help="Address of a scheduler of dask.distributed, as tcp://host:8786.")
+    ] = None
+
+
+@grouped
 def cohort(
+    *,
     manifest: Annotated[Path, typer.Argument(help="CSV: id, input, and where needed surface and options by name.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")],
-    shard: Shard = "1/1",
-    resume: Resume = False,
-    set_: Set = None,
-    space: shared.Space = None,
-    strict: shared.Strict = False,
-    force: shared.Force = False,
-    show_ids: ShowIds = False,
-    as_json: shared.Json = False,
-    processes: Processes = None,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
+    shard: Annotated[
+        str, typer.Option(help="Only part i of n, i from 1: the task of an array job; all may run at the same time.")
+    ] = "1/1",
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Continue: results that exist and whose input has not changed are kept.")
+    ] = False,
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="NAME=VALUE, an option of all subjects whose row has none, such as box=5,5,5."),
+    ] = None,
+    space: Space = None,
+    common: Common,
+    show_ids: Annotated[
+        bool, typer.Option("--show-ids", help="Name subjects on the screen; else only their rows are shown.")
+    ] = False,
+    engine: EngineChoice,
 ) -> None:
-    """Fit or follow many subjects: a model each, parameters.zarr, metrics/*.parquet, failures.csv, cohort.html.
+    """Fit or track many subjects: a model each, parameters.zarr, metrics/*.parquet, failures.csv, cohort.html.
 
     A subject that fails does not stop the others (exit code 7). INPUT and NAME=FILES of a row are files, patterns or a
     folder, relative to the list, ';' between several; surfaces of label images are NAME=label:1+2.
@@ -57,9 +58,8 @@ def cohort(
     from quadriform.cli.cohort_run import run_and_show
     from quadriform.cohort.run import Choices
 
-    choices = Choices(_options(set_ or []), _shard(shard), resume, force, strict, shared.check_space(space))
-    failed = run_and_show(manifest, output, choices, (processes, workers, scheduler), show_ids, as_json)
-    if failed:
+    choices = Choices(_options(set_ or []), _shard(shard), resume, common.force, common.strict, check_space(space))
+    if run_and_show(manifest, output, choices, engine, show_ids, common.as_json):
         raise typer.Exit(SOME_FAILED)
 
 

@@ -1,14 +1,16 @@
-"""The work behind `quadriform cohort`: which engine, what is told on the way, and the closing table."""
+"""What `quadriform cohort` does: the engine, the lines during the run, and the closing table."""
 
 import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
+from dataclasses import astuple
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from quadriform.cli.screen import emit_json, emit_table, say
+from quadriform.cli.cohort import EngineChoice
+from quadriform.cli.screen import print_line, show
 from quadriform.cohort import executors, failures, modes, page, stores
 from quadriform.cohort.run import Choices, OnOutcome, Summary, run
 from quadriform.cohort.scheduling import WorkerPool
@@ -18,69 +20,66 @@ from quadriform.errors import OptionError
 EVERY = 30.0
 """Seconds between two lines where no bar can be drawn."""
 MOST_LINES = 20
-"""Failures that are told one by one; all are in the table."""
-Asked = tuple[int | None, int | None, str | None]
+"""Failures that are reported one by one; all are in the table."""
 
 
-def run_and_show(manifest: Path, output: Path, choices: Choices, asked: Asked, show_ids: bool, as_json: bool) -> int:
-    """Run, show what came of it, and return how many subjects of the share failed.
+def run_and_show(
+    manifest: Path, output: Path, choices: Choices, engine: EngineChoice, show_ids: bool, as_json: bool
+) -> int:
+    """How many subjects of this part of the cohort failed, after they were fitted and the results shown.
 
     Args:
         manifest: the list.
         output: folder for the results.
-        choices: how.
-        asked: processes, workers of a local cluster, and address of a scheduler; at most one of them.
+        choices: which subjects are fitted, and how.
+        engine: where.
         show_ids: whether subjects are named on the screen.
         as_json: on stdout.
 
     Raises:
-        QuadriformError: nothing could be begun, or the results cannot be written.
+        QuadriformError: the list or an option cannot be used, or the results cannot be written.
     """
-    start = _engine(asked)
-    with _telling(show_ids) as told:
-        summary = run(manifest, output, start, choices, told)
+    start = _engine(engine)
+    with _reporting(show_ids) as report:
+        summary = run(manifest, output, start, choices, report)
     record = _record(output, summary)
-    if as_json:
-        emit_json(record)
-    else:
-        emit_table(_rows(record), title=str(manifest))
+    show(record, as_json, _rows(record), str(manifest))
     return summary.counts[FAILED]
 
 
-def _engine(asked: Asked) -> Callable[[], AbstractContextManager[WorkerPool]]:
-    processes, workers, scheduler = asked
-    if sum(one is not None for one in asked) > 1:
+def _engine(chosen: EngineChoice) -> Callable[[], AbstractContextManager[WorkerPool]]:
+    if sum(value is not None for value in astuple(chosen)) > 1:
         raise OptionError("options --processes, --workers and --scheduler exclude each other; give one")
-    if workers is None and scheduler is None:
-        return partial(executors.processes, processes or executors.cores())
+    if chosen.workers is None and chosen.scheduler is None:
+        return partial(executors.processes, chosen.processes or executors.cores())
     stores.needs("distributed")
-    return partial(executors.cluster, scheduler, workers or 0)
+    return partial(executors.cluster, chosen.scheduler, chosen.workers or 0)
 
 
-# --- on the way --------------------------------------------------------------------------------------------------
+# --- during the run ---------------------------------------------------------------------------------------------
 
 
 @contextmanager
-def _telling(show_ids: bool) -> Iterator[OnOutcome]:
+def _reporting(show_ids: bool) -> Iterator[OnOutcome]:
     """A bar with rate and time left on a terminal, a line now and then elsewhere; the first failures by line."""
     lines = 0
-    with _bar() if sys.stderr.isatty() else _log() as show:
+    with _bar() if sys.stderr.isatty() else _log() as update:
 
-        def told(outcome: Outcome, done: int, total: int) -> None:
+        def report(outcome: Outcome, done: int, total: int) -> None:
             nonlocal lines
             if outcome.failure is not None:
                 lines += 1
                 if lines <= MOST_LINES:
-                    say(_failure(outcome, show_ids))
+                    print_line(_failure(outcome, show_ids))
                 if lines == MOST_LINES:
-                    say(f"further failures are told in {failures.TABLE} alone")
-            show(done, total)
+                    print_line(f"further failures are listed in {failures.TABLE} only")
+            update(done, total)
 
-        yield told
+        yield report
 
 
 def _failure(outcome: Outcome, show_ids: bool) -> str:
-    """One line; messages of errors hold paths, and these hold ids, so without leave only the kind is told."""
+    """One line; messages of errors contain paths, which contain ids: without `show_ids` only the kind is shown."""
     kind, error = (outcome.failure.kind, outcome.failure.error) if outcome.failure else ("", "")
     return f"failed: {outcome.id}: {kind}: {error}" if show_ids else f"failed: subject {outcome.number + 1}: {kind}"
 
@@ -103,24 +102,26 @@ def _bar() -> Iterator[Callable[[int, int], None]]:
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=None, rate="")
 
-        def show(done: int, total: int) -> None:
+        def update(done: int, total: int) -> None:
             bar.update(task, completed=done, total=total, rate=f"{done / (time.monotonic() - begin):.3g}/s")
 
-        yield show
+        yield update
 
 
 @contextmanager
 def _log() -> Iterator[Callable[[int, int], None]]:
     begin = last = time.monotonic()
 
-    def show(done: int, total: int) -> None:
+    def update(done: int, total: int) -> None:
         nonlocal last
         now = time.monotonic()
         if now - last >= EVERY:
             last, rate = now, done / (now - begin)
-            say(f"{done} of {total} subjects, {rate:.3g} a second, about {_duration((total - done) / rate)} left")
+            print_line(
+                f"{done} of {total} subjects, {rate:.3g} a second, about {_duration((total - done) / rate)} left"
+            )
 
-    yield show
+    yield update
 
 
 def _duration(seconds: float) -> str:

@@ -28,14 +28,14 @@ class _Body:
 
 def compare(
     a: Annotated[Path, typer.Argument(help=FILE_HELP)],
-    b: Annotated[Path, typer.Argument(help="Another, in the same unit; of LPS and RAS it is brought to that of A.")],
+    b: Annotated[Path, typer.Argument(help="Another, in the same unit; it is brought to the frame of A, LPS or RAS.")],
     surface: Annotated[str | None, typer.Option(help="Which surface, where a model has several.")] = None,
     strict: Strict = False,
     as_json: Json = False,
 ) -> None:
-    """Distances between two surfaces both ways, volumes, overlap, and how the numbers of two models differ."""
-    from quadriform.cli.screen import emit_json, emit_table, say
-    from quadriform.cli.verdicts import repeat
+    """Distances between two surfaces both ways, volumes, overlap, and how the parameters of two models differ."""
+    from quadriform.cli.screen import note, show
+    from quadriform.cli.status import repeat_warnings
     from quadriform.errors import OptionError
     from quadriform.files.reading import naming
     from quadriform.shapes.record import together
@@ -44,35 +44,28 @@ def compare(
     two = _in_space(_read(b, surface), one.space)
     if surface is not None and all(surface not in getattr(body.shape, "surfaces", ()) for body in (one, two)):
         raise OptionError(f"option --surface={surface!r}: neither {str(a)!r} nor {str(b)!r} has a surface of that name")
-    record: dict[str, Any] = {
-        "a": str(a),
-        "b": str(b),
-        "space": _common(one, two, "space"),
-        "unit": _common(one, two, "unit"),
-    }
+    record: dict[str, Any] = {"a": str(a), "b": str(b)}
+    record |= {what: _common(one, two, what) for what in ("space", "unit")}
     fits = {which: body.record for which, body in (("A", one), ("B", two)) if body.record is not None}
-    told = repeat(together(fits), strict, a, b) if fits else {}
+    status = repeat_warnings(together(fits), strict, a, b) if fits else {}
     with naming(a, b):
         record |= _record(one.shape, two.shape)
     for which in ("a", "b"):
         if record[f"volume_{which}"] is None:
-            say(f"note: {record[which]}: the surface is open: no volume, no overlap")
-    record |= told
-    if as_json:
-        emit_json(record)
-        return
-    emit_table(_rows(record), title=f"{a} (A) and {b} (B)", header=("quantity", "value", "unit"))
+            note(f"{record[which]}: the surface is open: no volume, no overlap")
+    record |= status
+    show(record, as_json, _rows(record), f"{a} (A) and {b} (B)", header=("quantity", "value", "unit"))
 
 
 def _in_space(body: _Body, space: str) -> _Body:
-    """The same in a frame of the world, where both are known; that it was turned is said."""
-    from quadriform.cli.screen import say
+    """The same in a frame of the world, where both are known; with a note where it was rotated."""
+    from quadriform.cli.screen import note
     from quadriform.shapes.mesh import Mesh
     from quadriform.shapes.spaces import turn_between
 
     if space == body.space or "unknown" in (space, body.space):
         return body
-    say(f"note: {body.file}: brought from {body.space} to {space}")
+    note(f"{body.file}: brought from {body.space} to {space}")
     shape = body.shape
     if isinstance(shape, Mesh):
         return replace(body, shape=Mesh(shape.vertices @ turn_between(body.space, space).T, shape.faces), space=space)
@@ -80,8 +73,8 @@ def _in_space(body: _Body, space: str) -> _Body:
 
 
 def _common(one: _Body, two: _Body, what: str) -> str:
-    """The space or the unit that both have; unknown goes with everything, and that is said."""
-    from quadriform.cli.screen import say
+    """The space or the unit that both have; unknown goes with everything, with a note."""
+    from quadriform.cli.screen import note
     from quadriform.errors import InputError
 
     found = {str(getattr(body, what)): body.file for body in (one, two)}
@@ -92,7 +85,7 @@ def _common(one: _Body, two: _Body, what: str) -> str:
             "to the same first"
         )
     if len(found) == 2:
-        say(f"note: {found['unknown']}: its {what} is unknown, taken as {known[0]}")
+        note(f"{found['unknown']}: its {what} is unknown, taken as {known[0]}")
     return known[0] if known else "unknown"
 
 
@@ -124,21 +117,21 @@ def _record(a: "Surface", b: "Surface") -> dict[str, Any]:
     from quadriform.shapes.comparison import dice, enclosed_volume, parameter_difference, surface_distances
     from quadriform.shapes.mesh import Mesh
 
-    there, back = surface_distances(a, b)
+    a_to_b, b_to_a = surface_distances(a, b)
     volumes = enclosed_volume(a), enclosed_volume(b)
-    numbers = None if isinstance(a, Mesh) or isinstance(b, Mesh) else parameter_difference(a, b)
+    difference = None if isinstance(a, Mesh) or isinstance(b, Mesh) else parameter_difference(a, b)
     return {
-        "a_to_b": asdict(there),
-        "b_to_a": asdict(back),
-        "hausdorff": max(there.largest, back.largest),
+        "a_to_b": asdict(a_to_b),
+        "b_to_a": asdict(b_to_a),
+        "hausdorff": max(a_to_b.largest, b_to_a.largest),
         "volume_a": volumes[0],
         "volume_b": volumes[1],
         "dice": None if None in volumes else dice(a, b),
-        "parameters": None if numbers is None else _numbers(numbers),
+        "parameters": None if difference is None else _parameters(difference),
     }
 
 
-def _numbers(difference: "ParameterDifference") -> dict[str, Any]:
+def _parameters(difference: "ParameterDifference") -> dict[str, Any]:
     return {
         "control_points_rms": difference.control_points,
         "semi_axes": difference.semi_axes.tolist(),
@@ -152,8 +145,8 @@ def _rows(record: dict[str, Any]) -> list[tuple[str, str, str]]:
     """The table: quantity, value, unit."""
     unit = "" if record["unit"] == "unknown" else record["unit"]
     rows = [
-        (f"distance {way}, {name}", _words(record[key][field]), unit)
-        for way, key in (("A to B", "a_to_b"), ("B to A", "b_to_a"))
+        (f"distance {direction}, {name}", _words(record[key][field]), unit)
+        for direction, key in (("A to B", "a_to_b"), ("B to A", "b_to_a"))
         for name, field in (("mean", "mean"), ("RMS", "rms"), ("95 %", "percentile_95"), ("largest", "largest"))
     ]
     rows.append(("Hausdorff distance", _words(record["hausdorff"]), unit))

@@ -1,58 +1,82 @@
-"""`quadriform deform`: push anything through the volumetric map of a model."""
+"""`quadriform deform`: points or meshes through the volumetric map of a model."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from quadriform.cli.options import Columns, Force, Json, Space, Strict, check_space
+from quadriform.cli.options import Columns, Common, Space, check_space, grouped
+
+if TYPE_CHECKING:
+    from quadriform.points import Array
+    from quadriform.shapes.mesh import Mesh
+    from quadriform.shapes.model import DeformableModel
 
 
+@grouped
 def deform(
+    *,
     model: Annotated[Path, typer.Argument(help="A model, .json or .npz.")],
     points: Annotated[Path, typer.Argument(help="Points or a mesh to carry along.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Points, or a mesh when POINTS is one.")],
     inverse: Annotated[bool, typer.Option("--inverse", help="From the deformed space back.")] = False,
     columns: Columns = None,
     space: Space = None,
-    strict: Strict = False,
-    force: Force = False,
-    as_json: Json = False,
+    common: Common,
 ) -> None:
     """Carry points or a mesh through a model's control box, or back with --inverse.
 
-    Points without a mark are taken to be in the model's frame of the world and unit, and what comes out is in these.
+    Points without a named frame and unit are taken to be in those of the model, and the result is in these.
     """
-    from quadriform.cli.inputs import turn_to_model
-    from quadriform.cli.screen import emit, emit_json
-    from quadriform.cli.verdicts import repeat
-    from quadriform.files import read_mesh, read_model, write_mesh
+    from quadriform.cli.screen import show
+    from quadriform.cli.status import repeat_warnings
+    from quadriform.files import read_model
     from quadriform.files.atomic import check_writable
     from quadriform.files.meshes import MESH_SUFFIXES
-    from quadriform.files.points import POINT_SUFFIXES, read_point_set, write_points
+    from quadriform.files.points import POINT_SUFFIXES
     from quadriform.files.reading import naming, suffix_of
-    from quadriform.imaging.file_points import space_and_unit_of, space_to_write
+    from quadriform.imaging.file_points import space_to_write
+
+    as_mesh = suffix_of(output, (*POINT_SUFFIXES, *MESH_SUFFIXES), "points or a mesh") in MESH_SUFFIXES
+    check_writable(output, common.force, inputs=[model, points])
+    carrier, asked = read_model(model), check_space(space)
+    status = repeat_warnings(carrier.record, common.strict, model)
+    with naming(model):
+        target = space_to_write(asked, carrier.space)
+    moved, mesh = _moved(carrier, points, as_mesh, inverse, columns)
+    _write(moved, mesh, output, carrier, target, common.force)
+    record = {"points": len(moved), "inverse": inverse, "output": str(output)} | status
+    show(record, common.as_json, f"{len(moved)} points {'carried back' if inverse else 'deformed'}: {output}")
+
+
+def _moved(
+    carrier: "DeformableModel", file: Path, as_mesh: bool, inverse: bool, columns: str | None
+) -> "tuple[Array, Mesh | None]":
+    """The deformed points (n, 3) of a file in the frame of the model, and the mesh whose vertices they were."""
+    from quadriform.cli.inputs import rotation_to_model
+    from quadriform.files import read_mesh
+    from quadriform.files.points import read_point_set
+    from quadriform.files.reading import naming
+    from quadriform.imaging.file_points import space_and_unit_of
+
+    mesh = read_mesh(file) if as_mesh else None
+    with naming(file):
+        rotation = rotation_to_model(file, space_and_unit_of(file, columns), (carrier.space, carrier.unit))
+        given = read_point_set(file, columns).in_metric_unit().points if mesh is None else mesh.vertices
+        return (carrier.undeform if inverse else carrier.deform)(given @ rotation.T), mesh
+
+
+def _write(
+    moved: "Array", mesh: "Mesh | None", output: Path, carrier: "DeformableModel", target: str, force: bool
+) -> None:
+    """Write points, or the mesh with these vertices, in the frame `target`."""
+    from quadriform.files import write_mesh
+    from quadriform.files.points import write_points
     from quadriform.shapes.mesh import Mesh
     from quadriform.shapes.spaces import turn_between
 
-    as_mesh = suffix_of(output, (*POINT_SUFFIXES, *MESH_SUFFIXES), "points or a mesh") in MESH_SUFFIXES
-    check_writable(output, force, inputs=[model, points])
-    carrier, asked = read_model(model), check_space(space)
-    told = repeat(carrier.record, strict, model)
-    with naming(model):
-        wanted = space_to_write(asked, carrier.space)
-    carry = carrier.undeform if inverse else carrier.deform
-    mesh = read_mesh(points) if as_mesh else None
-    with naming(points):
-        turn = turn_to_model(points, space_and_unit_of(points, columns), (carrier.space, carrier.unit))
-        given = read_point_set(points, columns).in_metric_unit().points if mesh is None else mesh.vertices
-        moved = carry(given @ turn.T)
-    moved = moved @ turn_between(carrier.space, wanted).T
-    if mesh is not None:
-        write_mesh(Mesh(moved, mesh.faces), output, wanted, carrier.unit, force)
-    else:
+    moved = moved @ turn_between(carrier.space, target).T
+    if mesh is None:
         write_points(moved, output, force)
-    if as_json:
-        emit_json({"points": len(moved), "inverse": inverse, "output": str(output)} | told)
     else:
-        emit(f"{len(moved)} points {'carried back' if inverse else 'deformed'}: {output}")
+        write_mesh(Mesh(moved, mesh.faces), output, target, carrier.unit, force)

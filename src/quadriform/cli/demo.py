@@ -1,19 +1,21 @@
-"""`quadriform demo`: the main job on a real image that comes with a dependency."""
+"""`quadriform demo`: a model of a real image that comes with a dependency."""
 
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from quadriform.cli import options as shared
 
 if TYPE_CHECKING:
-    from quadriform.errors import Warnings
     from quadriform.fitting.result import Fit
+    from quadriform.imaging.image_points import ImagePoints
+    from quadriform.imaging.volume import Volume
 
 SOURCE = "human brain, example4d.nii.gz of nibabel"
+NAMES = ("model.json", "surface.ply", "slices.png", "report.html")
 
 
 def demo(
@@ -25,20 +27,13 @@ def demo(
     The image is a slab that cuts the brain above and below; the cuts are closed on purpose, and the error is given
     with and without the points of these caps.
     """
-    from quadriform.cli.screen import emit_table, progress_bar, say, warn
-    from quadriform.files import save
-    from quadriform.files.atomic import write_bytes
-    from quadriform.files.result_folder import check_results, replaced_together
+    from quadriform.cli.screen import emit_table, print_line, progress_bar, warn
+    from quadriform.files.result_folder import check_results
     from quadriform.fitting.fit import fit
-    from quadriform.fitting.inputs import ALONE
-    from quadriform.fitting.result import rms
     from quadriform.imaging.image_points import points_from_image
     from quadriform.imaging.reading import example_volume
-    from quadriform.report.reports import fit_report
-    from quadriform.report.slices import slices_png
 
-    names = ("model.json", "surface.ply", "slices.png", "report.html")
-    check_results(output, names, force)
+    check_results(output, NAMES, force)
     volume = example_volume()
     found = points_from_image(volume, select="otsu", closing=2, border="close")
     warn(found.warnings)
@@ -47,37 +42,13 @@ def demo(
         result = fit(found.points, progress=progress)
     seconds = time.perf_counter() - begin
     warn(result.warnings)
-    marked = _marked(result, volume.space, volume.unit, found.warnings)
-    model = marked.model
-
-    mesh, before = model.mesh(resolution=48), model.superquadric().mesh(48)
-    shown = {"superquadric alone (11 numbers)": before, f"model ({model.n_parameters} numbers)": mesh}
-    picture = slices_png(volume.values, volume.world_from_voxel, shown, SOURCE)
-    report = fit_report(marked, {ALONE: found.points}, title=SOURCE, record=found.record, image=volume)
-    with replaced_together(output, names[0], force) as folder:
-        save(model, folder / "model.json")
-        save(model, folder / "surface.ply")
-        write_bytes(folder / "slices.png", picture)
-        write_bytes(folder / "report.html", report)
-
-    data = ~found.on_border
-    residuals, alone = result.residuals, result.superquadric_residuals
-    rows = [
-        ("points", f"{len(found.points):,}, of them {int(found.on_border.sum()):,} on the caps"),
-        ("parameters", f"{model.n_parameters}"),
-        ("compression ratio", f"{result.compression_ratio:.1f}"),
-        ("error RMS", f"{result.rms:.2f} mm; without the caps {rms(residuals[data]):.2f} mm"),  # type: ignore[index]
-        ("superquadric alone", f"{result.superquadric_rms:.2f} mm; without the caps {rms(alone[data]):.2f} mm"),  # type: ignore[index]
-        ("ratio of the two", f"{result.rms / result.superquadric_rms:.2f}"),
-        ("volume, area", f"{model.volume() / 1000:.0f} ml, {model.area() / 100:.0f} cm2"),
-        ("iterations, time", f"{result.iterations}, {seconds:.1f} s"),
-    ]
-    emit_table(rows, SOURCE)
-    say(f"written to {output}: {', '.join(names)}")
+    _write(_with_source(result, found, volume), found, volume, output, force)
+    emit_table([*_rows(result, found), ("iterations, time", f"{result.iterations}, {seconds:.1f} s")], SOURCE)
+    print_line(f"written to {output}: {', '.join(NAMES)}")
 
 
-def _marked(result: "Fit", space: str, unit: str, warnings: "Warnings") -> "Fit":
-    """The fit with the marks, the source and the warnings of its image."""
+def _with_source(result: "Fit", found: "ImagePoints", volume: "Volume") -> "Fit":
+    """The fit with the frame, the unit, the file and the warnings of its image."""
     from quadriform.errors import join_warnings
     from quadriform.files import sha256_of
     from quadriform.imaging.input_files import input_files
@@ -85,5 +56,49 @@ def _marked(result: "Fit", space: str, unit: str, warnings: "Warnings") -> "Fit"
 
     file = example_path()
     record = replace(result.model.record, title=SOURCE, sources=input_files({"": [file]}))
-    model = replace(result.model, space=space, unit=unit, input_sha256=sha256_of(file), record=record)
-    return replace(result, model=model, warnings=join_warnings(warnings, result.warnings))
+    metadata: dict[str, Any] = {
+        "space": volume.space,
+        "unit": volume.unit,
+        "input_sha256": sha256_of(file),
+        "record": record,
+    }
+    model = replace(result.model, **metadata)
+    return replace(result, model=model, warnings=join_warnings(found.warnings, result.warnings))
+
+
+def _write(result: "Fit", found: "ImagePoints", volume: "Volume", output: Path, force: bool) -> None:
+    from quadriform.files import save
+    from quadriform.files.atomic import write_bytes
+    from quadriform.files.result_folder import replaced_together
+    from quadriform.fitting.inputs import ALONE
+    from quadriform.report.reports import fit_report
+    from quadriform.report.slices import slices_png
+
+    model = result.model
+    shown = {
+        "superquadric alone (11 parameters)": model.superquadric().mesh(48),
+        f"model ({model.n_parameters} parameters)": model.mesh(resolution=48),
+    }
+    picture = slices_png(volume.values, volume.world_from_voxel, shown, SOURCE)
+    report = fit_report(result, {ALONE: found.points}, title=SOURCE, record=found.record, image=volume)
+    with replaced_together(output, NAMES[0], force) as folder:
+        for name in NAMES[:2]:
+            save(model, folder / name)
+        for name, content in zip(NAMES[2:], (picture, report)):
+            write_bytes(folder / name, content)
+
+
+def _rows(result: "Fit", found: "ImagePoints") -> list[tuple[str, str]]:
+    from quadriform.fitting.result import flat, rms
+
+    data, model = ~found.on_border, result.model
+    error, alone = (rms(flat(values)[data]) for values in (result.residuals, result.superquadric_residuals))
+    return [
+        ("points", f"{len(found.points):,}, of them {int(found.on_border.sum()):,} on the caps"),
+        ("parameters", f"{model.n_parameters}"),
+        ("compression ratio", f"{result.compression_ratio:.1f}"),
+        ("error RMS", f"{result.rms:.2f} mm; without the caps {error:.2f} mm"),
+        ("superquadric alone", f"{result.superquadric_rms:.2f} mm; without the caps {alone:.2f} mm"),
+        ("ratio of the two", f"{result.rms / result.superquadric_rms:.2f}"),
+        ("volume, area", f"{model.volume() / 1000:.0f} ml, {model.area() / 100:.0f} cm2"),
+    ]

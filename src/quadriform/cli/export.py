@@ -1,18 +1,19 @@
-"""`quadriform export`: a model as meshes, as hexahedra, as a film, as labels."""
+"""`quadriform export`: a model as meshes, hexahedra, a time series, or labels."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from quadriform.cli.options import Affine, Force, Json, Space, Strict, check_file_names, check_space, surface_file
+from quadriform.cli.options import Affine, Common, Space, check_file_names, check_space, grouped, surface_file
 
 if TYPE_CHECKING:
     from quadriform.imaging.volume import Volume
     from quadriform.points import Array
     from quadriform.shapes.model import DeformableModel
 
-    Film = tuple[list[DeformableModel], list[float]]
+    States = tuple[list[DeformableModel], list[float]]
     Grid = tuple[Volume, Array]
 
 WHOLE = {"vtu": "wall.vtu", "vtkhdf": "surfaces.vtkhdf", "nii": "labels.nii.gz"}
@@ -20,56 +21,66 @@ WHOLE = {"vtu": "wall.vtu", "vtkhdf": "surfaces.vtkhdf", "nii": "labels.nii.gz"}
 FORMATS = ("ply", "stl", "obj", "vtp", "vtu", "vtkhdf", "nii")
 
 
+@dataclass(frozen=True)
+class Details:
+    """How fine the files are, and which grid and times they have."""
+
+    resolution: Annotated[int, typer.Option(min=2, max=400, help="Cells along an edge of the surface's grid.")] = 24
+    layers: Annotated[int, typer.Option(min=1, max=100, help="vtu: cells across the wall.")] = 4
+    like: Annotated[Path | None, typer.Option(help="nii: the NIfTI image whose grid is taken.")] = None
+    affine: Affine = None
+    frames: Annotated[int, typer.Option(min=2, max=1000, help="vtkhdf: states of a moving model's cycle.")] = 25
+    at: Annotated[float | None, typer.Option(help="A moving model's time for all formats but vtkhdf.")] = None
+
+
+@grouped
 def export(
+    *,
     model: Annotated[Path, typer.Argument(help="A model, .json or .npz, or a moving model, .json.")],
     to: Annotated[str, typer.Option(help=f"Formats between commas: {', '.join(FORMATS)}.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the files; made where missing.")],
-    resolution: Annotated[int, typer.Option(min=2, max=400, help="Cells along an edge of the surface's grid.")] = 24,
-    layers: Annotated[int, typer.Option(min=1, max=100, help="vtu: cells across the wall.")] = 4,
-    like: Annotated[Path | None, typer.Option(help="nii: the NIfTI image whose grid is taken.")] = None,
-    affine: Affine = None,
-    frames: Annotated[int, typer.Option(min=2, max=1000, help="vtkhdf: states of a moving model's cycle.")] = 25,
-    at: Annotated[float | None, typer.Option(help="A moving model's time for all formats but vtkhdf.")] = None,
+    details: Details,
     space: Space = None,
-    strict: Strict = False,
-    force: Force = False,
-    as_json: Json = False,
+    common: Common,
 ) -> None:
-    """Write the surfaces of a model as meshes, its wall as hexahedra, its motion as a film, its inside as labels."""
-    from quadriform.cli.screen import emit, emit_json
-    from quadriform.cli.verdicts import repeat
-    from quadriform.errors import OptionError, choose
+    """Write the surfaces of a model as meshes, its wall as hexahedra, its motion, or the voxels inside as labels."""
+    from quadriform.cli.screen import show
+    from quadriform.cli.status import repeat_warnings
     from quadriform.files.atomic import check_folder, write_bytes
     from quadriform.files.result_folder import check_results, replaced_together
 
-    formats = [choose(name.strip().lower(), FORMATS, "--to") for name in to.split(",")]
-    if ("nii" in formats) != (like is not None):
-        raise OptionError("options --to nii and --like IMAGE go together: labels need a grid")
-    if affine is not None and like is None:
-        raise OptionError("option --affine goes with --like IMAGE, whose header it is about")
+    formats = _formats(to, details)
     check_folder(output)
-    state, film = _read(model, at, frames, check_space(space))
-    told = repeat(state.record, strict, model)
-    grid = None if like is None else _grid(like, affine, state)
-    kinds = list(dict.fromkeys(formats))
-    names = [name for kind in kinds for name in _names(kind, state)]
+    state, states = _read(model, details, check_space(space))
+    status = repeat_warnings(state.record, common.strict, model)
+    like = details.like
+    grid = None if like is None else _grid(like, details.affine, state)
+    names = [name for kind in formats for name in _names(kind, state)]
     check_file_names([output / name for name in names], "two surfaces")
-    check_results(output, names, force, [model] if like is None else [model, like])
+    check_results(output, names, common.force, [model] if like is None else [model, like])
     files: dict[str, bytes] = {}
-    for kind in kinds:
-        files |= _encode(kind, state, film, resolution, layers, grid)
-    with replaced_together(output, next(iter(files)), force) as folder:
+    for kind in formats:
+        files |= _encode(kind, state, states, details, grid)
+    with replaced_together(output, next(iter(files)), common.force) as folder:
         for name, content in files.items():
             write_bytes(folder / name, content)
     outputs = [str(output / name) for name in files]
-    if as_json:
-        emit_json({"outputs": outputs} | told)
-    else:
-        emit("\n".join(outputs))
+    show({"outputs": outputs} | status, common.as_json, "\n".join(outputs))
 
 
-def _read(path: Path, at: float | None, frames: int, space: str | None) -> "tuple[DeformableModel, Film]":
-    """The model, at the asked time and in the asked frame, and its states over the cycle with their times."""
+def _formats(to: str, details: Details) -> list[str]:
+    from quadriform.errors import OptionError, choose
+
+    formats = list(dict.fromkeys(choose(name.strip().lower(), FORMATS, "--to") for name in to.split(",")))
+    if ("nii" in formats) != (details.like is not None):
+        raise OptionError("options --to nii and --like IMAGE go together: labels need a grid")
+    if details.affine is not None and details.like is None:
+        raise OptionError("option --affine needs --like IMAGE, whose header it chooses from")
+    return formats
+
+
+def _read(path: Path, details: Details, space: str | None) -> "tuple[DeformableModel, States]":
+    """The model at the given time and in the given frame, and its states over the cycle with their times."""
     import numpy as np
 
     from quadriform.errors import OptionError
@@ -84,12 +95,13 @@ def _read(path: Path, at: float | None, frames: int, space: str | None) -> "tupl
     if space is not None:
         with naming(path):
             loaded = loaded.in_space(space)
+    at = details.at
     if isinstance(loaded, DeformableModel):
         if at is not None:
             raise OptionError(f"option --at={at:g}: {str(path)!r} does not move")
         return loaded, ([loaded], [0.0])
     start = float(loaded.basis.knots[0])
-    times = start + np.linspace(0, loaded.basis.span, frames, endpoint=loaded.basis.period is None)
+    times = start + np.linspace(0, loaded.basis.span, details.frames, endpoint=loaded.basis.period is None)
     return loaded.at(start if at is None else at), ([loaded.at(float(time)) for time in times], times.tolist())
 
 
@@ -99,7 +111,7 @@ def _names(kind: str, state: "DeformableModel") -> list[str]:
 
 
 def _encode(
-    kind: str, state: "DeformableModel", film: "Film", resolution: int, layers: int, grid: "Grid | None"
+    kind: str, state: "DeformableModel", states: "States", details: Details, grid: "Grid | None"
 ) -> dict[str, bytes]:
     """The files of one format, by name."""
     from quadriform.files.meshes import encode_mesh
@@ -108,13 +120,13 @@ def _encode(
     from quadriform.shapes.wall import wall_mesh
 
     if kind == "vtu":
-        wall = wall_mesh(state, layers=layers, resolution=resolution)
+        wall = wall_mesh(state, layers=details.layers, resolution=details.resolution)
         return {WHOLE[kind]: encode_vtu(wall, {"SPACE": state.space, "UNIT": state.unit} | state.record.marks)}
     if kind == "vtkhdf":
-        return {WHOLE[kind]: encode_vtkhdf(*film, resolution=resolution)}
+        return {WHOLE[kind]: encode_vtkhdf(*states, resolution=details.resolution)}
     if kind == "nii" and grid is not None:
         return {WHOLE[kind]: _labels(state, *grid)}
-    meshes = {name: state.mesh(name, resolution) for name in state.surfaces}
+    meshes = {name: state.mesh(name, details.resolution) for name in state.surfaces}
     return {
         surface_file(name, f".{kind}"): encode_mesh(mesh, f".{kind}", state.space, state.unit, state.record.marks)
         for name, mesh in meshes.items()
@@ -122,7 +134,7 @@ def _encode(
 
 
 def _grid(like: Path, affine: str | None, state: "DeformableModel") -> "Grid":
-    """The image whose grid is taken, of a moving one its first frame, and the way from its voxels to the model."""
+    """The image whose grid is taken, of a 4-D one its first frame, and the transform from its voxels to the model."""
     from quadriform.files.label_maps import grid_of_model
     from quadriform.files.reading import naming
     from quadriform.imaging.reading import frame_count, read_volume

@@ -1,4 +1,4 @@
-"""The work behind `quadriform fit`: which inputs make which models, and one record for each."""
+"""What `quadriform fit` does: which inputs make which models, and one record for each."""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from quadriform.cli.exit_codes import complain
-from quadriform.cli.inputs import refuse
-from quadriform.cli.options import check_file_names, stem, surface_file
+from quadriform.cli.exit_codes import report_error
+from quadriform.cli.options import Common, check_file_names, stem, surface_file
 from quadriform.cli.reporting import REPORT, fit_options, page_of_fit
 from quadriform.cli.results import MODEL, earlier_results
-from quadriform.cli.screen import emit_json, emit_table, progress_bar, say, tell, warn
+from quadriform.cli.screen import note, print_remarks, progress_bar, show, warn
+from quadriform.cli.status import check_strict, texts
 from quadriform.errors import InputError, OptionError
 from quadriform.files import save, write_mesh
 from quadriform.files.atomic import write_bytes
@@ -69,11 +69,7 @@ class Job:
 
 
 def plan(
-    inputs: Sequence[Path],
-    surfaces: Sequence[str],
-    output: Path | None,
-    image: ImageOptions,
-    space: str | None,
+    inputs: Sequence[Path], surfaces: Sequence[str], output: Path | None, image: ImageOptions, space: str | None
 ) -> tuple[list[Job], bool]:
     """The jobs, and whether they are several (a folder always counts as several).
 
@@ -85,12 +81,13 @@ def plan(
         return [replace(_surfaces_job(inputs, surfaces, output, image), space=space)], False
     if not inputs:
         raise OptionError("expected at least one INPUT, or --surface NAME=FILE")
-    files = [file for path in inputs for file in (_files_in(path) if path.is_dir() and not kind_of(path) else [path])]
-    several = len(files) > 1 or any(path.is_dir() and not kind_of(path) for path in inputs)
+    folders = {path for path in inputs if path.is_dir() and not kind_of(path)}
+    files = [file for path in inputs for file in (_files_in(path) if path in folders else [path])]
+    several = len(files) > 1 or bool(folders)
     jobs = []
     for path in files:
-        own = Path(f"{stem(path)}-model") if output is None else output / stem(path) if several else output
-        jobs.append(Job({ALONE: (path, image)}, own, space))
+        folder = Path(f"{stem(path)}-model") if output is None else output / stem(path) if several else output
+        jobs.append(Job({ALONE: (path, image)}, folder, space))
     check_file_names([job.folder for job in jobs], "two inputs")
     return jobs, several
 
@@ -115,9 +112,7 @@ def _surfaces_job(inputs: Sequence[Path], surfaces: Sequence[str], output: Path 
         sources[name] = (Path(value), image) if chosen is None else (inputs[0], chosen)
     unused = [path for path in inputs if path not in [file for file, _ in sources.values()]]
     if unused:
-        raise OptionError(
-            f"INPUT {str(unused[0])!r} belongs to no --surface; give --surface NAME=LABEL, or leave it out"
-        )
+        raise OptionError(f"INPUT {str(unused[0])!r} belongs to no --surface; give --surface NAME=LABEL, or omit it")
     first = next(iter(sources.values()))[0]
     job = Job(sources, output or Path(f"{stem(first)}-model"))
     check_file_names(job.targets.values(), "two surfaces")
@@ -136,62 +131,58 @@ def _of_image(text: str, value: str, image: ImageOptions) -> ImageOptions | None
 # --- one job -----------------------------------------------------------------------------------------------------
 
 
-def run_one(job: Job, options: Mapping[str, Any], strict: bool, force: bool, as_json: bool) -> None:
+def run_one(job: Job, options: Mapping[str, Any], common: Common) -> None:
     """Do one job and show its record.
 
     Raises:
         QuadriformError: nothing was written.
     """
-    record = _run(job, options, strict, force)
+    record = _run(job, options, common)
     warn(record["warnings"])
-    if as_json:
-        emit_json(record)
-    else:
-        emit_table(_rows(record), title=job.name)
+    show(record, common.as_json, _rows(record), job.name)
 
 
-def run_all(jobs: Sequence[Job], options: Mapping[str, Any], strict: bool, force: bool, as_json: bool) -> int:
-    """Do every job, whatever becomes of the others; show a closing table and return the worst exit code."""
+def run_all(jobs: Sequence[Job], options: Mapping[str, Any], common: Common) -> int:
+    """The worst exit code, after every job was done, failed or not, and the closing table was shown."""
     records: list[Record] = []
     for job in jobs:
         try:
-            records.append(_run(job, options, strict, force))
+            records.append(_run(job, options, common))
             warn(records[-1]["warnings"], job.name)
         except Exception as error:  # one broken input must not stop the others
-            code = complain(error)
+            code = report_error(error)
             message = " ".join(str(error).split())
             records.append({"input": job.name, "status": "failed", "exit_code": code, "message": message})
-    if as_json:
-        emit_json(records)
-    else:
-        header = ("input", "status", "points", "error RMS", "superquadric alone", "seconds")
-        emit_table([_line(record) for record in records], f"{len(records)} inputs", header)
+    header = ("input", "status", "points", "error RMS", "superquadric alone", "seconds")
+    show(records, common.as_json, [_line(record) for record in records], f"{len(records)} inputs", header)
     return max(record.get("exit_code", 0) for record in records)
 
 
-def _run(job: Job, options: Mapping[str, Any], strict: bool, force: bool) -> Record:
+def _run(job: Job, options: Mapping[str, Any], common: Common) -> Record:
     names = [MODEL, *(path.name for path in job.targets.values()), REPORT]
-    check_results(job.folder, names, force, job.files)
+    check_results(job.folder, names, common.force, job.files)
     begin = time.perf_counter()
     with naming(*job.files):
         sources = {name: read_source(path, image) for name, (path, image) in job.sources.items()}
-        read = [note for source in sources.values() for note in source.notes]
-        for note in dict.fromkeys(read):
-            say(f"note: {note}")
+        assumed = [text for source in sources.values() for text in source.notes]
+        for text in dict.fromkeys(assumed):
+            note(text)
         found = _fit(job, sources, options)
-        tell(remarks({}, found.notes, job.name))
-        found = replace(found, notes=(*without_folders(read, job.files), *found.notes))
-        if strict:
-            refuse(found.warnings)
+        print_remarks(remarks({}, found.notes, job.name))
+        found = replace(found, notes=(*without_folders(assumed, job.files), *found.notes))
+        check_strict(common.strict, found.warnings)
     record = _record(job, found, time.perf_counter() - begin)
-    page = _page(job, sources, found, record | fit_options(options))
+    _write(job, found, _page(job, sources, found, record | fit_options(options)), common.force)
+    return record
+
+
+def _write(job: Job, found: Fit, page: bytes, force: bool) -> None:
     with replaced_together(job.folder, MODEL, force, earlier_results(job.folder) if force else ()) as folder:
         save(found.model, folder / MODEL)
         for name, path in job.targets.items():
-            mesh, marks = found.model.mesh(name), found.model.record.marks
-            write_mesh(mesh, folder / path.name, found.model.space, found.model.unit, more=marks)
+            mesh, metadata = found.model.mesh(name), found.model.record.marks
+            write_mesh(mesh, folder / path.name, found.model.space, found.model.unit, more=metadata)
         write_bytes(folder / REPORT, page)
-    return record
 
 
 def _page(job: Job, sources: Mapping[str, Source], found: Fit, record: Record) -> bytes:
@@ -202,10 +193,10 @@ def _page(job: Job, sources: Mapping[str, Source], found: Fit, record: Record) -
 
 
 def _fit(job: Job, sources: Mapping[str, Source], options: Mapping[str, Any]) -> Fit:
-    wanted = space_to_write(job.space, common_space_and_unit(sources)[0])
+    space = space_to_write(job.space, common_space_and_unit(sources)[0])
     with progress_bar(job.name) as progress:
         found = fit_sources(job.sources, sources, {**options, "progress": progress})
-    return replace(found, model=found.model.in_space(wanted))
+    return replace(found, model=found.model.in_space(space))
 
 
 # --- records -----------------------------------------------------------------------------------------------------
@@ -222,11 +213,7 @@ def _record(job: Job, found: Fit, seconds: float) -> Record:
         "compression_ratio": found.compression_ratio,
         "space": found.model.space,
         "unit": found.model.unit,
-        "error": {
-            "rms": found.rms,
-            "p95": float(np.percentile(distances, 95)),
-            "max": float(distances.max()),
-        },
+        "error": {"rms": found.rms, "p95": float(np.percentile(distances, 95)), "max": float(distances.max())},
         "superquadric_rms": found.superquadric_rms,
         "noise": found.noise,
         "strength": found.strength,
@@ -234,7 +221,7 @@ def _record(job: Job, found: Fit, seconds: float) -> Record:
         "min_jacobian": found.model.min_jacobian(),
         "iterations": found.iterations,
         "seconds": round(seconds, 3),
-        "warnings": {str(kind): text for kind, text in found.warnings.items()},
+        "warnings": texts(found.warnings),
         "notes": list(found.notes),
     }
 
@@ -267,11 +254,5 @@ def _line(record: Record) -> tuple[str, ...]:
     if record["status"] == "failed":
         return (Path(record["input"]).name, f"failed ({record['exit_code']})", "", "", "", "")
     unit = "" if record["unit"] == "unknown" else f" {record['unit']}"
-    return (
-        Path(record["input"]).name,
-        record["status"],
-        str(record["points"]),
-        f"{record['error']['rms']:.4g}{unit}",
-        f"{record['superquadric_rms']:.4g}{unit}",
-        f"{record['seconds']:.2f}",
-    )
+    errors = (f"{rms:.4g}{unit}" for rms in (record["error"]["rms"], record["superquadric_rms"]))
+    return (Path(record["input"]).name, record["status"], str(record["points"]), *errors, f"{record['seconds']:.2f}")

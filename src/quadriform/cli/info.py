@@ -1,4 +1,4 @@
-"""`quadriform info`: what a file is."""
+"""`quadriform info`: what a file holds."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -8,8 +8,6 @@ import typer
 from quadriform.cli.options import Affine, Columns, Frame, Json, Strict
 
 if TYPE_CHECKING:
-    from quadriform.errors import Warnings
-    from quadriform.imaging.volume import Volume
     from quadriform.points import Array
     from quadriform.shapes.model import DeformableModel
     from quadriform.shapes.moving_model import MovingModel
@@ -23,9 +21,9 @@ def info(
     strict: Strict = False,
     as_json: Json = False,
 ) -> None:
-    """Say what a file is: counts, extents, frame, unit and hash."""
-    from quadriform.cli.inputs import refuse
-    from quadriform.cli.screen import emit_json, emit_table, tell
+    """Show what a file holds: counts, extents, frame, unit and hash."""
+    from quadriform.cli.screen import print_remarks, show
+    from quadriform.cli.status import check_strict
     from quadriform.files import sha256_of
     from quadriform.files.reading import naming
     from quadriform.imaging.file_points import files_of, kind_of
@@ -36,22 +34,19 @@ def info(
         describe = {"model": _model, "mesh": _mesh, "image": _image}.get(kind or "")
         record = _points(file, columns) if describe is None else describe(file, frame, affine)
         record["sha256"] = sha256_of(*files_of(file))
-    tell(remarks(record.get("warnings", {}), record.get("notes", ()), "from the fit" if kind == "model" else ""))
-    if as_json:
-        emit_json(record)
-    else:
-        emit_table([(name.replace("_", " "), _words(value)) for name, value in record.items()], title=str(file))
-    if strict:
-        with naming(file):
-            refuse(record.get("warnings", {}))
+    print_remarks(
+        remarks(record.get("warnings", {}), record.get("notes", ()), "from the fit" if kind == "model" else "")
+    )
+    show(record, as_json, [(name.replace("_", " "), _words(value)) for name, value in record.items()], str(file))
+    check_strict(strict, record.get("warnings", {}), file)
 
 
 def _words(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, dict):
-        told = {name: item for name, item in value.items() if item not in ("", None)}
-        return "\n".join(f"{name}: {_words(item)}" for name, item in told.items()) or "none"
+        known = {name: item for name, item in value.items() if item not in ("", None)}
+        return "\n".join(f"{name}: {_words(item)}" for name, item in known.items()) or "none"
     if isinstance(value, list):
         return ("\n" if value and not isinstance(value[0], float | int) else ", ").join(map(_words, value)) or "none"
     return "none" if value is None else str(value)
@@ -62,11 +57,8 @@ def _extent(points: "Array") -> dict[str, list[float]]:
     return {"lowest": low.tolist(), "highest": high.tolist(), "size": (high - low).tolist()}
 
 
-def _told(warnings: "Warnings") -> dict[str, str]:
-    return {str(kind): text for kind, text in warnings.items()}
-
-
 def _points(file: Path, columns: str | None) -> dict[str, Any]:
+    from quadriform.cli.status import texts
     from quadriform.files.points import read_point_set
     from quadriform.fitting.diagnostics import precision_loss
 
@@ -78,12 +70,13 @@ def _points(file: Path, columns: str | None) -> dict[str, Any]:
         "extent": _extent(found.points),
         "space": "unknown",
         "unit": found.unit,
-        "warnings": _told(precision_loss(found.number_type, found.points)),
+        "warnings": texts(precision_loss(found.number_type, found.points)),
         "notes": list(found.notes),
     }
 
 
 def _mesh(file: Path, frame: int | None, affine: str | None) -> dict[str, Any]:
+    from quadriform.cli.status import texts
     from quadriform.errors import FileFormatError, join_warnings
     from quadriform.files import read_mesh, read_points
     from quadriform.files.meshes import read_marks, read_record
@@ -96,7 +89,7 @@ def _mesh(file: Path, frame: int | None, affine: str | None) -> dict[str, Any]:
     except FileFormatError:
         points = read_points(file)  # a cloud in a mesh format; a damaged file fails here again
         cloud = {"kind": "points", "points": len(points), "extent": _extent(points), "space": space, "unit": unit}
-        return cloud | {"warnings": _told(precision_loss(None, points))}
+        return cloud | {"warnings": texts(precision_loss(None, points))}
     record = read_record(file) or ModelRecord()
     return {
         "kind": "mesh",
@@ -107,13 +100,14 @@ def _mesh(file: Path, frame: int | None, affine: str | None) -> dict[str, Any]:
         "space": space,
         "unit": unit,
         "status": record.status,
-        "warnings": _told(join_warnings(record.warnings, precision_loss(None, mesh.vertices))),
+        "warnings": texts(join_warnings(record.warnings, precision_loss(None, mesh.vertices))),
     }
 
 
 def _image(file: Path, frame: int | None, affine: str | None) -> dict[str, Any]:
     import numpy as np
 
+    from quadriform.cli.status import texts
     from quadriform.imaging.reading import read_volume
 
     volume = read_volume(file, frame, affine)
@@ -123,61 +117,56 @@ def _image(file: Path, frame: int | None, affine: str | None) -> dict[str, Any]:
         "voxels": list(volume.values.shape),
         "spacing": volume.spacing.tolist(),
         "type": str(volume.values.dtype),
-        **_named(volume),
+        **({"segments": {one.name: one.number for one in volume.segments}} if volume.segments else {}),
         "values": {"lowest": float(volume.values.min()), "highest": float(volume.values.max())},
         "extent": _extent(volume.points_world(corners)),
         "space": volume.space,
         "unit": volume.unit,
-        "warnings": _told(volume.warnings),
+        "warnings": texts(volume.warnings),
     }
-
-
-def _named(volume: "Volume") -> dict[str, Any]:
-    """The segments of an image that names them."""
-    return {"segments": {one.name: one.number for one in volume.segments}} if volume.segments else {}
 
 
 def _model(file: Path, frame: int | None, affine: str | None) -> dict[str, Any]:
-    from quadriform.files import read_model
-    from quadriform.files.moving_models import is_moving_model, read_moving_model
+    from quadriform.cli.inputs import read_any_model
+    from quadriform.shapes.model import DeformableModel
 
-    if file.suffix.lower() == ".json" and is_moving_model(file):
-        return _moving(read_moving_model(file))
-    model = read_model(file)
+    model = read_any_model(file)
+    if not isinstance(model, DeformableModel):
+        return _moving(model)
     return {
         "kind": "model",
-        "surfaces": {name: surface.kind for name, surface in model.surfaces.items()},
-        "control_points": list(model.box.control_points.shape[:3]),
+        **_surfaces(model, model.box.control_points.shape[:3]),
         "parameters": model.n_parameters,
         "extent": {name: _extent(model.mesh(name).vertices) for name in model.surfaces},
-        "space": model.space,
-        "unit": model.unit,
         **_record(model),
     }
+
+
+def _surfaces(model: "DeformableModel | MovingModel", control_points: tuple[int, ...]) -> dict[str, Any]:
+    kinds = {name: surface.kind for name, surface in model.surfaces.items()}
+    return {"surfaces": kinds, "control_points": list(control_points)}
 
 
 def _moving(model: "MovingModel") -> dict[str, Any]:
     first = model.at(float(model.basis.knots[0]))
     return {
         "kind": "moving model",
-        "surfaces": {name: surface.kind for name, surface in model.surfaces.items()},
-        "control_points": list(model.control_points.shape[1:4]),
+        **_surfaces(model, model.control_points.shape[1:4]),
         "frames": len(model.frame_times),
         "knots": len(model.basis.knots),
         "period": "none" if model.basis.period is None else model.basis.period,
         "parameters": model.n_parameters,
         "extent at the first knot": {name: _extent(first.mesh(name).vertices) for name in model.surfaces},
-        "space": model.space,
-        "unit": model.unit,
         **_record(model),
     }
 
 
 def _record(model: "DeformableModel | MovingModel") -> dict[str, Any]:
-    """What is recorded of the fit of a model, and of its input."""
-    from quadriform.cli.verdicts import verdict
+    """Frame and unit of a model, and the record of its fit and its input."""
+    from quadriform.cli.status import status_fields
     from quadriform.files.records import record_document
 
     found = record_document(model.record, model.surfaces)
     found = {name: found[name] for name in ("title", "status", "warnings", "notes", "sources", "coverage")}
-    return {"input_sha256": model.input_sha256 or "unknown"} | found | verdict(model.record)
+    metadata = {"space": model.space, "unit": model.unit, "input_sha256": model.input_sha256 or "unknown"}
+    return metadata | found | status_fields(model.record)

@@ -1,36 +1,45 @@
-"""What the verbs do with files beside reading them: bring their points to the frame of a model, refuse warnings."""
+"""Models of files of any kind, and points of files in the frame of the world of a model."""
 
 from pathlib import Path
 
 import numpy as np
 
-from quadriform.cli.screen import say
-from quadriform.errors import FitError, InputError, Warnings
+from quadriform.cli.screen import note
+from quadriform.errors import InputError
+from quadriform.files.models import read_model
+from quadriform.files.moving_models import is_moving_model, read_moving_model
 from quadriform.imaging.file_points import SpaceAndUnit
 from quadriform.points import Array
+from quadriform.shapes.model import DeformableModel
+from quadriform.shapes.moving_model import MovingModel
 from quadriform.shapes.spaces import turn_between
 
 
-def turn_to_model(file: Path, marks: SpaceAndUnit, model: SpaceAndUnit) -> Array:
-    """The rotation (3, 3) from the frame of a file's points to that of a model; said where it is one. Unknown fits all.
+def read_any_model(file: Path) -> DeformableModel | MovingModel:
+    """The model or the moving model of a file.
+
+    Raises:
+        InputError, FileFormatError, FileLimitError: it cannot be read.
+    """
+    moving = file.suffix.lower() == ".json" and is_moving_model(file)
+    return read_moving_model(file) if moving else read_model(file)
+
+
+def rotation_to_model(file: Path, metadata: SpaceAndUnit, model: SpaceAndUnit) -> Array:
+    """The rotation (3, 3) from the frame of a file's points to that of a model; a note where it is not the identity.
+
+    Args:
+        file: named in messages.
+        metadata: frame of the world and unit of its points; "unknown" goes with every model.
+        model: those of the model.
 
     Raises:
         InputError: the points are in another unit.
     """
-    (space, unit), (wanted_space, wanted_unit) = marks, model
-    if unit != wanted_unit and "unknown" not in (unit, wanted_unit):
-        raise InputError(f"{str(file)!r}: expected lengths in {wanted_unit}, the unit of the model, found {unit}")
-    if space == wanted_space or "unknown" in (space, wanted_space):
+    (space, unit), (model_space, model_unit) = metadata, model
+    if unit != model_unit and "unknown" not in (unit, model_unit):
+        raise InputError(f"{str(file)!r}: expected lengths in {model_unit}, the unit of the model, found {unit}")
+    if space == model_space or "unknown" in (space, model_space):
         return np.eye(3)
-    say(f"note: {file}: brought from {space} to {wanted_space}")
-    return turn_between(space, wanted_space)
-
-
-def refuse(warnings: Warnings) -> None:
-    """What `--strict` does with warnings.
-
-    Raises:
-        FitError: there are some.
-    """
-    if warnings:
-        raise FitError("refused for its warnings: " + "; ".join(f"{kind}: {text}" for kind, text in warnings.items()))
+    note(f"{file}: brought from {space} to {model_space}")
+    return turn_between(space, model_space)

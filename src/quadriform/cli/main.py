@@ -1,4 +1,4 @@
-"""The entry point: the verbs, and one line on stderr whatever goes wrong."""
+"""The entry point: the subcommands, and one line on stderr for each error."""
 
 import sys
 from collections.abc import Sequence
@@ -8,7 +8,7 @@ import typer
 
 from quadriform import __version__
 from quadriform.cli import cohort, compare, deform, demo, export, fit, info, measure, paper, report, segment, track
-from quadriform.cli.exit_codes import INTERRUPTED, USAGE, complain, one_line
+from quadriform.cli.exit_codes import INTERRUPTED, USAGE, error_line, report_error
 
 # typer carries its own copy of click in some versions: its errors are found through a name that it does export.
 UsageProblem: type[Exception] = next(base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException")
@@ -19,7 +19,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for verb in (
+for command in (
     fit.fit,
     track.track,
     measure.measure,
@@ -33,11 +33,11 @@ for verb in (
     demo.demo,
     paper.paper,
 ):
-    app.command()(verb)
+    app.command()(command)
 
 
-def _version(asked: bool) -> None:
-    if asked:
+def _version(given: bool) -> None:
+    if given:
         typer.echo(f"quadriform {__version__}")
         raise typer.Exit
 
@@ -52,7 +52,7 @@ def _root(
 
 
 def run() -> None:
-    """Entry point of the installed command."""
+    """Run the installed command, and leave the process with its exit code."""
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):  # a file name must not fail in a terminal that cannot show it
             stream.reconfigure(errors="backslashreplace")
@@ -60,22 +60,21 @@ def run() -> None:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run one verb and return its exit code.
+    """The exit code of one subcommand, after running it.
 
     0 done, 2 usage, 3 quality refused, 4 bad input, 5 output cannot be written, 6 beyond a limit, 7 some
-    subjects of a cohort failed, 70 internal error,
-    130 interrupted.
+    subjects of a cohort failed, 70 internal error, 130 interrupted.
     """
     try:
         result = app(list(arguments) or ["--help"], prog_name="quadriform", standalone_mode=False)
         code = result if isinstance(result, int) else 0
-        return one_line("interrupted", code) if code == INTERRUPTED else code  # typer catches the key itself
+        return error_line("interrupted", code) if code == INTERRUPTED else code  # typer catches the key itself
     except UsageProblem as problem:
-        return one_line(f"{problem.format_message()} (see quadriform --help)", USAGE)  # type: ignore[attr-defined]
+        return error_line(f"{problem.format_message()} (see quadriform --help)", USAGE)  # type: ignore[attr-defined]
     except KeyboardInterrupt:
-        return one_line("interrupted", INTERRUPTED)
+        return error_line("interrupted", INTERRUPTED)
     except Exception as error:
-        return complain(error)
+        return report_error(error)
 
 
 if __name__ == "__main__":

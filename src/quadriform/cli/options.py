@@ -1,14 +1,21 @@
-"""Options that several verbs share, spelled once."""
+"""Options that several subcommands share, and groups of options as dataclasses."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, fields, is_dataclass
+from functools import partial, wraps
+from inspect import Parameter, signature
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 from unicodedata import normalize
 
 import typer
 
 from quadriform.errors import OptionError, choose
 
+if TYPE_CHECKING:
+    from quadriform.imaging.file_points import ImageOptions
+
+image_option = partial(typer.Option, rich_help_panel="Images")
 Json = Annotated[bool, typer.Option("--json", help="Print JSON on stdout instead of a table.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
 Strict = Annotated[bool, typer.Option("--strict", help="Refuse a result, or a model, with warnings (exit code 3).")]
@@ -19,7 +26,6 @@ Space = Annotated[
         "[default: that of the input, LPS for images]"
     ),
 ]
-
 Columns = Annotated[
     str | None,
     typer.Option(
@@ -27,56 +33,116 @@ Columns = Annotated[
         "x,y,z,nx,ny,nz; where they have others, those of x, y and z."
     ),
 ]
-Unit = Annotated[
-    str | None, typer.Option(help="Unit of the lengths of a file that names none: mm, m; of tables also cm, um ...")
-]
-
-IMAGE = "Images"
-Label = Annotated[
-    str | None,
-    typer.Option(
-        help="Label image: the value, or several as 1,2 taken together; or the name of a segment.",
-        rich_help_panel=IMAGE,
-    ),
-]
 Affine = Annotated[
     str | None,
-    typer.Option(
-        help="NIfTI header: its sform, its qform, or the sizes in pixdim alone. [default: by what the header supports]",
-        rich_help_panel=IMAGE,
+    image_option(
+        help="NIfTI header: its sform, its qform, or the sizes in pixdim alone. [default: by what the header supports]"
     ),
 ]
-Threshold = Annotated[
-    str | None,
-    typer.Option(
-        help="Grey image: a value, 'otsu', or a share of a percentile such as 50%p99.9 inside the region.",
-        rich_help_panel=IMAGE,
-    ),
-]
-Region = Annotated[
-    str | None, typer.Option(help="Only these voxels: i0:i1,j0:j1,k0:k1, ends excluded.", rich_help_panel=IMAGE)
-]
-Seed = Annotated[
-    str | None, typer.Option(help="The component at voxel i,j,k instead of the largest.", rich_help_panel=IMAGE)
-]
-Closing = Annotated[int | None, typer.Option(help="Close gaps of about this many voxels.", rich_help_panel=IMAGE)]
-FillHoles = Annotated[bool, typer.Option("--fill-holes", help="Fill enclosed holes.", rich_help_panel=IMAGE)]
-Border = Annotated[
-    str | None,
-    typer.Option(help="Where the object is cut by the image border: close or open.", rich_help_panel=IMAGE),
-]
-Frame = Annotated[int | None, typer.Option(help="Which volume of a 4-D image, from 0.", rich_help_panel=IMAGE)]
+Frame = Annotated[int | None, image_option(help="Which volume of a 4-D image, from 0.")]
+
+
+@dataclass(frozen=True)
+class Common:
+    """What nearly all subcommands take."""
+
+    strict: Strict = False
+    force: Force = False
+    as_json: Json = False
+
+
+@dataclass(frozen=True)
+class ObjectInImage:
+    """How an object is chosen in an image."""
+
+    label: Annotated[
+        str | None,
+        image_option(help="Label image: the value, or several as 1,2 taken together; or the name of a segment."),
+    ] = None
+    threshold: Annotated[
+        str | None,
+        image_option(
+            help="Grey image: a value, 'otsu', or a percentage of a percentile such as 50%p99.9 inside the region."
+        ),
+    ] = None
+    region: Annotated[str | None, image_option(help="Only these voxels: i0:i1,j0:j1,k0:k1, ends excluded.")] = None
+    seed: Annotated[str | None, image_option(help="The component at voxel i,j,k instead of the largest.")] = None
+    closing: Annotated[int | None, image_option(help="Close gaps of about this many voxels.")] = None
+    fill_holes: Annotated[bool, image_option("--fill-holes", help="Fill enclosed holes.")] = False
+    frame: Frame = None
+    affine: Affine = None
+
+    def parse(self, border: str | None = None) -> "ImageOptions":
+        """The options as `read_source` takes them.
+
+        Args:
+            border: what happens where the object is cut by the border of the image.
+
+        Raises:
+            OptionError: an option that cannot be read.
+        """
+        from quadriform.imaging.file_points import ImageOptions
+
+        chosen = (self.label, self.threshold, self.region, self.seed, self.closing, self.fill_holes)
+        return ImageOptions.parse(*chosen, border, self.frame, self.affine)
+
+
+def grouped(command: Callable[..., None]) -> Callable[..., None]:
+    """The same subcommand with the fields of its dataclass parameters as options: typer knows no groups."""
+    parameters = signature(command).parameters.values()
+    groups: dict[str, Any] = {each.name: each.annotation for each in parameters if is_dataclass(each.annotation)}
+    options: list[Parameter] = []
+    for each in parameters:
+        options += _options_of(groups[each.name]) if each.name in groups else [each]
+
+    @wraps(command)
+    def run(**given: Any) -> None:
+        for name, group in groups.items():
+            given[name] = group(**{field.name: given.pop(field.name) for field in fields(group)})
+        command(**given)
+
+    run.__signature__ = signature(command).replace(parameters=options)  # type: ignore[attr-defined]
+    run.__annotations__ = {option.name: option.annotation for option in options}
+    return run
+
+
+def _options_of(group: Any) -> list[Parameter]:
+    return [
+        Parameter(each.name, Parameter.KEYWORD_ONLY, default=each.default, annotation=each.type)
+        for each in fields(group)
+    ]
 
 
 def check_space(text: str | None) -> str | None:
     """The frame of the world that --space names, or None.
 
     Raises:
-        OptionError: another word.
+        OptionError: another frame.
     """
     from quadriform.shapes.spaces import SPACES
 
     return None if text is None else choose(text, SPACES, "--space")
+
+
+def decimals(text: str, option: str, count: int | None = None) -> list[float]:
+    """Numbers between commas.
+
+    Args:
+        text: the numbers.
+        option: named in the error.
+        count: how many are expected; None for any.
+
+    Raises:
+        OptionError: not numbers, or not `count` of them.
+    """
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if not values or count not in (None, len(values)):
+        expected = "" if count is None else f"{count} "
+        raise OptionError(f"option {option}={text!r}: expected {expected}numbers between commas")
+    return values
 
 
 def stem(path: Path) -> str:
@@ -95,9 +161,8 @@ def check_file_names(paths: Iterable[Path], what: str) -> None:
     for path in paths:
         before = seen.setdefault(normalize("NFC", str(path).casefold()), path)
         if before is not path:
-            pair = (
-                repr(str(path)) if path == before else f"{str(before)!r} and {str(path)!r}, which differ in case only"
-            )
+            differ = f"{str(before)!r} and {str(path)!r}, which differ in case only"
+            pair = repr(str(path)) if path == before else differ
             raise OptionError(f"{what} would both write to {pair}; rename one, or write them one by one")
 
 

@@ -23,12 +23,12 @@ def paper(
     ] = None,
     force: shared.Force = False,
 ) -> None:
-    """Make the figures of the paper again, by method="paper" and by default, with their numbers side by side.
+    """Make the figures of the paper again, by method="paper" and by default, with their errors side by side.
 
-    Without --data the page has synthetic data and a brain in the place of hearts.
+    Without --data the page has synthetic data and a brain instead of hearts.
     All figures take about two minutes of processor time.
     """
-    from quadriform.cli.screen import progress_bar, say
+    from quadriform.cli.screen import print_line, progress_bar
     from quadriform.files.atomic import check_writable, write_bytes
     from quadriform.report.paper.whole import paper_page
     from quadriform.words import numbers
@@ -39,4 +39,4 @@ def paper(
     with progress_bar("the paper") as progress:
         page = paper_page(data, progress, names, (i, j, k))
     write_bytes(output, page, force)
-    say(f"written to {output}: {len(page) / 1e6:.1f} MB")
+    print_line(f"written to {output}: {len(page) / 1e6:.1f} MB")

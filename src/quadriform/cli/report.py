@@ -1,35 +1,34 @@
 """`quadriform report`: a model becomes one page that shows it."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from quadriform.cli.measure import BASE_HELP, CONTOURS_HELP
-from quadriform.cli.options import Force, Strict
+from quadriform.cli.measure import Landmarks
+from quadriform.cli.options import Force, Strict, grouped
+
+if TYPE_CHECKING:
+    from quadriform.points import Array
+    from quadriform.shapes.model import DeformableModel
 
 
+@grouped
 def report(
+    *,
     model: Annotated[Path, typer.Argument(help="A model or a moving model, .json or .npz.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="The page.")] = Path("report.html"),
-    base: Annotated[list[str] | None, typer.Option(help=BASE_HELP)] = None,
-    contours: Annotated[list[Path] | None, typer.Option(help=CONTOURS_HELP)] = None,
+    where: Landmarks,
     strict: Strict = False,
     force: Force = False,
 ) -> None:
-    """Write one page of HTML that holds the model itself: turn it, play it, read off its numbers, without a network."""
-    from quadriform.cli.inputs import refuse
-    from quadriform.cli.measure import landmarks, load_frames
-    from quadriform.cli.screen import say, tell
-    from quadriform.cli.verdicts import verdict
+    """Write one page of HTML that holds the model itself: rotate it, play it, read its values, without a network."""
+    from quadriform.cli.inputs import read_any_model
+    from quadriform.cli.measure import load_frames
+    from quadriform.cli.screen import print_line, print_remarks
+    from quadriform.cli.status import check_strict, status_fields
     from quadriform.files.atomic import check_writable, write_bytes
-    from quadriform.files.models import read_model
-    from quadriform.files.moving_models import is_moving_model, read_moving_model
-    from quadriform.files.reading import naming, suffix_of
-    from quadriform.heart.base import base_rule
-    from quadriform.heart.base_planes import base_planes
-    from quadriform.heart.heart_cycle import check_cycle
-    from quadriform.heart.measure import measure
+    from quadriform.files.reading import suffix_of
     from quadriform.report.reports import model_report
     from quadriform.shapes.record import remarks_of
 
@@ -37,19 +36,29 @@ def report(
     check_writable(output, force, inputs=[model])
     frames, times = load_frames([model])
     measures = planes = None
-    if base or contours or "endo" in frames[0].surfaces:
-        where, inserts = landmarks(base, contours or [], None, frames)
-        measures = measure(frames, times, base=where, rv_inserts=inserts)
-        found = base_planes(check_cycle(frames, times), base_rule(where, len(frames)), {})
-        planes = None if where is None else [(plane.point, plane.direction) for plane in found if plane is not None]
-    if strict:
-        with naming(model):
-            refuse(frames[0].warnings if measures is None else measures.warnings)
-    tell(remarks_of(frames[0].record) if measures is None else measures.remarks)
-    moving = model.suffix.lower() == ".json" and is_moving_model(model)
-    shown = read_moving_model(model) if moving else read_model(model)
-    record = {"model": model.name, "input_sha256": shown.input_sha256} | verdict(shown.record)
+    if where.base or where.contours or "endo" in frames[0].surfaces:
+        measures, planes = _measures(frames, times, where)
+    check_strict(strict, frames[0].warnings if measures is None else measures.warnings, model)
+    print_remarks(remarks_of(frames[0].record) if measures is None else measures.remarks)
+    shown = read_any_model(model)
+    record = {"model": model.name, "input_sha256": shown.input_sha256} | status_fields(shown.record)
     title = shown.record.title or model.stem
     page = model_report(shown, title=title, record=record, measures=measures, planes=planes)
     write_bytes(output, page, force)
-    say(f"written: {output}")
+    print_line(f"written: {output}")
+
+
+def _measures(frames: "list[DeformableModel]", times: "Array | None", where: Landmarks) -> tuple[Any, Any]:
+    """The measures of a ventricle, and the planes of its base where one is given."""
+    from quadriform.cli.measure import landmarks
+    from quadriform.heart.base import base_rule
+    from quadriform.heart.base_planes import base_planes
+    from quadriform.heart.heart_cycle import check_cycle
+    from quadriform.heart.measure import measure
+
+    given, inserts = landmarks(where, frames)
+    measures = measure(frames, times, base=given, rv_inserts=inserts)
+    if given is None:
+        return measures, None
+    found = base_planes(check_cycle(frames, times), base_rule(given, len(frames)), {})
+    return measures, [(plane.point, plane.direction) for plane in found if plane is not None]

@@ -1,4 +1,4 @@
-"""Reports for the verbs that fit: points and image in the frame of the model, measures of a ventricle."""
+"""Pages of `fit` and `track`: points and image in the frame of the model, measures of a ventricle."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from quadriform.cli.screen import say
+from quadriform.cli.screen import note
 from quadriform.errors import QuadriformError
 from quadriform.fitting.options import options_for
 from quadriform.fitting.result import Fit
@@ -23,20 +23,20 @@ from quadriform.shapes.spaces import turn_between
 
 Record = Mapping[str, Any]
 REPORT = "report.html"
-NO_OPTIONS = ("progress", "slices")
+NOT_SHOWN = ("progress", "slices")
 
 
 def fit_options(given: Mapping[str, Any]) -> dict[str, Any]:
-    """The configuration in effect of a fit: what was given, and the defaults of the rest."""
-    rest = {"method": "tangent", "kind": "ellipsoid"} | dict(given)
-    chosen = options_for(str(rest["method"]), {name: rest[name] for name in rest if name not in ("method", "kind")})
-    return {"options": {"method": rest["method"], "kind": rest["kind"]} | asdict(chosen)}
+    """All options of a fit: those given, and the defaults of the others."""
+    others = {"method": "tangent", "kind": "ellipsoid"} | dict(given)
+    first = {name: others.pop(name) for name in ("method", "kind")}
+    return {"options": first | asdict(options_for(str(first["method"]), others))}
 
 
 def track_options(given: Mapping[str, Any]) -> dict[str, Any]:
-    """The same of a cycle."""
+    """All options of a cycle: those given, and the defaults of the others."""
     defaults = {name: p.default for name, p in signature(track).parameters.items() if p.default is not p.empty}
-    return {"options": {name: given.get(name, value) for name, value in defaults.items() if name not in NO_OPTIONS}}
+    return {"options": {name: given.get(name, value) for name, value in defaults.items() if name not in NOT_SHOWN}}
 
 
 def page_of_fit(
@@ -52,13 +52,13 @@ def page_of_fit(
         title: of the page.
         record: what the terminal shows.
     """
-    turn = turn_between(space, fit.model.space)
-    turned = {name: cloud @ turn.T for name, cloud in clouds.items()}
+    rotation = turn_between(space, fit.model.space)
+    rotated = {name: cloud @ rotation.T for name, cloud in clouds.items()}
     if image is not None:
-        affine = np.block([[turn, np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]]) @ image.world_from_voxel
+        affine = np.block([[rotation, np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]]) @ image.world_from_voxel
         image = replace(image, world_from_voxel=affine, space=fit.model.space)
     found = measures_of([fit.model], None)
-    return fit_report(fit, turned, title=title, record=record, image=image, measures=found)
+    return fit_report(fit, rotated, title=title, record=record, image=image, measures=found)
 
 
 def page_of_track(
@@ -69,7 +69,7 @@ def page_of_track(
     title: str,
     record: Record,
 ) -> bytes:
-    """The page of a moving model; points stand where the shifts of their slices put them.
+    """The page of a moving model; points are shown where the shifts of their slices move them.
 
     Args:
         found: in the frame that was asked for.
@@ -79,24 +79,24 @@ def page_of_track(
         title: of the page.
         record: what the terminal shows.
     """
-    turn = turn_between(space, found.models[0].space)
-    still = np.zeros(3)
+    rotation = turn_between(space, found.models[0].space)
+    no_shift = np.zeros(3)
     shown = []
     for number, frame in enumerate(clouds):
-        turned = {name: cloud @ turn.T for name, cloud in frame.items()}
+        rotated = {name: cloud @ rotation.T for name, cloud in frame.items()}
         for name, which in (slices[number] if found.shifts else {}).items():
-            turned[name] = turned[name] + np.array([found.shifts.get(int(n), still) for n in which]).reshape(-1, 3)
-        shown.append(turned)
+            rotated[name] = rotated[name] + np.array([found.shifts.get(int(n), no_shift) for n in which]).reshape(-1, 3)
+        shown.append(rotated)
     times = found.times if found.moving is not None else None
     return track_report(found, shown, title=title, record=record, measures=measures_of(found.models, times))
 
 
 def measures_of(models: Sequence[DeformableModel], times: Array | None) -> Measures | None:
-    """What can be measured of models with a surface "endo"; a report does without where that fails, and it is said."""
+    """The measures of models with a surface "endo"; None, with a note, where they cannot be measured."""
     if "endo" not in models[0].surfaces:
         return None
     try:
         return measure(models, times)
     except QuadriformError as error:
-        say(f"note: the report has no measures of the ventricle: {error}")
+        note(f"the report has no measures of the ventricle: {error}")
         return None

@@ -1,4 +1,4 @@
-"""The files of a folder of results: which ones an earlier run wrote, so that none of them is left beside new ones."""
+"""Which files of a folder an earlier run wrote; none of them may be left beside new ones."""
 
 import re
 from pathlib import Path
@@ -20,7 +20,7 @@ def frame_model(number: int) -> str:
 
 
 def earlier_results(folder: Path) -> list[str]:
-    """Names of the files of an earlier run in a folder, by the models that are there; empty where there are none."""
+    """Names of the files of an earlier run in a folder, found by its models; empty without any."""
     if not folder.is_dir():
         return []
     models = [path.name for path in folder.iterdir() if path.name == MODEL or FRAME.fullmatch(path.name)]

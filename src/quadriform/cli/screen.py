@@ -1,4 +1,4 @@
-"""What the verbs show: data on stdout as a table or as JSON; warnings and progress on stderr."""
+"""What the subcommands show: data on stdout as a table or as JSON; warnings, notes and progress on stderr."""
 
 import contextlib
 import json
@@ -13,22 +13,28 @@ from quadriform.words import plain
 
 QUIET_SECONDS = 1.0
 """Work shorter than this shows no progress bar."""
+Rows = Sequence[Sequence[str]]
 
 
-def say(text: str) -> None:
+def print_line(text: str) -> None:
     """One line on stderr, without control characters."""
     print(plain(" ".join(text.split())), file=sys.stderr)
 
 
+def note(text: str) -> None:
+    """A note on stderr."""
+    print_line(f"note: {text}")
+
+
 def warn(warnings: Warnings, about: str = "") -> None:
-    """The named warnings on stderr, one line each; `about` says of what."""
-    tell(remarks(warnings, about=about))
+    """The named warnings on stderr, one line each; `about` names their subject."""
+    print_remarks(remarks(warnings, about=about))
 
 
-def tell(every: Iterable[Remark]) -> None:
+def print_remarks(every: Iterable[Remark]) -> None:
     """Warnings and notes on stderr, one line each."""
     for remark in every:
-        say(f"{'warning' if remark.kind else 'note'}: {remark}")
+        print_line(f"{'warning' if remark.kind else 'note'}: {remark}")
 
 
 def emit(text: str) -> None:
@@ -39,12 +45,17 @@ def emit(text: str) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def emit_json(data: object) -> None:
-    """Data on stdout as JSON."""
-    emit(json.dumps(data, indent=2, allow_nan=False))
+def show(record: object, as_json: bool, rows: Rows | str, title: str = "", header: Sequence[str] = ()) -> None:
+    """The result on stdout: its record as JSON, or the rows of a table, or lines of text."""
+    if as_json:
+        emit(json.dumps(record, indent=2, allow_nan=False))
+    elif isinstance(rows, str):
+        emit(rows)
+    else:
+        emit_table(rows, title, header)
 
 
-def emit_table(rows: Sequence[Sequence[str]], title: str = "", header: Sequence[str] = ()) -> None:
+def emit_table(rows: Rows, title: str = "", header: Sequence[str] = ()) -> None:
     """A table on stdout; without a header the first column names what the second holds."""
     from rich.console import Console
     from rich.table import Table
@@ -76,13 +87,13 @@ def progress_bar(what: str) -> Iterator[Callable[[int, int], None]]:
     task = bar.add_task(escape(what), total=None)
     begin = time.monotonic()
 
-    def show(done: int, total: int) -> None:
+    def update(done: int, total: int) -> None:
         bar.update(task, completed=done, total=total)
         if time.monotonic() - begin > QUIET_SECONDS:
             bar.start()
 
     try:
-        yield show
+        yield update
     finally:
         if bar.live.is_started:
             bar.stop()

@@ -1,67 +1,71 @@
-"""`quadriform segment`: the image front end alone."""
+"""`quadriform segment`: the object of an image as a mask."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from quadriform.cli import options as shared
+from quadriform.cli.options import Common, ObjectInImage, grouped
+
+if TYPE_CHECKING:
+    from quadriform.imaging.segmentation import Segmentation
+
+SHOWN = ("output", "voxels", "shape", "threshold", "components")
 
 
+@grouped
 def segment(
+    *,
     image: Annotated[
         Path, typer.Argument(help="An image: NIfTI, NRRD, MetaImage, DICOM, or a folder of DICOM slices.")
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="The mask, .nii, .nii.gz or .nrrd.")],
-    label: shared.Label = None,
-    threshold: shared.Threshold = None,
-    region: shared.Region = None,
-    seed: shared.Seed = None,
-    closing: shared.Closing = None,
-    fill_holes: shared.FillHoles = False,
-    frame: shared.Frame = None,
-    affine: shared.Affine = None,
-    strict: shared.Strict = False,
-    force: shared.Force = False,
-    as_json: shared.Json = False,
+    chosen: ObjectInImage,
+    common: Common,
 ) -> None:
     """Write the object of an image as a mask of 0 and 1 on the image's own grid."""
-    from quadriform.cli.inputs import refuse
-    from quadriform.cli.screen import emit_json, emit_table, say, warn
-    from quadriform.errors import OptionError
+    from quadriform.cli.screen import note, show, warn
+    from quadriform.cli.status import check_strict
     from quadriform.files.atomic import check_writable, write_bytes
-    from quadriform.files.label_maps import LABEL_SUFFIXES, encode_labels
+    from quadriform.files.label_maps import encode_labels
     from quadriform.files.reading import naming
-    from quadriform.imaging.file_points import ImageOptions, kept_note, read_object
+    from quadriform.imaging.file_points import kept_note, read_object
     from quadriform.imaging.segmentation import segment as segment_volume
 
-    suffix = next((suffix for suffix in LABEL_SUFFIXES if output.name.lower().endswith(suffix)), None)
-    if suffix is None:
-        raise OptionError(f"option --output={str(output)!r}: a mask is written as {' or '.join(LABEL_SUFFIXES)}")
-    options = ImageOptions.parse(label, threshold, region, seed, closing, fill_holes, None, frame, affine)
-    check_writable(output, force, inputs=[image])
+    suffix, options = _suffix(output), chosen.parse()
+    check_writable(output, common.force, inputs=[image])
     with naming(image):
         volume, arguments, notes = read_object(image, options)
         found = segment_volume(volume, **arguments)
-        if strict:
-            refuse(found.warnings)
+        check_strict(common.strict, found.warnings)
         content = encode_labels(found.mask.astype("uint8"), volume.world_from_voxel, volume.space, volume.unit, suffix)
-    write_bytes(output, content, force)
+    write_bytes(output, content, common.force)
     notes += kept_note(found)
-    for note in notes:
-        say(f"note: {image}: {note}")
+    for text in notes:
+        note(f"{image}: {text}")
     warn(found.warnings)
-    record = {
-        "input": str(image),
-        "output": str(output),
+    record = {"input": str(image), "output": str(output)} | _record(found, notes)
+    show(record, common.as_json, [(name, str(record[name])) for name in SHOWN])
+
+
+def _suffix(output: Path) -> str:
+    from quadriform.errors import OptionError
+    from quadriform.files.label_maps import LABEL_SUFFIXES
+
+    for suffix in LABEL_SUFFIXES:
+        if output.name.lower().endswith(suffix):
+            return suffix
+    raise OptionError(f"option --output={str(output)!r}: a mask is written as {' or '.join(LABEL_SUFFIXES)}")
+
+
+def _record(found: "Segmentation", notes: tuple[str, ...]) -> dict[str, Any]:
+    from quadriform.cli.status import texts
+
+    return {
         "voxels": int(found.mask.sum()),
         "shape": list(found.mask.shape),
         "threshold": found.threshold,
         "components": len(found.component_voxels),
-        "warnings": {str(kind): text for kind, text in found.warnings.items()},
+        "warnings": texts(found.warnings),
         "notes": list(notes),
     }
-    if as_json:
-        emit_json(record)
-    else:
-        emit_table([(name, str(record[name])) for name in ("output", "voxels", "shape", "threshold", "components")])

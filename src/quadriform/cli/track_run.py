@@ -1,4 +1,4 @@
-"""The work behind `quadriform track`: the frames' points from files of any kind, the moving model, and its record."""
+"""What `quadriform track` does: points of the frames from files of any kind, the moving model, and its record."""
 
 import csv
 import io
@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from quadriform.cli.inputs import refuse
-from quadriform.cli.options import stem
+from quadriform.cli.options import Common, stem
 from quadriform.cli.reporting import REPORT, page_of_track, track_options
 from quadriform.cli.results import FRAMES, MODEL, earlier_results, frame_model
-from quadriform.cli.screen import emit_json, emit_table, progress_bar, say, warn
+from quadriform.cli.screen import note, progress_bar, show, warn
+from quadriform.cli.status import check_strict, texts
+from quadriform.cli.track import Motion, Reading
 from quadriform.errors import join_warnings
 from quadriform.files import save, sha256_of
 from quadriform.files.atomic import write_bytes
@@ -31,56 +32,46 @@ if TYPE_CHECKING:
 Record = dict[str, Any]
 
 
-def follow(
-    inputs: Sequence[Path],
-    surfaces: Sequence[str],
-    columns: str | None,
-    affine: str | None,
-    output: Path | None,
-    shift_slices: bool,
-    space: str | None,
-    options: dict[str, Any],
-    strict: bool,
-    force: bool,
-    as_json: bool,
+def run(
+    inputs: Sequence[Path], output: Path | None, reading: Reading, motion: Motion, space: str | None, common: Common
 ) -> None:
-    """Read, fit, write and show.
+    """Read the frames, fit a moving model, write and show the results.
 
     Raises:
         QuadriformError: nothing was written.
     """
+    options = motion.options()
     files = frame_files(inputs)
     shown = inputs if any(map(Path.is_dir, inputs)) else files  # in the order of time
     folder = output or Path(f"{stem(inputs[0])}-track")
     earlier = earlier_results(folder)
-    check_results(folder, [MODEL, FRAMES, REPORT, *earlier], force, files)
+    check_results(folder, [MODEL, FRAMES, REPORT, *earlier], common.force, files)
     begin = time.perf_counter()
     with naming(*inputs):
-        frames = read_frames(files, surfaces, columns, affine)
-        if shift_slices:
-            keep_slices(frames)
-        if options["strategy"] == "alone":
-            check_results(folder, [frame_model(number) for number in range(len(frames.clouds))], force, files)
-        for note in dict.fromkeys(frames.notes):
-            say(f"note: {note}")
-        found = _track(frames, shift_slices, space, options, shown, files)
-        if strict:
-            refuse(found.warnings)
+        frames = _read(files, reading, motion.shift_slices)
+        if motion.strategy == "alone":
+            check_results(folder, [frame_model(n) for n in range(len(frames.clouds))], common.force, files)
+        found = _track(frames, motion.shift_slices, space, options, shown, files)
+        check_strict(common.strict, found.warnings)
     models = {MODEL: found.moving} if found.moving else {frame_model(n): m for n, m in enumerate(found.models)}
     record = _record(shown, [folder / name for name in (*models, FRAMES, REPORT)], found, time.perf_counter() - begin)
-    title = title_of(shown)
-    space = next(iter(frames.marks))[0]
-    page = page_of_track(found, frames.clouds, frames.slices, space, title, record | track_options(options))
-    with replaced_together(folder, next(iter(models)), force, earlier) as staging:
+    page = _page(found, frames, title_of(shown), record | track_options(options))
+    with replaced_together(folder, next(iter(models)), common.force, earlier) as staging:
         for name, model in models.items():
             save(model, staging / name)
         write_bytes(staging / FRAMES, _csv(record["frames"], found))
         write_bytes(staging / REPORT, page)
     warn(record["warnings"])
-    if as_json:
-        emit_json(record)
-    else:
-        emit_table(_rows(record), title=record["input"])
+    show(record, common.as_json, _rows(record), record["input"])
+
+
+def _read(files: Sequence[Path], reading: Reading, shift_slices: bool) -> FrameSeries:
+    frames = read_frames(files, reading.surface or [], reading.columns, reading.affine)
+    if shift_slices:
+        keep_slices(frames)
+    for text in dict.fromkeys(frames.notes):
+        note(text)
+    return frames
 
 
 def _track(
@@ -91,25 +82,30 @@ def _track(
     inputs: Sequence[Path],
     files: Sequence[Path],
 ) -> "Track":
+    """The moving model with frame, unit, input files, warnings and notes, in the frame to write in."""
     from quadriform.motion.tracking import track
 
     space, unit = next(iter(frames.marks))
-    wanted = space_to_write(asked, space)
-    given = frames.timed(options)
+    target = space_to_write(asked, space)
     with progress_bar("cycle") as progress:
-        found = track(frames.clouds, slices=frames.slices if shift_slices else None, progress=progress, **given)
+        slices = frames.slices if shift_slices else None
+        found = track(frames.clouds, slices=slices, progress=progress, **frames.timed(options))
     sha256 = sha256_of(*dict.fromkeys(file for path in files for file in files_of(path)))
-    moving = found.moving
     record = replace(found.models[0].record, title=title_of(inputs), sources=input_files({"": files}))
-    marks: dict[str, Any] = {"space": space, "unit": unit, "input_sha256": sha256, "record": record}
-    marked = replace(
+    metadata: dict[str, Any] = {"space": space, "unit": unit, "input_sha256": sha256, "record": record}
+    found = replace(
         found,
-        moving=None if moving is None else replace(moving, **marks),
-        models=tuple(replace(model, **marks) for model in found.models),
+        moving=None if found.moving is None else replace(found.moving, **metadata),
+        models=tuple(replace(model, **metadata) for model in found.models),
         warnings=join_warnings(frames.warnings, found.warnings),
         notes=(*without_folders(frames.notes, files), *found.notes),
     )
-    return marked.in_space(wanted)
+    return found.in_space(target)
+
+
+def _page(found: "Track", frames: FrameSeries, title: str, record: Record) -> bytes:
+    space = next(iter(frames.marks))[0]
+    return page_of_track(found, frames.clouds, frames.slices, space, title, record)
 
 
 def _record(inputs: Sequence[Path], targets: Sequence[Path], found: "Track", seconds: float) -> Record:
@@ -134,18 +130,18 @@ def _record(inputs: Sequence[Path], targets: Sequence[Path], found: "Track", sec
         "space": model.space,
         "unit": model.unit,
         "seconds": round(seconds, 3),
-        "warnings": {str(kind): text for kind, text in found.warnings.items()},
+        "warnings": texts(found.warnings),
         "notes": list(found.notes),
     }
 
 
 def _csv(frames: Sequence[Mapping[str, Any]], found: "Track") -> bytes:
-    """A row a frame, each with the number of all rows, by which a cut table shows, and with status and warnings."""
-    told = {"rows": len(frames), "status": found.status, "warnings": "; ".join(map(str, remarks(found.warnings)))}
+    """A row a frame with status, warnings and the number of all rows, by which a truncated table is recognised."""
+    whole = {"rows": len(frames), "status": found.status, "warnings": "; ".join(map(str, remarks(found.warnings)))}
     stream = io.StringIO(newline="")
-    writer = csv.DictWriter(stream, [*frames[0], *told], lineterminator="\n")
+    writer = csv.DictWriter(stream, [*frames[0], *whole], lineterminator="\n")
     writer.writeheader()
-    writer.writerows({**frame, **told} for frame in frames)
+    writer.writerows({**frame, **whole} for frame in frames)
     return stream.getvalue().encode("utf-8", "backslashreplace")  # file names need not be UTF-8
 
 
@@ -154,11 +150,11 @@ def _rows(record: Record) -> list[tuple[str, str]]:
     frames = record["frames"]
     worst = max(frames, key=lambda frame: frame["rms"])
     shifts = [float(np.linalg.norm(shift)) for shift in record["shifts"].values()]
-    volumes = [name for name in frames[0] if name.startswith("volume_")]
+    cubed = f"{unit}^3" if unit else ""
     ranges = []
-    for name in volumes:
+    for name in (name for name in frames[0] if name.startswith("volume_")):
         low, high = (of(frame[name] for frame in frames) for of in (min, max))
-        ranges.append((name.replace("_", " "), f"{low:.5g} to {high:.5g}" + (f"{unit}^3" if unit else "")))
+        ranges.append((name.replace("_", " "), f"{low:.5g} to {high:.5g}{cubed}"))
     return [
         ("frames", str(len(frames))),
         ("points", str(record["points"])),

@@ -1,4 +1,4 @@
-"""`segment`, `deform`, `export` and `info`."""
+"""The subcommands beside fit, track, compare and measure: segment, deform, export, info."""
 
 import json
 from dataclasses import replace
@@ -331,7 +331,7 @@ def test_info_on_a_model(terminal, model, tmp_path, suffix):
     assert record["input_sha256"] == "unknown"
 
 
-def test_info_tells_points_from_models_in_npz(terminal, tmp_path):
+def test_info_distinguishes_points_from_models_in_npz(terminal, tmp_path):
     np.savez(tmp_path / "p.npz", points=np.eye(3))
     assert described(terminal, "p.npz")["kind"] == "points"
 
