@@ -113,7 +113,7 @@ def distances(candidates, points):
 
 def _distance(candidates, index, points):
     rotation, axes = candidates.rotations[index], np.exp(candidates.log_axes[index])
-    hole = 1 + np.exp(candidates.log_holes[index, 0])
+    hole = KINDS[candidates.kind].has_hole * (1 + np.exp(candidates.log_holes[index, 0]))
     local = (points - candidates.translations[index]) @ rotation
 
     def felt(x):

@@ -22,6 +22,7 @@ from quadriform.files.records import FIELDS, read_record, record_document
 from quadriform.files.strict import Field
 from quadriform.points import LARGEST
 from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
 from quadriform.shapes.record import SHA256, ModelRecord
@@ -34,8 +35,6 @@ VERSION = 2
 BODY = ("format", "version", "space", "unit", "input_sha256", "surfaces", "box")
 
 ARRAYS: dict[str, tuple[int, ...]] = {"semi_axes": (3,), "exponents": (2,), "rotation": (3, 3), "translation": (3,)}
-EXTRA = {"toroid": "hole_radius", "hyperboloid1": "height", "hyperboloid2": "height"}
-"""The one number that these kinds have beside the arrays."""
 
 
 def write_model(model: DeformableModel, path: str | os.PathLike[str], force: bool = False) -> None:
@@ -118,8 +117,8 @@ def surface_document(name: str, surface: Superquadric) -> dict[str, Any]:
         raise OptionError(f"surface {name!r}: expected a name without halves of surrogate pairs")
     fields: dict[str, Any] = {"name": name, "kind": surface.kind}
     fields |= {key: getattr(surface, key).tolist() for key in ARRAYS}
-    if surface.kind in EXTRA:
-        fields[EXTRA[surface.kind]] = float(getattr(surface, EXTRA[surface.kind]))
+    if extra := KINDS[surface.kind].extra:
+        fields[extra] = float(getattr(surface, extra))
     return fields
 
 
@@ -190,8 +189,8 @@ def read_surfaces(field: Field) -> dict[str, Superquadric]:
 
 
 def _surface(field: Field) -> Superquadric:
-    kind = field.member("kind").choice(("ellipsoid", *EXTRA))
-    extra = (EXTRA[kind],) if kind in EXTRA else ()
+    kind = field.member("kind").choice(tuple(KINDS))
+    extra = tuple(filter(None, [KINDS[kind].extra]))
     field.only(("name", "kind", *ARRAYS, *extra))
     values: dict[str, Any] = {key: field.member(key).numbers(shape) for key, shape in ARRAYS.items()}
     values |= {key: field.member(key).number() for key in extra}

@@ -12,6 +12,7 @@ from quadriform.fitting.result import HalfSpace, Result, SuperquadricFit, rms
 from quadriform.points import Array
 from quadriform.shapes import pose
 from quadriform.shapes.directions import sphere_grid
+from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import EXPONENTS, Superquadric
 
@@ -199,7 +200,7 @@ def _thin(model: DeformableModel, noise: float) -> list[str]:
     for name, surface in model.surfaces.items():
         mesh = model.mesh(name, THICKNESS_RESOLUTION)
         thickness = 2 * abs(mesh.volume()) / mesh.area()
-        if not surface.kind.startswith("hyperboloid") and noise > THIN * thickness:
+        if KINDS[surface.kind].cut_axis is None and noise > THIN * thickness:
             about = "the body" if len(model.surfaces) == 1 else name
             texts.append(f"{about} is {thickness / noise:.3g} times as thick as the noise of the points")
     return texts

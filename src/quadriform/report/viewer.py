@@ -16,6 +16,7 @@ from markupsafe import Markup
 from quadriform.points import Array
 from quadriform.report.page import rendered, source
 from quadriform.report.slices import COLOURS
+from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
 
@@ -121,7 +122,7 @@ def _surfaces(model: DeformableModel | MovingModel) -> list[dict[str, Any]]:
         result.append(
             {
                 "name": name,
-                "kind": surface.kind,
+                "kind": KINDS[surface.kind].record(),
                 "semi_axes": surface.semi_axes.tolist(),
                 "exponents": surface.exponents.tolist(),
                 "rotation": surface.rotation.tolist(),

@@ -1,5 +1,8 @@
 """The loops over points, compiled; arrays are contiguous float64, those that are filled come after the points."""
 
+import numpy as np
+from numpy.typing import NDArray
+
 from quadriform.points import Array
 
 class Box:
@@ -7,7 +10,13 @@ class Box:
 
 class Surface:
     def __init__(
-        self, kind: int, semi_axes: Array, exponents: Array, rotation: Array, translation: Array, hole: float
+        self,
+        kind: NDArray[np.int32],
+        semi_axes: Array,
+        exponents: Array,
+        rotation: Array,
+        translation: Array,
+        hole: float,
     ) -> None: ...
 
 def deform(box: Box, points: Array, carried: Array, threads: int) -> None: ...
@@ -29,7 +38,7 @@ def slide(
     threads: int,
 ) -> None: ...
 def distances(
-    kind: int,
+    kind: NDArray[np.int32],
     semi_axes: Array,
     exponents: Array,
     rotations: Array,

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from quadriform.points import Array
 from quadriform.shapes import bernstein, pose
 from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.superellipse import norm, quiet
 from quadriform.shapes.superquadric import Superquadric
 
@@ -253,7 +254,7 @@ def _outside(surface: Superquadric, centres: Array, halves: Array) -> NDArray[np
     F grows with |x|, |y| and |z| of the surface's frame, so F at the smallest of each bounds it from below; exact
     where the box has the surface's axes.
     """
-    if surface.kind not in ("ellipsoid", "toroid"):
+    if KINDS[surface.kind].cut_axis is not None:
         return np.zeros(len(centres), dtype=bool)
     middle = np.abs(pose.to_local(centres, surface.rotation, surface.translation)) / surface.semi_axes
     reach = np.abs(halves @ surface.rotation).sum(axis=1) / surface.semi_axes

@@ -1,7 +1,7 @@
-"""The four kinds of superquadric in their own frame, divided by the semi-axes (paper 2.1, A.1; Barr 1981).
+"""The kinds of superquadric, a table with one entry each, in their own frame and units of the semi-axes (2, A.1).
 
-Each is a composition of two superellipse norms N_e (Barr's spherical product), so each inside-outside function and
-each derivative is the chain rule over `superellipse.norm`:
+Each kind is a composition of two superellipse norms N_e (the spherical product of Barr 1981), so its inside-outside
+function and each derivative is the chain rule over `superellipse.norm`:
 
     ellipsoid      F = N_e1(N_e2(x, y), z)                    closed; F of degree one
     toroid         F = N_e1(N_e2(x, y) - a4, z)               a4 the hole radius in units of the tube
@@ -9,20 +9,37 @@ each derivative is the chain rule over `superellipse.norm`:
     hyperboloid2   F = N_e2(N_e1(1, z), y) / |x|              two sheets along the x axis
 
 F = 1 on the surface, < 1 inside (on the side of the axis for one sheet, beyond the sheets for two), > 1 outside.
+The compiled loops and the viewer take their formulas from the same table (`Kind.codes`, `Kind.record`).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.special import beta
 
 from quadriform.points import Array
 from quadriform.shapes.directions import disc_grid, sphere_grid, torus_grid, tube_grid
 from quadriform.shapes.mesh import Faces
 from quadriform.shapes.superellipse import TINY, norm, norm_derivatives, signed_power
 
-WAIST = 1e-50
+LEAST_X = 1e-50
 """Stands for |x| = 0 of two sheets, where F is infinite: squares of its gradient stay finite."""
+HOLE = 5
+"""Place of the hole radius among the derivatives: after x, y, z, e1 and e2."""
+TERMS = ("x", "y", "z", "one", "inner", "outer")
+"""What norms and quotients are taken of; the compiled loops know them by their index. "one" is the constant 1."""
+
+
+@dataclass(frozen=True)
+class Norm:
+    """A superellipse norm N_e(u, v) (P10) within F: the index of its exponent (0: e1, 1: e2) and its two terms."""
+
+    exponent: int
+    u: str
+    v: str
 
 
 @dataclass(frozen=True)
@@ -30,7 +47,7 @@ class Derivatives:
     """F at n scaled points and its derivatives.
 
     Attributes:
-        value: (n,), F.
+        value: (n,).
         point: (n, 3), by the scaled point.
         exponents: (n, 2), by e1 and e2.
         hole: (n,), by the hole radius; zero for kinds without one.
@@ -42,23 +59,204 @@ class Derivatives:
     hole: Array
 
 
-class Kind(Protocol):
-    """What a kind must know; `q` is (n, 3) scaled points, `angles` (n, 2) latitude and longitude."""
+@dataclass(frozen=True)
+class Kind:
+    """A kind of superquadric; in its methods `q` are (n, 3) scaled points, `e` (2,) the exponents.
+
+    Attributes:
+        name: what users call it by.
+        title: in words.
+        inner: the norm that is taken first; the hole radius is subtracted from it.
+        outer: the norm that may be taken of it.
+        over: F is this term ...
+        under: ... divided by this one: "one", "outer", or "x" for |x|.
+        powers: to which power of F each coordinate is multiplied to reach the surface: -1, 0 or 1. With a hole, the
+            surface is reached from the core of the tube instead.
+        curves: of the latitude, along z, and of the longitude, in x and y, in the natural parametrisation: "circle"
+            (cosine and sine) or "hyperbola" (secant and tangent).
+        layout: of the grid over the surface: a name in `LAYOUTS`.
+        volume: (product of the semi-axes, e1, e2, hole radius) -> enclosed volume; None for open kinds.
+        cut_axis: the coordinate that an open kind is cut along; None for closed kinds.
+        least_cut: the least height of the cut, in units of the semi-axis.
+        has_hole: whether the hole radius is a twelfth parameter.
+    """
+
+    name: str
+    title: str
+    inner: Norm
+    outer: Norm
+    over: str
+    under: str
+    powers: tuple[int, int, int]
+    curves: tuple[str, str]
+    layout: str
+    volume: Callable[[float, float, float, float], float] | None = None
+    cut_axis: int | None = None
+    least_cut: float = 0.0
+    has_hole: bool = False
+
+    @property
+    def n_parameters(self) -> int:
+        """How many numbers a surface is: 11, and a hole radius where it has one."""
+        return 12 if self.has_hole else 11
+
+    @property
+    def extra(self) -> str | None:
+        """The attribute of a surface that this kind alone has beside sizes, exponents and pose; None for none."""
+        return "hole_radius" if self.has_hole else None if self.cut_axis is None else "height"
+
+    @property
+    def is_radial(self) -> bool:
+        """Whether rays from the centre lead to the surface: F is of degree one."""
+        return self.powers == (-1, -1, -1) and not self.has_hole
+
+    @property
+    def codes(self) -> NDArray[np.int32]:
+        """The composition as the compiled loops take it, (11,): both norms, the quotient, the powers."""
+        norms = [code for n in (self.inner, self.outer) for code in (n.exponent, TERMS.index(n.u), TERMS.index(n.v))]
+        return np.array([*norms, TERMS.index(self.over), TERMS.index(self.under), *self.powers], dtype=np.int32)
+
+    def record(self) -> dict[str, Any]:
+        """The composition as the viewer takes it: what it needs to lay out a grid, as JSON can hold it."""
+        norms = {name: [n.exponent, n.u, n.v] for name, n in (("inner", self.inner), ("outer", self.outer))}
+        return {**norms, "over": self.over, "under": self.under, "layout": self.layout, "cut_axis": self.cut_axis}
 
     def implicit(self, q: Array, e: Array, hole: float) -> Array:
-        """F, (n,)."""
+        """The inside-outside function F, (n,): P1 and its kin."""
+        terms = self._terms(q, e, hole)
+        return terms[self.over] / terms[self.under]  # P1, section 2
+
+    def _terms(self, q: Array, e: Array, hole: float) -> dict[str, Array]:
+        """Every term of F by its name, (n,) each; under a fraction "x" is |x|, kept from zero."""
+        terms = {"x": q[:, 0], "y": q[:, 1], "z": q[:, 2], "one": np.ones(len(q))}
+        terms["inner"] = norm(terms[self.inner.u], terms[self.inner.v], e[self.inner.exponent]) - hole
+        terms["outer"] = norm(terms[self.outer.u], terms[self.outer.v], e[self.outer.exponent])
+        return terms | {"x": np.maximum(np.abs(q[:, 0]), LEAST_X)}
 
     def derivatives(self, q: Array, e: Array, hole: float) -> Derivatives:
-        """F and its derivatives."""
+        """F and its derivatives, by the chain rule."""
+        terms = dict(zip("xyz", q.T)) | {"one": np.ones(len(q))}
+        inner = _Term.of(self.inner, terms, e, None)
+        inner.value -= hole
+        inner.by[HOLE] = -1.0 if self.has_hole else 0.0
+        outer = _Term.of(self.outer, terms | {"inner": inner.value}, e, inner)
+        f = inner if self.over == "inner" else outer
+        if self.under == "outer":
+            f = f.divided_by(outer)
+        elif self.under == "x":
+            f = f.divided_by(_Term.of_size(q[:, 0]))
+        return Derivatives(f.value, np.stack(list(f.by[:3]), 1), np.stack(list(f.by[3:HOLE]), 1), f.by[HOLE])
 
     def natural(self, angles: Array, e: Array, hole: float) -> Array:
-        """Scaled surface points (n, 3) by the natural parametrisation."""
+        """Scaled surface points (n, 3) by latitude and longitude (n, 2), the natural parametrisation: P2 and its kin.
+
+        Circles run a full turn (latitudes of the ellipsoid half of it), hyperbolas from -pi/2 to pi/2; a longitude of
+        two sheets plus pi is the other sheet.
+        """
+        (ring, z), (x, y) = (CURVES[curve](a, p) for curve, a, p in zip(self.curves, angles.T, e))
+        ring = hole + ring
+        return np.stack([ring * x, ring * y, z], axis=1)  # P2
 
     def project(self, q: Array, e: Array, hole: float) -> Array:
-        """The surface point on the ray through each point; the ray's origin is the kind's own."""
+        """The surface point on the ray through each point: from the centre, the core of a tube, or an axis."""
+        f = self.implicit(q, e, hole)
+        if self.has_hole:
+            s = norm(q[:, 0], q[:, 1], e[1])
+            ring = (hole + (s - hole) / f) / s
+            return np.stack([q[:, 0] * ring, q[:, 1] * ring, q[:, 2] / f], axis=1)
+        columns = zip(q.T, self.powers)
+        return np.stack([c * f if power > 0 else c / f if power else c for c, power in columns], axis=1)  # section 2.2
 
     def grid(self, resolution: int, e: Array, hole: float, cut: float) -> tuple[Array, Faces]:
         """Well spread surface points (n, 3) and quads (m, 4) between them; `cut` is the scaled height."""
+        return LAYOUTS[self.layout](self, resolution, e, hole, cut)
+
+
+@dataclass
+class _Term:
+    """A term of F (n,), and its derivatives by x, y, z, e1, e2 and the hole radius (6, n)."""
+
+    value: Array
+    by: Array
+
+    @classmethod
+    def of(cls, of: Norm, terms: dict[str, Array], e: Array, inner: "_Term | None") -> "_Term":
+        """A norm of two terms, of which one may be the inner norm; coordinates have unit gradients."""
+        value, by_u, by_v, by_exponent = norm_derivatives(terms[of.u], terms[of.v], e[of.exponent])
+        by = np.zeros((6, len(value)))
+        for name, factor in ((of.u, by_u), (of.v, by_v)):
+            if name in ("x", "y", "z"):
+                by["xyz".index(name)] += factor
+            elif name == "inner" and inner is not None:
+                by += factor * inner.by
+        by[3 + of.exponent] += by_exponent
+        return cls(value, by)
+
+    @classmethod
+    def of_size(cls, x: Array) -> "_Term":
+        """|x|, kept from zero."""
+        by = np.zeros((6, len(x)))
+        by[0] = np.where(x < 0, -1.0, 1.0)
+        return cls(np.maximum(np.abs(x), LEAST_X), by)
+
+    def divided_by(self, other: "_Term") -> "_Term":
+        """The quotient of two terms."""
+        f = self.value / other.value
+        return _Term(f, (self.by - f * other.by) / other.value)
+
+
+def _circle(angle: Array, exponent: float) -> tuple[Array, Array]:
+    return signed_power(np.cos(angle), exponent), signed_power(np.sin(angle), exponent)
+
+
+def _hyperbola(angle: Array, exponent: float) -> tuple[Array, Array]:
+    cosine = np.cos(angle)
+    secant = np.sign(cosine) * np.exp(-exponent * np.log(np.maximum(np.abs(cosine), TINY)))
+    return secant, signed_power(np.tan(angle), exponent)
+
+
+CURVES = {"circle": _circle, "hyperbola": _hyperbola}
+
+
+def _sphere(kind: Kind, resolution: int, e: Array, hole: float, cut: float) -> tuple[Array, Faces]:
+    """Directions of the blown-up cube, onto the surface."""
+    directions, quads = sphere_grid(resolution)
+    return kind.project(directions, e, hole), quads
+
+
+def _torus(kind: Kind, resolution: int, e: Array, hole: float, cut: float) -> tuple[Array, Faces]:
+    """Even rays of both superellipses, both full circles."""
+    angles, quads = torus_grid(resolution)
+    tube, around = _ring(angles[:, 0], e[0]), _ring(angles[:, 1], e[1])
+    return np.column_stack([(hole + tube[:, :1]) * around, tube[:, 1]]), quads
+
+
+def _tube(kind: Kind, resolution: int, e: Array, hole: float, cut: float) -> tuple[Array, Faces]:
+    """Even heights along z between the cuts, even rays around."""
+    angles, quads = tube_grid(np.linspace(-cut, cut, 2 * resolution + 1), 4 * resolution)
+    ring, z = _ring(angles[:, 1], e[1]), angles[:, 0]
+    radius = kind._terms(np.column_stack([ring, z]), e, hole)["outer"]
+    return np.column_stack([ring * radius[:, None], z]), quads
+
+
+def _sheets(kind: Kind, resolution: int, e: Array, hole: float, cut: float) -> tuple[Array, Faces]:
+    """A disc of (y, z) stretched to the cut, once for each side of x = 0."""
+    disc, quads = disc_grid(resolution)
+    yz = disc * _reach(kind, disc, e, cut)[:, None]
+    sheet = kind.project(np.column_stack([np.ones(len(yz)), yz]), e, hole)
+    other = sheet * [-1.0, 1.0, 1.0]
+    return np.concatenate([sheet, other]), np.concatenate([quads[:, ::-1], quads + len(disc)])
+
+
+def _reach(kind: Kind, disc: Array, e: Array, cut: float) -> Array:
+    """How far each ray of the (y, z) plane goes before the sheet is at the cut, by bisection."""
+    ray = disc / np.maximum(np.linalg.norm(disc, axis=1), TINY)[:, None]
+    low, high = np.zeros(len(ray)), np.full(len(ray), 2 * cut)
+    for _ in range(60):
+        middle = (low + high) / 2
+        height = kind._terms(np.column_stack([np.ones(len(ray)), ray * middle[:, None]]), e, 0.0)["outer"]
+        low, high = np.where(height < cut, middle, low), np.where(height < cut, high, middle)
+    return low
 
 
 def _ring(angle: Array, exponent: float) -> Array:
@@ -67,181 +265,73 @@ def _ring(angle: Array, exponent: float) -> Array:
     return np.stack([c, s], axis=1) / norm(c, s, exponent)[:, None]
 
 
-def _secant(angle: Array, exponent: float) -> Array:
-    return np.exp(-exponent * np.log(np.maximum(np.cos(angle), TINY)))
+LAYOUTS = {"sphere": _sphere, "torus": _torus, "tube": _tube, "sheets": _sheets}
 
 
-class Ellipsoid:
-    """The superellipsoid, P1 and P2."""
-
-    def implicit(self, q: Array, e: Array, hole: float) -> Array:
-        """P1."""
-        return norm(norm(q[:, 0], q[:, 1], e[1]), q[:, 2], e[0])  # P1
-
-    def derivatives(self, q: Array, e: Array, hole: float) -> Derivatives:
-        """P1 differentiated."""
-        s, s_x, s_y, s_e2 = norm_derivatives(q[:, 0], q[:, 1], e[1])
-        f, f_s, f_z, f_e1 = norm_derivatives(s, q[:, 2], e[0])
-        return Derivatives(
-            f, np.stack([f_s * s_x, f_s * s_y, f_z], 1), np.stack([f_e1, f_s * s_e2], 1), np.zeros_like(f)
-        )
-
-    def natural(self, angles: Array, e: Array, hole: float) -> Array:
-        """P2."""
-        n, w = angles.T
-        ring = signed_power(np.cos(n), e[0])
-        return np.stack(  # P2
-            [
-                ring * signed_power(np.cos(w), e[1]),
-                ring * signed_power(np.sin(w), e[1]),
-                signed_power(np.sin(n), e[0]),
-            ],
-            axis=1,
-        )
-
-    def project(self, q: Array, e: Array, hole: float) -> Array:
-        """The regular parametrisation (2.2): rho q with rho = 1 / F(q), since F is of degree one."""
-        return q / self.implicit(q, e, hole)[:, None]  # section 2.2
-
-    def grid(self, resolution: int, e: Array, hole: float, cut: float) -> tuple[Array, Faces]:
-        """Directions of the blown-up cube."""
-        directions, quads = sphere_grid(resolution)
-        return self.project(directions, e, hole), quads
+def _ellipsoid_volume(product: float, e1: float, e2: float, hole: float) -> float:
+    return 2 * product * e1 * e2 * beta(e1 / 2 + 1, e1) * beta(e2 / 2, e2 / 2)
 
 
-class Toroid:
-    """The supertoroid: the same latitude curve pushed out by the hole radius."""
-
-    def implicit(self, q: Array, e: Array, hole: float) -> Array:
-        """Barr's form, made of degree one in the distance to the core of the tube."""
-        return norm(norm(q[:, 0], q[:, 1], e[1]) - hole, q[:, 2], e[0])  # section 2
-
-    def derivatives(self, q: Array, e: Array, hole: float) -> Derivatives:
-        """The same differentiated."""
-        s, s_x, s_y, s_e2 = norm_derivatives(q[:, 0], q[:, 1], e[1])
-        f, f_s, f_z, f_e1 = norm_derivatives(s - hole, q[:, 2], e[0])
-        return Derivatives(f, np.stack([f_s * s_x, f_s * s_y, f_z], 1), np.stack([f_e1, f_s * s_e2], 1), -f_s)
-
-    def natural(self, angles: Array, e: Array, hole: float) -> Array:
-        """Latitude and longitude both run full circles."""
-        n, w = angles.T
-        ring = hole + signed_power(np.cos(n), e[0])
-        return np.stack(
-            [
-                ring * signed_power(np.cos(w), e[1]),
-                ring * signed_power(np.sin(w), e[1]),
-                signed_power(np.sin(n), e[0]),
-            ],
-            axis=1,
-        )
-
-    def project(self, q: Array, e: Array, hole: float) -> Array:
-        """Away from the core of the tube, at the same longitude."""
-        s, f = norm(q[:, 0], q[:, 1], e[1]), self.implicit(q, e, hole)
-        ring = (hole + (s - hole) / f) / s
-        return np.stack([q[:, 0] * ring, q[:, 1] * ring, q[:, 2] / f], axis=1)
-
-    def grid(self, resolution: int, e: Array, hole: float, cut: float) -> tuple[Array, Faces]:
-        """Even rays of both superellipses, both full circles."""
-        angles, quads = torus_grid(resolution)
-        tube, around = _ring(angles[:, 0], e[0]), _ring(angles[:, 1], e[1])
-        return np.column_stack([(hole + tube[:, :1]) * around, tube[:, 1]]), quads
+def _toroid_volume(product: float, e1: float, e2: float, hole: float) -> float:
+    """The areas of both superellipses times the length around."""
+    return 8 * product * hole * e1 * e2 * beta(e1 / 2, e1 / 2 + 1) * beta(e2 / 2, e2 / 2 + 1)
 
 
-class OneSheet:
-    """The superhyperboloid of one sheet: secant and tangent in the latitude."""
-
-    def implicit(self, q: Array, e: Array, hole: float) -> Array:
-        """Radius over the surface's radius at the same height."""
-        return norm(q[:, 0], q[:, 1], e[1]) / norm(np.ones(len(q)), q[:, 2], e[0])  # section 2
-
-    def derivatives(self, q: Array, e: Array, hole: float) -> Derivatives:
-        """The same differentiated."""
-        s, s_x, s_y, s_e2 = norm_derivatives(q[:, 0], q[:, 1], e[1])
-        c, _, c_z, c_e1 = norm_derivatives(np.ones(len(q)), q[:, 2], e[0])
-        f = s / c
-        point = np.stack([s_x / c, s_y / c, -f * c_z / c], 1)
-        return Derivatives(f, point, np.stack([-f * c_e1 / c, s_e2 / c], 1), np.zeros_like(f))
-
-    def natural(self, angles: Array, e: Array, hole: float) -> Array:
-        """Latitude inside (-pi/2, pi/2), longitude a full circle."""
-        n, w = angles.T
-        ring = _secant(n, e[0])
-        return np.stack(
-            [
-                ring * signed_power(np.cos(w), e[1]),
-                ring * signed_power(np.sin(w), e[1]),
-                signed_power(np.tan(n), e[0]),
-            ],
-            axis=1,
-        )
-
-    def project(self, q: Array, e: Array, hole: float) -> Array:
-        """Away from the axis, at the same height."""
-        f = self.implicit(q, e, hole)[:, None]
-        return np.concatenate([q[:, :2] / f, q[:, 2:]], axis=1)
-
-    def grid(self, resolution: int, e: Array, hole: float, cut: float) -> tuple[Array, Faces]:
-        """Even heights between the cuts, even rays around."""
-        angles, quads = tube_grid(np.linspace(-cut, cut, 2 * resolution + 1), 4 * resolution)
-        z = angles[:, 0]
-        around = _ring(angles[:, 1], e[1]) * norm(np.ones(len(z)), z, e[0])[:, None]
-        return np.column_stack([around, z]), quads
-
-
-class TwoSheets:
-    """The superhyperboloid of two sheets: secant and tangent in both angles; longitude + pi is the other sheet."""
-
-    def implicit(self, q: Array, e: Array, hole: float) -> Array:
-        """Height of the sheet over y and z, divided by |x|."""
-        height = norm(norm(np.ones(len(q)), q[:, 2], e[0]), q[:, 1], e[1])
-        return height / np.maximum(np.abs(q[:, 0]), WAIST)  # section 2
-
-    def derivatives(self, q: Array, e: Array, hole: float) -> Derivatives:
-        """The same differentiated."""
-        x = np.where(q[:, 0] < 0, -1.0, 1.0) * np.maximum(np.abs(q[:, 0]), WAIST)
-        c, _, c_z, c_e1 = norm_derivatives(np.ones(len(q)), q[:, 2], e[0])
-        s, s_c, s_y, s_e2 = norm_derivatives(c, q[:, 1], e[1])
-        r = np.abs(x)
-        point = np.stack([-s / r / x, s_y / r, s_c * c_z / r], 1)
-        return Derivatives(s / r, point, np.stack([s_c * c_e1, s_e2], 1) / r[:, None], np.zeros_like(r))
-
-    def natural(self, angles: Array, e: Array, hole: float) -> Array:
-        """Latitude inside (-pi/2, pi/2); longitude likewise for the sheet x > 0, plus pi for the other."""
-        n, w = angles.T
-        ring, side = _secant(n, e[0]), np.sign(np.cos(w))
-        along = np.exp(-e[1] * np.log(np.maximum(np.abs(np.cos(w)), TINY)))
-        return np.stack(
-            [side * ring * along, ring * signed_power(np.tan(w), e[1]), signed_power(np.tan(n), e[0])], axis=1
-        )
-
-    def project(self, q: Array, e: Array, hole: float) -> Array:
-        """Along the x axis."""
-        return np.concatenate([q[:, :1] * self.implicit(q, e, hole)[:, None], q[:, 1:]], axis=1)
-
-    def grid(self, resolution: int, e: Array, hole: float, cut: float) -> tuple[Array, Faces]:
-        """A disc of (y, z) stretched to the cut, once for each sheet."""
-        disc, quads = disc_grid(resolution)
-        yz = disc * self._reach(disc, e, cut)[:, None]
-        sheet = self.project(np.column_stack([np.ones(len(yz)), yz]), e, hole)
-        other = sheet * [-1.0, 1.0, 1.0]
-        return np.concatenate([sheet, other]), np.concatenate([quads[:, ::-1], quads + len(disc)])
-
-    def _reach(self, disc: Array, e: Array, cut: float) -> Array:
-        """How far each ray of the (y, z) plane goes before the sheet is at the cut, by bisection."""
-        ray = disc / np.maximum(np.linalg.norm(disc, axis=1), TINY)[:, None]
-        low, high = np.zeros(len(ray)), np.full(len(ray), 2 * cut)
-        for _ in range(60):
-            middle = (low + high) / 2
-            y, z = (ray * middle[:, None]).T
-            inside = norm(norm(np.ones(len(z)), z, e[0]), y, e[1]) < cut
-            low, high = np.where(inside, middle, low), np.where(inside, high, middle)
-        return low
-
+AROUND_Z, ACROSS, WAIST = Norm(1, "x", "y"), Norm(0, "inner", "z"), Norm(0, "one", "z")
+CIRCLES, OPEN_TUBE, OPEN_SHEETS = ("circle", "circle"), ("hyperbola", "circle"), ("hyperbola", "hyperbola")
 
 KINDS: dict[str, Kind] = {
-    "ellipsoid": Ellipsoid(),
-    "toroid": Toroid(),
-    "hyperboloid1": OneSheet(),
-    "hyperboloid2": TwoSheets(),
+    kind.name: kind
+    for kind in (
+        Kind(
+            name="ellipsoid",
+            title="superellipsoid",
+            inner=AROUND_Z,
+            outer=ACROSS,
+            over="outer",
+            under="one",
+            powers=(-1, -1, -1),
+            curves=CIRCLES,
+            layout="sphere",
+            volume=_ellipsoid_volume,
+        ),
+        Kind(
+            name="toroid",
+            title="supertoroid",
+            inner=AROUND_Z,
+            outer=ACROSS,
+            over="outer",
+            under="one",
+            powers=(-1, -1, -1),
+            curves=CIRCLES,
+            layout="torus",
+            volume=_toroid_volume,
+            has_hole=True,
+        ),
+        Kind(
+            name="hyperboloid1",
+            title="superhyperboloid of one sheet",
+            inner=AROUND_Z,
+            outer=WAIST,
+            over="inner",
+            under="outer",
+            powers=(-1, -1, 0),
+            curves=OPEN_TUBE,
+            layout="tube",
+            cut_axis=2,
+        ),
+        Kind(
+            name="hyperboloid2",
+            title="superhyperboloid of two sheets",
+            inner=WAIST,
+            outer=Norm(1, "inner", "y"),
+            over="outer",
+            under="x",
+            powers=(1, 0, 0),
+            curves=OPEN_SHEETS,
+            layout="sheets",
+            cut_axis=0,
+            least_cut=1.0,
+        ),
+    )
 }

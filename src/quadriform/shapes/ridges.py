@@ -6,8 +6,8 @@ analytic function of t = log|y / x| and u = log|z| over the radius of its ring, 
 
     ellipsoid      |x| = s / N(1, e^t), |y| = |x| e^t, s = 1 / N(1, e^u), |z| = s e^u, N(1, e^t) = (1 + e^(k t))^(1/k)
     toroid         the same with the ring a4 +- s in place of s for x and y
-    hyperboloid1   s = N(1, e^u), |z| = e^u
-    hyperboloid2   |y| = s e^t, |x| = s N(1, e^t), s = N(1, e^u), |z| = e^u
+    hyperboloid1   s = N(1, e^u), |z| = e^u (a hyperbola in the latitude)
+    hyperboloid2   |y| = s e^t, |x| = s N(1, e^t), s = N(1, e^u), |z| = e^u (and one in the longitude)
 
 with k = 2 / e of the longitude for t and of the latitude for u. So each part between two planes is searched by itself.
 """
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from quadriform.points import LARGEST, Array
 from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.kinds import KINDS, Kind
 from quadriform.shapes.superellipse import log_abs, norm
 from quadriform.shapes.superquadric import EXPONENTS, Superquadric
 
@@ -90,7 +91,7 @@ def _octants(superquadric: Superquadric, scaled: Array) -> tuple[Index, Array, A
     beside, start = _beside(scaled), _logarithms(superquadric, scaled)
     own = np.where(scaled < 0, -1.0, 1.0)
     tube = np.ones(len(scaled))
-    if superquadric.kind == "toroid":
+    if KINDS[superquadric.kind].has_hole:
         tube[norm(scaled[:, 0], scaled[:, 1], superquadric.exponents[1]) < (superquadric.hole_radius or 0.0)] = -1
     indices, signs = [], []
     for mirror in product((1.0, -1.0), repeat=3):
@@ -106,13 +107,10 @@ def _logarithms(superquadric: Superquadric, scaled: Array) -> Array:
     e1, e2 = superquadric.exponents
     x, y, z = (log_abs(column) for column in scaled.T)
     ring = norm(scaled[:, 0], scaled[:, 1], e2)
-    if superquadric.kind == "hyperboloid2":
-        found = [y - _log_norm(2 / e1, z), z]
-    elif superquadric.kind == "hyperboloid1":
-        found = [y - x, z]
-    else:
-        found = [y - x, z - log_abs(ring - (superquadric.hole_radius or 0.0))]
-    return np.clip(np.stack(found, axis=1), -FAR, FAR)
+    latitude, longitude = KINDS[superquadric.kind].curves
+    t = y - x if longitude == "circle" else y - _log_norm(2 / e1, z)
+    u = z - log_abs(ring - (superquadric.hole_radius or 0.0)) if latitude == "circle" else z
+    return np.clip(np.stack([t, u], axis=1), -FAR, FAR)
 
 
 def _log_norm(k: float, t: Array) -> Array:
@@ -146,14 +144,12 @@ class _Search:
         (t, u), signs = at.T, self.signs[index]
         k1, k2 = 2 / self.superquadric.exponents
         log_t, log_u = _log_norm(k2, t), _log_norm(k1, u)
-        if self.superquadric.kind == "hyperboloid2":
-            logs = [log_u + log_t, log_u + t, u]
-        elif self.superquadric.kind == "hyperboloid1":
-            logs = [log_u - log_t, log_u - log_t + t, u]
-        else:
-            logs = [-log_u - log_t, -log_u - log_t + t, u - log_u]
-        q = signs[:, :3] * np.exp(np.stack(logs, axis=1))
-        if self.superquadric.kind == "toroid":
+        latitude, longitude = self._kind.curves
+        log_s, log_z = (-log_u, u - log_u) if latitude == "circle" else (log_u, u)
+        log_x = log_s - log_t if longitude == "circle" else log_s + log_t
+        log_y = (log_x if longitude == "circle" else log_s) + t
+        q = signs[:, :3] * np.exp(np.stack([log_x, log_y, log_z], axis=1))
+        if self._kind.has_hole:
             core = self._hole * np.exp(np.stack([-log_t, t - log_t], axis=1))
             q[:, :2] = signs[:, 3:] * q[:, :2] + signs[:, :2] * core
         return q
@@ -162,16 +158,17 @@ class _Search:
         """Derivatives of scaled surface points (n, 3) by t and by u, each (n, 3)."""
         k1, k2 = 2 / self.superquadric.exponents
         p, r, one = _share(k2, at[:, 0]), _share(k1, at[:, 1]), np.ones(len(at))
-        if self.superquadric.kind == "hyperboloid2":
-            return scaled * np.stack([p, one, 0 * one], axis=1), scaled * np.stack([r, r, one], axis=1)
-        by_t = scaled * np.stack([-p, 1 - p, 0 * one], axis=1)
-        if self.superquadric.kind == "hyperboloid1":
-            return by_t, scaled * np.stack([r, r, one], axis=1)
-        by_u = scaled * np.stack([-r, -r, 1 - r], axis=1)
-        if self.superquadric.kind == "toroid":
+        latitude, longitude = self._kind.curves
+        by_t = scaled * np.stack([-p, 1 - p, 0 * one] if longitude == "circle" else [p, one, 0 * one], axis=1)
+        by_u = scaled * np.stack([-r, -r, 1 - r] if latitude == "circle" else [r, r, one], axis=1)
+        if self._kind.has_hole:
             tube = self.signs[index, 3] * np.exp(-_log_norm(k1, at[:, 1]))
             by_u[:, :2] *= (tube / (self._hole + tube))[:, None]
         return by_t, by_u
+
+    @property
+    def _kind(self) -> Kind:
+        return KINDS[self.superquadric.kind]
 
     @property
     def _hole(self) -> float:

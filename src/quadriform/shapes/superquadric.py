@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import beta
 
 from quadriform.errors import OptionError, choose
 from quadriform.points import LARGEST, Array, check_points
@@ -76,12 +75,11 @@ class Superquadric:
         if skewness > ORTHOGONAL or np.linalg.det(self.rotation) < 0:
             raise OptionError("rotation: expected an orthogonal matrix with determinant +1")
         hole, height = self.hole_radius, self.height
-        if (hole is not None) != (self.kind == "toroid") or (hole is not None and not 1 < hole <= LARGEST):
+        if (hole is not None) != self._shape.has_hole or (hole is not None and not 1 < hole <= LARGEST):
             raise OptionError(f"hole_radius: a number above 1 for the toroid alone, found {hole}")
-        least = self.semi_axes[0] if self.kind == "hyperboloid2" else 0.0
-        if (height is not None) != self.kind.startswith("hyperboloid") or (
-            height is not None and not least < height <= LARGEST
-        ):
+        axis = self._shape.cut_axis
+        least = 0.0 if axis is None else self._shape.least_cut * self.semi_axes[axis]
+        if (height is None) != (axis is None) or (height is not None and not least < height <= LARGEST):
             raise OptionError(f"height: a length above {least:g} for hyperboloids alone, found {height}")
 
     @property
@@ -165,7 +163,7 @@ class Superquadric:
             directions: for the ellipsoid unit directions (n, 3), the regular parametrisation of section 2.2; for
                 the other kinds latitude and longitude (n, 2) in radians, their natural parametrisation.
         """
-        if self.kind != "ellipsoid":
+        if not self._shape.is_radial:
             return self.natural(directions)
         return self._world(self._shape.project(check_points(directions, "directions"), self.exponents, 0.0))
 
@@ -186,7 +184,7 @@ class Superquadric:
 
     def grid(self, resolution: int) -> tuple[Array, Faces]:
         """Well spread world points (n, 3) of the surface and quads (m, 4) between them; `resolution` as in `mesh`."""
-        cut = (self.height or 0.0) / self.semi_axes[0 if self.kind == "hyperboloid2" else 2]
+        cut = (self.height or 0.0) / self.semi_axes[self._shape.cut_axis or 0]
         scaled, quads = self._shape.grid(resolution, self.exponents, self._hole, cut)
         return self._world(scaled), quads
 
@@ -233,12 +231,9 @@ class Superquadric:
             OptionError: for hyperboloids, which enclose none.
         """
         e1, e2 = self.exponents
-        product = float(np.prod(self.semi_axes))
-        if self.kind == "ellipsoid":
-            return 2 * product * e1 * e2 * beta(e1 / 2 + 1, e1) * beta(e2 / 2, e2 / 2)
-        if self.kind == "toroid":  # areas of both superellipses times the way around
-            return 8 * product * self._hole * e1 * e2 * beta(e1 / 2, e1 / 2 + 1) * beta(e2 / 2, e2 / 2 + 1)
-        raise OptionError(f"kind={self.kind!r} encloses no volume")
+        if self._shape.volume is None:
+            raise OptionError(f"kind={self.kind!r} encloses no volume")
+        return self._shape.volume(float(np.prod(self.semi_axes)), e1, e2, self._hole)
 
     def area(self) -> float:
         """Surface area in squared units, from two meshes by Richardson's extrapolation (about 1e-4 relative)."""
@@ -247,8 +242,9 @@ class Superquadric:
 
     def compiled(self) -> _kernel.Surface:
         """The superquadric as the compiled loops take it."""
-        kind = list(KINDS).index(self.kind)
-        return _kernel.Surface(kind, self.semi_axes, self.exponents, self.rotation, self.translation, self._hole)
+        return _kernel.Surface(
+            self._shape.codes, self.semi_axes, self.exponents, self.rotation, self.translation, self._hole
+        )
 
     def _only_ellipsoid(self, what: str) -> None:
         if self.kind != "ellipsoid":

@@ -75,8 +75,8 @@ class Candidates:
 
     @property
     def n_parameters(self) -> int:
-        """11, or 12 for the toroid."""
-        return 12 if self.kind == "toroid" else 11
+        """11, or 12 of a kind with a hole."""
+        return KINDS[self.kind].n_parameters
 
     def take(self, index: NDArray[np.int64]) -> "Candidates":
         """The chosen ones."""
@@ -105,7 +105,7 @@ class Candidates:
             exponents=np.clip(self.exponents + step[:, POWERS], *EXPONENTS),
             rotations=self.rotations @ Rotation.from_rotvec(step[:, TURN]).as_matrix(),
             translations=self.translations + (self.rotations @ step[:, SHIFT, None])[..., 0],
-            log_holes=np.clip(self.log_holes + step[:, HOLE], -10, 10) if self.kind == "toroid" else self.log_holes,
+            log_holes=np.clip(self.log_holes + step[:, HOLE], -10, 10) if KINDS[self.kind].has_hole else self.log_holes,
         )
 
     def superquadric(self, index: int) -> Superquadric:
@@ -121,8 +121,8 @@ class Candidates:
             self.exponents[index],
             turn,
             self.translations[index],
-            hole_radius=hole if self.kind == "toroid" else None,
-            height=2 * float(axes.max()) if self.kind.startswith("hyperboloid") else None,
+            hole_radius=hole if KINDS[self.kind].has_hole else None,
+            height=None if KINDS[self.kind].cut_axis is None else 2 * float(axes.max()),
         )
 
 
@@ -130,8 +130,9 @@ def distances(candidates: Candidates, points: Array) -> tuple[Array, Array]:
     """Signed distances (M, m) of points (m, 3) to each candidate and their derivatives (M, n_parameters, m)."""
     count, each = len(candidates), len(points)
     result, derivatives = np.empty((count, each)), np.empty((count, candidates.n_parameters, each))
-    axes, holes = np.exp(candidates.log_axes), 1 + np.exp(candidates.log_holes)
+    kind = KINDS[candidates.kind]
+    axes, holes = np.exp(candidates.log_axes), kind.has_hole * (1 + np.exp(candidates.log_holes))
     given = (axes, candidates.exponents, candidates.rotations, candidates.translations, holes, points)
     a, e, r, t, h, x = (np.ascontiguousarray(array) for array in given)
-    _kernel.distances(list(KINDS).index(candidates.kind), a, e, r, t, h, x, result, derivatives)  # P4
+    _kernel.distances(kind.codes, a, e, r, t, h, x, result, derivatives)  # P4
     return result, derivatives

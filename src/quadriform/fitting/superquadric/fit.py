@@ -73,7 +73,7 @@ def fit_superquadric(
     elif weights is not None or fixed:
         raise OptionError("method='paper' takes neither weights nor fixed; use method='robust'")
     else:
-        check_spread(world, needed=12 if kind == "toroid" else 11)
+        check_spread(world, needed=KINDS[kind].n_parameters)
         frame = Frame.of(world)
         found = in_world(fit_paper(frame.to_local(world), kind), frame)
     return replace(found, warnings=precision_loss(checked.number_type, world) | found.warnings, notes=notes)
@@ -88,7 +88,7 @@ def fit_robust(world: Array, kind: str, weights: Array, fixed: dict[str, ArrayLi
         weights: (n,) checked.
         fixed: held values by name, in the frame of the points.
     """
-    check_spread(world[weights > 0], needed=12 if kind == "toroid" else 11)
+    check_spread(world[weights > 0], needed=KINDS[kind].n_parameters)
     given = Distinct.of(world, weights)
     frame = Frame.of(given.points)
     held = _in_frame(fixed, frame)

@@ -5,7 +5,9 @@ the noise. The axes of the quadric nearest to the points depend on other moments
 Every choice here rotates, moves and scales with the points, and their order does not matter.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from itertools import permutations, product
 
 import numpy as np
@@ -18,6 +20,7 @@ from quadriform.fitting.neighbourhood import TIE
 from quadriform.fitting.superquadric.batch import Candidates
 from quadriform.points import Array
 from quadriform.shapes import pose
+from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.superquadric import Superquadric
 
 NEIGHBOURS = 9
@@ -148,28 +151,32 @@ def hyperboloids(points: Array, kind: str) -> list[Superquadric]:
 
 def _hyperboloid(points: Array, kind: str, centre: Array, axes: Array, sizes: Array) -> Superquadric:
     """A hyperboloid that is cut where the points end."""
-    axis = 0 if kind == "hyperboloid2" else 2
+    axis = KINDS[kind].cut_axis or 0
     reach = float(np.abs((points - centre) @ axes[:, axis]).max())
-    height = max(reach, 1.01 * sizes[0]) if axis == 0 else reach
+    height = max(reach, 1.01 * KINDS[kind].least_cut * sizes[axis])
     return Superquadric(kind, sizes, np.ones(2), axes, centre, height=height)
 
 
 def start(points: Array, kind: str) -> Superquadric:
     """The paper's one start for a kind."""
-    if kind == "ellipsoid":
-        return ellipsoid_by_moments(points)
-    if kind == "toroid":
-        return toroid_by_moments(points)
-    return hyperboloid_by_quadric(points, kind)
+    return STARTS[kind](points)
+
+
+STARTS: dict[str, Callable[[Array], Superquadric]] = {
+    "ellipsoid": ellipsoid_by_moments,
+    "toroid": toroid_by_moments,
+    "hyperboloid1": partial(hyperboloid_by_quadric, kind="hyperboloid1"),
+    "hyperboloid2": partial(hyperboloid_by_quadric, kind="hyperboloid2"),
+}
 
 
 def cut_to(found: Superquadric, points: Array) -> Superquadric:
-    """A hyperboloid cut where the points end; other kinds as they are."""
-    if found.height is None or not len(points):
+    """A surface of an open kind cut where the points end; closed kinds as they are."""
+    axis = KINDS[found.kind].cut_axis
+    if axis is None or not len(points):
         return found
-    axis = 0 if found.kind == "hyperboloid2" else 2
     reach = float(np.abs(pose.to_local(points, found.rotation, found.translation)[:, axis]).max())
-    return replace(found, height=max(reach, 1.001 * found.semi_axes[0]) if axis == 0 else reach)
+    return replace(found, height=max(reach, 1.001 * KINDS[found.kind].least_cut * found.semi_axes[axis]))
 
 
 def reach(points: Array, cloud: Array) -> Array:

@@ -26,6 +26,7 @@ from quadriform.fitting.superquadric.initial import (
 )
 from quadriform.fitting.superquadric.levenberg_marquardt import Descent
 from quadriform.points import Array
+from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.superquadric import Superquadric
 
 CLOUD, FINE, COARSE, COARSE_WIDE = 1500, 500, 160, 320
@@ -98,7 +99,7 @@ class Problem:
     def held(self) -> NDArray[np.bool_]:
         """(11,) or (12,): which parameters stay."""
         names = np.repeat(["semi_axes", "exponents", "rotation", "translation", "hole_radius"], [3, 2, 3, 3, 1])
-        return np.isin(names[: 12 if self.kind == "toroid" else 11], list(self.fixed))
+        return np.isin(names[: KINDS[self.kind].n_parameters], list(self.fixed))
 
     def with_fixed(self, candidates: Candidates) -> Candidates:
         """Candidates with the held values in their places."""

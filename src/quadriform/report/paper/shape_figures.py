@@ -13,6 +13,7 @@ from quadriform.report.paper.material import Material
 from quadriform.report.paper.remake import NONE, NOT, SAME, Remake, Row, mm, shown
 from quadriform.report.paper.subjects import SYNTHETIC
 from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
 
@@ -20,11 +21,6 @@ GALLERY = (0.1, 0.5, 1.0, 2.0, 3.0)
 """Exponents, of latitude and of longitude."""
 EDGE = 10.0
 """The surface is called curved where its normal is farther than this from all axes, in degrees."""
-KIND_NAMES = {
-    "toroid": "supertoroid",
-    "hyperboloid1": "superhyperboloid of one sheet",
-    "hyperboloid2": "superhyperboloid of two sheets",
-}
 
 
 def gallery(_: Material) -> Remake:
@@ -174,7 +170,7 @@ def other_kinds(material: Material) -> Remake:
     pictures = [picture for bent in material.kinds for picture in _kind_pictures(bent)]
     rows: list[Row] = []
     for bent in material.kinds:
-        name = KIND_NAMES[bent.truth.kind]
+        name = KINDS[bent.truth.kind].title
         rows.append((f"error RMS of the superquadric, {name}", NONE, mm(bent.error), NOT))
         rows.append((f"after a bend: the superquadric alone, {name}", NONE, *_each(bent, "superquadric_rms")))
         rows.append((f"after a bend: the model, {name}", NONE, *_each(bent, "rms")))
@@ -204,7 +200,7 @@ def _each(bent: Bent, quantity: str) -> list[str]:
 
 
 def _kind_pictures(bent: Bent) -> list[tuple[str, Markup]]:
-    name = KIND_NAMES[bent.truth.kind]
+    name = KINDS[bent.truth.kind].title
     meshes = [bent.found.superquadric.mesh(drawing.RESOLUTION), bent.fits[0].model.mesh(resolution=drawing.RESOLUTION)]
     window = np.concatenate([bent.points, bent.bent, *(mesh.vertices for mesh in meshes)])
     artists = {

@@ -9,6 +9,7 @@ namespace nb = nanobind;
 using namespace quadriform;
 
 using In = nb::ndarray<const double, nb::c_contig, nb::device::cpu>;
+using Codes = nb::ndarray<const int, nb::c_contig, nb::device::cpu>;
 using Out = nb::ndarray<double, nb::c_contig, nb::device::cpu>;
 
 static Box make_box(In origin, In to_local, In control) {
@@ -24,8 +25,13 @@ static Box make_box(In origin, In to_local, In control) {
     return box;
 }
 
-static Surface make_surface(int kind, In axes, In exponents, In rotation, In translation, double hole) {
-    Surface surface{static_cast<Kind>(kind), {}, {}, {}, {}, hole};
+static Kind make_kind(Codes kind) {
+    const int *at = kind.data();
+    return {{at[0], at[1], at[2]}, {at[3], at[4], at[5]}, at[6], at[7], {at[8], at[9], at[10]}};
+}
+
+static Surface make_surface(Codes kind, In axes, In exponents, In rotation, In translation, double hole) {
+    Surface surface{make_kind(kind), {}, {}, {}, {}, hole};
     for (int a = 0; a < 3; ++a) {
         surface.axes[a] = axes.data()[a], surface.translation[a] = translation.data()[a];
         for (int b = 0; b < 3; ++b)
@@ -115,11 +121,11 @@ static void slide(const Box &box, const Surface &surface, double diagonal, In ta
 }
 
 // Of all points to each of many superquadrics of a kind: (M, n), (M, parameters, n).
-static void distances(int kind, In axes, In exponents, In rotations, In translations, In holes, In points, Out out,
+static void distances(Codes kind, In axes, In exponents, In rotations, In translations, In holes, In points, Out out,
                       Out derivatives) {
     const std::size_t n = points.shape(0), parameters = derivatives.shape(1);
     for (std::size_t m = 0; m < axes.shape(0); ++m) {
-        Surface surface{static_cast<Kind>(kind), {}, {}, {}, {}, holes.data()[m]};
+        Surface surface{make_kind(kind), {}, {}, {}, {}, holes.data()[m]};
         std::copy_n(axes.data() + 3 * m, 3, surface.axes), std::copy_n(exponents.data() + 2 * m, 2, surface.exponents);
         std::copy_n(rotations.data() + 9 * m, 9, &surface.rotation[0][0]),
             std::copy_n(translations.data() + 3 * m, 3, surface.translation);
@@ -131,7 +137,7 @@ static void distances(int kind, In axes, In exponents, In rotations, In translat
 NB_MODULE(_kernel, m) {
     using Free = nb::call_guard<nb::gil_scoped_release>;
     nb::class_<Box>(m, "Box").def("__init__", [](Box *at, In o, In l, In c) { new (at) Box(make_box(o, l, c)); });
-    nb::class_<Surface>(m, "Surface").def("__init__", [](Surface *at, int k, In a, In e, In r, In t, double h) {
+    nb::class_<Surface>(m, "Surface").def("__init__", [](Surface *at, Codes k, In a, In e, In r, In t, double h) {
         new (at) Surface(make_surface(k, a, e, r, t, h));
     });
     m.def("deform", &deform, Free());

@@ -1,14 +1,12 @@
-// The four superquadrics in their own frame, divided by the semi-axes: F, its slopes, and the way onto the surface.
-// The formulas are those of superellipse.py and kinds.py.
+// Superquadrics in their own frame, divided by the semi-axes: F, its derivatives, and the way onto the surface.
+// The formulas are those of superellipse.py; which norm is taken of what is data: `Kind.codes` of kinds.py.
 #pragma once
 
 #include "elementary.hpp"
 
 namespace quadriform {
 
-enum class Kind { ellipsoid, toroid, hyperboloid1, hyperboloid2 };
-
-constexpr double TINY = 1e-300, WAIST = 1e-50;
+constexpr double TINY = 1e-300, LEAST_X = 1e-50;
 constexpr double EDGE = 1e-12; // of the norm: nearer to zero than this a coordinate is zero but for rounding
 
 // The superellipse's norm of (u, v) and its derivatives by u, v and the exponent.
@@ -35,53 +33,82 @@ INLINED Norm norm(Lane u, Lane v, double exponent) { // P10
     return {value, slope(value, p, u), slope(value, q, v), value * (excess - gap * small) / 2};
 }
 
+// Terms of F in the order of TERMS in kinds.py: coordinates, the constant 1, the inner and the outer norm.
+enum Term { X, Y, Z, ONE, INNER, OUTER };
+
+// Which superellipse norm is taken of which terms; F is the term `over` divided by the term `under`.
+struct Kind {
+    struct Taken {
+        int exponent, u, v;
+    } inner, outer;
+    int over, under, powers[3];
+};
+
 struct Slopes {
     Lane value, by_point[3], by_exponents[2], by_hole;
 };
+
+// By a term itself: a coordinate has a unit gradient, the inner norm the one that is given.
+INLINED void add(Slopes &sum, Lane by, int term, const Slopes &inner) {
+    if (term < ONE) {
+        sum.by_point[term] += by;
+    } else if (term == INNER) {
+        for (int a = 0; a < 3; ++a)
+            sum.by_point[a] += by * inner.by_point[a];
+        for (int a = 0; a < 2; ++a)
+            sum.by_exponents[a] += by * inner.by_exponents[a];
+        sum.by_hole += by * inner.by_hole;
+    }
+}
 
 struct Surface {
     Kind kind;
     double axes[3], exponents[2], rotation[3][3], translation[3], hole;
 
-    INLINED Slopes slopes(const Lanes3 &q) const {
-        if (kind == Kind::ellipsoid || kind == Kind::toroid) { // P1
-            const Norm s = norm(q[0], q[1], exponents[1]);
-            const Norm f = norm(kind == Kind::toroid ? s.value - hole : s.value, q[2], exponents[0]);
-            return {f.value,
-                    {f.by_u * s.by_u, f.by_u * s.by_v, f.by_v},
-                    {f.by_exponent, f.by_u * s.by_exponent},
-                    kind == Kind::toroid ? -f.by_u : Lane{}};
-        }
-        const Norm c = norm(constant(1), q[2], exponents[0]);
-        if (kind == Kind::hyperboloid1) {
-            const Norm s = norm(q[0], q[1], exponents[1]);
-            const Lane f = s.value / c.value;
-            return {f,
-                    {s.by_u / c.value, s.by_v / c.value, -f * c.by_v / c.value},
-                    {-f * c.by_exponent / c.value, s.by_exponent / c.value},
-                    Lane{}};
-        }
-        const Lane r = most(size(q[0]), constant(WAIST)), x = q[0] < 0 ? -r : r;
-        const Norm s = norm(c.value, q[1], exponents[1]);
-        return {s.value / r,
-                {-s.value / r / x, s.by_v / r, s.by_u * c.by_v / r},
-                {s.by_u * c.by_exponent / r, s.by_exponent / r},
-                Lane{}};
+    // A norm of two terms with its derivatives, by the chain rule.
+    INLINED Slopes norm_of(const Kind::Taken &taken, const Lane (&terms)[5], const Slopes &inner) const {
+        const Norm n = norm(terms[taken.u], terms[taken.v], exponents[taken.exponent]);
+        Slopes result{n.value, {}, {}, Lane{}};
+        add(result, n.by_u, taken.u, inner), add(result, n.by_v, taken.v, inner);
+        result.by_exponents[taken.exponent] += n.by_exponent;
+        return result;
     }
 
-    // The surface point on the ray through q, where F is f; each kind has its own origin of rays.
+    INLINED Slopes slopes(const Lanes3 &q) const { // P1
+        Lane terms[5] = {q[0], q[1], q[2], constant(1), Lane{}};
+        Slopes inner = norm_of(kind.inner, terms, Slopes{});
+        inner.value -= hole, inner.by_hole = constant(hole > 0 ? -1 : 0);
+        terms[INNER] = inner.value;
+        const Slopes outer = norm_of(kind.outer, terms, inner);
+        Slopes f = kind.over == INNER ? inner : outer;
+        if (kind.under == ONE)
+            return f;
+        Slopes below = outer;
+        if (kind.under == X) {
+            below = Slopes{most(size(q[0]), constant(LEAST_X)), {}, {}, Lane{}};
+            below.by_point[0] = q[0] < 0 ? constant(-1) : constant(1);
+        }
+        f.value /= below.value;
+        for (int a = 0; a < 3; ++a)
+            f.by_point[a] = (f.by_point[a] - f.value * below.by_point[a]) / below.value;
+        for (int a = 0; a < 2; ++a)
+            f.by_exponents[a] = (f.by_exponents[a] - f.value * below.by_exponents[a]) / below.value;
+        return f;
+    }
+
+    // Whether rays from the centre lead to the surface.
+    INLINED bool radial() const { return hole == 0 && kind.powers[0] < 0 && kind.powers[1] < 0 && kind.powers[2] < 0; }
+
+    // The surface point on the ray through q, where F is f; a tube's rays begin at its core.
     INLINED void project(Lanes3 &q, Lane f) const {
-        if (kind == Kind::ellipsoid) {
-            for (Lane &x : q)
-                x /= f; // 2.2
-        } else if (kind == Kind::toroid) {
+        if (hole > 0) {
             const Lane s = norm(q[0], q[1], exponents[1]).value, ring = (hole + (s - hole) / f) / s;
             q[0] *= ring, q[1] *= ring, q[2] /= f;
-        } else if (kind == Kind::hyperboloid1) {
-            q[0] /= f, q[1] /= f;
-        } else {
-            q[0] *= f;
+            return;
         }
+        for (int a = 0; a < 3; ++a)
+            if (kind.powers[a])
+                q[a] = kind.powers[a] > 0 ? q[a] * f : q[a] / f; // 2.2
     }
 
     INLINED void to_local(const Lanes3 &points, Lanes3 &local) const {
@@ -113,13 +140,13 @@ struct Surface {
         turned(slopes(q), result);
     }
 
-    // Points onto the surface, and the gradient there; along a ray from the ellipsoid's centre it is the same.
+    // Points onto the surface, and the gradient there; along a ray from the centre it is the same.
     INLINED void onto(Lanes3 &points, Lanes3 &gradient) const {
         Lanes3 q;
         scaled(points, q);
         Slopes at = slopes(q);
         project(q, at.value);
-        if (kind != Kind::ellipsoid)
+        if (!radial())
             at = slopes(q);
         for (int a = 0; a < 3; ++a) {
             points[a] = constant(translation[a]);

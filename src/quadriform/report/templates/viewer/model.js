@@ -50,13 +50,23 @@ function tube(rows, columns, wrap) {
   return quads;
 }
 
-const kinds = {
-  ellipsoid(s, n) {
-    const grid = cube(n), [e1, e2] = s.exponents;
-    const points = directions(grid.places, n).map((d) => { const f = norm(norm(d[0], d[1], e2), d[2], e1); return d.map((c) => c / f); });
+/** The terms of a kind's F at a scaled point, by the composition that the package's table of kinds gives. */
+function terms(s, [x, y, z]) {
+  const found = { x, y, z, one: 1 };
+  const take = ([exponent, u, v]) => norm(found[u], found[v], s.exponents[exponent]);
+  found.inner = take(s.kind.inner) - (s.hole ?? 0);
+  found.outer = take(s.kind.outer);
+  return found;
+}
+
+/** Grids over surfaces by their layout, in units of the semi-axes. */
+const layouts = {
+  sphere(s, n) {
+    const grid = cube(n);
+    const points = directions(grid.places, n).map((d) => { const t = terms(s, d), f = t[s.kind.over] / t[s.kind.under]; return d.map((c) => c / f); });
     return { points, quads: grid.quads, cube: grid };
   },
-  toroid(s, n) {
+  torus(s, n) {
     const rows = 2 * Math.max(2, n), columns = 4 * n, points = [];
     for (let r = 0; r < rows; r++) for (let c = 0; c < columns; c++) {
       const t = ring(2 * Math.PI * r / rows, s.exponents[0]), a = ring(2 * Math.PI * c / columns, s.exponents[1]);
@@ -64,25 +74,25 @@ const kinds = {
     }
     return { points, quads: tube(rows, columns, true) };
   },
-  hyperboloid1(s, n) {
-    const rows = 2 * n + 1, columns = 4 * n, cut = s.height / s.semi_axes[2], points = [];
+  tube(s, n) {
+    const rows = 2 * n + 1, columns = 4 * n, cut = s.height / s.semi_axes[s.kind.cut_axis], points = [];
     for (let r = 0; r < rows; r++) for (let c = 0; c < columns; c++) {
-      const z = cut * (r / n - 1), a = ring(2 * Math.PI * c / columns, s.exponents[1]), f = norm(1, z, s.exponents[0]);
+      const z = cut * (r / n - 1), a = ring(2 * Math.PI * c / columns, s.exponents[1]), f = terms(s, [...a, z]).outer;
       points.push([a[0] * f, a[1] * f, z]);
     }
     return { points, quads: tube(rows, columns, false) };
   },
-  hyperboloid2(s, n) {
-    const grid = cube(n), all = directions(grid.places, n), cut = s.height / s.semi_axes[0], [e1, e2] = s.exponents;
-    const F = (y, z) => norm(norm(1, z, e1), y, e2), kept = new Map(), points = [], quads = [];
+  sheets(s, n) {
+    const grid = cube(n), all = directions(grid.places, n), cut = s.height / s.semi_axes[s.kind.cut_axis];
+    const height = (y, z) => terms(s, [1, y, z]).outer, kept = new Map(), points = [], quads = [];
     all.forEach((d, v) => {
       if (d[0] < -1e-12) return;
       kept.set(v, points.length);
       const around = Math.hypot(d[1], d[2]), radius = Math.atan2(around, d[0]) / (Math.PI / 2);
       const y = d[1] / Math.max(around, TINY), z = d[2] / Math.max(around, TINY);
       let low = 0, high = 2 * cut;
-      for (let turn = 0; turn < 60; turn++) { const m = (low + high) / 2; if (F(y * m, z * m) < cut) low = m; else high = m; }
-      points.push([F(y * radius * low, z * radius * low), y * radius * low, z * radius * low]);
+      for (let step = 0; step < 60; step++) { const m = (low + high) / 2; if (height(y * m, z * m) < cut) low = m; else high = m; }
+      points.push([height(y * radius * low, z * radius * low), y * radius * low, z * radius * low]);
     });
     const half = points.length;
     for (let q = 0; q < grid.quads.length; q += 4) {
@@ -96,7 +106,7 @@ const kinds = {
 /** A superquadric's grid in the world before deformation: { rest (3 N), quads (4 M), cube }. */
 function restGrid(s, resolution) {
   const n = 2 * Math.max(1, Math.floor((resolution + 1) / 2));
-  const grid = kinds[s.kind](s, s.kind === "ellipsoid" || s.kind === "hyperboloid2" ? n : resolution);
+  const layout = s.kind.layout, grid = layouts[layout](s, layout === "sphere" || layout === "sheets" ? n : resolution);
   const rest = new Float64Array(3 * grid.points.length);
   grid.points.forEach((q, v) => {
     for (let c = 0; c < 3; c++) {

@@ -41,7 +41,7 @@ function volumeOf(surface, t) {
 }
 
 const digits = (value) => String(Number(value.toPrecision(4)));
-const closed = data.surfaces.filter((s) => !s.kind.startsWith("hyperboloid"));
+const closed = data.surfaces.filter((s) => s.kind.cut_axis === null);
 
 function numbers() {
   const rows = closed.map((s) => [`volume, ${s.name}`, `${digits(volumeOf(s, state.time))} ${data.volume_unit}`, `volume-${s.name}`]);
