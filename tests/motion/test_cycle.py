@@ -9,9 +9,10 @@ from shapes_made import gap, lumpy
 import quadriform as qf
 from quadriform.errors import DegenerateError, OptionError
 from quadriform.fitting.least_squares.regularisers import Bending
+from quadriform.fitting.refinement import unfolding
+from quadriform.fitting.refinement.point_to_plane import SMALLEST_STEP
 from quadriform.fitting.refinement.starts import ellipsoids
-from quadriform.motion import cycle as cycle_module
-from quadriform.motion.cycle import DESCENT, MOST_ROUNDS, ROUNDS, SMALLEST_STEP, Cycle
+from quadriform.motion.cycle import DESCENT, MOST_ROUNDS, ROUNDS, Cycle
 from quadriform.motion.cycle_equations import CycleEvidence
 from quadriform.motion.slice_shifts import FEWEST
 from quadriform.points import Frame
@@ -76,7 +77,7 @@ def test_what_is_not_proven_to_be_free_of_folds_is_said_of_its_frame(monkeypatch
         boxes.append(box)
         return len(boxes) % 3 != 2
 
-    monkeypatch.setattr(cycle_module, "certified", all_but_the_second)
+    monkeypatch.setattr(unfolding, "certified", all_but_the_second)
     found = tracked()
     assert found.warnings["FOLDING"].startswith("frame 1: the map is not verified to be free of folds")
     assert "FOLDING" not in plain.warnings

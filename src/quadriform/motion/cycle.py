@@ -7,11 +7,11 @@ import numpy as np
 
 from quadriform.errors import DegenerateError, OptionError
 from quadriform.fitting.least_squares.normal_equations import normal_equations
-from quadriform.fitting.least_squares.regularisers import Regulariser, penalty
+from quadriform.fitting.least_squares.regularisers import Regulariser, penalty_matrix
 from quadriform.fitting.refinement.multiresolution import FIRST_NOISE
-from quadriform.fitting.refinement.point_to_plane import data_rows, evidence_of
+from quadriform.fitting.refinement.point_to_plane import data_rows, evidence_of, step_length
 from quadriform.fitting.refinement.surface_data import Sheet
-from quadriform.fitting.refinement.unfolding import FIRST_PRESS, FLOOR, NEAR_FLOOR, Floor, certified, low_places
+from quadriform.fitting.refinement.unfolding import JacobianPenalty
 from quadriform.fitting.result import Progress
 from quadriform.motion.cycle_equations import CycleEvidence
 from quadriform.motion.slice_shifts import SliceNumbers, SlicePlanes
@@ -31,7 +31,6 @@ MOST = 0.5
 """Of the points of a surface in a frame at least this share is taken to belong to it."""
 MEDIAN = 0.6745
 """Of the distance of normally distributed values from their mean, in standard deviations."""
-SMALLEST_STEP = 1e-2
 
 
 @dataclass(frozen=True)
@@ -91,14 +90,14 @@ class Cycle:
         self.frames = frames
         self.sheets = [self._sheets(frame, box) for frame in frames]
         self.shape: tuple[int, int, int] = box.control_points.shape[:3]
-        self.regularity, self.penalty = regularity, penalty(regularity, self.shape)
+        self.regularity, self.penalty = regularity, penalty_matrix(regularity, self.shape)
         self.noise = FIRST_NOISE * float(np.median(np.abs(np.concatenate(self._distances()))))
         away = [np.concatenate([sheet.distances(box) for sheet in sheets]) for sheets in self.sheets]
         order = np.argsort([distances @ distances for distances in away], kind="stable")
         self.ends = int(order[0]), int(order[-1])
         self.shifts = np.zeros((0 if planes is None else len(planes[0].numbers), 2))
-        weight = FIRST_PRESS * sum(len(cloud) for cloud in frames[0].values()) * (self.noise / FLOOR) ** 2
-        self.floors = [Floor.under(box, surfaces, weight)] * len(frames)
+        count = sum(len(cloud) for cloud in frames[0].values())
+        self.penalties = [JacobianPenalty.of(box, surfaces, count, self.noise)] * len(frames)
 
     def _sheets(self, frame: Mapping[str, Array], box: ControlBox) -> list[Sheet]:
         result = []
@@ -167,17 +166,18 @@ class Cycle:
         if self.robust:
             self._weigh()
         evidence = self._evidence()
-        presses = [floor.equations(box) for floor, box in zip(self.floors, self.boxes)]
-        solution = evidence.plus(presses).solve(*strengths)
+        penalties = [penalty.equations(box) for penalty, box in zip(self.penalties, self.boxes)]
+        solution = evidence.plus(penalties).solve(*strengths)
         if solution is None:
             return False
-        moved, turned = solution.displacement - self.displacement, solution.shifts - self.shifts.ravel()
-        before, share = self._total(evidence, self.displacement, self.shifts.ravel(), strengths), 1.0
-        while share > SMALLEST_STEP:
-            displacement, shifts = self.displacement + share * moved, self.shifts.ravel() + share * turned
-            if self._total(evidence, displacement, shifts, strengths) <= before:
-                break
-            share /= 2
+        moved, shifted = solution.displacement - self.displacement, solution.shifts - self.shifts.ravel()
+
+        def total(length: float) -> float:
+            trial = self.displacement + length * moved, self.shifts.ravel() + length * shifted
+            return self._total(evidence, *trial, strengths)
+
+        length = step_length(total)
+        displacement, shifts = self.displacement + length * moved, self.shifts.ravel() + length * shifted
         self.displacement, self.shifts = displacement, shifts.reshape(-1, 2)
         self.boxes, self.noise = self._boxes(self.displacement), solution.noise
         self._shift()
@@ -186,8 +186,8 @@ class Cycle:
     def _total(
         self, evidence: CycleEvidence, displacement: Array, shifts: Array, strengths: tuple[float, float]
     ) -> float:
-        pressures = [floor.cost(box) for floor, box in zip(self.floors, self._boxes(displacement))]
-        return evidence.cost(displacement, shifts, *strengths) + sum(pressures)
+        penalties = [penalty.cost(box) for penalty, box in zip(self.penalties, self._boxes(displacement))]
+        return evidence.cost(displacement, shifts, *strengths) + sum(penalties)
 
     def _boxes(self, displacement: Array) -> list[ControlBox]:
         rest = self.boxes[0].rest
@@ -233,12 +233,11 @@ class Cycle:
         return CycleEvidence(equations, self.values, self.basis, self.penalty, self.shape, count, border)
 
     def _certified(self) -> tuple[bool, ...]:
-        """Which frames do not fold; the others are pressed harder, at more places."""
+        """Which frames are verified to be free of folds; the penalties of the others become stronger."""
         result = []
-        for frame, (box, floor) in enumerate(zip(self.boxes, self.floors)):
-            fine = floor.lowest(box) > NEAR_FLOOR
-            result.append(fine and certified(box, self.surfaces))
-            if not result[-1]:
-                more = low_places(box, self.surfaces) if fine else np.empty((0, 3))
-                self.floors[frame] = floor.harder().with_places(more)
+        for frame, (box, penalty) in enumerate(zip(self.boxes, self.penalties)):
+            verified, penalty = penalty.check(box, self.surfaces)
+            result.append(verified)
+            if not verified:
+                self.penalties[frame] = penalty.stronger()
         return tuple(result)

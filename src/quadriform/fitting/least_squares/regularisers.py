@@ -71,7 +71,7 @@ class Bending:
         return result
 
 
-def penalty(regularity: str | Regulariser, shape: tuple[int, int, int]) -> Array:
+def penalty_matrix(regularity: str | Regulariser, shape: tuple[int, int, int]) -> Array:
     """The matrix (k, k) of "springs", "springs-paper", "bending" or of a user's own regulariser, checked.
 
     Raises:

@@ -22,13 +22,12 @@ from quadriform.fitting.least_squares.uncertainty import FinerBox
 from quadriform.fitting.options import TangentOptions, check_strength
 from quadriform.fitting.refinement.point_to_plane import data_rows, evidence_from, moved, record
 from quadriform.fitting.refinement.surface_data import Sheet
-from quadriform.fitting.refinement.unfolding import FIRST_PRESS, FLOOR, NEAR_FLOOR, Floor, certified, low_places
+from quadriform.fitting.refinement.unfolding import JacobianPenalty, remove_folds
 from quadriform.fitting.result import Fit
 from quadriform.points import Array, Frame
 from quadriform.shapes.closest import closest_on, settle
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.model import DeformableModel
-from quadriform.shapes.superquadric import Superquadric
 from quadriform.shapes.threads import threads_for
 
 MANY, SAMPLE = 50_000, 30_000
@@ -36,8 +35,8 @@ MANY, SAMPLE = 50_000, 30_000
 PART = 16_000
 """Points that are handled at once; the parts are shared out among the cores."""
 ROUNDS, SLIDES = 3, 4
-HOLDS, PRESSES, DEAR = (1, 10, 100), 10, 1.01
-"""Pressure may make the noise this much larger; else the box is held so many times more strongly."""
+STRONGER, ACCEPTED = (1, 10, 100), 1.01
+"""Fold removal may make the noise this many times larger; else the strength is made so many times larger."""
 MIX = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
 T = TypeVar("T")
 
@@ -183,7 +182,7 @@ def _rounds(points: _All, found: Fit, box: ControlBox, options: TangentOptions) 
         after = None if first is None else _unfolded(points, evidence, box, first)
         if after is None:
             return found
-        before, (box, solution) = box, after
+        before, box, solution = box, after.box, after.solution
         solutions.append(solution)
         noise = solution.noise
         history.append(record(before, box, probes, noise).scaled(scale))
@@ -199,42 +198,38 @@ def _rounds(points: _All, found: Fit, box: ControlBox, options: TangentOptions) 
     )
 
 
-def _unfolded(
-    points: _All, evidence: Evidence, box: ControlBox, solution: Solution
-) -> tuple[ControlBox, Solution] | None:
-    """The box moved as a solution says; where it folds, under pressure, and held more strongly if that is too dear."""
+@dataclass(frozen=True)
+class _Solved:
+    """A box moved by the solution of a linear problem."""
+
+    box: ControlBox
+    solution: Solution
+
+
+@dataclass(frozen=True)
+class _Linear:
+    """The linear problem of one round, whose sums over all points are not taken anew under a penalty."""
+
+    evidence: Evidence
+
+    def penalised(self, state: _Solved, penalty: JacobianPenalty, strength: float) -> _Solved | None:
+        """The state at the solution with the penalty, linear about the state's box; None without one."""
+        solution = self.evidence.plus(penalty.equations(state.box)).solve(strength)
+        return None if solution is None else _Solved(moved(state.box, solution), solution)
+
+
+def _unfolded(points: _All, evidence: Evidence, box: ControlBox, solution: Solution) -> _Solved | None:
+    """The box moved by a solution, without folds; regularised more strongly where that would cost too much noise."""
     surfaces = {surface.name: surface.sheet.superquadric for surface in points.surfaces}
-    gentle = Floor.under(box, surfaces, FIRST_PRESS * evidence.count * (solution.noise / FLOOR) ** 2)
-    for harder in HOLDS:
-        held = solution if harder == 1 else evidence.solve(harder * solution.strength)
-        found = None if held is None else _pressed(evidence, box, held, gentle, surfaces, DEAR * solution.noise)
+    penalty = JacobianPenalty.of(box, surfaces, evidence.count, solution.noise)
+    for factor in STRONGER:
+        first = solution if factor == 1 else evidence.solve(factor * solution.strength)
+        if first is None:
+            continue
+        state = _Solved(moved(box, first), first)
+        found = remove_folds(_Linear(evidence), state, penalty, first.strength, surfaces, ACCEPTED * solution.noise)
         if found is not None:
-            return found[0], replace(found[1], bend=solution.bend)
-    return None
-
-
-def _pressed(
-    evidence: Evidence,
-    box: ControlBox,
-    held: Solution,
-    floor: Floor,
-    surfaces: Mapping[str, Superquadric],
-    most: float,
-) -> tuple[ControlBox, Solution] | None:
-    """The box as a solution moves it, under more and more pressure until it is certified not to fold.
-
-    None where that does not come about at a noise of at most `most`.
-    """
-    after = moved(box, held)
-    for _ in range(PRESSES):
-        if floor.lowest(after) > NEAR_FLOOR:
-            if certified(after, surfaces):
-                return after, held
-            floor = floor.with_places(low_places(after, surfaces))
-        pressed = evidence.plus(floor.equations(after)).solve(held.strength)
-        if pressed is None or pressed.noise > most:
-            return None
-        held, after, floor = pressed, moved(box, pressed), floor.harder()
+            return replace(found, solution=replace(found.solution, bend=solution.bend))
     return None
 
 

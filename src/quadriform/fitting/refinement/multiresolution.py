@@ -13,7 +13,7 @@ from quadriform.fitting.least_squares.normal_equations import NormalEquations
 from quadriform.fitting.least_squares.regularisers import Regulariser
 from quadriform.fitting.neighbourhood import nearest
 from quadriform.fitting.refinement.correspondence import Correspondence
-from quadriform.fitting.refinement.point_to_plane import Pull, evidence_of, independent_of, moved, record
+from quadriform.fitting.refinement.point_to_plane import Pull, evidence_of, independent_of, moved, record, step_length
 from quadriform.fitting.refinement.surface_data import Few, Sheet
 from quadriform.fitting.result import Iteration, Progress
 from quadriform.points import Array
@@ -30,7 +30,6 @@ MEDIUM_POINTS = 3000
 COARSE_ROUNDS, FINE_ROUNDS, LAST_ROUNDS, SLIDES = 8, 10, 3, 3
 COARSE_REST, FINE_REST = 0.2, 0.02
 """A stage ends when the surface moves less than this share of the noise."""
-SMALLEST_STEP = 1e-3
 FIRST_NOISE = 1.4826
 """Times the median absolute distance: the standard deviation of a Gaussian, half of the points being strangers."""
 
@@ -66,14 +65,14 @@ class Refined:
         return bool(DeformableModel(surfaces, self.box).crossings())
 
 
-class Press(Protocol):
-    """Something besides the data that the control points must meet."""
+class Penalty(Protocol):
+    """A cost of the box besides the data's and the regulariser's."""
 
     def equations(self, box: ControlBox) -> NormalEquations:
-        """Its part of the sum, linear about a box, in the displacement from rest."""
+        """Its normal equations, linear about a box, in the displacement from the undeformed box."""
 
     def cost(self, box: ControlBox) -> float:
-        """Its part of the sum itself."""
+        """The cost itself."""
 
 
 class Rounds:
@@ -208,29 +207,30 @@ class Rounds:
                 break
         return box, solution
 
-    def pressed(self, refined: Refined, press: "Press", strength: float) -> Refined | None:
-        """One more round at a given strength, under a pressure that is not linear: as far as it lowers the sum.
+    def penalised(self, state: Refined, penalty: Penalty, strength: float) -> Refined | None:
+        """One more round at a given strength with a penalty that is not linear: as far as it lowers the sum.
 
-        None where pressure and strength leave control points undetermined.
+        None where penalty and strength leave control points undetermined.
         """
-        box, sheets = refined.box, refined.sheets
+        box, sheets = state.box, state.sheets
         self._slide(box, sheets)
         evidence = evidence_of(sheets, [None] * len(sheets), box, self.regularity, self.share)
-        solution = evidence.plus(press.equations(box)).solve(strength)
+        solution = evidence.plus(penalty.equations(box)).solve(strength)
         if solution is None:
             return None
         whole = moved(box, solution)
 
-        def total(trial: ControlBox) -> float:
-            return evidence.cost(trial.control_points - trial.rest, solution.strength) + press.cost(trial)
+        def at(length: float) -> ControlBox:
+            step = length * (whole.control_points - box.control_points)
+            return whole if length == 1 else box.with_control_points(box.control_points + step)
 
-        before, share = total(box), 1.0
-        after = whole
-        while total(after) > before and share > SMALLEST_STEP:
-            share /= 2
-            after = box.with_control_points(box.control_points + share * (whole.control_points - box.control_points))
+        def total(length: float) -> float:
+            trial = at(length)
+            return evidence.cost(trial.control_points - trial.rest, solution.strength) + penalty.cost(trial)
+
+        after = at(step_length(total))
         self._note(box, after, solution)
-        return replace(refined, box=after, solution=solution, history=tuple(self.history))
+        return replace(state, box=after, solution=solution, history=tuple(self.history))
 
     def weighed(self, refined: Refined) -> Refined:
         """The same with the inliers that its own distances suggest, in sheets of its own."""

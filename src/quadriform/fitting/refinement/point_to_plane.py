@@ -9,14 +9,14 @@ of the largest evidence. H_i says how far the foot point may be led along the su
 would notice, not across a lone curve of data, where nothing else holds the surface.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from quadriform.fitting.least_squares.marginal_likelihood import Evidence, Solution
 from quadriform.fitting.least_squares.normal_equations import NormalEquations, normal_equations
-from quadriform.fitting.least_squares.regularisers import Regulariser, penalty
+from quadriform.fitting.least_squares.regularisers import Regulariser, penalty_matrix
 from quadriform.fitting.neighbourhood import effective_fraction
 from quadriform.fitting.refinement.surface_data import Sheet
 from quadriform.fitting.result import Iteration
@@ -27,6 +27,8 @@ from quadriform.shapes.superquadric import Superquadric
 
 LEAST_HOLD = 2e-3
 """Foot points are never quite free, or the linear step would have no size along the surface."""
+SMALLEST_STEP = 1e-3
+"""A step of which not even this fraction lowers the sum is as good as none."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +102,7 @@ def evidence_from(
 ) -> Evidence:
     """The same from normal equations that are summed up already, of rows whose weights sum up to `count`."""
     l, m, n, _ = box.control_points.shape
-    return Evidence(equations, penalty(regularity, (l, m, n)), count, share)
+    return Evidence(equations, penalty_matrix(regularity, (l, m, n)), count, share)
 
 
 def independent_of(sheets: Sequence[Sheet], box: ControlBox) -> float:
@@ -118,6 +120,14 @@ def independent_of(sheets: Sequence[Sheet], box: ControlBox) -> float:
 def moved(box: ControlBox, solution: Solution) -> ControlBox:
     """The box with its control points displaced from rest as a solution says."""
     return box.with_control_points(box.rest + solution.displacement.reshape(box.control_points.shape))
+
+
+def step_length(total: Callable[[float], float]) -> float:
+    """The first of 1, 1/2, 1/4 ... at which a sum is not above that at 0, or the first below `SMALLEST_STEP`."""
+    before, length = total(0.0), 1.0
+    while total(length) > before and length > SMALLEST_STEP:
+        length /= 2
+    return length
 
 
 def record(before: ControlBox, after: ControlBox, probes: Array, noise: float) -> Iteration:

@@ -1,15 +1,17 @@
-"""Folds of the map found, located, and cured: the determinant is held above a floor where it falls below.
+"""Fold removal: a penalty on small Jacobian determinants, in rounds until the map is verified to be free of folds.
 
-The data says where the surface is, and next to nothing about the space inside; there a fold can be pressed out almost
-without moving the surface. More strength everywhere would press it out too, but at the price of the surface.
+The data determines the surface, and next to nothing of the space inside; there a fold can be removed almost without
+moving the surface. More strength everywhere would remove it too, but would move the surface off the data.
 """
 
 from collections.abc import Iterator, Mapping
 from copy import copy
 from dataclasses import dataclass, replace
+from typing import Protocol, TypeVar
 
 import numpy as np
 
+from quadriform.fitting.least_squares.marginal_likelihood import Solution
 from quadriform.fitting.least_squares.normal_equations import NormalEquations
 from quadriform.fitting.refinement.multiresolution import Refined, Rounds
 from quadriform.points import Array
@@ -19,63 +21,112 @@ from quadriform.shapes.fold_bound import determinant_rows, jacobian_bound, latti
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
 
-FLOOR, NEAR_FLOOR = 0.1, 0.03
-"""Determinants are pressed up to the first, 1 being no change of volume; above the second a proof is worth trying."""
-FIRST_PRESS, HARDER, MOST_PRESSES = 1e-3, 2.0, 30
-"""The pressure on a place begins with this share of all the data's, and grows by this factor from round to round."""
+MIN_DETERMINANT, VERIFIABLE = 0.1, 0.03
+"""The penalty acts on determinants below the first, 1 being no change of volume; above the second a proof is tried."""
+FIRST_WEIGHT, STRONGER, MOST_ROUNDS = 1e-3, 2.0, 30
+"""The penalty of a point begins with this fraction of all the data's, and grows by this factor from round to round."""
 LATTICE, GRID, FINE_LATTICE, FINE_GRID = 21, 12, 45, 32
-STRONGEST, DESCENT, PRESSES = 1e3, 8, 4
+"""Points along an axis of the lattices inside, and cells of the grids on the surfaces, at first and in a search."""
+STRONGEST, DESCENT, ROUNDS = 1e3, 8, 4
+"""Fold removal begins at this many times the strength and reaches it in so many steps of at most so many rounds."""
 AFFINE = 1e3
 """A strength at which the data bends nothing."""
 PRICE, CHEAP = 1.5, 0.025
-"""A cure is worse than the fold when it makes the noise this many times larger, and larger than this share of the
+"""A fold is kept where its removal makes the noise this many times larger, and larger than this fraction of the
 cloud's RMS radius."""
 
 
+class State(Protocol):
+    """A deformed box and the solution that led to it."""
+
+    @property
+    def box(self) -> ControlBox:
+        """Of which folds are removed."""
+
+    @property
+    def solution(self) -> Solution:
+        """With the strength and the noise."""
+
+
+S = TypeVar("S", bound=State)
+
+
+class Problem(Protocol[S]):
+    """Data and a regulariser, to which a penalty can be added."""
+
+    def penalised(self, state: S, penalty: "JacobianPenalty", strength: float) -> S | None:
+        """The state after a round with the penalty; None where control points stay undetermined."""
+
+
 @dataclass(frozen=True)
-class Floor:
-    """Pressure where the determinant falls below the floor: weight (FLOOR - det)^2 over the places below it.
+class JacobianPenalty:
+    """Penalty on small Jacobian determinants: weight (MIN_DETERMINANT - det)^2 over the points with less.
 
     Attributes:
-        places: (n, 3) points before deformation where the determinant is watched.
-        weight: of a place.
+        points: (n, 3), before deformation, where the determinant is computed.
+        weight: of a point.
     """
 
-    places: Array
+    points: Array
     weight: float
 
     @classmethod
-    def under(cls, box: ControlBox, surfaces: Mapping[str, Superquadric], weight: float) -> "Floor":
-        """Watched on a lattice inside the surfaces and on them."""
+    def of(cls, box: ControlBox, surfaces: Mapping[str, Superquadric], count: float, noise: float) -> "JacobianPenalty":
+        """On a lattice inside the surfaces and on them, for data of `count` points with a noise."""
         grids = [surface.grid(GRID)[0] for surface in surfaces.values()]
-        return cls(np.concatenate([lattice_inside(box, list(surfaces.values()), LATTICE), *grids]), weight)
+        points = np.concatenate([lattice_inside(box, list(surfaces.values()), LATTICE), *grids])
+        return cls(points, FIRST_WEIGHT * count * (noise / MIN_DETERMINANT) ** 2)
 
-    def lowest(self, box: ControlBox) -> float:
-        """The smallest determinant at the places."""
-        return float(self._determinants(box).min())
+    def minimum(self, box: ControlBox) -> float:
+        """The smallest determinant at the points."""
+        return float(box.stretch(self.points).min())
 
     def equations(self, box: ControlBox) -> NormalEquations:
-        """The pressure, linear about a box, in the displacement of the control points from rest."""
-        determinants = self._determinants(box)
-        low = determinants < FLOOR
-        rows = determinant_rows(box, self.places[low]) if low.any() else np.empty((0, box.control_points.size))
-        wanted = FLOOR - determinants[low] + rows @ (box.control_points - box.rest).ravel()
-        return NormalEquations.of_rows(rows, wanted, self.weight)
+        """The penalty, linear about a box, in the displacement of the control points from the undeformed box."""
+        determinants = box.stretch(self.points)
+        low = determinants < MIN_DETERMINANT
+        rows = determinant_rows(box, self.points[low]) if low.any() else np.empty((0, box.control_points.size))
+        target = MIN_DETERMINANT - determinants[low] + rows @ (box.control_points - box.rest).ravel()
+        return NormalEquations.of_rows(rows, target, self.weight)
 
     def cost(self, box: ControlBox) -> float:
-        """The pressure itself."""
-        return self.weight * float((np.maximum(FLOOR - self._determinants(box), 0) ** 2).sum())
+        """The penalty itself."""
+        return self.weight * float((np.maximum(MIN_DETERMINANT - box.stretch(self.points), 0) ** 2).sum())
 
-    def harder(self) -> "Floor":
+    def stronger(self) -> "JacobianPenalty":
         """With more weight."""
-        return replace(self, weight=HARDER * self.weight)
+        return replace(self, weight=STRONGER * self.weight)
 
-    def with_places(self, places: Array) -> "Floor":
-        """Watched at more places (m, 3)."""
-        return replace(self, places=np.concatenate([self.places, places]))
+    def check(self, box: ControlBox, surfaces: Mapping[str, Superquadric]) -> tuple[bool, "JacobianPenalty"]:
+        """Whether a box is verified not to fold; and the penalty, with more points where only the proof fails."""
+        if self.minimum(box) <= VERIFIABLE:
+            return False, self
+        if certified(box, surfaces):
+            return True, self
+        return False, replace(self, points=np.concatenate([self.points, _low_points(box, surfaces)]))
 
-    def _determinants(self, box: ControlBox) -> Array:
-        return box.stretch(self.places)
+
+def remove_folds(
+    problem: Problem[S],
+    state: S,
+    penalty: JacobianPenalty,
+    strength: float,
+    surfaces: Mapping[str, Superquadric],
+    most: float,
+) -> S | None:
+    """The state after rounds under a growing penalty until it is verified to be free of folds.
+
+    None where that is not reached with a noise of at most `most`.
+    """
+    found: S | None = state
+    for _ in range(MOST_ROUNDS):
+        if found is None or found.solution.noise > most:
+            return None
+        verified, penalty = penalty.check(found.box, surfaces)
+        if verified:
+            return found
+        found, penalty = problem.penalised(found, penalty, strength), penalty.stronger()
+    return None
 
 
 def fair_price(refined: Refined) -> float:
@@ -91,10 +142,10 @@ def least_regularised(rounds: Rounds, refined: Refined, surfaces: dict[str, Supe
     before the first fold. None where the undeformed superquadrics cross.
     """
     unfolded, best = _at_rest(refined), None
-    floor = Floor.under(refined.box, surfaces, _first_weight(refined))
+    penalty = _penalty(refined, surfaces)
     decades = int(np.ceil(np.log10(AFFINE / refined.solution.strength)))
     for strength in np.geomspace(AFFINE, refined.solution.strength, max(decades, 0) + 1):
-        unfolded, above = _lifted(rounds, rounds.weighed(unfolded), floor, float(strength))
+        unfolded, above = _lifted(rounds, rounds.weighed(unfolded), penalty, float(strength))
         if not above or not certified(unfolded.box, surfaces):
             break
         if best is None or unfolded.solution.noise < best.solution.noise:
@@ -108,59 +159,48 @@ def cures(rounds: Rounds, refined: Refined, surfaces: dict[str, Superquadric], m
     The given refinement itself if that is so; else with its folds pressed out, from where it is and from rest: the rest
     first where it is tangled, for then its foot points lead astray.
     """
-    floor = Floor.under(refined.box, surfaces, _first_weight(refined))
+    penalty = _penalty(refined, surfaces)
     fair = refined.solution.noise <= most
-    if fair and floor.lowest(refined.box) > NEAR_FLOOR and certified(refined.box, surfaces):
+    if fair and penalty.minimum(refined.box) > VERIFIABLE and certified(refined.box, surfaces):
         yield refined
     ways = (_at_rest, _copied) if refined.tangled else (_copied, _at_rest)
     for way in ways:
-        cured = _descended(rounds, way(refined), floor, surfaces, most)
+        cured = _descended(rounds, way(refined), penalty, surfaces, most)
         if cured is not None:
             yield cured
 
 
-def _first_weight(refined: Refined) -> float:
-    """Weight of the Jacobian penalty at a place in the first round."""
-    return FIRST_PRESS * sum(len(sheet.points) for sheet in refined.sheets) * (refined.solution.noise / FLOOR) ** 2
+def _penalty(refined: Refined, surfaces: Mapping[str, Superquadric]) -> JacobianPenalty:
+    count = sum(len(sheet.points) for sheet in refined.sheets)
+    return JacobianPenalty.of(refined.box, surfaces, count, refined.solution.noise)
 
 
 def _descended(
-    rounds: Rounds, refined: Refined, floor: Floor, surfaces: dict[str, Superquadric], most: float
+    rounds: Rounds, refined: Refined, penalty: JacobianPenalty, surfaces: dict[str, Superquadric], most: float
 ) -> Refined | None:
-    """From a strength under which nothing folds down to the wanted one, the floor always held.
+    """From a strength under which nothing folds down to the given one, always with the penalty.
 
-    Where the wanted one is too weak, pressure tears the surface off the data: then the weakest on the way that is
-    certified will do. None without success.
+    Where the given one is too weak, the penalty moves the surface off the data: then the result is the last verified
+    one on the way. None without success.
     """
     strength, found = refined.solution.strength, None
-    for harder in np.geomspace(STRONGEST, 1, DESCENT):
-        refined, unfolded = _lifted(rounds, refined, floor, harder * strength)
-        if unfolded and refined.solution.noise <= most and certified(refined.box, surfaces):
+    for factor in np.geomspace(STRONGEST, 1, DESCENT):
+        refined, above = _lifted(rounds, refined, penalty, factor * strength)
+        if above and refined.solution.noise <= most and certified(refined.box, surfaces):
             found = _copied(refined)
-        if harder == STRONGEST:
+        if factor == STRONGEST:
             most = min(most, refined.solution.noise)
-    for _ in range(MOST_PRESSES):
-        if refined.solution.noise > most:
-            break
-        if floor.lowest(refined.box) > NEAR_FLOOR:
-            if certified(refined.box, surfaces):
-                return refined
-            floor = floor.with_places(low_places(refined.box, surfaces))
-        pressed = rounds.pressed(refined, floor, strength)
-        if pressed is None:
-            break
-        refined, floor = pressed, floor.harder()
-    return found
+    return remove_folds(rounds, refined, penalty, strength, surfaces, most) or found
 
 
-def _lifted(rounds: Rounds, refined: Refined, floor: Floor, strength: float) -> tuple[Refined, bool]:
-    """The refinement after a few rounds under pressure at one strength, and whether it is above the floor then."""
-    for _ in range(PRESSES):
-        pressed = rounds.pressed(refined, floor, strength)
-        if pressed is None:
+def _lifted(rounds: Rounds, refined: Refined, penalty: JacobianPenalty, strength: float) -> tuple[Refined, bool]:
+    """The refinement after a few rounds with the penalty at one strength, and whether a proof may succeed."""
+    for _ in range(ROUNDS):
+        after = rounds.penalised(refined, penalty, strength)
+        if after is None:
             return refined, False
-        refined = pressed
-        if floor.lowest(refined.box) > NEAR_FLOOR:
+        refined = after
+        if penalty.minimum(refined.box) > VERIFIABLE:
             return refined, True
     return refined, False
 
@@ -183,11 +223,11 @@ def certified(box: ControlBox, surfaces: Mapping[str, Superquadric]) -> bool:
     return never_folds(box, surfaces.values()) and not DeformableModel(dict(surfaces), box).crossings()
 
 
-def low_places(box: ControlBox, surfaces: Mapping[str, Superquadric]) -> Array:
-    """More places to be watched: low ones of finer lattices, and some around the lowest that the proof met."""
+def _low_points(box: ControlBox, surfaces: Mapping[str, Superquadric]) -> Array:
+    """More points for the penalty: those of finer lattices with a low determinant, and some around the lowest bound."""
     inside = [lattice_inside(box, list(surfaces.values()), FINE_LATTICE)]
     fine = np.concatenate([*inside, *(surface.grid(FINE_GRID)[0] for surface in surfaces.values())])
-    low = fine[box.stretch(fine) < NEAR_FLOOR]
+    low = fine[box.stretch(fine) < VERIFIABLE]
     steps = np.linspace(-1, 1, 5) / FINE_LATTICE
     cluster = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3) @ box.edges
     return np.concatenate([jacobian_bound(box, surfaces.values()).where + cluster, low])
