@@ -8,7 +8,8 @@ import pytest
 import trimesh
 
 from quadriform.errors import FileFormatError, FileLimitError, OptionError, OutputError, PointsError
-from quadriform.files.meshes import MESH_SUFFIXES, encode_mesh, read_marks, read_mesh, write_mesh
+from quadriform.files.mesh_formats import MESH_SUFFIXES
+from quadriform.files.meshes import encode_mesh, read_marks, read_mesh, write_mesh
 from quadriform.shapes.mesh import Mesh
 
 EXACTNESS = {".ply": 1e-6, ".stl": 1e-6, ".obj": 1e-8, ".vtp": 0.0}

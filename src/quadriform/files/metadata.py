@@ -1,6 +1,7 @@
 """The frame and the unit that every file of ours is marked with."""
 
 import re
+from collections.abc import Mapping
 
 from quadriform.errors import WarningKind, choose
 from quadriform.shapes import spaces
@@ -25,6 +26,11 @@ def check_marks(space: str, unit: str) -> None:
     """
     choose(space, SPACES, "space")
     choose(unit, UNITS, "unit")
+
+
+def as_comment(metadata: Mapping[str, str]) -> str:
+    """The metadata as one line for a comment or a header, such as "SPACE=LPS UNIT=mm"."""
+    return " ".join(f"{name}={value}" for name, value in metadata.items())
 
 
 def parse_marks(data: bytes) -> tuple[str, str]:

@@ -8,6 +8,9 @@ import numpy as np
 from quadriform.errors import FileFormatError
 from quadriform.points import Array
 
+SINGLE = 1e-5
+"""Coordinates may move by this share of the extent where a format stores single precision."""
+
 
 def floats(words: Iterable[str] | Iterable[bytes], where: str) -> Array:
     """Return the words as float64, (n,); "nan" and "inf" are numbers here, 1_000 and 1,5 are not.
@@ -49,3 +52,14 @@ def whole(values: Array, where: str) -> np.ndarray:
 
 def _shown(word: str | bytes) -> str:
     return (word if isinstance(word, str) else word.decode("latin-1"))[:60]
+
+
+def moved_by_single_precision(points: Array) -> float:
+    """The largest change of a coordinate by rounding to single precision; infinite where it overflows."""
+    with np.errstate(over="ignore"):
+        return float(np.abs(points.astype(np.float32) - points).max(initial=0.0))
+
+
+def fits_single_precision(points: Array) -> bool:
+    """Whether points (n, 3) keep their form in single precision."""
+    return bool(moved_by_single_precision(points) <= SINGLE * np.ptp(points, axis=0).max())

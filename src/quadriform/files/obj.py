@@ -2,14 +2,16 @@
 
 import re
 from array import array
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from quadriform.errors import FileFormatError
+from quadriform.files.metadata import as_comment
 from quadriform.files.polygons import Polygons
 from quadriform.files.reading import signature
 from quadriform.points import Array
+from quadriform.shapes.mesh import Mesh
 
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 CORNER = re.compile(r"(-?0*[1-9]\d{0,17})(/-?\d*){0,2}")
@@ -83,3 +85,15 @@ def _corners(words: list[str], count: int, number: int, where: str) -> list[int]
     if min(corners) < 0:
         raise FileFormatError(f"{where}, line {number}: vertex {min(given)} is before the first of {count}")
     return corners
+
+
+def encode_obj(mesh: Mesh, metadata: Mapping[str, str]) -> bytes:
+    """The bytes of an OBJ file with nine digits of the extent; metadata in its first comment."""
+    import trimesh
+    from trimesh.exchange.obj import export_obj
+
+    extent = float(np.ptp(mesh.vertices, axis=0).max()) or 1.0
+    digits = max(0, 8 - int(np.floor(np.log10(extent))))  # decimals: metres need more of them than millimetres
+    whole = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    text: str = export_obj(whole, include_normals=False, digits=digits, header=as_comment(metadata))
+    return (text.rstrip("\n") + "\n").encode()

@@ -1,7 +1,7 @@
 """PLY: vertices and polygons of ASCII and binary files. What the header promises is held against what follows."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.errors import FileFormatError
-from quadriform.files.numbers import floats, whole
+from quadriform.files.metadata import as_comment
+from quadriform.files.numbers import fits_single_precision, floats, whole
 from quadriform.files.polygons import Polygons
 from quadriform.files.reading import check_budget, signature
+from quadriform.shapes.mesh import Mesh
 
 TYPES = {"char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2"}
 TYPES |= {"uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4"}
@@ -240,3 +242,23 @@ def _polygons(found: dict[str, dict[str, Values]], where: str) -> tuple[NDArray[
     if len(face) and any(len(each[1] if isinstance(each, tuple) else each) for each in face.values()):
         raise FileFormatError(f"{where}: expected a list {' or '.join(CORNERS)} of face, found {', '.join(face)}")
     return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
+
+
+def encode_ply(mesh: Mesh, metadata: Mapping[str, str]) -> bytes:
+    """The bytes of a binary PLY: vertices in single precision where that holds them, else in double precision."""
+    is_single = fits_single_precision(mesh.vertices)
+    number = "float" if is_single else "double"
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        f"comment {as_comment(metadata)}",
+        f"element vertex {len(mesh.vertices)}",
+        *(f"property {number} {axis}" for axis in "xyz"),
+        f"element face {len(mesh.faces)}",
+        "property list uchar int vertex_indices",
+        "end_header",
+    ]
+    faces = np.empty(len(mesh.faces), dtype=[("corners", "u1"), ("index", "<i4", 3)])
+    faces["corners"], faces["index"] = 3, mesh.faces
+    vertices = mesh.vertices.astype("<f4" if is_single else "<f8")
+    return ("\n".join(header) + "\n").encode() + vertices.tobytes() + faces.tobytes()

@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import Literal
 
 from quadriform.errors import OptionError, QuadriformError
-from quadriform.files.meshes import MESH_SUFFIXES, READ_SUFFIXES, read_mesh, write_mesh
+from quadriform.files.mesh_formats import MESH_SUFFIXES, READ_SUFFIXES
+from quadriform.files.meshes import read_mesh, write_mesh
 from quadriform.files.models import MODEL_SUFFIXES, holds_model, read_model, write_model
 from quadriform.files.moving_models import is_moving_model, read_moving_model, write_moving_model
 from quadriform.files.points import POINT_SUFFIXES

@@ -1,19 +1,24 @@
 """STL, binary and ASCII: a list of triangles, whose corners are put together to vertices."""
 
+import re
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from quadriform.errors import FileFormatError
-from quadriform.files.numbers import floats
+from quadriform.errors import FileFormatError, OutputError
+from quadriform.files.metadata import as_comment
+from quadriform.files.numbers import fits_single_precision, floats, moved_by_single_precision
 from quadriform.files.polygons import Indices, Polygons
 from quadriform.files.reading import signature
 from quadriform.points import Array
 from quadriform.shapes.mesh import Mesh
 
-HEAD, TRIANGLE = 84, 50
-"""Bytes before the triangles of a binary file, and of each."""
+TEXT, HEAD, TRIANGLE = 80, 84, 50
+"""Bytes of the text at the beginning of a binary file, of all before the triangles, and of each of these."""
 NEAR = 1e-6
 """Corners on open edges closer than this share of the extent are one vertex, or closer than two steps of single
 precision where these are larger, but never further than `SHORT` of the median edge."""
@@ -101,3 +106,22 @@ def _rounding(vertices: Array) -> float:
     extent = 2 * float(np.quantile(np.abs(vertices - np.median(vertices, axis=0)), 0.9, axis=0).max())
     largest = np.float32(np.median(np.abs(vertices).max(axis=1)))
     return max(NEAR * extent, 2 * float(np.spacing(largest)))
+
+
+def encode_stl(mesh: Mesh, metadata: Mapping[str, str]) -> bytes:
+    """The bytes of a binary STL, whose header of 80 bytes has as much of the metadata as it has room for.
+
+    Raises:
+        OutputError: single precision would move vertices.
+    """
+    if not fits_single_precision(mesh.vertices):
+        moved = moved_by_single_precision(mesh.vertices)
+        raise OutputError(
+            f".stl stores single precision, which would move vertices by {moved:.3g} so far from the origin; "
+            "write .ply, .vtp or .obj instead"
+        )
+    import trimesh
+
+    content: Any = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).export(file_type="stl")
+    whole_words = re.match(rf".{{0,{TEXT}}}(?=[ ,]|$)", as_comment(metadata))  # and whole members of a list
+    return (whole_words[0] if whole_words else "").encode().ljust(TEXT) + content[TEXT:]

@@ -24,8 +24,8 @@ ORDERS = {"LittleEndian": "<", "BigEndian": ">"}
 APPENDED = re.compile(rb"<AppendedData([^>]*)>")
 
 
-def encode_vtp(mesh: Mesh, marks: Mapping[str, str]) -> bytes:
-    """The bytes of a .vtp file with the vertices in double precision; marks, such as frame and unit, as field data."""
+def encode_vtp(mesh: Mesh, metadata: Mapping[str, str]) -> bytes:
+    """The bytes of a .vtp file with the vertices in double precision and the metadata as field data."""
     n, m = len(mesh.vertices), len(mesh.faces)
     offsets = 3 * np.arange(1, m + 1, dtype="<i8")
     polygons = data_array("connectivity", mesh.faces.astype("<i8"), "Int64") + data_array("offsets", offsets, "Int64")
@@ -33,7 +33,7 @@ def encode_vtp(mesh: Mesh, marks: Mapping[str, str]) -> bytes:
         '<?xml version="1.0"?>',
         '<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt64">',
         "<PolyData>",
-        field_data(marks),
+        field_data(metadata),
         f'<Piece NumberOfPoints="{n}" NumberOfVerts="0" NumberOfLines="0" NumberOfStrips="0" NumberOfPolys="{m}">',
         f"<Points>{data_array('Points', mesh.vertices.astype('<f8'), 'Float64', 3)}</Points>",
         f"<Polys>{polygons}</Polys>",
@@ -52,9 +52,9 @@ def data_array(name: str, values: NDArray[Any], kind: str, components: int = 1) 
     return f'<DataArray type="{kind}" Name="{name}"{shape} format="binary">{content}</DataArray>'
 
 
-def field_data(marks: Mapping[str, str]) -> str:
+def field_data(metadata: Mapping[str, str]) -> str:
     """Names and texts as field data."""
-    return f"<FieldData>{''.join(text_array(name, value) for name, value in marks.items())}</FieldData>"
+    return f"<FieldData>{''.join(text_array(name, value) for name, value in metadata.items())}</FieldData>"
 
 
 def text_array(name: str, value: str) -> str:
