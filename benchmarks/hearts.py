@@ -39,8 +39,8 @@ SPECT_REGION_DICOM: Region = ((17, 53), (12, 52), (16, 40))
 
 PATIENTS = {"N-02": 60, "HYP-38": 79, "HF-I-11": 13}
 """Sunnybrook's, and their ejection fractions in % by voxel count as the data set's notes have them."""
-APARTS = (None, 4.0)
-"""How far points are apart, in mm: a voxel's longest side, 8, by default; half of it for small cavities."""
+SPACINGS = (None, 4.0)
+"""Spacing of the points, in mm: a voxel's longest side, 8, by default; half of it for small cavities."""
 
 
 def between_slices(model: DeformableModel, image: Volume, first: int, last: int) -> float:
@@ -117,11 +117,11 @@ def spect(study_and_strength: tuple[int, Strength]) -> tuple:
 
 
 def sunnybrook(job: tuple[str, float | None, Strength]) -> tuple:
-    patient, apart, strength = job
+    patient, spacing, strength = job
     voxels, fitted, closed, strengths, warnings = [], [], [], [], dict[str, str]()
     for phase in ("ED", "ES"):
         labels = read_volume(DATA / "sunnybrook" / f"SC-{patient}_{phase}_endo.nii.gz")
-        found = ventricle_from_labels(labels, cavity=BLOOD, apart=apart)
+        found = ventricle_from_labels(labels, cavity=BLOOD, spacing=spacing)
         fit = qf.fit(found.clouds, base=found.base, strength=strength)
         last = labels.values.shape[2]
         voxels.append(counted(labels, ((0, 256), (0, 256), (0, last))))
@@ -131,7 +131,7 @@ def sunnybrook(job: tuple[str, float | None, Strength]) -> tuple:
         warnings |= fit.warnings
     fractions = [100 * (1 - es / ed) for ed, es in (voxels, fitted, closed)]
     return (
-        *(patient, "8, default" if apart is None else apart, strength, *(f"{value:.1f}" for value in fractions)),
+        *(patient, "8, default" if spacing is None else spacing, strength, *(f"{value:.1f}" for value in fractions)),
         *(f"{fractions[1] - fractions[0]:+.1f}", PATIENTS[patient]),
         " ".join(f"{a:.1f} ({b:.1f})" for a, b in zip(fitted, voxels)),
         " ".join(f"{value:.1e}" for value in strengths),
@@ -156,9 +156,9 @@ def spect_table(pool: ProcessPoolExecutor) -> None:
 
 def sunnybrook_table(pool: ProcessPoolExecutor) -> None:
     print("\n## Sunnybrook, ejection fraction in %, cut at the stack (wanted within 3 points)\n")
-    header = ("patient", "points apart mm", "strength", "by voxels", "fitted", "closed surface", "difference", "notes")
+    header = ("patient", "spacing mm", "strength", "by voxels", "fitted", "closed surface", "difference", "notes")
     header += ("ED, ES ml (by voxels)", "strengths used", "warnings")
-    table(header, pool.map(sunnybrook, product(PATIENTS, APARTS, ("auto", 1e-6))))
+    table(header, pool.map(sunnybrook, product(PATIENTS, SPACINGS, ("auto", 1e-6))))
 
 
 def main() -> None:

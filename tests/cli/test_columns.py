@@ -63,7 +63,7 @@ def test_units_that_contradict_each_other_are_refused(terminal, tmp_path):
     result = terminal("fit", tmp_path / "mm.csv", "--unit", "m", "-o", tmp_path / "out")
     assert result.code == 4 and "--unit='m' contradicts the file, which has mm" in result.err
     files = [f"--surface=epi={tmp_path / 'mm.csv'}", f"--surface=endo={tmp_path / 'm.csv'}"]
-    assert "differ in frame or unit" in terminal("fit", *files, "-o", tmp_path / "out").err
+    assert "differ in space or unit" in terminal("fit", *files, "-o", tmp_path / "out").err
     assert terminal("track", tmp_path / "mm.csv", tmp_path / "m.csv", "-o", tmp_path / "out").code == 4
     assert terminal("fit", tmp_path / "mm.csv", "--unit", "stone", "-o", tmp_path / "out").code == 2
     assert not (tmp_path / "out").exists()

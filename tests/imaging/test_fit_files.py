@@ -108,7 +108,7 @@ def test_several_files_by_name(files):
     assert (found.model.space, found.model.unit) == ("RAS", "mm")
     assert [file.surface for file in found.model.record.sources] == ["outer", "inner"]
     assert sum("spread evenly" in note for note in found.notes) == 2
-    with pytest.raises(InputError, match="differ in frame or unit"):
+    with pytest.raises(InputError, match="differ in space or unit"):
         qf.fit({"outer": "BLOCK.STL", "inner": "inner.ply"}, **QUICK)
     with pytest.raises(OptionError, match="files for all surfaces or for none"):
         qf.fit({"outer": "block.ply", "inner": block.vertices})

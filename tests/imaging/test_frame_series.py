@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from quadriform.errors import InputError, OptionError, PointsError
+from quadriform.imaging.file_points import Source
 from quadriform.imaging.frame_series import FrameSeries, frame_files, read_frames
 
 CLOUD = np.random.default_rng(1).normal(size=(20, 3))
@@ -29,7 +30,7 @@ def test_contours_bring_their_walls_and_slices(tmp_path):
     header = "x\ty\tz\tcontour type\tframeID\tweight\ttime frame"
     path.write_text("\n".join([header, *rows]) + "\n", encoding="utf-8")
     found = read_frames([path], [])
-    assert found.marks == {("LPS", "mm")} and found.grids == [None]
+    assert found.space_and_unit == ("LPS", "mm") and found.grids == [None]
     assert found.clouds[0]["epi"].tolist() == [[1, 2, 3]] and found.slices[0]["epi"].tolist() == [1]
 
 
@@ -45,7 +46,7 @@ def test_missing_frames_of_contours_leave_their_times_out_and_are_said(tmp_path)
         contours(tmp_path / f"GPFile_{frame:03d}.txt", frame)
     found = read_frames(frame_files([tmp_path]), [])
     assert [cloud["endo"][0, 0] for cloud in found.clouds] == [0, 1, 3, 12]
-    assert found.timed({"box": (3, 3, 3)}) == {"box": (3, 3, 3), "times": found.times, "period": 13.0}
+    assert found.with_times({"box": (3, 3, 3)}) == {"box": (3, 3, 3), "times": found.times, "period": 13.0}
     assert found.times.tolist() == [0, 1, 3, 12]
     assert any("no frames with the numbers 2, 4 to 11" in note for note in found.notes)
 
@@ -55,8 +56,8 @@ def test_frames_without_the_ventricle_have_no_data(tmp_path):
     files = [contours(tmp_path / f"GPFile_{n}.txt", n, () if n == 1 else ("ENDOCARDIAL",), 0.5) for n in (0, 1, 2)]
     found = read_frames(files, [])
     assert [list(cloud) for cloud in found.clouds] == [["endo"], ["endo"]]
-    assert found.times.tolist() == [0, 2] and found.timed({"times": [1, 2]}) == {"times": [1, 2]}
-    assert found.timed({"period": None})["period"] is None
+    assert found.times.tolist() == [0, 2] and found.with_times({"times": [1, 2]}) == {"times": [1, 2]}
+    assert found.with_times({"period": None})["period"] is None
     assert any("frames without points of the left ventricle's contours: 1" in note for note in found.notes)
     assert any("weights of the contours other than 0 and 1 are not used" in note for note in found.notes)
     with pytest.raises(InputError, match="no points of the left ventricle's contours in any frame"):
@@ -101,14 +102,14 @@ def test_frames_in_different_frames_of_the_world_are_refused(tmp_path):
     image = nibabel.Nifti1Image(values, np.eye(4))
     image.header.set_xyzt_units("mm")
     nibabel.save(image, tmp_path / "b.nii")
-    with pytest.raises(InputError, match="the frames differ in frame of the world or unit"):
+    with pytest.raises(InputError, match="the frames differ in space or unit"):
         read_frames([tmp_path / "a.xyz", tmp_path / "b.nii"], [])
 
 
 def test_warnings_of_one_kind_are_joined_and_said_once():
     frames = FrameSeries()
     for text in ("the first", "the second", "the first"):
-        frames.add_warnings({"PRECISION_LOSS": text})
+        frames.add_sources({"endo": Source(CLOUD, warnings={"PRECISION_LOSS": text})})
     assert frames.warnings == {"PRECISION_LOSS": "the first; the second"}
 
 

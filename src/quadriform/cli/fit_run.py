@@ -22,8 +22,16 @@ from quadriform.files.reading import naming
 from quadriform.files.result_folder import check_results, replaced_together
 from quadriform.fitting.inputs import ALONE
 from quadriform.fitting.result import Fit, flat
-from quadriform.imaging.file_points import ImageOptions, Source, fits, kind_of, read_source, space_to_write
-from quadriform.imaging.fit_files import common_space_and_unit, fit_sources
+from quadriform.imaging.file_points import (
+    ImageOptions,
+    Source,
+    common_space_and_unit,
+    fits,
+    kind_of,
+    read_source,
+    space_to_write,
+)
+from quadriform.imaging.fit_files import fit_sources
 from quadriform.imaging.input_files import without_folders
 from quadriform.shapes.record import remarks
 

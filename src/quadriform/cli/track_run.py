@@ -85,11 +85,11 @@ def _track(
     """The moving model with frame, unit, input files, warnings and notes, in the frame to write in."""
     from quadriform.motion.tracking import track
 
-    space, unit = next(iter(frames.marks))
+    space, unit = frames.space_and_unit
     target = space_to_write(asked, space)
     with progress_bar("cycle") as progress:
         slices = frames.slices if shift_slices else None
-        found = track(frames.clouds, slices=slices, progress=progress, **frames.timed(options))
+        found = track(frames.clouds, slices=slices, progress=progress, **frames.with_times(options))
     sha256 = sha256_of(*dict.fromkeys(file for path in files for file in files_of(path)))
     record = replace(found.models[0].record, title=title_of(inputs), sources=input_files({"": files}))
     metadata: dict[str, Any] = {"space": space, "unit": unit, "input_sha256": sha256, "record": record}
@@ -104,7 +104,7 @@ def _track(
 
 
 def _page(found: "Track", frames: FrameSeries, title: str, record: Record) -> bytes:
-    space = next(iter(frames.marks))[0]
+    space = frames.space_and_unit[0]
     return page_of_track(found, frames.clouds, frames.slices, space, title, record)
 
 

@@ -205,7 +205,7 @@ def _followed(frames: FrameSeries, task: Task, options: dict[str, Any]) -> tuple
     if options.pop("shift_slices", False):
         keep_slices(frames)
         options["slices"] = frames.slices
-    found = _with_reading(track(frames.clouds, **frames.timed(options)), frames)
+    found = _with_reading(track(frames.clouds, **frames.with_times(options)), frames)
     if found.moving is None:
         raise InputError("expected a strategy that gives one moving model")
     model = _marked(found.moving, frames, task.layout)
@@ -227,7 +227,7 @@ def _marked(model: Any, frames: FrameSeries, layout: Layout) -> Any:
     Raises:
         InputError: in another unit, or in a frame that cannot be brought to that of the cohort.
     """
-    space, unit = next(iter(frames.marks))
+    space, unit = frames.space_and_unit
     if unit != layout.unit:
         raise InputError(f"lengths in {unit}; expected {layout.unit} as in the rest of the cohort")
     marked = replace(model, space=space, unit=unit)

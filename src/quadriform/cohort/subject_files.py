@@ -1,4 +1,4 @@
-"""The files of a subject: found by pattern, looked at without reading them whole, and read."""
+"""The files of a subject: found by pattern, summarised from their headers, and read."""
 
 import glob
 from collections.abc import Sequence
@@ -16,12 +16,12 @@ from quadriform.imaging.frame_series import FrameSeries, frame_files, read_frame
 
 @dataclass(frozen=True)
 class FileSummary:
-    """What the files of a subject show before they are read.
+    """What the headers of the files of a subject contain.
 
     Attributes:
-        frames: how many.
-        surfaces: their names.
-        space: frame of the world.
+        frames: number of frames.
+        surfaces: names of the surfaces.
+        space: "LPS", "RAS" or "unknown".
         unit: of lengths.
     """
 
@@ -32,7 +32,7 @@ class FileSummary:
 
 
 def files_by_surface(row: Row, folder: Path) -> dict[str, list[Path]]:
-    """For each surface, or for all together under the name "", the files of its frames in order.
+    """Return the files of the frames in order, for each surface, or under "" for all surfaces together.
 
     Raises:
         InputError: no such files, or surfaces with different numbers of them.
@@ -50,72 +50,59 @@ def files_by_surface(row: Row, folder: Path) -> dict[str, list[Path]]:
 def _check_same_numbers(found: dict[str, list[Path]]) -> None:
     numbers = {name: frame_numbers(files) for name, files in found.items()}
     first, *others = numbers.items()
-    for name, theirs in others:
-        if None not in (theirs, first[1]) and theirs != first[1]:
-            raise InputError(f"the frames of {name} are numbered {theirs}, those of {first[0]} {first[1]}")
+    for name, other in others:
+        if None not in (other, first[1]) and other != first[1]:
+            raise InputError(f"the frames of {name} are numbered {other}, those of {first[0]} {first[1]}")
 
 
 def inspect_files(row: Row, folder: Path) -> FileSummary:
     """Return frames, surfaces, space and unit of a subject.
 
     Raises:
-        QuadriformError: the files are not there, or the header of an image cannot be read.
+        QuadriformError: the files are missing, or the header of an image cannot be read.
     """
     from quadriform.imaging.reading import frame_count
 
     found = files_by_surface(row, folder)
     files = next(iter(found.values()))
-    image = kind_of(files[0]) == "image"
-    contours = is_guide_points(files[0])
-    count = sum(frame_count(file) for file in files) if image and "" in found else len(files)
-    if contours and len(files) == 1:
+    is_image, is_contours = kind_of(files[0]) == "image", is_guide_points(files[0])
+    count = sum(frame_count(file) for file in files) if is_image and "" in found else len(files)
+    if is_contours and len(files) == 1:
         count = len(read_guide_point_frames(files))
-    names = tuple(name for name, _ in row.surfaces) or (("endo", "epi") if contours else (ALONE,))
-    placed = "unknown" if image and row.reading["affine"] == "pixdim" else "LPS"
-    marks = (placed, "mm") if image or contours else space_and_unit_of(files[0], row.reading["columns"])
-    return FileSummary(count, names, *marks)
+    names = tuple(name for name, _ in row.surfaces) or (("endo", "epi") if is_contours else (ALONE,))
+    if is_image or is_contours:
+        # pixdim has no position or direction: see imaging/nifti_forms.py
+        space, unit = "unknown" if is_image and row.reading["affine"] == "pixdim" else "LPS", "mm"
+    else:
+        space, unit = space_and_unit_of(files[0], row.reading["columns"])
+    return FileSummary(count, names, space, unit)
 
 
 def read_subject(row: Row, folder: Path) -> tuple[FrameSeries, list[Path]]:
-    """The points of all frames, and the files that were read.
+    """Return the points of all frames, and the files that were read.
 
     Raises:
-        QuadriformError: a file is not there or gives no points.
+        QuadriformError: a file is missing or gives no points.
     """
     found = files_by_surface(row, folder)
     if "" in found:
         labels = [f"{name}={rule}" for name, rule in row.surfaces if is_label(rule)]
         frames = read_frames(found[""], labels, **row.reading)
     else:
-        frames = _read_by_surface(found, ImageOptions(affine=row.reading["affine"], columns=row.reading["columns"]))
+        frames, options = FrameSeries(), ImageOptions(affine=row.reading["affine"], columns=row.reading["columns"])
+        for files in zip(*found.values()):
+            frames.add_sources({name: read_source(file, options) for name, file in zip(found, files)})
     every = [file for files in found.values() for path in files for file in files_of(path)]
     return frames, list(dict.fromkeys(every))
 
 
-def _read_by_surface(found: dict[str, list[Path]], options: ImageOptions) -> FrameSeries:
-    frames = FrameSeries()
-    for files in zip(*found.values()):
-        sources = {name: read_source(file, options) for name, file in zip(found, files)}
-        marks = {(source.space, source.unit) for source in sources.values()}
-        if len(marks) > 1:
-            raise InputError(f"the surfaces differ in frame of the world or unit: {sorted(marks)}")
-        notes = [note for source in sources.values() for note in source.notes]
-        frames.add({name: source.points for name, source in sources.items()}, marks.pop(), notes=notes)
-        for source in sources.values():
-            frames.add_warnings(source.warnings)
-    if len(frames.marks) > 1:
-        raise InputError(f"the frames differ in frame of the world or unit: {sorted(frames.marks)}")
-    return frames
-
-
 def _found(patterns: Sequence[str], folder: Path) -> list[Path]:
-    """The files of patterns, those of each in the order of their names, numbers counting as numbers."""
+    """The files of patterns, those of each in the order of their names, with numbers compared as numbers."""
     result: list[Path] = []
     for pattern in patterns:
         path = str(folder / pattern)
         matches = sorted(glob.glob(path), key=natural) if glob.has_magic(pattern) else [path]
-        missing = not matches or not Path(matches[0]).exists()
-        if missing:
-            raise InputError(f"{pattern!r}: there is no such file beside the list of subjects")
+        if not matches or not Path(matches[0]).exists():
+            raise InputError(f"{pattern!r}: there is no such file in the folder of the list of subjects")
         result += map(Path, matches)
     return result

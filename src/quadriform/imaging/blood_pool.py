@@ -1,4 +1,4 @@
-"""The blood in a ventricle, from grey short-axis slices, a region and one voxel that is blood."""
+"""The blood pool of a ventricle, from grey short-axis slices, a region and one voxel of blood."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,22 +14,20 @@ from quadriform.imaging.volume import Region, Volume, check_region, slices
 def blood_pool(
     volume: Volume, *, seed: Sequence[int], region: Region | None = None, opening: int = 1, papillaries: bool = True
 ) -> Segmentation:
-    """Find the cavity where blood is bright: Otsu in each slice, opening, the seed's component, a convex outline.
+    """Return the cavity, where blood is bright: Otsu in each slice, opening, component of the seed, convex outline.
 
-    Each slice has a threshold of its own, for the sensitivity of a surface coil falls with depth. Slices are those
+    Each slice has its own threshold, because the sensitivity of a surface coil decreases with depth. Slices are those
     across the axis with the largest spacing.
 
     Args:
         volume: grey image with blood brighter than muscle.
         seed: voxel (i, j, k) of the whole image that is blood of this cavity.
-        region: half-open ranges of voxels about the ventricle, ending at the base; nothing outside it is looked at.
-            It should hold dark surroundings as well as blood in every slice.
-        opening: so many erosions, then as many dilations, in each slice, part the cavity from what it touches.
+        region: half-open ranges of voxels about the ventricle, ending at the base; nothing outside it is used.
+            It should contain dark surroundings as well as blood in every slice. BORDER_CUT names its faces that the
+            cavity touches.
+        opening: number of erosions, then of dilations, in each slice, that separate the cavity from what it touches.
         papillaries: papillary muscles count as cavity, as is usual for volumes: each slice is filled to its convex
-            outline. Otherwise enclosed holes alone are filled.
-
-    Returns:
-        The cavity; BORDER_CUT names the faces of the image that it touches, its own region's included.
+            outline. Otherwise only enclosed holes are filled.
 
     Raises:
         MaskError: the seed is no blood.
@@ -43,7 +41,7 @@ def blood_pool(
     mask[inner] = _each_slice(volume.values[inner], axis, lambda image: _opened(_bright(image), opening))
     found = segment(replace(volume, values=mask), select=0.5, region=region, component=seed)
     cavity = np.zeros_like(mask)
-    cavity[inner] = _each_slice(found.mask[inner], axis, _outline if papillaries else _without_holes)
+    cavity[inner] = _each_slice(found.mask[inner], axis, lambda image: _filled(image, papillaries))
     warnings = volume.warnings | segment_warnings(cavity[inner], volume.crop(found.region))
     return replace(found, mask=cavity, volume=volume, threshold=None, warnings=warnings)
 
@@ -63,13 +61,10 @@ def _opened(image: Mask, steps: int) -> Mask:
     return ndimage.binary_opening(image, iterations=steps) if steps else image
 
 
-def _without_holes(image: Mask) -> Mask:
+def _filled(image: Mask, convex: bool) -> Mask:
     from scipy import ndimage
-
-    return ndimage.binary_fill_holes(image)
-
-
-def _outline(image: Mask) -> Mask:
     from skimage.morphology import convex_hull_image
 
-    return convex_hull_image(image) if image.any() else image
+    if convex and image.any():
+        return convex_hull_image(image)
+    return ndimage.binary_fill_holes(image)

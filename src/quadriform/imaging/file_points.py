@@ -1,6 +1,7 @@
-"""From a file of any kind to points, with everything that was assumed on the way said."""
+"""Points from a file of any kind, with notes of what was assumed."""
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -30,29 +31,29 @@ if TYPE_CHECKING:
     from quadriform.imaging.volume import Volume
 
 SpaceAndUnit = tuple[str, str]
-"""Frame of the world and unit, each maybe "unknown"."""
+"""Space ("LPS", "RAS" or "unknown") and unit of lengths ("mm", "m" or "unknown")."""
 
-FOUND = {"mesh": "a mesh", "points": "points"}
-OF_IMAGES = {"labels": "--label", "threshold": "--threshold", "frame": "--frame", "border": "--border"}
-OF_SEGMENT = {"region": "--region", "component": "--seed", "closing": "--closing", "fill_holes": "--fill-holes"}
-"""From arguments to the options of the command line, which choose an object in an image."""
+CONTENT = {"mesh": "a mesh", "points": "points"}
+IMAGE_OPTIONS = {"labels": "--label", "threshold": "--threshold", "frame": "--frame", "border": "--border"}
+SEGMENT_OPTIONS = {"region": "--region", "component": "--seed", "closing": "--closing", "fill_holes": "--fill-holes"}
+"""Argument -> option of the command line; both choose an object in an image."""
 PERCENTILE = re.compile(r"(?:(\d+(?:\.\d+)?)%)?p(\d+(?:\.\d+)?)")
 
 
 @dataclass(frozen=True)
 class ImageOptions:
-    """How a file becomes points, above all an image; None leaves a choice to the file or to the library.
+    """How points are taken from a file, above all an image; None leaves a choice to the file or to the library.
 
     Attributes:
         labels: values of a label image or names of segments, taken together.
-        threshold: a value, "otsu", or (share, percentile).
+        threshold: a value, "otsu", or (fraction, percentile).
         frame: of a four-dimensional image.
         segment: arguments for `segment` as they are: region, component, closing, fill_holes.
         border: "open" or "close".
         affine: which transform of a NIfTI header: "sform", "qform" or "pixdim".
-        preset: a surface by the convention of a data set, which the image is checked against.
+        preset: a surface by the label convention of a data set, against which the image is checked.
         columns: of a table or an array, as `read_points` takes them.
-        unit: of the lengths of a file that names none: "mm", "m", "um" and so on.
+        unit: of the lengths of a file that states none: "mm", "m", "um" and so on.
     """
 
     labels: tuple[int | str, ...] | None = None
@@ -78,10 +79,10 @@ class ImageOptions:
         frame: int | None,
         affine: str | None = None,
     ) -> "ImageOptions":
-        """From the words on the command line.
+        """Return the options of the command line, as text.
 
         Raises:
-            OptionError: a word that cannot be read, or a label and a threshold at once.
+            OptionError: a value that cannot be parsed, or a label and a threshold at once.
         """
         if label is not None and threshold is not None:
             raise OptionError("options --label and --threshold exclude each other; give one")
@@ -96,23 +97,23 @@ class ImageOptions:
 
     @property
     def of_images(self) -> list[str]:
-        """Options that were given and mean nothing for points and meshes, as the command line calls them."""
-        found = [option for name, option in OF_IMAGES.items() if getattr(self, name) is not None]
-        return found + [option for name, option in OF_SEGMENT.items() if self.segment.get(name)]
+        """The given options that do not apply to points and meshes, as the command line names them."""
+        found = [option for name, option in IMAGE_OPTIONS.items() if getattr(self, name) is not None]
+        return found + [option for name, option in SEGMENT_OPTIONS.items() if self.segment.get(name)]
 
     def with_label(self, label: str) -> "ImageOptions":
-        """The same with other labels."""
+        """Return the same options with other labels."""
         return replace(self, labels=_labels(label))
 
     def with_surface(self, rule: "Labels | Preset") -> "ImageOptions":
-        """The same with the labels of a surface, or the preset that has them."""
+        """Return the same options with the labels of a surface, or with the preset."""
         from quadriform.imaging.labels import Preset
 
         return replace(self, preset=rule) if isinstance(rule, Preset) else replace(self, labels=rule.values)
 
 
 def _labels(text: str | None) -> tuple[int | str, ...] | None:
-    """Numbers with commas between, or names; which name is meant is decided by the names in the image."""
+    """Numbers between commas, or one text with the names of segments, which are known when the image is read."""
     if text is None or not text.strip():
         return None if text is None else numbers(text, 1, "--label")
     if any(letter.isalpha() for letter in text):
@@ -135,7 +136,7 @@ def _threshold(text: str | None) -> float | str | tuple[float, float] | None:
 
 @dataclass(frozen=True)
 class Source:
-    """Points and what is known about them.
+    """Points of a file, and what the file states about them.
 
     Attributes:
         points: (n, 3), in `unit` and `space`.
@@ -144,8 +145,8 @@ class Source:
         warnings: of the reading.
         notes: what was assumed, one sentence each.
         slices: (n,) the slice of each point of an image, as `slice_numbers` counts them.
-        image: from which the points came.
-        normals: (n, 3) that a table or an array has, or None.
+        image: from which the points were taken.
+        normals: (n, 3) of a table or an array, or None.
     """
 
     points: Array
@@ -159,14 +160,14 @@ class Source:
 
     @property
     def cloud(self) -> PointSet:
-        """The points as `fit` takes them, with their normals."""
+        """The points with their normals, as an argument of `fit`."""
         return PointSet(self.points, self.normals)
 
 
 def kind_of(path: Path) -> Literal["image", "mesh", "points", "model"] | None:
-    """What a file is; None for others, and for a folder without DICOM files, which would make it an image.
+    """Return the kind of content of a file; None for others, and for a folder without DICOM files.
 
-    Images are told by their content, as `read_volume` tells them, other files as `content_of` tells them.
+    Images are recognised as `read_volume` does, other files as `content_of` does.
     """
     if image_format(path) is not None:
         return "image"
@@ -174,12 +175,12 @@ def kind_of(path: Path) -> Literal["image", "mesh", "points", "model"] | None:
 
 
 def fits(path: Path) -> bool:
-    """Whether `fit` and `track` read a file."""
+    """Return whether `fit` and `track` read a file."""
     return kind_of(path) in ("image", "mesh", "points")
 
 
 def files_of(path: Path) -> list[Path]:
-    """The files that an input stands for: itself, both of a pair, or those of a folder, but hidden and empty ones."""
+    """Return the files of an input: itself, both of a pair, or those of a folder without hidden and empty ones."""
     if path.is_dir():
         inside = sorted(file for file in path.iterdir() if file.is_file() and not file.name.startswith("."))
         return [file for file in inside if file.stat().st_size > 0]
@@ -187,7 +188,7 @@ def files_of(path: Path) -> list[Path]:
 
 
 def read_source(path: Path, options: ImageOptions) -> Source:
-    """Read points from a table, an array, a mesh or an image; of a mesh with few vertices from its whole surface.
+    """Return the points of a table, an array, a mesh or an image; of a mesh with few vertices, of its whole surface.
 
     Raises:
         InputError, FileFormatError, FileLimitError, DegenerateError: the file gives no points.
@@ -196,14 +197,14 @@ def read_source(path: Path, options: ImageOptions) -> Source:
     if kind in ("image", "mesh") and options.columns is not None:
         raise OptionError(f"option --columns goes with tables and arrays, found the {kind} {str(path)!r}")
     if kind in ("mesh", "points") and (given := options.of_images):
-        raise OptionError(f"option {given[0]} goes with images, found the file of {FOUND[kind]} {str(path)!r}")
+        raise OptionError(f"option {given[0]} goes with images, found the file of {CONTENT[kind]} {str(path)!r}")
     if kind == "image":
         return _in_unit(_from_image(path, options), options.unit, path)
     if kind == "mesh":
         return _in_unit(_from_mesh(path), options.unit, path)
     if kind == "model":
         raise FileFormatError(f"{str(path)!r}: expected points, a mesh or an image, found a model")
-    return _from_table(path, options)  # refuses unknown suffixes
+    return _from_table(path, options)
 
 
 def _from_mesh(path: Path) -> Source:
@@ -211,8 +212,9 @@ def _from_mesh(path: Path) -> Source:
     points, note = mesh_points(mesh)
     if note is None:
         return Source(points, *read_marks(path))
-    lost = precision_loss(mesh.vertices.tolist(), mesh.vertices)  # the points between them have all their digits
-    return Source(points, *read_marks(path), lost, (f"{path}: {note}",))
+    # the sampled points have all digits; the vertices show the precision of the file
+    warnings = precision_loss(mesh.vertices.tolist(), mesh.vertices)
+    return Source(points, *read_marks(path), warnings, (f"{path}: {note}",))
 
 
 def _from_table(path: Path, options: ImageOptions) -> Source:
@@ -222,31 +224,31 @@ def _from_table(path: Path, options: ImageOptions) -> Source:
             "take the points of each surface by read_guide_points in Python"
         )
     found = read_point_set(path, options.columns)
-    found = _said_unit(found, options.unit, path).in_metric_unit()
+    found = _with_unit(found, options.unit, path).in_metric_unit()
     notes = tuple(f"{path}: {note}" for note in found.notes)
     warnings = precision_loss(found.number_type, found.points)
     return Source(found.points, unit=found.unit, warnings=warnings, notes=notes, normals=found.normals)
 
 
 def _in_unit(source: Source, unit: str | None, path: Path) -> Source:
-    """The points of an image or a mesh in the unit that was said, where it names none itself."""
-    found = _said_unit(PointSet(source.points, unit=source.unit), unit, path)
+    """The points of an image or a mesh in the given unit, where the file states none."""
+    found = _with_unit(PointSet(source.points, unit=source.unit), unit, path)
     if found.unit not in ("mm", "m", "unknown"):
         raise OptionError(f"option --unit={unit!r}: of images and meshes expected mm or m")
     return replace(source, unit=found.unit)
 
 
-def _said_unit(found: PointSet, unit: str | None, path: Path) -> PointSet:
+def _with_unit(found: PointSet, unit: str | None, path: Path) -> PointSet:
     if unit is None:
         return found
-    said = choose(unit_of(unit) or unit, tuple(MILLIMETRES), "--unit")
-    if found.unit not in ("unknown", said):
+    stated = choose(unit_of(unit) or unit, tuple(MILLIMETRES), "--unit")
+    if found.unit not in ("unknown", stated):
         raise InputError(f"{str(path)!r}: option --unit={unit!r} contradicts the file, which has {found.unit}")
-    return replace(found, unit=said)
+    return replace(found, unit=stated)
 
 
 def read_object(path: Path, options: ImageOptions) -> tuple["Volume", dict[str, Any], tuple[str, ...]]:
-    """An image, the arguments that choose the object in it, and what was assumed."""
+    """Return an image, the arguments of `segment` that choose the object in it, and notes of what was assumed."""
     from quadriform.imaging.reading import read_volume
 
     volume = read_volume(path, options.frame, options.affine)
@@ -255,29 +257,42 @@ def read_object(path: Path, options: ImageOptions) -> tuple["Volume", dict[str, 
 
 
 def kept_note(segmentation: "Segmentation") -> tuple[str, ...]:
-    """What is said when components of the object were left out."""
+    """Return a note where components of the object were left out."""
     found, kept = len(segmentation.component_voxels), segmentation.components_kept
     return (f"kept {kept} of {found} connected components; --seed chooses another",) if found > kept else ()
 
 
+def common_space_and_unit(sources: Mapping[str, Source]) -> SpaceAndUnit:
+    """Return space and unit of all sources, by name of their surface.
+
+    Raises:
+        InputError: they differ.
+    """
+    found = {(source.space, source.unit) for source in sources.values()}
+    if len(found) > 1:
+        listed = ", ".join(f"{name} in {source.space} {source.unit}" for name, source in sources.items())
+        raise InputError(f"the surfaces differ in space or unit ({listed}); transform them to one first")
+    return found.pop()
+
+
 def space_and_unit_of(path: Path, columns: str | None = None) -> SpaceAndUnit:
-    """Frame of the world and unit of a mesh; of a table or an array the unit in the names of its columns."""
+    """Return space and unit of a mesh; of a table or an array, the unit in the names of its columns."""
     kind = kind_of(path)
     if kind == "mesh":
         return read_marks(path)
     return "unknown", read_point_set(path, columns).in_metric_unit().unit if kind == "points" else "unknown"
 
 
-def space_to_write(asked: str | None, found: str) -> str:
-    """The frame of the world to write in: the one that was asked for, else that of the input.
+def space_to_write(requested: str | None, found: str) -> str:
+    """Return the space to write in: the requested one, else that of the input.
 
     Raises:
-        InputError: one was asked for, and that of the input is unknown.
+        InputError: one was requested, and that of the input is unknown.
     """
-    if asked is None:
+    if requested is None:
         return found
-    turn_between(found, asked)  # refuses
-    return asked
+    turn_between(found, requested)  # raises where the space of the input is unknown
+    return requested
 
 
 def _from_image(path: Path, options: ImageOptions) -> Source:
@@ -295,7 +310,7 @@ def _from_image(path: Path, options: ImageOptions) -> Source:
 
 
 def _select(volume: "Volume", options: ImageOptions) -> tuple[Any, tuple[str, ...]]:
-    """How the object is chosen, as `segment` takes it, and what was assumed where nothing was said."""
+    """The argument `select` of `segment`, and notes of what was assumed where no option was given."""
     from quadriform.imaging.labels import preset_labels
     from quadriform.imaging.object_choice import choose_object
     from quadriform.imaging.selection import Labels, Percentile

@@ -1,4 +1,4 @@
-"""`fit` for files as well: the terminal fits by the same functions, and one rule decides what a file holds."""
+"""`fit` for points, meshes and files; Python and the command line use the same functions."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from quadriform.errors import InputError, OptionError, choose, join_warnings
+from quadriform.errors import OptionError, choose, join_warnings
 from quadriform.files.metadata import SPACES
 from quadriform.files.reading import sha256_of
 from quadriform.fitting import fit as fitting
 from quadriform.fitting.inputs import ALONE
 from quadriform.fitting.result import Fit
-from quadriform.imaging.file_points import ImageOptions, Source, SpaceAndUnit, files_of, read_source
+from quadriform.imaging.file_points import ImageOptions, Source, common_space_and_unit, files_of, read_source
 from quadriform.imaging.input_files import input_files, title_of, without_folders
 from quadriform.shapes.mesh import Mesh
 
@@ -29,7 +29,7 @@ Files = Mapping[str, tuple[Path, ImageOptions]]
 
 @wraps(fitting.fit, assigned=())
 def fit(points: Input, **options: Any) -> Fit:
-    """Fit a superquadric, and refine it by a free-form deformation.
+    """Return the fit of a superquadric that is refined by a free-form deformation.
 
     More than 50,000 points are fitted to a sample first, then to all of them, a part at a time.
 
@@ -92,7 +92,7 @@ def _in_space(source: Source, path: Path, space: str) -> Source:
 
 
 def fit_sources(files: Files, sources: Mapping[str, Source], options: Mapping[str, Any]) -> Fit:
-    """Return the fit of what was read, with the frame, unit, hash and names of its files and all warnings.
+    """Return the fit of points from files, with space, unit, hash and names of the files and all warnings.
 
     Args:
         files: surface name -> file and how it was read.
@@ -100,7 +100,7 @@ def fit_sources(files: Files, sources: Mapping[str, Source], options: Mapping[st
         options: of `quadriform.fitting.fit.fit`.
 
     Raises:
-        InputError: the surfaces differ in frame or unit.
+        InputError: the surfaces differ in space or unit.
         PointsError, DegenerateError, OptionError: the input cannot be fitted.
     """
     space, unit = common_space_and_unit(sources)
@@ -117,21 +117,8 @@ def fit_sources(files: Files, sources: Mapping[str, Source], options: Mapping[st
     return replace(found, model=model, warnings=warnings)
 
 
-def common_space_and_unit(sources: Mapping[str, Source]) -> SpaceAndUnit:
-    """Return the frame of the world and the unit that all sources have.
-
-    Raises:
-        InputError: they differ.
-    """
-    marks = {(source.space, source.unit) for source in sources.values()}
-    if len(marks) > 1:
-        listed = ", ".join(f"{name} in {s.space} {s.unit}" for name, s in sources.items())
-        raise InputError(f"the surfaces differ in frame or unit ({listed}); bring them into one first")
-    return marks.pop()
-
-
 def _path_by_name(points: Any) -> dict[str, Path]:
-    """The files by name, where paths were given; empty where not.
+    """The files by name of the surface; empty where no paths were given.
 
     Raises:
         OptionError: some are paths and some are not.

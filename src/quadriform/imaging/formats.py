@@ -1,4 +1,4 @@
-"""The format of an image file by its content; by its name only where the content says nothing."""
+"""The format of an image file by its content; by its name only where the content is of no known format."""
 
 import re
 import zlib
@@ -18,15 +18,15 @@ SUFFIXES: dict[str, Format] = {
     **dict.fromkeys(DICOM_SUFFIXES, "dicom"),
 }
 HEADER_SIZES = (348, 540)
-"""Of NIfTI-1 and Analyze, and of NIfTI-2: the first four bytes of a file."""
+"""sizeof_hdr of NIfTI-1 and Analyze, and of NIfTI-2: the first four bytes of a file."""
 META_FIRST = re.compile(rb"\s*(ObjectType|NDims|Comment|ObjectSubType)\s*=")
 BLOCK = 4096
 WITH_GZIP = 31
-"""Window of 32 kB, and a gzip header."""
+"""zlib's wbits: a window of 32 kB, and a gzip header."""
 
 
 def image_format(path: Path) -> Format | None:
-    """The format of an image, or None for what is no image; a folder is DICOM when a file in it is.
+    """Return the format of an image, or None for other files; a folder is DICOM when a file in it is.
 
     Args:
         path: of a file or folder.
@@ -37,12 +37,12 @@ def image_format(path: Path) -> Format | None:
 
 
 def is_pair(path: Path) -> bool:
-    """Whether a name is that of an image in two files, .hdr and .img."""
+    """Return whether a name is that of an image in two files, .hdr and .img."""
     return path.name.lower().removesuffix(".gz").endswith((".hdr", ".img"))
 
 
 def pair_of(path: Path) -> tuple[Path, Path]:
-    """The files of the header and of the voxels of an image in two files, of which one is named.
+    """Return the files of the header and of the voxels of an image in two files, from the path of one.
 
     Raises:
         InputError: the other file is missing.
@@ -81,7 +81,7 @@ def _by_name(path: Path) -> Format | None:
 
 
 def _start(path: Path) -> bytes:
-    """The first bytes of a regular file, unpacked where it is packed by gzip."""
+    """The first bytes of a regular file, expanded where it is compressed by gzip."""
     if not path.is_file():
         return b""
     try:

@@ -1,4 +1,4 @@
-"""The frames of a moving object from files of any kind: points by surface, slices, times, and what was assumed."""
+"""The frames of a moving object from files of any kind: points by surface, slices, times, and notes of assumptions."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -13,61 +13,84 @@ from quadriform.errors import InputError, OptionError, Warnings, join_warnings
 from quadriform.files.frame_numbers import frame_numbers, in_time, listed, missing_numbers
 from quadriform.files.guide_points import FILE_NAME, GuidePoints, is_guide_points, read_guide_point_frames
 from quadriform.fitting.inputs import ALONE
-from quadriform.imaging.file_points import ImageOptions, SpaceAndUnit, fits, kind_of, read_source
+from quadriform.imaging.file_points import (
+    ImageOptions,
+    Source,
+    SpaceAndUnit,
+    common_space_and_unit,
+    fits,
+    kind_of,
+    read_source,
+)
 from quadriform.points import Array
 
-MOST_EXACT = 2**53
-"""Larger whole numbers are not exact as times."""
-WALLS = ("endo", "epi")
 if TYPE_CHECKING:
     from quadriform.imaging.labels import Preset
     from quadriform.imaging.selection import Labels
 
+LARGEST_EXACT = 2**53
+"""Larger whole numbers are not exact as times."""
+WALLS = ("endo", "epi")
 SAME_GRID = 1e-3
 """Transforms of images whose entries differ by less, in the unit of the image, are the same."""
 
 
 @dataclass
 class FrameSeries:
-    """What the files hold.
+    """The frames of a moving object.
 
     Attributes:
         clouds: for each frame its points by surface.
-        slices: the slice number of each point, in the same form; for frames of contours and images alone.
+        slices: the slice number of each point, in the same form; for frames of contours and images only.
         grids: for these frames world from voxel of the image, (4, 4); None for contours.
-        marks: frames of the world and units that were found.
-        times: of the frames, where files tell.
+        space_and_unit: of all frames.
+        times: (F,) of the frames, where the files have them.
         period: after which the motion repeats, where the times are the numbers of frames of which some are missing.
-        warnings: of the reading.
+        warnings: of reading the files.
         notes: what was assumed, one sentence each.
     """
 
     clouds: list[dict[str, Array]] = field(default_factory=list)
     slices: list[dict[str, NDArray[np.int64]]] = field(default_factory=list)
     grids: list[Array | None] = field(default_factory=list)
-    marks: set[tuple[str, str]] = field(default_factory=set)
+    space_and_unit: SpaceAndUnit = ("unknown", "unknown")
     times: Array | None = None
     period: float | None = None
     warnings: Warnings = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
-    def add(
-        self, clouds: dict[str, Array], marks: SpaceAndUnit, warnings: Warnings | None = None, notes: Sequence[str] = ()
-    ) -> None:
-        """One more frame, the warnings of its reading joined with those of the others."""
+    def add(self, clouds: dict[str, Array], space_and_unit: SpaceAndUnit) -> None:
+        """Append a frame.
+
+        Raises:
+            InputError: its space or unit is not that of the frames before.
+        """
+        if self.clouds and space_and_unit != self.space_and_unit:
+            before, other = " ".join(self.space_and_unit), " ".join(space_and_unit)
+            raise InputError(f"the frames differ in space or unit: the first is in {before}, another in {other}")
+        self.space_and_unit = space_and_unit
         self.clouds.append(clouds)
-        self.marks.add(marks)
-        self.add_warnings(warnings or {})
-        self.notes += notes
 
-    def add_warnings(self, warnings: Warnings) -> None:
-        """More warnings; two of one kind are joined."""
-        self.warnings = join_warnings(self.warnings, warnings)
+    def add_sources(self, sources: Mapping[str, Source]) -> None:
+        """Append a frame with a file for each surface, or an image for all; warnings of one kind are joined.
 
-    def number(self, numbers: Sequence[int]) -> None:
-        """Take the numbers of the frames for their times where some between them are missing, and say so."""
+        Raises:
+            InputError: surfaces or frames differ in space or unit.
+        """
+        self.add({name: source.points for name, source in sources.items()}, common_space_and_unit(sources))
+        for source in sources.values():
+            self.notes += source.notes
+            self.warnings = join_warnings(self.warnings, source.warnings)
+        slices = {name: source.slices for name, source in sources.items() if source.slices is not None}
+        if slices:
+            image = next(iter(sources.values())).image
+            self.slices.append(slices)
+            self.grids.append(None if image is None else image.world_from_voxel)
+
+    def use_numbers(self, numbers: Sequence[int]) -> None:
+        """Take the numbers of the frames for their times where some between them are missing, with a note."""
         missing = missing_numbers(numbers)
-        if not missing or max(numbers) > MOST_EXACT:
+        if not missing or max(numbers) > LARGEST_EXACT:
             return
         self.times = np.array(numbers, dtype=np.float64)
         self.period = float(numbers[-1] - numbers[0] + min(late - early for early, late in pairwise(numbers)))
@@ -76,43 +99,40 @@ class FrameSeries:
             f"moves smoothly between them; the cycle lasts {self.period:g} where no period is given"
         )
 
-    def timed(self, options: Mapping[str, Any]) -> dict[str, Any]:
-        """Options of `track`, with times and period from the files where they are not given."""
+    def with_times(self, options: Mapping[str, Any]) -> dict[str, Any]:
+        """Return options of `track`, with times and period of the files where they are not given."""
         if "times" in options or self.times is None or len(self.times) != len(self.clouds):
             return dict(options)
-        told: dict[str, Any] = {"times": self.times}
-        if self.period is not None and options.get("period", "auto") == "auto":
-            told["period"] = self.period
-        return dict(options) | told
+        period = {"period": self.period} if self.period and options.get("period", "auto") == "auto" else {}
+        return dict(options) | {"times": self.times} | period
 
 
 def frame_files(inputs: Sequence[Path]) -> list[Path]:
-    """The files of the frames in the order of time: that of the numbers in their names, as `in_time` has it.
+    """Return the files of the frames in the order of time: that of the numbers in their names, as `in_time` sorts them.
 
     Raises:
         InputError: a folder without any, or an order that is not clear.
     """
-    result = []
+    result: list[Path] = []
     for path in inputs:
-        inside = not path.is_dir() or kind_of(path)
-        result += [path] if inside else _files_in(path)
-    folders = any(path not in inputs for path in result)
-    return in_time(result, by_hand=not folders)
+        is_series = path.is_dir() and not kind_of(path)
+        result += _files_in(path) if is_series else [path]
+    return in_time(result, by_hand=all(path in inputs for path in result))
 
 
 def _files_in(folder: Path) -> list[Path]:
     inside = sorted(file for file in folder.iterdir() if file.is_file() and not file.name.startswith("."))
-    by_name = [file for file in inside if FILE_NAME.fullmatch(file.name)]
-    chosen = by_name or [file for file in inside if fits(file)]
+    contours = [file for file in inside if FILE_NAME.fullmatch(file.name)]
+    chosen = contours or [file for file in inside if fits(file)]
     if not chosen:
-        raise InputError(f"{str(folder)!r}: the folder holds no contours, points, meshes or images")
+        raise InputError(f"{str(folder)!r}: the folder contains no contours, points, meshes or images")
     return chosen
 
 
 def read_frames(
     files: Sequence[Path], surfaces: Sequence[str], columns: str | None = None, affine: str | None = None
 ) -> FrameSeries:
-    """The frames of files in the order of time: contours, 4-D images, or a file of points, a mesh or an image each.
+    """Return the frames of files in the order of time: contours, 4-D images, or one file of points or a mesh each.
 
     Args:
         files: as `frame_files` finds and orders them.
@@ -121,7 +141,7 @@ def read_frames(
         affine: which transform of NIfTI headers, as `read_volume` takes it.
 
     Raises:
-        QuadriformError: a file gives no points, or the frames differ in their marks.
+        QuadriformError: a file gives no points, or the frames differ in space or unit.
     """
     from quadriform.imaging.labels import parse_surface
 
@@ -136,23 +156,20 @@ def read_frames(
         if kind_of(file) == "image":
             _add_image(frames, file, labels, affine)
         else:
-            source = read_source(file, ImageOptions(columns=columns))
-            frames.add({ALONE: source.points}, (source.space, source.unit), source.warnings, source.notes)
-    if len(frames.marks) > 1:
-        raise InputError(f"the frames differ in frame of the world or unit: {sorted(frames.marks)}")
-    _number(frames, files)
+            frames.add_sources({ALONE: read_source(file, ImageOptions(columns=columns))})
+    _note_order(frames, files)
     return frames
 
 
-def _number(frames: FrameSeries, files: Sequence[Path]) -> None:
-    """Say in which order the files were taken, and let the numbers in their names tell missing frames."""
+def _note_order(frames: FrameSeries, files: Sequence[Path]) -> None:
+    """Note the order of several files; missing numbers in their names determine the times."""
     if len(files) < 2:
         return
     numbers = frame_numbers(files)
     order = "order in which they are given" if numbers is None else "order of the numbers in their names"
     frames.notes.append(f"{len(files)} files are taken in the {order}: {listed(files)}")
     if numbers is not None and len(frames.clouds) == len(files):
-        frames.number(numbers)
+        frames.use_numbers(numbers)
 
 
 def _add_contours(frames: FrameSeries, files: Sequence[Path], labels: "Mapping[str, Labels | Preset]") -> None:
@@ -161,29 +178,29 @@ def _add_contours(frames: FrameSeries, files: Sequence[Path], labels: "Mapping[s
             f"option --surface does not go with contours such as {files[0].name!r}: their types name surfaces"
         )
     every = read_guide_point_frames(files)
-    read = [frame for frame in every if frame.has_any]
-    if not read:
+    usable = [frame for frame in every if frame.has_any]
+    if not usable:
         raise InputError(f"{listed(files)}: no points of the left ventricle's contours in any frame")
-    names = [name for name in WALLS if any(frame.has(name) for frame in read)]
-    for frame in read:
+    names = [name for name in WALLS if any(frame.has(name) for frame in usable)]
+    for frame in usable:
         found = {name: frame.surface(name) for name in names}
+        frames.add({name: points for name, (points, _) in found.items()}, ("LPS", "mm"))
         frames.slices.append({name: slices for name, (_, slices) in found.items()})
         frames.grids.append(None)
-        frames.add({name: points for name, (points, _) in found.items()}, ("LPS", "mm"))
-    _say_of_contours(frames, files, every)
+    _note_contours(frames, files, every)
 
 
-def _say_of_contours(frames: FrameSeries, files: Sequence[Path], every: Sequence[GuidePoints]) -> None:
-    read = [frame for frame in every if frame.has_any]
+def _note_contours(frames: FrameSeries, files: Sequence[Path], every: Sequence[GuidePoints]) -> None:
+    usable = [frame for frame in every if frame.has_any]
     if len(every) > 1:
         frames.notes.append(f"{len(every)} frames of contours are taken in the order of their numbers: {listed(files)}")
     empty = [str(frame.frame) for frame in every if not frame.has_any]
     if empty:
         frames.notes.append(f"frames without points of the left ventricle's contours: {', '.join(empty)}")
-    if any(not set(np.unique(weights)) <= {0, 1} for frame in read for weights in frame.weights.values()):
+    if any(not set(np.unique(weights)) <= {0, 1} for frame in usable for weights in frame.weights.values()):
         frames.notes.append("weights of the contours other than 0 and 1 are not used")
-    if len(read) > 1:
-        frames.number([frame.frame for frame in read])
+    if len(usable) > 1:
+        frames.use_numbers([frame.frame for frame in usable])
 
 
 def _add_image(frames: FrameSeries, file: Path, labels: "Mapping[str, Labels | Preset]", affine: str | None) -> None:
@@ -195,20 +212,11 @@ def _add_image(frames: FrameSeries, file: Path, labels: "Mapping[str, Labels | P
     for number in range(count):
         options = replace(ImageOptions(), frame=number if count > 1 else None, affine=affine)
         chosen = {name: options.with_surface(value) for name, value in labels.items()} or {ALONE: options}
-        sources = {name: read_source(file, option) for name, option in chosen.items()}
-        first = next(iter(sources.values()))
-        notes = [note for source in sources.values() for note in source.notes]
-        warnings: Warnings = {}
-        for source in sources.values():
-            warnings = join_warnings(warnings, source.warnings)
-        clouds = {name: source.points for name, source in sources.items()}
-        frames.slices.append({name: source.slices for name, source in sources.items() if source.slices is not None})
-        frames.grids.append(None if first.image is None else first.image.world_from_voxel)
-        frames.add(clouds, (first.space, first.unit), warnings, notes)
+        frames.add_sources({name: read_source(file, option) for name, option in chosen.items()})
 
 
 def keep_slices(frames: FrameSeries) -> None:
-    """Leave out the points of images that are of no slice; how many is said.
+    """Leave out the points of images that lie in no slice, with a note of their number.
 
     Raises:
         OptionError: frames without slice numbers, or whose numbers do not mean the same slices.
@@ -223,16 +231,16 @@ def keep_slices(frames: FrameSeries) -> None:
             raise OptionError(f"option --shift-slices: the slices of frame {number} are not those of frame 0")
     if first is None:
         return
-    left = total = 0
+    removed = total = 0
     for clouds, slices in zip(frames.clouds, frames.slices):
         for name, numbers in slices.items():
             kept = numbers != BETWEEN
-            left, total = left + int((~kept).sum()), total + len(kept)
+            removed, total = removed + int((~kept).sum()), total + len(kept)
             clouds[name], slices[name] = clouds[name][kept], numbers[kept]
     axis = slice_axis(first)
     frames.notes.append(
-        f"slices are taken along {'ijk'[axis]}, {np.linalg.norm(first[:3, axis]):.3g} apart; {left} of {total} points "
-        "lie between two slices and are left out"
+        f"slices are taken along {'ijk'[axis]}, {np.linalg.norm(first[:3, axis]):.3g} apart; {removed} of {total} "
+        "points lie between two slices and are left out"
     )
 
 

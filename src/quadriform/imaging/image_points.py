@@ -1,4 +1,4 @@
-"""The whole way from an image to points: the paper's section 5 in one call."""
+"""Points on the surface of an object in an image (paper section 5)."""
 
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -15,12 +15,12 @@ from quadriform.imaging.volume import Region, Volume
 from quadriform.points import Array
 from quadriform.shapes.mesh import Mesh
 
-FACING = 0.2
-"""Share of the surface. Brains and ventricles have at most 0.11 that faces the middle, walls of hearts 0.23."""
+FACING_CENTRE = 0.2
+"""Fraction of the surface; of brains and ventricles at most 0.11 faces the centre, of walls of hearts 0.23."""
 ENCLOSED = 0.05
-"""A hollow of this share of the body has an eighth of its surface; less is what a robust fit leaves out."""
+"""A hole of this fraction of the body has an eighth of its surface; a robust fit leaves out less."""
 LISTED = 10
-"""So many sizes of components are recorded; noise has thousands."""
+"""The number of component sizes that are recorded; noise has thousands."""
 
 
 @dataclass(frozen=True)
@@ -29,11 +29,11 @@ class ImagePoints:
 
     Attributes:
         points: (n, 3), in the world of the image: LPS mm for one that was read from a file.
-        on_border: (n,) bool, points that close the object where the image cuts it, and so are no data.
+        on_border: (n,) bool, points that close the object where the image cuts it, which are no data.
         mesh: the isosurface whose vertices the points are.
         segmentation: the object.
         warnings: of reading, segmentation and isosurface.
-        record: the options in effect and what they led to; plain numbers, strings and lists.
+        record: options and results; numbers, strings and lists.
     """
 
     points: Array
@@ -56,22 +56,23 @@ def points_from_image(
     surface: Literal["mask", "grey"] = "mask",
     border: Border = "open",
 ) -> ImagePoints:
-    """Segment an object and take the vertices of its isosurface (paper section 5).
+    """Return the vertices of the isosurface of a segmented object (paper section 5).
 
     Args:
         volume: grey image, mask or label image.
         select: a value, `Percentile(fraction, of)`, "otsu" or `Labels(values)`; objects are above a threshold. "auto"
             decides by the whole image, as `quadriform.imaging.object_choice` says.
         region: half-open ranges of voxels ((i0, i1), (j0, j1), (k0, k1)); None is the whole image.
-        component: "largest", "all", or the voxel (i, j, k) of the component that is wanted.
+        component: "largest", "all", or a voxel (i, j, k) of the component.
         connectivity: 26 or 6.
-        closing: so many dilations, then as many erosions, with the 6-connected cross.
+        closing: number of dilations, then of erosions, with the 6-connected cross.
         fill_holes: fill what the object encloses; otherwise the walls of holes give points too.
         surface: "mask" puts points halfway between voxels; "grey" where the image crosses the threshold.
-        border: "open" gives no points where the image cuts the object, "close" puts a lid there on purpose.
+        border: "open" gives no points where the image cuts the object, "close" closes it there.
 
     Raises:
-        MaskError: no object or everything, labels missing or not whole, a seed in the background, an enclosed hollow.
+        MaskError: no object or everything, labels missing or not whole, a seed in the background, a wall that is
+            closed all around.
         DegenerateError: the object is one voxel, or one slice thick.
         OptionError: an option is unknown or out of its range.
     """
@@ -88,10 +89,10 @@ def points_from_image(
         closing=closing,
         fill_holes=fill_holes,
     )
-    shown, level = _shown(segmentation, surface)
-    result = isosurface(shown, level, border=border)
+    height, level = _height(segmentation, surface)
+    result = isosurface(height, level, border=border)
     options = {
-        "select": _named(select),
+        "select": _recorded(select),
         "component": component if isinstance(component, str) else [int(n) for n in component],
         "connectivity": connectivity,
         "closing": int(closing),
@@ -102,51 +103,51 @@ def points_from_image(
         "notes": list(notes),
     }
     warnings = segmentation.warnings | result.warnings | _hollow(segmentation, result.mesh, fill_holes)
-    record = options | _findings(segmentation)
+    record = options | _results(segmentation)
     return ImagePoints(result.mesh.vertices, result.on_border, result.mesh, segmentation, warnings, record)
 
 
 def _hollow(found: Segmentation, mesh: Mesh, filled: bool) -> Warnings:
-    """HOLLOW where much of the surface faces the middle of the object, as the inner side of a wall does.
+    """HOLLOW where much of the surface faces the centre of the object, as the inner side of a wall does.
 
     Raises:
         MaskError: the wall is closed all around, so that its two sides are two surfaces.
     """
-    holes, share = found.hole_voxels, _share_facing_middle(mesh)
+    holes, facing = found.hole_voxels, _fraction_facing_centre(mesh)
     if not filled and holes >= ENCLOSED * (int(found.mask.sum()) + holes):
         raise MaskError(
             f"the object is a wall around {holes} voxels: its two sides are two surfaces; take the outer one with "
             "--fill-holes (fill_holes=True)"
         )
-    if share < FACING:
+    if facing < FACING_CENTRE:
         return {}
     return {
-        WarningKind.HOLLOW: f"{share:.0%} of the surface faces the middle of the object, as in a ring or a cup: one "
+        WarningKind.HOLLOW: f"{facing:.0%} of the surface faces the middle of the object, as in a ring or a cup: one "
         "closed surface cannot follow both sides of a wall; give each side as a surface, such as endo and epi"
     }
 
 
-def _share_facing_middle(mesh: Mesh) -> float:
-    """The share of a mesh's area whose outward normal points towards the centre of the surface."""
+def _fraction_facing_centre(mesh: Mesh) -> float:
+    """The fraction of the area of a mesh whose outward normal points towards the centre of the surface."""
     corners = mesh.vertices[mesh.faces]
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
-    middles, sizes = corners.mean(axis=1), np.linalg.norm(areas, axis=1)
+    centroids, sizes = corners.mean(axis=1), np.linalg.norm(areas, axis=1)
     if not sizes.sum() > 0:
         return 0.0
-    centre = sizes @ middles / sizes.sum()
-    inwards = ((middles - centre) * areas).sum(axis=1) < 0
-    return float(sizes[inwards].sum() / sizes.sum())
+    centre = sizes @ centroids / sizes.sum()
+    inward = ((centroids - centre) * areas).sum(axis=1) < 0
+    return float(sizes[inward].sum() / sizes.sum())
 
 
-def _shown(found: Segmentation, surface: str) -> tuple[Volume, float]:
-    """The image whose isosurface is taken, and the level."""
+def _height(found: Segmentation, surface: str) -> tuple[Volume, float]:
+    """The image whose isosurface is taken, and its level."""
     mask = found.object_volume()
     if surface == "mask" or found.threshold is None:
         return mask, 0.5
     return height_of(mask, found.volume.crop(found.region), found.threshold), found.threshold
 
 
-def _findings(segmentation: Segmentation) -> dict[str, Any]:
+def _results(segmentation: Segmentation) -> dict[str, Any]:
     return {
         "region": [list(pair) for pair in segmentation.region],
         "threshold": segmentation.threshold,
@@ -160,7 +161,7 @@ def _findings(segmentation: Segmentation) -> dict[str, Any]:
     }
 
 
-def _named(select: Select) -> Any:
+def _recorded(select: Select) -> Any:
     if isinstance(select, Percentile):
         return {"percentile": select.of, "fraction": select.fraction}
     if not isinstance(select, Labels):

@@ -1,4 +1,4 @@
-"""The files that a model was made from, as its record names them: hashes, and no folders of this machine."""
+"""The input files of a model for its record: names and hashes, without the folders of this machine."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -9,11 +9,11 @@ from quadriform.shapes.record import InputFile
 
 
 def input_files(found: Mapping[str, Sequence[Path]], frame: int | None = None) -> tuple[InputFile, ...]:
-    """The input files of a record.
+    """Return the input files of a record.
 
     Args:
         found: surface, or "" for all, -> its files; of several files each is one frame, in their order.
-        frame: which frame of one file with several was taken.
+        frame: which frame was taken of one file with several.
 
     Raises:
         InputError, FileFormatError: a file cannot be read.
@@ -28,12 +28,12 @@ def input_files(found: Mapping[str, Sequence[Path]], frame: int | None = None) -
 
 
 def title_of(files: Sequence[Path], most: int = 3) -> str:
-    """The names of input files as a title, the first few of many."""
+    """Return the names of input files as a title, the first `most` of them."""
     return ", ".join(map(_name, files[:most])) + (" ..." if len(files) > most else "")
 
 
 def without_folders(notes: Iterable[str], files: Iterable[Path]) -> tuple[str, ...]:
-    """Notes that begin with the path of one of the files, with its name in its place; each note once."""
+    """Return notes with the name of a file in place of its path at their beginning; each note once."""
     names = {f"{path}: ": f"{_name(path)}: " for path in files}
     return tuple(dict.fromkeys(_shortened(note, names) for note in notes))
 

@@ -1,4 +1,4 @@
-"""The surface between inside and outside of an image, as a mesh in the world."""
+"""The isosurface of an image, as a mesh in the world (paper section 5)."""
 
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -14,16 +14,16 @@ from quadriform.shapes.mesh import Mesh
 
 Border = Literal["open", "close"]
 
-SHALLOWEST = 1e-4
-"""No voxel is nearer to the level than this share of the farthest: vertices would meet in voxel centres."""
+MIN_HEIGHT = 1e-4
+"""No voxel is nearer to the level than this fraction of the farthest: else vertices coincide at voxel centres."""
 
 
 @dataclass(frozen=True)
 class Isosurface:
-    """A surface and which part of it the image does not show.
+    """A surface, and which of its vertices are no data.
 
     Attributes:
-        mesh: in the world of the image, counter-clockwise seen from outside.
+        mesh: in the world of the image; faces are counter-clockwise seen from outside.
         on_border: (n,) bool, vertices that close the object where the image cuts it; none for border="open".
         warnings: BORDER_CUT.
     """
@@ -34,7 +34,7 @@ class Isosurface:
 
 
 def isosurface(volume: Volume, level: float = 0.5, *, border: Border = "open") -> Isosurface:
-    """Marching cubes on an image: inside is above `level`.
+    """Return the isosurface of an image by marching cubes; inside is above `level`.
 
     Vertices lie between voxel centres: exactly halfway for a mask, where the height is zero for a grey image.
 
@@ -42,7 +42,7 @@ def isosurface(volume: Volume, level: float = 0.5, *, border: Border = "open") -
         volume: a mask of 0 and 1, or a grey image.
         level: 0.5 for a mask.
         border: where the object leaves the image, "open" ends the surface at the outermost voxel centres;
-            "close" puts a lid half a voxel beyond them.
+            "close" closes it half a voxel outside them.
 
     Raises:
         MaskError: no voxel or every voxel is above the level.
@@ -52,15 +52,16 @@ def isosurface(volume: Volume, level: float = 0.5, *, border: Border = "open") -
     height = volume.values.astype(np.float64) - check_number(level, "level", -np.inf)
     inside = height > 0
     if not inside.any() or inside.all():
-        share = "no voxel is" if not inside.any() else "all voxels are"
+        which = "no voxel is" if not inside.any() else "all voxels are"
         low, high = volume.values.min(), volume.values.max()
-        raise MaskError(f"{share} above the level {level:g}; the values run from {low:g} to {high:g}")
-    floor = SHALLOWEST * np.abs(height).max()
-    height = np.where(inside, np.maximum(height, floor), np.minimum(height, -floor))
+        raise MaskError(f"{which} above the level {level:g}; the values run from {low:g} to {high:g}")
+    least = MIN_HEIGHT * np.abs(height).max()
+    height = np.where(inside, np.maximum(height, least), np.minimum(height, -least))
     padding = 1 if border == "close" else 0
-    vertices, faces = _marching_cubes(_with_lid(height) if padding else height)  # section 5
+    vertices, faces = _marching_cubes(_padded(height) if padding else height)  # section 5
     voxels = vertices - padding
     on_border: NDArray[np.bool_] = np.any((voxels < 0) | (voxels > np.array(inside.shape) - 1), axis=1)
+    # a left-handed grid mirrors the mesh, which reverses the order of its corners
     if np.linalg.det(volume.world_from_voxel[:3, :3]) < 0:
         faces = np.ascontiguousarray(faces[:, ::-1])
     warnings: Warnings = {}
@@ -71,17 +72,17 @@ def isosurface(volume: Volume, level: float = 0.5, *, border: Border = "open") -
 
 
 def height_of(mask: Volume, grey: Volume, level: float) -> Volume:
-    """The grey image, turned over at `level` wherever it disagrees with a mask about what is inside.
+    """Return the grey image, mirrored at `level` wherever it disagrees with a mask about what is inside.
 
-    Its isosurface at `level` is that of the grey image, but of the masked object alone: other bright objects
-    are sunk below the level, and gaps that the mask bridges are raised above it.
+    Its isosurface at `level` is that of the grey image, but of the masked object only: other bright objects are moved
+    below the level, and voxels that the mask adds above it.
     """
     height = grey.values.astype(np.float64) - level
     return replace(grey, values=level + np.where(mask.values > 0, np.abs(height), -np.abs(height)))
 
 
-def _with_lid(height: Array) -> Array:
-    """One more layer on each side, as far below zero as the border is above it: the lid is half a voxel out."""
+def _padded(height: Array) -> Array:
+    """One more layer on each side, as far below zero as the border is above it: zero is half a voxel outside."""
     padded = -np.abs(np.pad(height, 1, mode="edge"))
     padded[1:-1, 1:-1, 1:-1] = height
     return padded
@@ -90,16 +91,16 @@ def _with_lid(height: Array) -> Array:
 def _marching_cubes(height: Array) -> tuple[Array, NDArray[np.int64]]:
     from skimage.measure import marching_cubes
 
-    # its "descent" is what we call inward: skimage turns by the left hand
+    # skimage orders the corners clockwise: its "ascent" gives counter-clockwise faces seen from outside
     vertices, faces, _, _ = marching_cubes(height, 0.0, gradient_direction="ascent")
     return _in_double(vertices.astype(np.float64), height), faces.astype(np.int64)
 
 
 def _in_double(vertices: Array, height: Array) -> Array:
-    """Vertices on edges between two voxels, moved to where the height is zero: skimage's have single precision."""
+    """Vertices on edges between two voxels, recomputed in double precision: those of skimage have single precision."""
     below = np.floor(vertices).astype(np.int64)
     between = vertices != below
-    on_edge = between.sum(axis=1) == 1  # those within a cube stay
+    on_edge = between.sum(axis=1) == 1  # those inside a cube stay
     axis = between[on_edge].argmax(axis=1)
     start = below[on_edge]
     low, high = height[tuple(start.T)], height[tuple((start + np.eye(3, dtype=np.int64)[axis]).T)]

@@ -1,7 +1,7 @@
-"""Which labels of a label image are which surface of the heart: the conventions of public data sets, by name.
+"""Surfaces of the heart from label images: the label conventions of public data sets, by name.
 
-The endocardium encloses the cavity; the epicardium encloses the cavity and the wall. To sum all labels, the right
-ventricle's too, is the mistake that these names avoid. An image is checked against the convention before it is used.
+The endocardium encloses the cavity; the epicardium encloses the cavity and the wall, and not the right ventricle. An
+image is checked against the convention before it is used.
 """
 
 from collections.abc import Iterable
@@ -12,18 +12,18 @@ import numpy as np
 
 from quadriform.errors import InputError, MaskError, OptionError, choose
 from quadriform.files.reading import PathLike, quoted
-from quadriform.imaging.open_cavity import BACKGROUND, CAVITY, WALL, faces_between
 from quadriform.imaging.reading import read_volume
 from quadriform.imaging.segments import LISTED, Segment
 from quadriform.imaging.selection import Labels
+from quadriform.imaging.tissue import BACKGROUND, CAVITY, WALL, enclosed_fraction
 from quadriform.imaging.volume import Volume
 
 
 def surface_labels(cavity: Iterable[int], myocardium: Iterable[int], rv: Iterable[int] = ()) -> dict[str, Labels]:
-    """Labels of one's own: from a surface ("endo", "epi", and "rv" where it has labels) to what it encloses.
+    """Return the labels that each surface encloses: "endo", "epi", and "rv" where it has labels.
 
     Args:
-        cavity: of the left ventricle, with the papillary muscles or without: as the labels are.
+        cavity: of the left ventricle, with or without the papillary muscles, as in the image.
         myocardium: of the left ventricle.
         rv: cavity of the right ventricle.
 
@@ -31,8 +31,8 @@ def surface_labels(cavity: Iterable[int], myocardium: Iterable[int], rv: Iterabl
         OptionError: no label for a part, or one label for two.
     """
     cavity, myocardium, rv = tuple(cavity), tuple(myocardium), tuple(rv)
-    together = (*cavity, *myocardium, *rv)
-    if not cavity or not myocardium or len(set(together)) < len(together):
+    every = (*cavity, *myocardium, *rv)
+    if not cavity or not myocardium or len(set(every)) < len(every):
         raise OptionError(
             f"labels cavity={cavity}, myocardium={myocardium}, rv={rv}: expected one or more for cavity and "
             "myocardium, and each label once"
@@ -43,7 +43,7 @@ def surface_labels(cavity: Iterable[int], myocardium: Iterable[int], rv: Iterabl
 
 @dataclass(frozen=True)
 class Convention:
-    """Labels of the parts of a heart, as one data set has them.
+    """Labels of the parts of a heart in one data set.
 
     Attributes:
         cavity: of the left ventricle.
@@ -80,21 +80,21 @@ PRESETS: dict[str, tuple[Convention, ...]] = {
     "mnms": _LV_1,
     "totalsegmentator": (Convention(3, 1, 5, only=False), Convention(46, 44, 48, only=False)),
 }
-"""From the name of a data set to its conventions. TotalSegmentator has one for its task heartchambers_highres, and one
-for the task total of its first version; the second version's total has the heart as one label."""
+"""Name of a data set -> its conventions. TotalSegmentator has one for its task heartchambers_highres, and one for the
+task total of its first version; total of the second version has the heart as one label."""
 SURFACES = ("endo", "epi", "rv")
 ENCLOSED = 0.5
-"""The cavity of a left ventricle meets its wall over at least this share of its surface."""
+"""The cavity of a left ventricle touches its wall over at least this fraction of its surface."""
 
 STRUCTURES = {"heart_ventricle_left": 3, "heart_myocardium": 1, "heart_ventricle_right": 5}
-"""From TotalSegmentator's files, one a structure, to the labels of its task heartchambers_highres."""
+"""TotalSegmentator's files, one for each structure -> the labels of its task heartchambers_highres."""
 
 
 def parse_surface(text: str) -> tuple[str, Labels | Preset]:
-    """Read a surface as the terminal has it: `endo=label:1`, `epi=label:1+2`, `endo=label:NAME`, `endo=preset:acdc`.
+    """Return the name of a surface, and its labels or the data set whose convention they follow.
 
-    Returns:
-        The name of the surface, and its labels, or the data set whose convention they follow.
+    Args:
+        text: of the command line: `endo=label:1`, `epi=label:1+2`, `endo=label:NAME`, `endo=preset:acdc`.
 
     Raises:
         OptionError: another form, or a preset that has no such surface.
@@ -116,10 +116,10 @@ def parse_surface(text: str) -> tuple[str, Labels | Preset]:
 
 
 def preset_labels(volume: Volume, preset: Preset) -> Labels:
-    """The labels of a surface by a data set's convention, when the image follows it.
+    """Return the labels of a surface by the convention of a data set, when the image follows it.
 
-    The labels must be there, and no others where the data set has none; and the cavity must lie in the wall, more so
-    than the right ventricle does.
+    The image must have these labels, and no others where the data set has none; and the cavity must be enclosed by the
+    wall, more than the right ventricle is.
 
     Raises:
         MaskError: the image follows none of the data set's conventions, or several.
@@ -127,21 +127,21 @@ def preset_labels(volume: Volume, preset: Preset) -> Labels:
     known = PRESETS[choose(preset.data_set, tuple(PRESETS), "preset")]
     if preset.data_set == "totalsegmentator" and volume.segments:
         known = (NAMES,)
-    faults = {convention: _misfit(volume, convention) for convention in known}
-    fitting = [convention for convention, fault in faults.items() if not fault]
-    if len(fitting) != 1:
+    faults = {convention: _contradiction(volume, convention) for convention in known}
+    valid = [convention for convention, fault in faults.items() if not fault]
+    if len(valid) != 1:
         why = "; ".join(f"cavity {one.cavity}, myocardium {one.myocardium}: {fault}" for one, fault in faults.items())
         raise MaskError(
             f"the image does not follow the preset {preset.data_set!r}: {why or 'several of its numberings fit'}; name "
             "the labels with label:..."
         )
-    one = fitting[0]
+    one = valid[0]
     enclosed = {"endo": (one.cavity,), "epi": (one.cavity, one.myocardium), "rv": (one.rv,)}
     return Labels(enclosed[choose(preset.surface, SURFACES, "surface")])
 
 
-def _misfit(volume: Volume, convention: Convention) -> str:
-    """What in an image contradicts a convention; empty where nothing does."""
+def _contradiction(volume: Volume, convention: Convention) -> str:
+    """A sentence with what in an image contradicts a convention; empty where nothing does."""
     present = set(np.unique(volume.values).tolist()) - {0}
     try:
         cavity, myocardium = (volume.label_values((label,)) for label in (convention.cavity, convention.myocardium))
@@ -152,10 +152,10 @@ def _misfit(volume: Volume, convention: Convention) -> str:
         return f"one of them has no voxels; labels in the image: {_short(present)}"
     if convention.only and (others := present - {*cavity, *myocardium, *rv}):
         return f"the image has other labels too: {_short(others)}"
-    shares = [_share_at_wall(volume, part, myocardium) for part in (cavity, rv)]
-    if shares[0] < ENCLOSED or shares[0] <= shares[1]:
-        beside = f", the right ventricle over {shares[1]:.0%}" if present & set(rv) else ""
-        return f"the cavity meets the wall over {shares[0]:.0%} of its surface{beside}: it does not lie in the wall"
+    left, right = (_enclosed_by(volume, part, myocardium) for part in (cavity, rv))
+    if left < ENCLOSED or left <= right:
+        beside = f", the right ventricle over {right:.0%}" if present & set(rv) else ""
+        return f"the cavity meets the wall over {left:.0%} of its surface{beside}: it does not lie in the wall"
     return ""
 
 
@@ -168,28 +168,21 @@ def _short(labels: set[int]) -> str:
     return f"{shown} and {len(labels) - LISTED} more" if len(labels) > LISTED else shown
 
 
-def _share_at_wall(volume: Volume, part: tuple[int, ...], wall: tuple[int, ...]) -> float:
-    """The share of a part's surface where it meets the wall; 0 where the part is empty."""
+def _enclosed_by(volume: Volume, part: tuple[int, ...], wall: tuple[int, ...]) -> float:
+    """The fraction of the surface of a part that touches the wall; 0 where the part is empty."""
     inside = np.isin(volume.values, part)
-    if not inside.any():
-        return 0.0
     tissue = np.where(inside, CAVITY, np.where(np.isin(volume.values, wall), WALL, BACKGROUND)).astype(np.int8)
-    areas = [
-        np.linalg.norm(faces_between(tissue, CAVITY, other, volume.world_from_voxel)[1], axis=1).sum()
-        for other in (WALL, BACKGROUND)
-    ]
-    return float(areas[0] / max(sum(areas), np.finfo(float).tiny))
+    return enclosed_fraction(tissue, volume.world_from_voxel)
 
 
 def read_structures(folder: PathLike) -> Volume:
-    """Read TotalSegmentator's masks of the ventricles, a NIfTI file for each structure, as one label image.
+    """Return TotalSegmentator's masks of the ventricles, a NIfTI file for each structure, as one label image.
+
+    Myocardium is 1, cavity 3, right ventricle 5, with their names, as in TotalSegmentator's own file of several labels.
 
     Args:
         folder: with heart_ventricle_left.nii.gz, heart_myocardium.nii.gz and, where there is one,
             heart_ventricle_right.nii.gz.
-
-    Returns:
-        Myocardium 1, cavity 3, right ventricle 5, with their names: as TotalSegmentator's own file of several labels.
 
     Raises:
         InputError: a file is missing.
@@ -218,8 +211,9 @@ def _check_mask(mask: Volume, first: Volume, file: Path) -> None:
         raise MaskError(
             f"{quoted(file)}: {mask.values.shape} voxels; expected {first.values.shape} as in the left ventricle's file"
         )
-    apart = np.abs(mask.world_from_voxel - first.world_from_voxel)[:3] @ (*first.values.shape, 1)
-    if apart.max() > 0.1 * first.spacing.min():
-        raise MaskError(f"{quoted(file)}: lies {apart.max():.3g} mm off the left ventricle's grid; expected the same")
+    # no corner of the image moves by more than the sum of the changes of all columns
+    off = np.abs(mask.world_from_voxel - first.world_from_voxel)[:3] @ (*first.values.shape, 1)
+    if off.max() > 0.1 * first.spacing.min():
+        raise MaskError(f"{quoted(file)}: lies {off.max():.3g} mm off the left ventricle's grid; expected the same")
     if not mask.values.any():
         raise MaskError(f"{quoted(file)}: the mask is empty")

@@ -1,18 +1,18 @@
-"""What the object of an image is where the caller does not say: segments, labels, or what is above Otsu's threshold.
+"""The object of an image where none is selected: segments, labels, or what is above Otsu's threshold.
 
 1. A file that names its segments: the one segment; of several one must be chosen.
 2. Values that are not all whole numbers, or some below -1: a grey image.
 3. One value beside 0: a mask.
-4. Otherwise the voxels decide. In a label image neighbours mostly have the same label, and hardly a voxel differs from
-   all around it; in a grey image noise and shading make them differ. Counted are pairs of voxels that share a side,
-   both neither 0 nor the most frequent value, of which SAME_NEIGHBOURS or more must be equal; and voxels without an
-   equal one beside them, of which there may be ISOLATED. Otherwise it is a grey image. A file that states that its
-   values are labels is believed without counting.
-5. Up to FEW labels are taken together, which is said; of more one must be chosen, and where -1 is among the values or
-   no voxel is 0, for then the background is not known.
+4. Otherwise the voxels decide. In a label image neighbours mostly have the same label, and few voxels differ from all
+   around them; in a grey image noise and shading make them differ. Counted are pairs of voxels that share a face, both
+   neither 0 nor the most frequent value, of which a fraction SAME_NEIGHBOURS or more must be equal; and voxels without
+   an equal neighbour, of which there may be a fraction ISOLATED. Otherwise it is a grey image. Nothing is counted where
+   the file states that its values are labels.
+5. Up to MAX_LABELS labels are taken together, with a note; of more one must be chosen, and where -1 is among the values
+   or no voxel is 0, for then the background is not known.
 
-Values that are whole numbers but for the edges of regions are an interpolated label image: a threshold must be chosen,
-or the labels taken without interpolation.
+Values that are whole numbers except at the edges of regions are an interpolated label image: a threshold must be
+chosen, or the labels taken without interpolation.
 """
 
 from typing import Any
@@ -25,22 +25,22 @@ from quadriform.imaging.segments import LISTED
 from quadriform.imaging.selection import Labels, Select
 from quadriform.imaging.volume import Volume
 
-FEW = 32
-"""So many labels are taken together; more are the organs of a body or the regions of a brain, which make no object."""
+MAX_LABELS = 32
+"""More are the organs of a body or the regions of a brain, which are no object together."""
 SAME_NEIGHBOURS = 0.4
 """Blocks of 2 x 2 x 2 voxels that touch each other have 0.5. Whole numbers with noise of one unit have 0.28."""
 ISOLATED = 0.02
 """Label images of hearts have 0.000, of 117 organs at a resolution that leaves 5 voxels each 0.007; whole numbers with
 noise of 0.3 units have 0.07, of 0.6 units 0.12."""
 MOSTLY = 0.5
-"""Where this share of the voxels beside 0 has whole numbers of several values, the others come from interpolation."""
+"""Where this fraction of the voxels beside 0 has whole numbers of several values, the others are interpolated."""
 
 Choice = tuple[Select, tuple[str, ...]]
-"""What the object is, and what was assumed."""
+"""The selection of the object, and notes of what was assumed."""
 
 
 def choose_object(volume: Volume) -> Choice:
-    """How the object is told from its background, by the rules of this module, and what is to be said of it.
+    """Return the selection of the object by the rules of this module, and notes of what was assumed.
 
     Raises:
         MaskError: a label or a threshold must be chosen; the candidates are listed with their voxels.
@@ -62,20 +62,20 @@ def choose_object(volume: Volume) -> Choice:
     if not volume.is_label_map and (present[0] < -1 or not (mask or _in_regions(values, present, counts))):
         return _grey()
     labels = tuple(int(value) for value in present if value != 0)
-    if doubt := _doubt(present):
-        raise MaskError(f"{doubt}: {_ask(present, counts)}")
+    if ambiguity := _ambiguity(present):
+        raise MaskError(f"{ambiguity}: {_candidates(present, counts)}")
     if not labels:
-        return 0.5, ()  # refused there as an empty mask, with the values listed
-    together = (
+        return 0.5, ()  # `segment` refuses this as an empty mask, and lists the values
+    object_labels = (
         f"labels {', '.join(map(str, labels))} together; --label, or --surface NAME=label:VALUES, chooses"
         if len(labels) > 1
         else f"label {labels[0]}"
     )
-    return Labels(labels), (f"taken as a label image, the object is {together}",)
+    return Labels(labels), (f"taken as a label image, the object is {object_labels}",)
 
 
 def counted(values: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int64]]:
-    """The values of an image in increasing order, and the number of voxels of each."""
+    """Return the values of an image in increasing order, and the number of voxels of each."""
     if values.dtype.kind in "bu" and values.dtype.itemsize <= 2:
         all_counts = np.bincount(values.ravel())
         present = np.flatnonzero(all_counts)
@@ -83,10 +83,10 @@ def counted(values: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int64]]:
     return np.unique(values, return_counts=True)
 
 
-def _doubt(present: NDArray[Any]) -> str:
+def _ambiguity(present: NDArray[Any]) -> str:
     """Why a label must be chosen from these values; empty where all of them but 0 are taken together."""
     labels = len(present[present != 0])
-    if labels > FEW:
+    if labels > MAX_LABELS:
         return f"{labels} values in connected regions, as of a label image"
     if present[0] < 0:
         return f"whole numbers from {present[0]:g} in connected regions, as of a label image"
@@ -116,37 +116,37 @@ def _of_segments(volume: Volume) -> Choice:
 
 
 def _in_regions(values: NDArray[Any], present: NDArray[Any], counts: NDArray[np.int64]) -> bool:
-    """Whether neighbouring voxels mostly have the same value, background left out, and hardly one is alone."""
+    """Whether neighbouring voxels mostly have the same value, without the background, and few are isolated."""
     return _equal_pairs(values, (0, present[counts.argmax()])) >= SAME_NEIGHBOURS and _isolated(values) <= ISOLATED
 
 
 def _isolated(values: NDArray[Any]) -> float:
-    """The share of voxels without an equal one beside them, among those with six neighbours, none of them 0."""
+    """The fraction of voxels without an equal neighbour, among those with six neighbours, none of them 0."""
     middle = values[1:-1, 1:-1, 1:-1]
-    shown, alone = middle != 0, np.ones(middle.shape, dtype=bool)
+    counted_voxels, alone = middle != 0, np.ones(middle.shape, dtype=bool)
     for axis in range(values.ndim):
         for side in (slice(None, -2), slice(2, None)):
             beside = values[tuple(side if n == axis else slice(1, -1) for n in range(values.ndim))]
-            shown &= beside != 0
+            counted_voxels &= beside != 0
             alone &= beside != middle
-    return float((shown & alone).sum() / max(int(shown.sum()), 1))
+    return float((counted_voxels & alone).sum() / max(int(counted_voxels.sum()), 1))
 
 
 def _equal_pairs(values: NDArray[Any], background: tuple[Any, ...]) -> float:
-    """The share of equal pairs among voxels that share a side and are no background; 1 where there are none."""
-    shown = ~np.isin(values, background)
+    """The fraction of equal pairs among voxels that share a face and are no background; 1 where there are none."""
+    counted_voxels = ~np.isin(values, background)
     equal = pairs = 0
     for axis in range(values.ndim):
         low, high = np.s_[:-1], np.s_[1:]
         first = (slice(None),) * axis
-        both = shown[(*first, low)] & shown[(*first, high)]
+        both = counted_voxels[(*first, low)] & counted_voxels[(*first, high)]
         pairs += int(both.sum())
         equal += int((both & (values[(*first, low)] == values[(*first, high)])).sum())
     return equal / pairs if pairs else 1.0
 
 
 def _check_interpolated(values: NDArray[Any], present: NDArray[Any], counts: NDArray[np.int64]) -> None:
-    """Refuse what is a label image but for the edges of its regions."""
+    """Refuse values that are whole numbers except at the edges of regions."""
     whole = (present == np.round(present)) & (present != 0)
     if present[0] < 0 or whole.sum() < 2 or counts[whole].sum() < MOSTLY * counts[present != 0].sum():
         return
@@ -158,7 +158,7 @@ def _check_interpolated(values: NDArray[Any], present: NDArray[Any], counts: NDA
         )
 
 
-def _ask(present: NDArray[Any], counts: NDArray[np.int64]) -> str:
+def _candidates(present: NDArray[Any], counts: NDArray[np.int64]) -> str:
     kept = present != 0
     order = np.argsort(-counts[kept], kind="stable")
     shown = ", ".join(f"{present[kept][n]:g}: {counts[kept][n]}" for n in order[:LISTED])

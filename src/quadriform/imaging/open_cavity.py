@@ -1,27 +1,24 @@
-"""The cavity inside a wall that is open at one side: closed across the opening, and where the opening is."""
+"""The cavity inside a wall that is open at one side: how far it reaches, and the plane of its opening."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from quadriform.errors import MaskError
-from quadriform.imaging.border import face_area_vectors
 from quadriform.imaging.segmentation import Mask
+from quadriform.imaging.tissue import BACKGROUND, CAVITY, WALL, Tissue, enclosed_fraction, faces_between
 from quadriform.points import Array
 
-Tissue = NDArray[np.int8]
-BACKGROUND, WALL, CAVITY = 0, 1, 2
 REACH = 1.5
-"""Cavity is what lies within so many radii of a ball's core: corners at the mouth, but nothing behind the wall."""
+"""The cavity reaches this many radii around the core of its largest ball: corners at the opening, but no slits."""
 ENCLOSED = 0.5
-"""At least this share of a cavity's surface is wall; less is a dent."""
+"""At least this fraction of the surface of a cavity is wall; less is a dent."""
 
 
 def fill_open_cavity(wall: Mask, world_from_voxel: Array) -> Tissue:
-    """Which voxels are background, wall and cavity.
+    """Return which voxels are background, wall and cavity.
 
-    The cavity is found in what the convex hull adds to the wall: the largest balls there, at least half as wide as
-    the widest, all that they cover, and the pockets between them and the wall. So it ends across the opening where
-    the hull does, and slits outside the wall are left out. Enclosed holes of the wall count as wall.
+    The cavity is searched in what the convex hull adds to the wall: the largest connected group of balls, at least half
+    as wide as the widest, all that these cover, and the pockets between them and the wall. So it ends across the
+    opening where the hull does, and slits outside the wall are left out. Enclosed holes of the wall count as wall.
 
     Args:
         wall: (i, j, k) bool.
@@ -35,7 +32,7 @@ def fill_open_cavity(wall: Mask, world_from_voxel: Array) -> Tissue:
 
     hull = convex_hull_image(wall)
     added = hull & ~wall
-    depth = _distance(added, world_from_voxel)
+    depth = _distance(added, world_from_voxel)  # radius of the largest ball about each voxel
     balls, _ = ndimage.label(depth > depth.max() / 2)
     counts = np.bincount(balls.ravel())[1:]
     if not len(counts):
@@ -44,59 +41,46 @@ def fill_open_cavity(wall: Mask, world_from_voxel: Array) -> Tissue:
     cavity = added & (_distance(~largest, world_from_voxel) <= REACH * depth.max() / 2)
     tissue = np.where(wall, WALL, BACKGROUND).astype(np.int8)
     tissue[cavity] = CAVITY
-    pockets, n = ndimage.label(tissue == BACKGROUND)
-    open_ones = np.unique(pockets[~hull])
-    at_cavity = np.unique(pockets[ndimage.binary_dilation(cavity)])
-    for pocket in np.setdiff1d(np.arange(1, n + 1), open_ones):
-        tissue[pockets == pocket] = CAVITY if pocket in at_cavity else WALL
-    _check_enclosed(tissue, world_from_voxel)
+    _fill_pockets(tissue, hull)
+    enclosed = enclosed_fraction(tissue, world_from_voxel)
+    if enclosed < ENCLOSED:
+        raise MaskError(
+            f"no cavity: the largest hollow of the wall is enclosed by {enclosed:.0%} of its surface, expected at "
+            f"least {ENCLOSED:.0%}; choose another threshold or region"
+        )
     return tissue
 
 
-def faces_between(tissue: Tissue, one: int, other: int, world_from_voxel: Array) -> tuple[Array, Array]:
-    """Sides of voxels between two tissues: their middles (n, 3) and area vectors (n, 3) from `one` to `other`."""
-    middles, areas = [], []
-    for axis, area in enumerate(face_area_vectors(world_from_voxel)):
-        low, high = np.delete(tissue, -1, axis), np.delete(tissue, 0, axis)
-        for first, second, sign in ((one, other, 1.0), (other, one, -1.0)):
-            voxels = np.argwhere((low == first) & (high == second)) + 0.5 * (np.arange(3) == axis)
-            middles.append(voxels @ world_from_voxel[:3, :3].T + world_from_voxel[:3, 3])
-            areas.append(np.broadcast_to(sign * area, (len(voxels), 3)))
-    return np.concatenate(middles), np.concatenate(areas)
+def _fill_pockets(tissue: Tissue, hull: Mask) -> None:
+    """Assign background inside the hull to the cavity where it touches it, else to the wall; in place."""
+    from scipy import ndimage
+
+    pockets, n = ndimage.label(tissue == BACKGROUND)
+    outside = np.unique(pockets[~hull])
+    at_cavity = np.unique(pockets[ndimage.binary_dilation(tissue == CAVITY)])
+    for pocket in np.setdiff1d(np.arange(1, n + 1), outside):
+        tissue[pockets == pocket] = CAVITY if pocket in at_cavity else WALL
 
 
 def base_of_open_cavity(tissue: Tissue, world_from_voxel: Array) -> tuple[Array, Array]:
-    """The plane across the mouth of a hollow, half the thickest wall below it, and the unit direction out of it.
+    """Return a plane across the opening: a point (3,), half the thickest wall below it, and the outward direction (3,).
 
-    That much lower the rim, where the inner surface turns into the outer one, is behind the plane.
+    That far below it, the rim, where the inner surface turns into the outer one, is behind the plane.
 
     Raises:
-        MaskError: there is no mouth.
+        MaskError: there is no opening.
     """
-    middles, areas = faces_between(tissue, CAVITY, BACKGROUND, world_from_voxel)
+    centres, areas = faces_between(tissue, CAVITY, BACKGROUND, world_from_voxel)
     if not len(areas):
         raise MaskError("the cavity is closed all around: there is no base to cut; use labels instead")
     direction = areas.sum(axis=0)
     direction = direction / np.linalg.norm(direction)
     depth = _distance(tissue == WALL, world_from_voxel)
-    return middles.mean(axis=0) - float(depth.max()) * direction, direction
-
-
-def _check_enclosed(tissue: Tissue, world_from_voxel: Array) -> None:
-    areas = [
-        np.linalg.norm(faces_between(tissue, CAVITY, other, world_from_voxel)[1], axis=1).sum()
-        for other in (WALL, BACKGROUND)
-    ]
-    share = areas[0] / max(sum(areas), 1e-300)
-    if share < ENCLOSED:
-        raise MaskError(
-            f"no cavity: the largest hollow of the wall is walled by {share:.0%} of its surface, expected at least "
-            f"{ENCLOSED:.0%}; choose another threshold or region"
-        )
+    return centres.mean(axis=0) - float(depth.max()) * direction, direction
 
 
 def _distance(mask: Mask, world_from_voxel: Array) -> Array:
-    """Distance of each voxel of a mask to the nearest one that is not; along the axes of the grid, however skew."""
+    """Distance of each voxel of a mask to the nearest one outside, along the axes of the grid; a shear is ignored."""
     from scipy import ndimage
 
     spacing = np.linalg.norm(world_from_voxel[:3, :3], axis=0)

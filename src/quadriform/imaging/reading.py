@@ -1,12 +1,11 @@
-"""Images from files: one function, and one reader for each format, which is told by the content."""
+"""Images from files: one function for all formats, which are recognised by their content."""
 
-import os
-import stat
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
 from quadriform.errors import FileFormatError, InputError, OptionError
+from quadriform.files.reading import PathLike, check_readable
 from quadriform.imaging.dicom import dicom_times, read_dicom
 from quadriform.imaging.formats import SUFFIXES, Format, image_format
 from quadriform.imaging.nifti import nifti_times, read_nifti
@@ -14,15 +13,13 @@ from quadriform.imaging.simpleitk_images import read_with_simpleitk, simpleitk_t
 from quadriform.imaging.volume import Volume
 from quadriform.points import Array
 
-PathLike = str | os.PathLike[str]
-
 
 class Reader(NamedTuple):
-    """How files of a format are read.
+    """The reader of a format.
 
     Attributes:
-        volume: one frame of it.
-        times: the number of frames, and their times (frames,) in ms where they are known.
+        volume: returns one frame.
+        times: returns the number of frames, and their times (frames,) in ms where the file has them.
     """
 
     volume: Callable[..., Volume]
@@ -37,25 +34,25 @@ READERS: dict[Format, Reader] = {
 
 
 def read_volume(path: PathLike, frame: int | None = None, affine: str | None = None) -> Volume:
-    """Read an image into world LPS millimetres.
+    """Return an image in LPS millimetres.
 
-    NIfTI, in one file or a pair: where sform and qform disagree, `quadriform.imaging.nifti_forms` says which is used,
-    and which disagreements are refused; metres and microns become millimetres; slope and intercept are applied once
-    (a slope of 0 or NaN means none). The file is read and checked to its end.
+    NIfTI, in one file or a pair: where sform and qform disagree, `quadriform.imaging.nifti_forms` has the rules;
+    metres and microns become millimetres; slope and intercept are applied once (a slope of 0 or NaN means none). The
+    file is read and checked to its end.
     NRRD and MetaImage (by SimpleITK): `space` is "unknown" where the file names no anatomical frame.
     DICOM (by pydicom): slices are spaced by their positions; see `quadriform.imaging.dicom.read_dicom`, which also
     takes one of several series in a folder.
 
     Args:
-        path: a NIfTI, NRRD, MetaImage or DICOM file, told by its content and not by its name; a folder of DICOM
-            slices, or one file of a series.
+        path: a NIfTI, NRRD, MetaImage or DICOM file, recognised by its content; a folder of DICOM slices, or one
+            file of a series.
         frame: which frame of a four-dimensional image, counted from 0.
         affine: which transform of a NIfTI header to use: "sform", "qform", or "pixdim" for the sizes of voxels
-            alone, in an unknown frame. None decides by the header.
+            alone, in an unknown space. None decides by the header.
 
-    Returns:
-        The image; `unit` is "unknown" where the file does not say, as `warnings` tell by UNKNOWN_UNIT, and by
-        AFFINE_REPAIRED that sform and qform disagree.
+    Warnings of the image:
+        UNKNOWN_UNIT: the file has no unit, and `unit` is "unknown".
+        AFFINE_REPAIRED: sform and qform disagree.
 
     Raises:
         InputError: no such file, not readable, a library is missing, or a DICOM series that is ragged or one of many.
@@ -75,7 +72,7 @@ def read_volume(path: PathLike, frame: int | None = None, affine: str | None = N
 
 
 def frame_count(path: PathLike) -> int:
-    """How many frames an image has; 1 for a three-dimensional one.
+    """Return the number of frames of an image; 1 for a three-dimensional one.
 
     Raises:
         InputError, FileFormatError, FileLimitError, AffineError, MaskError: as `read_volume`.
@@ -85,7 +82,7 @@ def frame_count(path: PathLike) -> int:
 
 
 def frame_times(path: PathLike) -> Array | None:
-    """The times (frames,) of an image in ms, or None where the file does not tell.
+    """Return the times (frames,) of an image in ms, or None where the file has none.
 
     They are the trigger times of DICOM (mean over the slices), and the even steps of NIfTI; NRRD and MetaImage have
     no unit of time.
@@ -98,7 +95,7 @@ def frame_times(path: PathLike) -> Array | None:
 
 
 def example_path() -> Path:
-    """Where the image of the demo lies: a human brain, `example4d.nii.gz` of the installed nibabel.
+    """Return the path of the image of the demo: a human brain, `example4d.nii.gz` of the installed nibabel.
 
     Raises:
         InputError: this installation of nibabel has no test data.
@@ -112,7 +109,7 @@ def example_path() -> Path:
 
 
 def example_volume() -> Volume:
-    """The image of the demo: first volume of `example_path()`, 128 x 96 x 24 voxels of 2 x 2 x 2.2 mm.
+    """Return the image of the demo: first volume of `example_path()`, 128 x 96 x 24 voxels of 2 x 2 x 2.2 mm.
 
     Raises:
         InputError: this installation of nibabel has no test data.
@@ -121,25 +118,11 @@ def example_volume() -> Volume:
 
 
 def _reader(path: Path) -> Reader:
-    _check_path(path)
+    if not path.is_dir():
+        check_readable(path)
     found = "dicom" if path.is_dir() else image_format(path)
     if found is None:
         raise FileFormatError(
             f"{str(path)!r}: no image by its content, nor by its name; expected a suffix of {' '.join(SUFFIXES)}"
         )
     return READERS[found]
-
-
-def _check_path(path: Path) -> None:
-    try:
-        status = path.stat()
-    except FileNotFoundError as error:
-        raise InputError(f"{str(path)!r}: there is no such file") from error
-    except (OSError, ValueError) as error:
-        raise InputError(f"{str(path)!r}: cannot be read: {error}") from error
-    if stat.S_ISDIR(status.st_mode):
-        return
-    if not stat.S_ISREG(status.st_mode):
-        raise InputError(f"{str(path)!r}: expected an image file or a folder, found a device or a pipe")
-    if status.st_size == 0:
-        raise FileFormatError(f"{str(path)!r}: the file is empty")

@@ -18,10 +18,9 @@ from quadriform.points import check_number
 Mask = NDArray[np.bool_]
 
 ANISOTROPIC = 4.0
-"""A spacing above this many times the smallest is named."""
+"""A ratio of the largest to the smallest spacing above this is warned of."""
 OTSU_INTEGERS = 1 << 16
-"""Whole numbers over a wider range, and all others, are sorted: bins would fill the memory, or split a value."""
-
+"""Integers over a wider range, and all other values, are sorted: bins would fill the memory, or split a value."""
 
 Component = Literal["largest", "all"] | Sequence[int]
 """Which connected component is kept; a seed is a voxel (i, j, k) of the whole image."""
@@ -29,15 +28,15 @@ Component = Literal["largest", "all"] | Sequence[int]
 
 @dataclass(frozen=True)
 class Segmentation:
-    """An object and how it was found.
+    """An object, and the threshold and components by which it was found.
 
     Attributes:
         mask: (i, j, k) bool, of the whole image; False outside the region.
         volume: the whole image.
-        region: the voxels that were looked at.
+        region: the voxels that were used.
         threshold: values above it were the object; None for labels.
         component_voxels: sizes of all components found, largest first, before closing.
-        components_kept: how many of them `mask` holds.
+        components_kept: how many of them `mask` contains.
         hole_voxels: in enclosed holes after closing; part of `mask` when filled.
         warnings: BORDER_CUT, ANISOTROPIC.
         notes: what was assumed about the object, one sentence each.
@@ -54,7 +53,7 @@ class Segmentation:
     notes: tuple[str, ...] = ()
 
     def object_volume(self) -> Volume:
-        """The mask inside the region, as an image of 0 and 1 in its place in the world."""
+        """Return the mask inside the region, as an image of 0 and 1 at its position in the world."""
         whole = Volume(self.mask.view(np.uint8), self.volume.world_from_voxel, self.volume.space, self.volume.unit)
         return whole.crop(self.region)
 
@@ -69,17 +68,17 @@ def segment(
     closing: int = 0,
     fill_holes: bool = False,
 ) -> Segmentation:
-    """Find one object in an image: threshold, component, closing, in the order of the paper (section 5).
+    """Return one object of an image: threshold, component, closing, in the order of the paper (section 5).
 
     Args:
         volume: grey image, mask or label image.
         select: a value, `Percentile(fraction, of)`, "otsu" or `Labels(values)`; "auto" decides by the whole image, as
             `choose_object` says.
         region: half-open ranges of voxels ((i0, i1), (j0, j1), (k0, k1)); None is the whole image. Nothing
-            outside it is looked at: Otsu and percentiles do not see it, and its edge counts as a border.
-        component: "largest", "all", or the voxel (i, j, k) of the component that is wanted.
+            outside it is used, by Otsu and percentiles neither, and its edge counts as a border.
+        component: "largest", "all", or a voxel (i, j, k) of the component.
         connectivity: 26 joins voxels that share a corner, 6 only those that share a side.
-        closing: so many dilations with the 6-connected cross, then as many erosions.
+        closing: number of dilations, then of erosions, with the 6-connected cross.
         fill_holes: fill what the object encloses.
 
     Raises:
@@ -117,7 +116,7 @@ def _check_options(component: Component, connectivity: int, closing: int) -> Non
 
 
 def check_steps(steps: int, option: str) -> None:
-    """Refuse what is no number of steps.
+    """Check that `steps` is a number of morphological steps.
 
     Raises:
         OptionError: not whole, or below 0.
@@ -152,16 +151,16 @@ def _threshold(values: NDArray[Any], select: float | Percentile | str) -> float:
 
 
 def otsu(values: NDArray[Any]) -> float:
-    """Otsu's threshold of all values, exact whatever their type (Otsu 1979).
+    """Return Otsu's threshold of all values, exact for every type (Otsu 1979).
 
     Raises:
-        MaskError: there is but one value.
+        MaskError: there is only one value.
     """
     from skimage.filters import threshold_otsu
 
     low, high = float(values.min()), float(values.max())
     if low == high:
-        raise MaskError(f"all voxels are {low:g}: there is no object to tell from a background")
+        raise MaskError(f"all voxels are {low:g}: there is no object and background to distinguish")
     if values.dtype.kind in "iu" and high - low < OTSU_INTEGERS:
         return float(threshold_otsu(values.ravel()))
     present, counts = np.unique(values, return_counts=True)
@@ -180,7 +179,7 @@ def _labelled(values: NDArray[Any], labels: Sequence[int]) -> Mask:
 
 
 def _keep(found: Mask, component: Component, connectivity: int, region: Region) -> tuple[Mask, tuple[int, ...], int]:
-    """The wanted component, the sizes of all, and how many are kept."""
+    """The requested component, the sizes of all, and how many are kept."""
     from scipy import ndimage
 
     labels, n = ndimage.label(found, ndimage.generate_binary_structure(3, 1 if connectivity == 6 else 3))
@@ -188,8 +187,8 @@ def _keep(found: Mask, component: Component, connectivity: int, region: Region) 
     sizes = tuple(int(size) for size in np.sort(counts)[::-1])
     if component == "all":
         return found, sizes, n
-    wanted = int(counts.argmax()) + 1 if component == "largest" else _label_at(labels, component, region)
-    return labels == wanted, sizes, 1
+    kept = int(counts.argmax()) + 1 if component == "largest" else _label_at(labels, component, region)
+    return labels == kept, sizes, 1
 
 
 def _label_at(labels: NDArray[Any], seed: Sequence[int] | str, region: Region) -> int:
@@ -203,7 +202,7 @@ def _label_at(labels: NDArray[Any], seed: Sequence[int] | str, region: Region) -
 
 
 def _close(mask: Mask, steps: int) -> Mask:
-    """Closing that the border does not eat from: the object may grow beyond it on the way."""
+    """Closing on a padded image, so that the border does not erode the object."""
     from scipy import ndimage
 
     if steps == 0:
@@ -214,7 +213,7 @@ def _close(mask: Mask, steps: int) -> Mask:
 
 
 def _holes(mask: Mask) -> Mask:
-    """Background that no path of voxel sides joins to the outside."""
+    """Background that is not 6-connected to the outside."""
     from scipy import ndimage
 
     background, _ = ndimage.label(~np.pad(mask, 1))
@@ -240,7 +239,7 @@ def _check_object(mask: Mask, values: NDArray[Any], threshold: float | None) -> 
 
 
 def _describe(values: NDArray[Any]) -> str:
-    """The values of an image, with counts where they are few."""
+    """A sentence with the values of an image, and their counts where there are at most 20."""
     present, counts = np.unique(values, return_counts=True)
     if len(present) > 20:
         return f"the values run from {present[0]:g} to {present[-1]:g}"
@@ -248,7 +247,7 @@ def _describe(values: NDArray[Any]) -> str:
 
 
 def segment_warnings(mask: Mask, volume: Volume) -> Warnings:
-    """BORDER_CUT and ANISOTROPIC of an object in an image, or in the part of one that was looked at."""
+    """Return BORDER_CUT and ANISOTROPIC of an object in an image."""
     warnings: Warnings = {}
     if cut := border_cut(mask, volume.world_from_voxel):
         warnings[WarningKind.BORDER_CUT] = cut

@@ -1,4 +1,4 @@
-"""Named segments of a label image, also where they overlap: one voxel value for each combination of segments."""
+"""Named segments of a label image, which may overlap: one voxel value for each combination of segments."""
 
 import re
 from dataclasses import dataclass, field, replace
@@ -11,7 +11,7 @@ from quadriform.errors import OptionError
 
 SEPARATORS = re.compile(r"[,+]")
 LISTED = 12
-"""So many segments or labels are listed in a message, the largest first."""
+"""The number of segments or labels that a message lists, the largest first."""
 
 
 @dataclass(frozen=True)
@@ -19,9 +19,9 @@ class Segment:
     """A part of an image that its file names.
 
     Attributes:
-        name: in the file's words.
-        number: in the file's count.
-        values: the voxel values that mean it; several where it overlaps others.
+        name: of the file.
+        number: of the file.
+        values: the voxel values of the segment; several where it overlaps others.
     """
 
     name: str
@@ -31,7 +31,7 @@ class Segment:
 
 @dataclass
 class SegmentMap:
-    """A label image in the making: segments are added one after the other and may overlap.
+    """A label image to which segments are added one after the other; they may overlap.
 
     Attributes:
         values: (i, j, k), 0 where there is no segment.
@@ -42,28 +42,29 @@ class SegmentMap:
     segments: list[Segment] = field(default_factory=list)
 
     def add(self, name: str, number: int, mask: NDArray[Any]) -> None:
-        """One more segment.
+        """Add a segment.
 
         Args:
-            name: in the file's words.
-            number: in the file's count; its voxel value where no other segment has it.
-            mask: (i, j, k) bool, where it is.
+            name: of the file.
+            number: of the file; its voxel value where no other segment has it.
+            mask: (i, j, k) bool, its voxels.
         """
         used = {value for segment in self.segments for value in segment.values}
         own: list[int] = []
         for old in np.unique(self.values[mask]).tolist():
-            free = number if old == 0 and number > 0 and number not in used else max(used | {0}) + 1
+            unused = number if old == 0 and number > 0 and number not in used else max(used | {0}) + 1
+            # a combination that lies inside the mask as a whole keeps its value
             inside = bool(old) and not (~mask & (self.values == old)).any()
-            new = old if inside else free
+            new = old if inside else unused
             used.add(new)
             own.append(new)
             self.values[mask & (self.values == old)] = new
             if old not in (0, new):
-                self._share(old, new)
+                self._extend(old, new)
         self.segments.append(Segment(name, number, tuple(own)))
 
-    def _share(self, old: int, new: int) -> None:
-        """Voxels of `old` that have the value `new` now stay in the segments of `old`."""
+    def _extend(self, old: int, new: int) -> None:
+        """Add the value `new`, which some voxels of `old` have now, to the segments of `old`."""
         self.segments = [
             replace(segment, values=(*segment.values, new)) if old in segment.values else segment
             for segment in self.segments
@@ -71,14 +72,14 @@ class SegmentMap:
 
 
 def values_of(segments: tuple[Segment, ...], label: int | str) -> tuple[int, ...]:
-    """The voxel values of a segment by number or name, or of several by names with `,` or `+` between.
+    """Return the voxel values of a segment by number or name, or of several by names with `,` or `+` between.
 
     Args:
-        segments: that the image names; without any, a number is the voxel value itself.
+        segments: of the image; without any, a number is the voxel value itself.
         label: number, name, or names.
 
     Raises:
-        OptionError: no segment or several are called so.
+        OptionError: no segment has this name, or several have it.
     """
     if isinstance(label, str):
         return _by_name(segments, label)
@@ -89,7 +90,7 @@ def values_of(segments: tuple[Segment, ...], label: int | str) -> tuple[int, ...
 
 
 def listed(segments: tuple[Segment, ...]) -> str:
-    """The segments of an image as a message names them."""
+    """Return the segments of an image as a message lists them."""
     if not segments:
         return "the image names no segments; give the value of a label"
     shown = ", ".join(f"{segment.number} {segment.name!r}" for segment in segments[:LISTED])
@@ -98,14 +99,14 @@ def listed(segments: tuple[Segment, ...]) -> str:
 
 
 def _by_name(segments: tuple[Segment, ...], name: str) -> tuple[int, ...]:
-    wanted = name.strip()
-    found = [segment for segment in segments if segment.name == wanted]
-    found = found or [segment for segment in segments if segment.name.lower() == wanted.lower()]
+    name = name.strip()
+    found = [segment for segment in segments if segment.name == name]
+    found = found or [segment for segment in segments if segment.name.lower() == name.lower()]
     if len(found) == 1:
         return found[0].values
-    words = [word.strip() for word in SEPARATORS.split(wanted)]
+    words = [word.strip() for word in SEPARATORS.split(name)]
     if found or len(words) == 1:
         fault = f"{len(found)} segments have this name; choose by number" if found else "there is no such segment"
-        raise OptionError(f"option label={wanted!r}: {fault}; {listed(segments)}")
+        raise OptionError(f"option label={name!r}: {fault}; {listed(segments)}")
     parts = (values_of(segments, int(word) if word.isdecimal() else word) for word in words)
     return tuple(dict.fromkeys(value for part in parts for value in part))

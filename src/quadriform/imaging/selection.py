@@ -1,4 +1,4 @@
-"""How an object is told from its background: thresholds and labels."""
+"""The selection of an object in an image: thresholds and labels."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -6,11 +6,11 @@ from typing import Literal
 
 @dataclass(frozen=True)
 class Percentile:
-    """A threshold relative to the bright end: `fraction` times the percentile `of` the values in the region.
+    """A threshold: `fraction` times the percentile `of` the values in the region.
 
     Attributes:
         fraction: 0.5 is half of the percentile.
-        of: percentile from 0 to 100; 99.9 leaves out a few hot voxels.
+        of: percentile from 0 to 100; 99.9 is robust against a few extreme voxels.
     """
 
     fraction: float
@@ -29,4 +29,4 @@ class Labels:
 
 
 Select = float | Percentile | Labels | Literal["otsu", "auto"]
-"""How an object is told from its background. Objects are strictly above a threshold."""
+"""Which voxels are the object. Objects are strictly above a threshold."""

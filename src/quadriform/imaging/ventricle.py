@@ -1,38 +1,32 @@
-"""From an image of a left ventricle to the points of its two surfaces: measured wall alone, the base left open."""
+"""Points of the two surfaces of a left ventricle from an image: measured wall only, the base left open."""
 
 from dataclasses import dataclass
 from typing import Any
+from warnings import warn
 
 import numpy as np
 
 from quadriform.errors import MaskError, OptionError, WarningKind, Warnings
 from quadriform.imaging.border import border_cut, face_area_vectors
 from quadriform.imaging.isosurface import height_of, isosurface
-from quadriform.imaging.open_cavity import (
-    BACKGROUND,
-    CAVITY,
-    WALL,
-    Tissue,
-    base_of_open_cavity,
-    faces_between,
-    fill_open_cavity,
-)
+from quadriform.imaging.open_cavity import base_of_open_cavity, fill_open_cavity
 from quadriform.imaging.segmentation import Component, Mask, Segmentation, segment
 from quadriform.imaging.selection import Labels, Percentile, Select
 from quadriform.imaging.thinning import thinned
+from quadriform.imaging.tissue import BACKGROUND, CAVITY, WALL, Tissue, contact_area, enclosed_fraction
 from quadriform.imaging.volume import Region, Volume, slices
 from quadriform.points import Array, check_number, check_points
 
 Plane = tuple[Array, Array]
-"""A point (3,) of the base plane and the direction (3,) to the missing side, in the world: `base` of a fit."""
+"""A point (3,) of the base plane and the direction (3,) to the side without data, in the world: `base` of a fit."""
 
 HALF = Percentile(0.5, 99.9)
-BETWEEN = 1e-5
-"""No vertex is nearer to a voxel's centre than this, in voxels."""
-FEW = 125
-"""Points: as many as the default box has control points. With fewer, the evidence has little to go by."""
+OFF_CENTRE = 1e-5
+"""No vertex is nearer to the centre of a voxel than this, in voxels."""
+MIN_POINTS = 125
+"""As many as the default box has control points; with fewer, the evidence cannot determine the strength."""
 ON_PLANE = 1e-9
-"""Points this share of the extent beyond a plane are on it."""
+"""Points beyond a plane by less than this fraction of the extent are on it."""
 
 
 @dataclass(frozen=True)
@@ -40,11 +34,11 @@ class VentriclePoints:
     """Points on the walls of a ventricle.
 
     Attributes:
-        clouds: "endo", and "epi" where there is a wall, (n, 3) each, in the world of the image; what `fit` takes.
+        clouds: "endo", and "epi" where there is a wall, (n, 3) each, in the world of the image; an argument of `fit`.
         isosurfaces: the same before thinning.
         base: where the ventricle is open; None when the image shows it closed.
         warnings: of reading and segmentation, BORDER_CUT, OPEN_BASE, OPEN_WALL.
-        record: voxels of cavity and wall, points beyond the base by surface, and how far points are apart.
+        record: number of voxels of cavity and wall, number of points beyond the base by surface, spacing of the points.
     """
 
     clouds: dict[str, Array]
@@ -61,9 +55,10 @@ def ventricle_from_labels(
     wall: Labels | None = None,
     region: Region | None = None,
     base: Plane | None = None,
+    spacing: float | None = None,
     apart: float | None = None,
 ) -> VentriclePoints:
-    """Endocardium: the boundary of the cavity; epicardium: that of cavity and wall together, where it is wall.
+    """Return points of the endocardium, the boundary of the cavity, and of the epicardium, the outside of the wall.
 
     Points lie halfway between voxels. Where the image or the region cuts the ventricle there are none, and the
     face that cuts most of the cavity is the base.
@@ -74,9 +69,10 @@ def ventricle_from_labels(
         wall: labels of the muscle; without it there is no epicardium.
         region: half-open ranges of voxels, such as the slices below the base; its edge cuts like the image's.
         base: plane beyond which nothing is taken, in the world of the image.
-        apart: side of the cubes of which each keeps one point; 0 keeps all points. None is a voxel's longest side,
-            halved while it leaves fewer than FEW points of a surface. The steps of voxels are no independent
-            measurements, and a fit takes every point for one.
+        spacing: side of the cubes of which each keeps one point; 0 keeps all points. None is a voxel's longest side,
+            halved while it leaves fewer than MIN_POINTS points of a surface. Neighbouring points of an isosurface are
+            no independent measurements, and a fit takes every point for one.
+        apart: the name of `spacing` in earlier versions.
 
     Raises:
         MaskError: labels are missing, or cavity and wall are swapped.
@@ -97,7 +93,7 @@ def ventricle_from_labels(
     if cut := border_cut(tissue != BACKGROUND, inner.world_from_voxel):
         warnings[WarningKind.BORDER_CUT] = f"{cut}; left open there"
     plane = _cut_face(tissue == CAVITY, inner) if base is None else _check_plane(base)
-    return _finish(surfaces, plane, warnings, tissue, inner, apart)
+    return _finish(surfaces, plane, warnings, tissue, inner, _renamed(spacing, apart))
 
 
 def ventricle_from_perfusion(
@@ -107,20 +103,22 @@ def ventricle_from_perfusion(
     region: Region | None = None,
     component: Component = "largest",
     base: Plane | None = None,
+    spacing: float | None = None,
     apart: float | None = None,
 ) -> VentriclePoints:
-    """Both surfaces of a bright wall that is open at the base: the horseshoe of a perfusion image.
+    """Return points of both surfaces of a bright wall that is open at the base: the horseshoe of a perfusion image.
 
     The cavity is what the convex hull adds to the wall, as far as its largest balls reach. The isosurface of the wall
     is endocardium where it faces the cavity and epicardium elsewhere; across the base there is no wall, so no points.
 
     Args:
         volume: grey image with a bright wall.
-        select: what is wall; half of the nearly largest value, as nuclear cardiology does.
+        select: which voxels are wall; half of the 99.9th percentile, as usual in nuclear cardiology.
         region: half-open ranges of voxels about the ventricle.
         component: "largest", or a voxel (i, j, k) of the wall.
-        base: plane beyond which nothing is taken; None finds it: half the thickest wall below the mouth.
-        apart: as in `ventricle_from_labels`.
+        base: plane beyond which nothing is taken; None finds it: half the thickest wall below the opening.
+        spacing: as in `ventricle_from_labels`.
+        apart: the name of `spacing` in earlier versions.
 
     Raises:
         MaskError: nothing or everything is wall, or it encloses no cavity.
@@ -136,15 +134,21 @@ def ventricle_from_perfusion(
         level = found.threshold
         shown = height_of(shown, inner, level)
     points, ends = _vertices(shown, level, tissue)
-    facing = ends.max(axis=1) == CAVITY
-    outer = (ends == BACKGROUND).any(axis=1) & ~facing  # a dark spot within the wall is neither
-    surfaces = {"endo": points[facing], "epi": points[outer]}
-    result = _finish(surfaces, plane, warnings, tissue, inner, apart)
+    inner_side = ends.max(axis=1) == CAVITY
+    outer_side = (ends == BACKGROUND).any(axis=1) & ~inner_side  # a dark spot within the wall is neither
+    surfaces = {"endo": points[inner_side], "epi": points[outer_side]}
+    result = _finish(surfaces, plane, warnings, tissue, inner, _renamed(spacing, apart))
     if base is None:
-        lost = sum(result.record["beyond_base"].values())
-        of = sum(map(len, surfaces.values()))
-        warnings[WarningKind.OPEN_BASE] = f"the wall is open; {lost} of {of} points at its rim are left out"
+        removed = sum(result.record["beyond_base"].values())
+        total = sum(map(len, surfaces.values()))
+        warnings[WarningKind.OPEN_BASE] = f"the wall is open; {removed} of {total} points at its rim are left out"
     return result
+
+
+def _renamed(spacing: float | None, apart: float | None) -> float | None:
+    if apart is not None:
+        warn("the option apart is named spacing; apart will be removed", DeprecationWarning, stacklevel=3)
+    return spacing if apart is None else apart
 
 
 def _inside(found: Segmentation) -> Mask:
@@ -162,19 +166,17 @@ def _surface(mask: Mask, tissue: Tissue, inner: Volume) -> tuple[Array, Tissue]:
 
 
 def _vertices(shown: Volume, level: float, tissue: Tissue) -> tuple[Array, Tissue]:
-    """The isosurface's vertices (n, 3) and the tissues (n, 2) of the two voxels that each lies between."""
+    """The isosurface's vertices (n, 3) and the tissues (n, 2) of the two voxels on whose edge each lies."""
     points = isosurface(shown, level).mesh.vertices
     voxels = shown.voxels(points)
-    ends = [np.rint(voxels + sign * (0.5 - BETWEEN)).astype(np.int64) for sign in (-1, 1)]
+    # a vertex is on an edge of the grid: rounding one coordinate down and up gives the ends of the edge
+    ends = [np.rint(voxels + sign * (0.5 - OFF_CENTRE)).astype(np.int64) for sign in (-1, 1)]
     return points, np.stack([tissue[tuple(end.T)] for end in ends], axis=1)
 
 
 def _check_order(tissue: Tissue, cavity: Labels, wall: Labels, world_from_voxel: Array) -> None:
-    """A cavity meets the background less than its wall does, wherever it is cut."""
-    blood, muscle = (
-        np.linalg.norm(faces_between(tissue, kind, BACKGROUND, world_from_voxel)[1], axis=1).sum()
-        for kind in (CAVITY, WALL)
-    )
+    """Refuse a cavity that touches the background over more than its wall does."""
+    blood, muscle = (contact_area(tissue, kind, BACKGROUND, world_from_voxel) for kind in (CAVITY, WALL))
     if blood > muscle:
         raise MaskError(
             f"cavity={cavity.values} meets the background over {blood:.4g}, wall={wall.values} over {muscle:.4g} "
@@ -183,17 +185,12 @@ def _check_order(tissue: Tissue, cavity: Labels, wall: Labels, world_from_voxel:
 
 
 def _open_wall(tissue: Tissue, world_from_voxel: Array) -> Warnings:
-    """Where the cavity meets the background inside the image."""
-    areas = [
-        np.linalg.norm(faces_between(tissue, CAVITY, kind, world_from_voxel)[1], axis=1).sum()
-        for kind in (BACKGROUND, WALL)
-    ]
-    if areas[0] == 0:
+    """OPEN_WALL where the cavity touches the background inside the image."""
+    open_fraction = 1 - enclosed_fraction(tissue, world_from_voxel)
+    if open_fraction == 0:
         return {}
-    share = areas[0] / sum(areas)
-    return {
-        WarningKind.OPEN_WALL: f"{share:.1%} of the cavity's surface has no wall: it has no epicardial points there"
-    }
+    text = f"{open_fraction:.1%} of the cavity's surface has no wall: it has no epicardial points there"
+    return {WarningKind.OPEN_WALL: text}
 
 
 def _cut_face(cavity: Mask, inner: Volume) -> Plane | None:
@@ -223,32 +220,34 @@ def _finish(
     warnings: Warnings,
     tissue: Tissue,
     inner: Volume,
-    apart: float | None,
+    spacing: float | None,
 ) -> VentriclePoints:
-    """Cut what lies beyond the plane, and thin the rest."""
-    kept = surfaces if plane is None else {name: points[~_beyond(points, plane)] for name, points in surfaces.items()}
+    """The points without those beyond the plane, thinned."""
+    kept = surfaces if plane is None else {name: points[~_cut_off(points, plane)] for name, points in surfaces.items()}
     for name, points in kept.items():
         if not len(points):
-            raise MaskError(f"{name}: none of the {len(surfaces[name])} points lies below the base; turn its direction")
-    side = _side(kept, inner) if apart is None else check_number(apart, "apart", 0.0)
+            raise MaskError(
+                f"{name}: none of the {len(surfaces[name])} points lies below the base; reverse its direction"
+            )
+    side = _default_spacing(kept, inner) if spacing is None else check_number(spacing, "spacing", 0.0)
     record = {
         "cavity_voxels": int((tissue == CAVITY).sum()),
         "wall_voxels": int((tissue == WALL).sum()),
         "beyond_base": {name: len(surfaces[name]) - len(points) for name, points in kept.items()},
-        "apart": side,
+        "spacing": side,
     }
     clouds = {name: thinned(points, side) for name, points in kept.items()}
     return VentriclePoints(clouds, kept, plane, warnings, record)
 
 
-def _side(surfaces: dict[str, Array], image: Volume) -> float:
+def _default_spacing(surfaces: dict[str, Array], image: Volume) -> float:
     side = float(image.spacing.max())
-    while side > image.spacing.min() and min(len(thinned(points, side)) for points in surfaces.values()) < FEW:
+    while side > image.spacing.min() and min(len(thinned(points, side)) for points in surfaces.values()) < MIN_POINTS:
         side /= 2
     return side
 
 
-def _beyond(points: Array, plane: Plane) -> Mask:
+def _cut_off(points: Array, plane: Plane) -> Mask:
     point, direction = plane
     heights = (points - point) @ direction
     return heights > ON_PLANE * np.abs(heights).max(initial=0)

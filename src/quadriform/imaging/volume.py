@@ -1,4 +1,4 @@
-"""An image and where its voxels lie in the world."""
+"""An image, and the transform from its voxels to the world."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -15,7 +15,7 @@ Region = tuple[tuple[int, int], tuple[int, int], tuple[int, int]]
 """Half-open ranges of voxels, ((i0, i1), (j0, j1), (k0, k1))."""
 
 SINGULAR = 1e-6
-"""A determinant below this share of the product of the column lengths leaves no volume to a voxel."""
+"""A transform is singular when its determinant is below this fraction of the product of its column lengths."""
 
 
 @dataclass(frozen=True)
@@ -23,12 +23,12 @@ class Volume:
     """A three-dimensional image.
 
     Attributes:
-        values: (i, j, k), finite real numbers or booleans; never changed by this package.
-        world_from_voxel: (4, 4), takes voxel centres (i, j, k, 1) to the world.
-        space: frame of the world, "LPS", "RAS" or "unknown".
+        values: (i, j, k), finite real numbers or booleans; this package never changes them.
+        world_from_voxel: (4, 4), maps voxel centres (i, j, k, 1) to the world.
+        space: coordinate frame of the world, "LPS", "RAS" or "unknown".
         unit: of lengths in the world, "mm", "m" or "unknown".
-        warnings: what the reader had to decide on.
-        segments: parts that the file names, as DICOM segmentations, .seg.nrrd and label tables of NIfTI do.
+        warnings: of reading the file.
+        segments: named parts of the file, as DICOM segmentations, .seg.nrrd and label tables of NIfTI do.
         is_label_map: whether the file states that its values are labels.
 
     Raises:
@@ -60,7 +60,7 @@ class Volume:
         return np.linalg.norm(self.world_from_voxel[:3, :3], axis=0)
 
     def points_world(self, voxels: ArrayLike) -> Array:
-        """World points (n, 3) of voxel coordinates (n, 3), which may lie between voxel centres.
+        """Return world points (n, 3) of voxel coordinates (n, 3), which may lie between voxel centres.
 
         Raises:
             PointsError: `voxels` are not finite numbers of shape (n, 3).
@@ -68,21 +68,21 @@ class Volume:
         return check_points(voxels, "voxels") @ self.world_from_voxel[:3, :3].T + self.world_from_voxel[:3, 3]
 
     def voxels(self, points: Array) -> Array:
-        """Voxel coordinates (n, 3) of world points (n, 3): the inverse of `points_world`."""
+        """Return voxel coordinates (n, 3) of world points (n, 3): the inverse of `points_world`."""
         affine = self.world_from_voxel
         return np.asarray(np.linalg.solve(affine[:3, :3], (points - affine[:3, 3]).T).T, dtype=np.float64)
 
     def label_values(self, labels: tuple[int | str, ...]) -> tuple[int, ...]:
-        """The voxel values of labels, given as numbers or as names of segments.
+        """Return the voxel values of labels, given as numbers or as names of segments.
 
         Raises:
-            OptionError: no segment or several are called so.
+            OptionError: no segment has this name, or several have it.
         """
         parts = (values_of(self.segments, label) for label in labels)
         return tuple(dict.fromkeys(value for part in parts for value in part))
 
     def crop(self, region: Region) -> "Volume":
-        """The part inside `region`; its voxels stay where they are in the world.
+        """Return the part inside `region`, at the same position in the world.
 
         Raises:
             OptionError: `region` is empty or leaves the image.
@@ -95,7 +95,7 @@ class Volume:
 
 
 def check_region(region: Region | None, shape: tuple[int, ...]) -> Region:
-    """Return `region`, for None the whole image, when it is not empty and inside `shape`.
+    """Return `region`, or the whole image for None, when it is not empty and inside `shape`.
 
     Raises:
         OptionError: not three pairs of whole numbers, empty, or outside.
@@ -114,13 +114,13 @@ def check_region(region: Region | None, shape: tuple[int, ...]) -> Region:
 
 
 def slices(region: Region) -> tuple[slice, slice, slice]:
-    """`region` as an index into an array."""
+    """Return `region` as an index into an array."""
     (i0, i1), (j0, j1), (k0, k1) = region
     return slice(i0, i1), slice(j0, j1), slice(k0, k1)
 
 
 def affine_fault(affine: Array) -> str:
-    """What is wrong with a (4, 4) transform from voxels to the world; empty when nothing is."""
+    """Return a sentence with the fault of a (4, 4) transform from voxels to the world; empty when it has none."""
     if affine.shape != (4, 4):
         return f"expected shape (4, 4), found {affine.shape}"
     if not np.isfinite(affine).all():
