@@ -119,7 +119,7 @@ def surface_distances(a: Surface, b: Surface) -> tuple[Distances, Distances]:
 
 
 def dice(a: Surface, b: Surface) -> float:
-    """Dice's overlap 2 |A and B| / (|A| + |B|), from 0 (apart) to 1 (the same), counted in a common grid.
+    """Dice's overlap `2 |A and B| / (|A| + |B|)`, from 0 (apart) to 1 (the same), counted in a common grid.
 
     The grid has 128 voxels along its longest side, so that bodies as large as it come out to about 0.001.
 
