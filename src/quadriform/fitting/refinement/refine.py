@@ -125,33 +125,54 @@ def _error(result: Result, clouds: dict[str, Array]) -> float:
 
 
 def _best_start(task: _Task, starts: Sequence[dict[str, Superquadric]], shape: tuple[int, int, int]) -> Result:
-    """The best start that unfolds at a fair price, or the best: of the largest evidence after its first stage.
+    """The best certified refinement; a fold is kept, and reported, only by a fit that is not poor.
 
-    Several surfaces in one box are only worth having when the space between them does not fold: there any price is
-    fair, if there is none better. A start that comes out tangled is the last resort. A fold is kept, and reported, only
-    by a fit that is not poor.
+    Where no start gives a certified one, all are tried once more without weights: robust ones can take whole faces of a
+    body with sharp edges for outliers, and nothing then stops the surface from folding there.
     """
-    trials = [_Trial.of(task, surfaces, shape) for surfaces in starts]
-    if len(trials) > 1:
-        order = best_first(np.array([-trial.begun[1].criterion for trial in trials]))
-        trials = [trials[index] for index in order]
-    whole, dear = list[tuple[_Trial, Refined]](), list[tuple[_Trial, Refined]]()
-    for trial in _tangled_last(trials):
+    first, found = _certified(task, starts, shape)
+    trial, folded = first
+    if found is None and folded.solution.noise > POOR:
+        regularised = least_regularised(trial.rounds, folded, trial.surfaces)
+        found = None if regularised is None else (trial, regularised)
+    elif found is None and task.options.robust:
+        even = replace(task, options=replace(task.options, robust=False))
+        found = _certified(even, starts, shape, fair_price(folded))[1]
+    if found is None:
+        return _result(task, *first, folding(DeformableModel(trial.surfaces, folded.box)))
+    return _result(task, *found, {})
+
+
+def _certified(
+    task: _Task, starts: Sequence[dict[str, Superquadric]], shape: tuple[int, int, int], price: float | None = None
+) -> tuple["Tried", "Tried | None"]:
+    """The first start refined, and the best start that unfolds at a fair price, or else the one of least noise.
+
+    The best has the largest evidence after its first stage; one that comes out tangled is the last resort. Several
+    surfaces in one box are only worth having when the space between them does not fold: there any price is fair, if
+    there is none better.
+
+    Args:
+        price: the fair price; None for that of the first start.
+    """
+    tried, dear = list["Tried"](), list["Tried"]()
+    for trial in _tangled_last(_ordered(task, starts, shape)):
         refined = trial.rounds.fine(trial.sheets, trial.coarse)
-        whole.append((trial, refined))
-        price = fair_price(whole[0][1])
-        for cured in cures(trial.rounds, refined, trial.surfaces, np.inf if len(trial.surfaces) > 1 else price):
-            if cured.solution.noise <= price:
-                return _result(task, trial, cured, {})
+        tried.append((trial, refined))
+        fair = fair_price(tried[0][1]) if price is None else price
+        for cured in cures(trial.rounds, refined, trial.surfaces, np.inf if len(trial.surfaces) > 1 else fair):
+            if cured.solution.noise <= fair:
+                return tried[0], (trial, cured)
             dear.append((trial, cured))
-    if dear:
-        return _result(task, *min(dear, key=lambda found: found[1].solution.noise), {})
-    trial, refined = whole[0]
-    if refined.solution.noise > POOR:
-        found = least_regularised(trial.rounds, refined, trial.surfaces)
-        if found is not None:
-            return _result(task, trial, found, {})
-    return _result(task, trial, refined, folding(DeformableModel(trial.surfaces, refined.box)))
+    return tried[0], min(dear, key=lambda found: found[1].solution.noise, default=None)
+
+
+def _ordered(task: _Task, starts: Sequence[dict[str, Superquadric]], shape: tuple[int, int, int]) -> "list[_Trial]":
+    """Trials of the starts, the one of largest evidence after its first stage first."""
+    trials = [_Trial.of(task, surfaces, shape) for surfaces in starts]
+    if len(trials) == 1:
+        return trials
+    return [trials[index] for index in best_first(np.array([-trial.begun[1].criterion for trial in trials]))]
 
 
 @dataclass(frozen=True)
@@ -178,6 +199,10 @@ class _Trial:
         if self.task.start is not None:
             return self.rounds.resumed(self.sheets, self.task.start)
         return coarse_unfolded(self.rounds, self.begun[0], self.sheets)
+
+
+Tried = tuple[_Trial, Refined]
+"""A start and what it was refined to."""
 
 
 def _tangled_last(trials: Sequence[_Trial]) -> Iterator[_Trial]:

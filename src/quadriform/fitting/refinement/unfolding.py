@@ -29,6 +29,8 @@ LATTICE, GRID, FINE_LATTICE, FINE_GRID = 21, 12, 45, 32
 """Points along an axis of the lattices inside, and cells of the grids on the surfaces, at first and in a search."""
 STRONGEST, DESCENT, ROUNDS = 1e3, 8, 4
 """Fold removal begins at this many times the strength and reaches it in so many steps of at most so many rounds."""
+RENEWALS, STUCK = 8, 0.8
+"""Nearest foot points are sought so many times, while they lower the sum of squares of the distances to this share."""
 AFFINE = 1e3
 """A strength at which the data bends nothing."""
 PRICE, CHEAP = 1.5, 0.025
@@ -167,7 +169,7 @@ def cures(rounds: Rounds, refined: Refined, surfaces: dict[str, Superquadric], m
     for way in ways:
         cured = _descended(rounds, way(refined), penalty, surfaces, most)
         if cured is not None:
-            yield cured
+            yield with_nearest_feet(rounds, cured, penalty, surfaces)
 
 
 def _penalty(refined: Refined, surfaces: Mapping[str, Superquadric]) -> JacobianPenalty:
@@ -193,6 +195,35 @@ def _descended(
     return remove_folds(rounds, refined, penalty, strength, surfaces, most) or found
 
 
+def with_nearest_feet(
+    rounds: Rounds, refined: Refined, penalty: JacobianPenalty, surfaces: dict[str, Superquadric]
+) -> Refined:
+    """A certified refinement, refined on from the nearest foot points where the given ones are much farther away.
+
+    Foot points slide along the surface, and where the surface is folded and unfolded some stay behind, such as on the
+    wrong face beside a sharp rim. They distort the surface, and robust weights then take the points for outliers.
+    """
+    for _ in range(RENEWALS):
+        renewed = _nearest(refined)
+        if _misfit(renewed) > STUCK * _misfit(refined):
+            return refined
+        if rounds.robust:
+            for sheet in renewed.sheets:
+                sheet.weigh(sheet.distances(renewed.box), refined.solution.noise)
+        strength, noise = refined.solution.strength, refined.solution.noise
+        lifted, _ = _lifted(rounds, renewed, penalty, strength)
+        unfolded = remove_folds(rounds, lifted, penalty, strength, surfaces, noise)
+        if unfolded is None:
+            return refined
+        refined = unfolded
+    return refined
+
+
+def _misfit(refined: Refined) -> float:
+    """Sum of squares of the distances from all points to their foot points."""
+    return float(sum((sheet.weights * sheet.distances(refined.box) ** 2).sum() for sheet in refined.sheets))
+
+
 def _lifted(rounds: Rounds, refined: Refined, penalty: JacobianPenalty, strength: float) -> tuple[Refined, bool]:
     """The refinement after a few rounds with the penalty at one strength, and whether a proof may succeed."""
     for _ in range(ROUNDS):
@@ -212,10 +243,15 @@ def _copied(refined: Refined) -> Refined:
 
 def _at_rest(refined: Refined) -> Refined:
     """The undeformed box, and the foot points of the undeformed surfaces."""
-    rest = _copied(replace(refined, box=refined.box.with_control_points(refined.box.rest)))
-    for sheet in rest.sheets:
-        sheet.origins = closest_on(sheet.superquadric, rest.box, sheet.points).origins
-    return rest
+    return _nearest(replace(refined, box=refined.box.with_control_points(refined.box.rest)))
+
+
+def _nearest(refined: Refined) -> Refined:
+    """The same with the nearest foot points, in sheets of its own."""
+    found = _copied(refined)
+    for sheet in found.sheets:
+        sheet.origins = closest_on(sheet.superquadric, found.box, sheet.points).origins
+    return found
 
 
 def certified(box: ControlBox, surfaces: Mapping[str, Superquadric]) -> bool:
