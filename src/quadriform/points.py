@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,6 +11,16 @@ from quadriform.errors import DegenerateError, OptionError, PointsError
 
 Array = NDArray[np.float64]
 Named = TypeVar("Named")
+
+
+class Movable(Protocol):
+    """A shape that can be scaled about the origin and shifted."""
+
+    def placed(self, scale: float, offset: Array) -> Self:
+        """The shape scaled, then shifted by (3,)."""
+
+
+Shape = TypeVar("Shape", bound=Movable)
 
 DISTINCT = 1e-12
 """Points closer than this share of the cloud's RMS radius count as one."""
@@ -201,3 +211,11 @@ class Frame:
     def to_world(self, points: Array) -> Array:
         """Points (n, 3) back in the unit of the data."""
         return points * self.scale + self.centre
+
+    def shape_to_local(self, shape: Shape) -> Shape:
+        """A superquadric, box or model in the centred, unit-free frame."""
+        return shape.placed(1 / self.scale, -self.centre / self.scale)
+
+    def shape_to_world(self, shape: Shape) -> Shape:
+        """A superquadric, box or model back in the unit of the data."""
+        return shape.placed(self.scale, self.centre)

@@ -5,7 +5,6 @@ import pytest
 from shapes_made import lumpy
 
 import quadriform as qf
-from quadriform.fitting import fit as doors
 from quadriform.fitting.refinement import large_clouds
 
 pytestmark = pytest.mark.slow
@@ -23,7 +22,6 @@ def cloud(count, seed=0):
 def small(monkeypatch):
     """What is called very large_clouds, made small enough for a test."""
     monkeypatch.setattr(large_clouds, "MANY", 4000)
-    monkeypatch.setattr(doors, "MANY", 4000)
     monkeypatch.setattr(large_clouds, "SAMPLE", 1500)
     monkeypatch.setattr(large_clouds, "PART", 2000)
 
@@ -64,7 +62,7 @@ def test_all_points_tell_more_than_a_sample_and_no_less_than_at_once(small, monk
     points = cloud(12_000)
     few = points[large_clouds.sampled(points, np.ones(len(points)))]
     alone, every = qf.fit(few), qf.fit(points)
-    monkeypatch.setattr(doors, "MANY", 10**9)
+    monkeypatch.setattr(large_clouds, "MANY", 10**9)
     at_once = qf.fit(points)
     assert error(every) < 0.8 * error(alone)
     assert error(every) < 1.15 * error(at_once)
@@ -123,12 +121,12 @@ def test_refine_takes_the_same_way(small):
 
 def test_weights_of_one_surface_against_another_are_kept(small, monkeypatch):
     points = {"outer": cloud(4100, seed=4), "inner": 0.5 * cloud(400, seed=5)}
-    weights, seen, made = {"outer": np.ones(4100), "inner": np.full(400, 50.0)}, {}, large_clouds._surface
+    weights, seen, made = {"outer": np.ones(4100), "inner": np.full(400, 50.0)}, {}, large_clouds._Surface
 
-    def watched(model, name, cloud, weights, index, frame):
+    def watched(name, cloud, weights, *rest):
         seen[name] = weights
-        return made(model, name, cloud, weights, index, frame)
+        return made(name, cloud, weights, *rest)
 
-    monkeypatch.setattr(large_clouds, "_surface", watched)
+    monkeypatch.setattr(large_clouds, "_Surface", watched)
     qf.fit(points, weights=weights, box=(3, 3, 3), strength=1e-4)
     assert seen["inner"].mean() / seen["outer"].mean() == pytest.approx(50)

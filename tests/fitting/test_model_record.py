@@ -9,8 +9,8 @@ from shapes_made import lumpy, two_walls
 
 import quadriform as qf
 from quadriform.errors import WarningKind, join_warnings
-from quadriform.fitting import fit as fit_module
 from quadriform.fitting.diagnostics import start_notes
+from quadriform.fitting.refinement import large_clouds
 from quadriform.shapes.record import InputFile, ModelRecord, together, worst
 
 SMALL = {"box": (3, 3, 3)}
@@ -57,7 +57,7 @@ def test_coverage_is_that_of_each_surface(warned):
 
 
 def test_a_model_of_many_points_carries_the_warnings_of_all(monkeypatch):
-    monkeypatch.setattr(fit_module, "MANY", 300)
+    monkeypatch.setattr(large_clouds, "MANY", 300)
     few = np.vstack([EGG, EGG[:1] * 3])
     found = qf.fit(few, **SMALL)
     assert "400" in found.warnings["OUTLIERS"] and found.model.warnings == found.warnings

@@ -20,8 +20,7 @@ from quadriform.files.atomic import write_bytes
 from quadriform.files.frame_numbers import natural
 from quadriform.files.reading import naming
 from quadriform.files.result_folder import check_results, replaced_together
-from quadriform.fitting.inputs import ALONE
-from quadriform.fitting.result import Fit, flat
+from quadriform.fitting.result import ALONE, Fit, flat
 from quadriform.imaging.file_points import (
     ImageOptions,
     Source,

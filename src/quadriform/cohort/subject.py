@@ -27,8 +27,7 @@ from quadriform.files.models import parse_json
 from quadriform.files.reading import quoted, read_bytes
 from quadriform.files.strict import Field
 from quadriform.fitting.fit import fit
-from quadriform.fitting.inputs import ALONE
-from quadriform.fitting.result import Fit
+from quadriform.fitting.result import ALONE, Fit
 from quadriform.imaging.file_points import files_of
 from quadriform.imaging.frame_series import FrameSeries, keep_slices
 from quadriform.imaging.input_files import input_files, without_folders

@@ -4,13 +4,14 @@ On the lattices of images, and on any body with symmetry, much is equal but for 
 processors: the best of equal values, axes that moments of second order leave open, and points at equal distances.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from quadriform.points import Array
+from quadriform.points import Array, Frame
 
 EQUAL = 1e-9
 """Values that differ by less than this share of their size are equal, but for rounding."""
@@ -70,6 +71,34 @@ class Distinct:
     def copies(self) -> int:
         """How many points that count are copies of others."""
         return len(self.index) - len(self.points)
+
+
+@dataclass(frozen=True)
+class Centred:
+    """Distinct points of several clouds in one centred, scaled frame.
+
+    Attributes:
+        frame: of all distinct points.
+        distinct: name -> distinct points in the unit of the data.
+        points: name -> (m, 3), these in the frame.
+        mean_weight: of all of them.
+        weights: name -> (m,) divided by their mean: weights that are all twice as large are no more evidence.
+    """
+
+    frame: Frame
+    distinct: dict[str, Distinct]
+    points: dict[str, Array]
+    mean_weight: float
+    weights: dict[str, Array]
+
+    @classmethod
+    def of(cls, clouds: Mapping[str, Array], weights: Mapping[str, Array]) -> "Centred":
+        """From points (n, 3) and weights (n,) by name."""
+        distinct = {name: Distinct.of(cloud, weights[name]) for name, cloud in clouds.items()}
+        frame = Frame.of(np.concatenate([each.points for each in distinct.values()]))
+        mean = float(np.concatenate([each.weights for each in distinct.values()]).mean())
+        points = {name: frame.to_local(each.points) for name, each in distinct.items()}
+        return cls(frame, distinct, points, mean, {name: each.weights / mean for name, each in distinct.items()})
 
 
 def canonical_order(points: Array) -> NDArray[np.int64]:

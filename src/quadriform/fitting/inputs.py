@@ -1,6 +1,7 @@
 """What may be given as points to fit: arrays, meshes, data frames, and several of these by name."""
 
-from collections.abc import Mapping
+import hashlib
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -9,13 +10,12 @@ from numpy.typing import ArrayLike
 
 from quadriform.columns import Chosen
 from quadriform.errors import OptionError, PointsError, choose
+from quadriform.fitting.result import ALONE
 from quadriform.point_sets import PointSet, point_set, unit_normals
-from quadriform.points import by_name, check_points, check_spread
+from quadriform.points import Array, by_name, check_points, check_spread
 from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.mesh_points import mesh_points
 
-ALONE = "surface"
-"""The name of the surface when there is only one."""
 UNITS = ("mm", "m", "unknown")
 
 One = ArrayLike | Mesh | PointSet
@@ -82,6 +82,14 @@ def common_unit(sets: Mapping[str, PointSet], unit: str | None = None) -> str:
     if unit is not None and own not in ("unknown", unit):
         raise OptionError(f"option unit={unit!r} contradicts the names of the columns, which are in {own}")
     return choose(unit or own, UNITS, "unit")
+
+
+def points_sha256(clouds: Iterable[Array]) -> str:
+    """SHA-256 of points as float64 rows, cloud after cloud; a reader of a file gives the file's own instead."""
+    found = hashlib.sha256()
+    for cloud in clouds:
+        found.update(np.ascontiguousarray(cloud).data)
+    return found.hexdigest()
 
 
 def _mesh(given: Any) -> Mesh:

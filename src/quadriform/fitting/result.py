@@ -12,6 +12,8 @@ from quadriform.points import Array
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
 
+ALONE = "surface"
+"""The name of the surface when there is only one."""
 HalfSpace = tuple[Array, Array]
 """A point of a plane and the unit direction to the side that is meant, (3,) each."""
 Progress = Callable[[int, int], None]
@@ -197,6 +199,11 @@ class Result:
     covered: bool = False
     ends: tuple[str, ...] = ()
     counted: dict[str, NDArray[np.bool_]] | None = None
+
+
+def unnamed(values: dict[str, Array]) -> Array | dict[str, Array]:
+    """The array of a single surface without a name of its own, or else the mapping."""
+    return values[ALONE] if values.keys() == {ALONE} else values
 
 
 def flat(residuals: Array | dict[str, Array]) -> Array:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from quadriform.errors import InputError, OptionError, Warnings, join_warnings
 from quadriform.files.frame_numbers import frame_numbers, in_time, listed, missing_numbers
 from quadriform.files.guide_points import FILE_NAME, GuidePoints, is_guide_points, read_guide_point_frames
-from quadriform.fitting.inputs import ALONE
+from quadriform.fitting.result import ALONE
 from quadriform.imaging.file_points import (
     ImageOptions,
     Source,

@@ -158,7 +158,7 @@ class Cycle:
         """
         nothing = [None] * len(self.surfaces)
         ends = [evidence_of(self.sheets[n], nothing, self.boxes[n], self.regularity) for n in self.ends]
-        return min(each.best(near).strength for each in ends)
+        return min(each.select(None, near).strength for each in ends)
 
     def _round(self, strengths: tuple[float, float]) -> bool:
         """Move everything as far towards the solution of the linear problem as lowers the sum; false without one."""

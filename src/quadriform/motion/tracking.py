@@ -6,7 +6,6 @@ frame before; "cycle" finds the control points of all times at once, smooth and 
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
@@ -17,10 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 from quadriform.errors import OptionError, PointsError, WarningKind, Warnings, choose, known_options
 from quadriform.fitting.diagnostics import INLIER, folding, named_texts, outliers, poor_fit
 from quadriform.fitting.fit import Clouds, fit, precision_warnings, refine
-from quadriform.fitting.inputs import ALONE, Given, common_unit, point_sets, without_meshes
+from quadriform.fitting.inputs import Given, common_unit, point_sets, points_sha256, without_meshes
 from quadriform.fitting.options import check_box, check_strength
 from quadriform.fitting.refinement.starts import ellipsoids
-from quadriform.fitting.result import Fit, Progress, flat, rms_of_inliers
+from quadriform.fitting.result import ALONE, Fit, Progress, flat, rms_of_inliers
 from quadriform.motion.cycle import Cycle
 from quadriform.motion.slice_shifts import SlicePlanes
 from quadriform.point_sets import PointSet
@@ -232,7 +231,7 @@ def _equal(one: Mapping[str, Array], other: Mapping[str, Array]) -> bool:
 
 
 def _of_fits(strategy: str, task: _Task, fits: Sequence[Fit], moving: MovingModel | None) -> Track:
-    sha256 = _hash(task.clouds)
+    sha256 = points_sha256(cloud for frame in task.clouds for cloud in frame.values())
     named_residuals = [f.residuals if isinstance(f.residuals, dict) else {ALONE: f.residuals} for f in fits]
     return Track(
         strategy=strategy,
@@ -269,9 +268,10 @@ def _cycle(task: _Task) -> Track:
         box.edges,
         task.basis,
         found.control_points,
-        input_sha256=_hash(task.clouds),
+        input_sha256=points_sha256(cloud for frame in task.clouds for cloud in frame.values()),
         frame_times=task.times,
-    ).placed(frame.scale, frame.centre)
+    )
+    moving = frame.shape_to_world(moving)
     models = tuple(moving.at(time) for time in task.times)
     residuals = tuple(
         {name: model.distance(frame.to_world(sheet.points), name) for name, sheet in sheets.items()}
@@ -382,7 +382,3 @@ def _slice_numbers(
                 )
         result.append(found)
     return result
-
-
-def _hash(clouds: _Frames) -> str:
-    return hashlib.sha256(b"".join(cloud.tobytes() for frame in clouds for cloud in frame.values())).hexdigest()

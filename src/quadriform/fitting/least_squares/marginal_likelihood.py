@@ -153,6 +153,21 @@ class Evidence:
         displacement, noise = self.vectors @ turned.reshape(-1, 3), float(np.sqrt(variance))
         return Solution(displacement, strength, noise, float(criterion), factor, self.vectors, self.share)
 
+    def select(self, strength: float | None, before: Solution | float | None) -> Solution:
+        """The solution at a given strength; without one, or where it leaves control points undetermined, at the best.
+
+        Args:
+            strength: alpha per data point, or None.
+            before: the solution, or only the strength, of an earlier, similar problem, where there is one.
+
+        Raises:
+            DegenerateError: no strength determines the control points.
+        """
+        given = None if strength is None else self.solve(strength)
+        if given is not None:
+            return given
+        return self.after(before) if isinstance(before, Solution) else self.best(before)
+
     def best(self, near: float | None = None) -> Solution:
         """The displacement at the strength with the largest evidence.
 

@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from quadriform.errors import WarningKind
+from quadriform.fitting.cloud import Centred
 from quadriform.fitting.diagnostics import named_texts, outliers
+from quadriform.fitting.inputs import points_sha256
 from quadriform.fitting.least_squares.marginal_likelihood import Evidence, Solution
 from quadriform.fitting.least_squares.normal_equations import NormalEquations, normal_equations
 from quadriform.fitting.least_squares.regularisers import Regulariser
@@ -23,11 +25,10 @@ from quadriform.fitting.options import TangentOptions, check_strength
 from quadriform.fitting.refinement.point_to_plane import data_rows, evidence_from, moved, record
 from quadriform.fitting.refinement.surface_data import Sheet
 from quadriform.fitting.refinement.unfolding import JacobianPenalty, remove_folds
-from quadriform.fitting.result import Fit
+from quadriform.fitting.result import Fit, unnamed
 from quadriform.points import Array, Frame
 from quadriform.shapes.closest import closest_on, settle
 from quadriform.shapes.control_box import ControlBox
-from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.threads import threads_for
 
 MANY, SAMPLE = 50_000, 30_000
@@ -39,6 +40,13 @@ STRONGER, ACCEPTED = (1, 10, 100), 1.01
 """Fold removal may make the noise this many times larger; else the strength is made so many times larger."""
 MIX = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
 T = TypeVar("T")
+
+
+def sample_of_large(clouds: Mapping[str, Array], weights: Mapping[str, Array]) -> dict[str, NDArray[np.int64]] | None:
+    """Name -> indices of a sample of the points (n, 3); None where no cloud has more than `MANY`."""
+    if max(map(len, clouds.values())) <= MANY:
+        return None
+    return {name: sampled(cloud, weights[name]) for name, cloud in clouds.items()}
 
 
 def sampled(cloud: Array, weights: Array) -> NDArray[np.int64]:
@@ -131,34 +139,28 @@ def on_all(
     found: Fit,
     clouds: Mapping[str, Array],
     weights: Mapping[str, Array],
-    few: Mapping[str, NDArray[np.int64]],
+    index: Mapping[str, NDArray[np.int64]],
     options: TangentOptions,
 ) -> Fit:
-    """A fit to a sample gone on with on all points; its arrays over points by name.
+    """A fit to a sample continued on all points.
 
     Args:
         found: the fit to the sample.
         clouds: name -> (n, 3), all points.
         weights: name -> (n,).
-        few: name -> indices of the sample.
+        index: name -> indices of the sample.
         options: of the fit.
     """
-    frame = Frame.of(np.concatenate([clouds[name][index] for name, index in few.items()]))
-    local = found.model.placed(1 / frame.scale, -frame.centre / frame.scale)
-    every = np.concatenate([weights[name][index] for name, index in few.items()])
-    mean = float(every[every > 0].mean())
-    even = {name: each if mean == 1 else each / mean for name, each in weights.items()}
-    surfaces = [_surface(local, name, clouds[name], even[name], index, frame) for name, index in few.items()]
-    points = _All(surfaces, frame, options.robust)
+    sample = Centred.of(*({name: each[index[name]] for name, each in part.items()} for part in (clouds, weights)))
+    local = sample.frame.shape_to_local(found.model)
+    surfaces = []
+    for name, cloud in clouds.items():
+        data = Sheet(local.surfaces[name], sample.points[name], sample.weights[name])
+        data.origins = closest_on(data.superquadric, local.box, data.points).origins
+        even = weights[name] if sample.mean_weight == 1 else weights[name] / sample.mean_weight
+        surfaces.append(_Surface(name, cloud, even, data, cKDTree(data.points)))
+    points = _All(surfaces, sample.frame, options.robust)
     return _with_arrays(points, _rounds(points, found, local.box, options))
-
-
-def _surface(
-    model: DeformableModel, name: str, cloud: Array, weights: Array, index: NDArray[np.int64], frame: Frame
-) -> _Surface:
-    sheet = Sheet(model.surfaces[name], frame.to_local(cloud[index]), weights[index])
-    sheet.origins = closest_on(sheet.superquadric, model.box, sheet.points).origins
-    return _Surface(name, cloud, weights, sheet, cKDTree(sheet.points))
 
 
 def _rounds(points: _All, found: Fit, box: ControlBox, options: TangentOptions) -> Fit:
@@ -175,11 +177,8 @@ def _rounds(points: _All, found: Fit, box: ControlBox, options: TangentOptions) 
         points.settled(box, noise)
         equations, count = points.sums(box, box, noise)
         evidence = evidence_from(equations, box, options.regularity, count, share)
-        if strength is not None:
-            first = evidence.solve(strength)
-        else:
-            first = evidence.after(solutions[-1]) if solutions else evidence.best(found.strength)
-        after = None if first is None else _unfolded(points, evidence, box, first)
+        first = evidence.select(strength, solutions[-1] if solutions else found.strength)
+        after = _unfolded(points, evidence, box, first) if strength in (None, first.strength) else None
         if after is None:
             return found
         before, box, solution = box, after.box, after.solution
@@ -189,7 +188,7 @@ def _rounds(points: _All, found: Fit, box: ControlBox, options: TangentOptions) 
     solution = solutions[-1]
     return replace(
         found,
-        model=replace(found.model, box=box.placed(scale, points.frame.centre)),
+        model=replace(found.model, box=points.frame.shape_to_world(box)),
         history=tuple(history),
         strength=solution.strength,
         noise=scale * noise,
@@ -249,7 +248,7 @@ def _finer(
 def _with_arrays(points: _All, fit: Fit) -> Fit:
     """Distances and probabilities of all points, by name."""
     frame, told = points.frame, fit.noise / points.frame.scale
-    after = fit.model.placed(1 / frame.scale, -frame.centre / frame.scale)
+    after = frame.shape_to_local(fit.model)
     before = replace(after, box=after.box.with_control_points(after.box.rest))
     points.settled(after.box, told)
     arrays: list[dict[str, Array]] = [{}, {}, {}]
@@ -269,4 +268,12 @@ def _with_arrays(points: _All, fit: Fit) -> Fit:
             found[surface.name] = array
     strangers = named_texts({s.name: outliers(arrays[2][s.name], s.weights > 0) for s in points.surfaces})
     warnings = {kind: text for kind, text in fit.warnings.items() if kind != WarningKind.OUTLIERS} | strangers
-    return replace(fit, warnings=warnings, residuals=arrays[0], superquadric_residuals=arrays[1], inliers=arrays[2])
+    sha256 = points_sha256(surface.cloud for surface in points.surfaces)
+    return replace(
+        fit,
+        model=replace(fit.model, input_sha256=sha256),
+        warnings=warnings,
+        residuals=unnamed(arrays[0]),
+        superquadric_residuals=unnamed(arrays[1]),
+        inliers=unnamed(arrays[2]),
+    )

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from quadriform.errors import OptionError
-from quadriform.fitting.least_squares.marginal_likelihood import Evidence, Solution
+from quadriform.fitting.least_squares.marginal_likelihood import Solution
 from quadriform.fitting.least_squares.normal_equations import NormalEquations
 from quadriform.fitting.least_squares.regularisers import Regulariser
 from quadriform.fitting.neighbourhood import nearest
@@ -266,16 +266,10 @@ class Rounds:
         self, box: ControlBox, sheets: Sequence[Sheet], pulls: Sequence[Pull | None]
     ) -> tuple[ControlBox, Solution]:
         evidence = evidence_of(sheets, pulls, box, self.regularity, self.share)
-        given = None if self.strength is None else evidence.solve(self.strength)
-        solution = self._best(evidence) if given is None else given
-        self.near = solution
+        solution = self.near = evidence.select(self.strength, self.near)
         after = moved(box, solution)
         self._note(box, after, solution)
         return after, solution
-
-    def _best(self, evidence: Evidence) -> Solution:
-        """The solution of the largest evidence, near that of the round before."""
-        return evidence.best() if self.near is None else evidence.after(self.near)
 
     def _note(self, box: ControlBox, after: ControlBox, solution: Solution) -> None:
         self.history.append(record(box, after, self.probes, solution.noise))

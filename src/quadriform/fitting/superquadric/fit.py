@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from quadriform.errors import OptionError, choose, known_options
-from quadriform.fitting.cloud import Distinct
+from quadriform.fitting.cloud import Centred
 from quadriform.fitting.diagnostics import (
     POOR_SUPERQUADRIC,
     at_bound,
@@ -24,7 +24,7 @@ from quadriform.fitting.diagnostics import (
     undetermined,
 )
 from quadriform.fitting.inputs import without_meshes
-from quadriform.fitting.result import SuperquadricFit
+from quadriform.fitting.result import ALONE, SuperquadricFit
 from quadriform.fitting.superquadric.batch import AXES, SHIFT
 from quadriform.fitting.superquadric.identifiability import determined
 from quadriform.fitting.superquadric.initial import cut_to
@@ -89,22 +89,13 @@ def fit_robust(world: Array, kind: str, weights: Array, fixed: dict[str, ArrayLi
         fixed: held values by name, in the frame of the points.
     """
     check_spread(world[weights > 0], needed=KINDS[kind].n_parameters)
-    given = Distinct.of(world, weights)
-    frame = Frame.of(given.points)
-    held = _in_frame(fixed, frame)
+    centred = Centred.of({ALONE: world}, {ALONE: weights})
+    points, frame, distinct = centred.points[ALONE], centred.frame, centred.distinct[ALONE]
     with np.errstate(all="ignore"):
-        solution = solve(
-            Problem(
-                frame.to_local(given.points),
-                given.weights / given.weights.mean(),
-                kind,
-                held,
-                np.zeros(len(given.points)),
-            )
-        )
-    inliers = given.spread(solution.descent.inliers[0])
+        solution = solve(Problem(points, centred.weights[ALONE], kind, _in_frame(fixed, frame), np.zeros(len(points))))
+    inliers = distinct.spread(solution.descent.inliers[0])
     fit = in_world(_outcome(solution, frame.to_local(world), inliers), frame)
-    return replace(fit, warnings=fit.warnings | duplicates(given.copies, len(world)))
+    return replace(fit, warnings=fit.warnings | duplicates(distinct.copies, len(world)))
 
 
 def _in_frame(fixed: dict[str, ArrayLike], frame: Frame) -> dict[str, Array]:
@@ -117,7 +108,7 @@ def _in_frame(fixed: dict[str, ArrayLike], frame: Frame) -> dict[str, Array]:
         raise OptionError(f"option fixed: {error}") from error
     if "exponents" in fixed and checked.exponents.max() > EXPONENTS[1]:
         raise OptionError(f"option fixed: exponents {checked.exponents.tolist()}; fits keep them within {EXPONENTS}")
-    local = checked.placed(1 / frame.scale, -frame.centre / frame.scale)
+    local = frame.shape_to_local(checked)
     return {name: getattr(local, name) for name in fixed}
 
 
@@ -150,7 +141,7 @@ def in_world(fit: SuperquadricFit, frame: Frame) -> SuperquadricFit:
     unit[AXES] = unit[SHIFT] = frame.scale
     return replace(
         fit,
-        superquadric=fit.superquadric.placed(frame.scale, frame.centre),
+        superquadric=frame.shape_to_world(fit.superquadric),
         covariance=fit.covariance * unit[:, None] * unit,
         noise=fit.noise * frame.scale,
     )

@@ -6,9 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from quadriform.fitting.fit import fit
-from quadriform.fitting.inputs import ALONE
 from quadriform.fitting.paper.displacement import data_to_model
-from quadriform.fitting.result import Fit, rms
+from quadriform.fitting.result import ALONE, Fit, rms
 from quadriform.points import Array
 from quadriform.shapes.model import DeformableModel
 
