@@ -108,6 +108,8 @@ class WarningKind(StrEnum):
     APEX_AMBIGUOUS = "APEX_AMBIGUOUS"
     UNANCHORED = "UNANCHORED"
 
+    __repr__ = str.__repr__  # a mapping of warnings prints as words
+
 
 Warnings = dict[WarningKind, str]
 """From the kind of a warning to its sentence; `"OUTLIERS" in fit.warnings` works, for a kind is a string."""

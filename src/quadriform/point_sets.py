@@ -10,12 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 from quadriform.columns import MILLIMETRES, Chosen, Columns, chosen_columns, columns_of
 from quadriform.errors import ColumnsError, PointsError
 from quadriform.points import Array, check_points
+from quadriform.words import short_repr
 
 UNIT_NORMAL = 1e-3
 """Rows of three numbers whose length is 1 but for this look like normals."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class PointSet:
     """Points and what their source says of them.
 
@@ -26,6 +27,8 @@ class PointSet:
         number_type: of the source; None where it is not known.
         notes: what was assumed, one sentence each.
     """
+
+    __repr__ = short_repr
 
     points: Array
     normals: Array | None = None

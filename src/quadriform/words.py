@@ -1,5 +1,9 @@
-"""What words on a command line or in a table mean: numbers between commas, ranges; and text that is safe to show."""
+"""Text in and out: numbers and ranges of a command line or table; text that is safe to show; what `repr` shows."""
 
+from collections.abc import Iterable, Mapping
+from dataclasses import fields, is_dataclass
+from textwrap import shorten, wrap
+from typing import Any
 from unicodedata import category
 
 from quadriform.errors import OptionError
@@ -43,3 +47,35 @@ def plain(text: str) -> str:
 
 def _escaped(letter: str) -> str:
     return letter.encode("unicode_escape").decode("ascii")
+
+
+def short_repr(record: Any) -> str:
+    """What `repr` of a data class shows, in a few lines: its numbers, and the shapes of its arrays."""
+    shown = [f"{field.name}={_shortened(getattr(record, field.name))}" for field in fields(record) if field.repr]
+    return "\n".join(wrap(f"{type(record).__name__}({', '.join(shown)})", 110, subsequent_indent="    ", max_lines=6))
+
+
+def summary(title: str, *lines: str, most: int = 6) -> str:
+    """A title and lines below it, empty ones left out; no more than `most` lines, each of 110 letters or fewer."""
+    every = [title, *(f"  {line}" for line in lines if line)]
+    kept = every if len(every) <= most else [*every[: most - 1], f"  and {len(every) - most + 1} more"]
+    return "\n".join(line if len(line) <= 110 else line[:107] + "..." for line in kept)
+
+
+def listed(values: Iterable[float]) -> str:
+    """Numbers of four digits between commas."""
+    return ", ".join(f"{value:.4g}" for value in values)
+
+
+def _shortened(value: Any) -> str:
+    if getattr(value, "ndim", 0):
+        return f"[{listed(value)}]" if value.ndim == 1 and len(value) <= 4 else f"array {value.shape}"
+    if isinstance(value, str):
+        return repr(shorten(value, 60)) if not hasattr(value, "name") else repr(value)
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{name!r}: {_shortened(each)}" for name, each in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return f"{len(value)} items" if len(value) > 4 else f"({', '.join(map(_shortened, value))})"
+    if is_dataclass(value):
+        return f"{type(value).__name__}(...)"
+    return f"{value:.4g}" if isinstance(value, float) else repr(value)

@@ -18,6 +18,7 @@ from quadriform.errors import FileFormatError, InputError, PointsError, choose
 from quadriform.files.guide_point_lines import SLICE_NAMES, fields_of, is_number, lines_of, number_in, plain
 from quadriform.files.reading import quoted, read_bytes
 from quadriform.points import Array
+from quadriform.words import short_repr
 
 PathLike = str | os.PathLike[str]
 Slices = NDArray[np.int64]
@@ -41,7 +42,7 @@ class _Row:
     """As it is written; empty where there is no such column."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class GuidePoints:
     """Contour points of one frame.
 
@@ -51,6 +52,8 @@ class GuidePoints:
         weights: from the contour type to the weight of each point, (n,).
         frame: its number: that of the file's name, or of the column of time where a file holds several.
     """
+
+    __repr__ = short_repr
 
     points: Mapping[str, Array]
     slices: Mapping[str, Slices]

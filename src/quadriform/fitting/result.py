@@ -11,6 +11,7 @@ from quadriform.fitting.least_squares.uncertainty import FinerBox
 from quadriform.points import Array
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
+from quadriform.words import listed, summary
 
 ALONE = "surface"
 """The name of the surface when there is only one."""
@@ -42,7 +43,7 @@ class Iteration:
         return Iteration(*(scale * length for length in lengths))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class SuperquadricFit:
     """A fitted superquadric.
 
@@ -71,13 +72,20 @@ class SuperquadricFit:
     iterations: int
     notes: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        s = self.superquadric
+        fitted = f"{s.kind} with semi-axes {listed(s.semi_axes)}, exponents {listed(s.exponents)}"
+        points = f"{len(self.inliers)} points, noise {self.noise:.4g}, {self.iterations} iterations"
+        texts = [f"{kind}: {text}" for kind, text in self.warnings.items()]
+        return summary(f"SuperquadricFit: {self.status}", fitted, points, *texts)
+
     @property
     def status(self) -> str:
         """The word "ok", or "warned" when there are warnings."""
         return "warned" if self.warnings else "ok"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Fit:
     """A fitted deformable model.
 
@@ -108,6 +116,13 @@ class Fit:
     covariance: Array | None = None
     finer: FinerBox | None = None
     notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        numbers = f"RMS distance {self.rms:.4g}, noise {self.noise:.4g}, strength {self.strength:.2g}"
+        counts = " x ".join(map(str, self.model.box.control_points.shape[:3]))
+        model = f"{', '.join(self.model.surfaces)} in {counts} control points, {self.model.n_parameters} parameters"
+        texts = [f"{kind}: {text}" for kind, text in self.warnings.items()]
+        return summary(f"Fit: {self.status}", f"{self.n_points} points, {numbers}", model, *texts)
 
     def __post_init__(self) -> None:
         """Let the model carry status, warnings and notes, also after `dataclasses.replace`."""

@@ -13,6 +13,7 @@ from quadriform.files.atomic import write_bytes
 from quadriform.files.reading import suffix_of
 from quadriform.points import Array
 from quadriform.shapes.record import ModelRecord, Remark, remarks, remarks_of, worst
+from quadriform.words import summary
 
 TABLE_SUFFIXES = (".csv", ".json")
 SCHEMA = "quadriform-measures-2"
@@ -38,7 +39,7 @@ class Row:
     observed: bool = True
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Measures:
     """What was measured on a beating heart.
 
@@ -59,6 +60,11 @@ class Measures:
     ed: int
     es: int | None
     fit: ModelRecord = field(default_factory=ModelRecord)
+
+    def __repr__(self) -> str:
+        frames = f"{len(self.times)} frames, end diastole {self.ed}, end systole {self.es}"
+        rows = [f"{row.quantity}: {row.value:.4g} {row.unit}" for row in self.rows]
+        return summary(f"Measures: {self.status}", frames, *rows)
 
     @property
     def warnings(self) -> Warnings:

@@ -14,6 +14,7 @@ from quadriform.imaging.selection import Labels, Percentile, Select
 from quadriform.imaging.volume import Region, Volume
 from quadriform.points import Array
 from quadriform.shapes.mesh import Mesh
+from quadriform.words import short_repr
 
 FACING_CENTRE = 0.2
 """Fraction of the surface; of brains and ventricles at most 0.11 faces the centre, of walls of hearts 0.23."""
@@ -23,7 +24,7 @@ LISTED = 10
 """The number of component sizes that are recorded; noise has thousands."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ImagePoints:
     """Points on the surface of an object in an image.
 
@@ -35,6 +36,8 @@ class ImagePoints:
         warnings: of reading, segmentation and isosurface.
         record: options and results; numbers, strings and lists.
     """
+
+    __repr__ = short_repr
 
     points: Array
     on_border: NDArray[np.bool_]

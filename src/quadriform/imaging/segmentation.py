@@ -14,6 +14,7 @@ from quadriform.imaging.segments import listed
 from quadriform.imaging.selection import Labels, Percentile, Select
 from quadriform.imaging.volume import Region, Volume, check_region, slices
 from quadriform.points import check_number
+from quadriform.words import short_repr
 
 Mask = NDArray[np.bool_]
 
@@ -26,7 +27,7 @@ Component = Literal["largest", "all"] | Sequence[int]
 """Which connected component is kept; a seed is a voxel (i, j, k) of the whole image."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Segmentation:
     """An object, and the threshold and components by which it was found.
 
@@ -41,6 +42,8 @@ class Segmentation:
         warnings: BORDER_CUT, ANISOTROPIC.
         notes: what was assumed about the object, one sentence each.
     """
+
+    __repr__ = short_repr
 
     mask: Mask
     volume: Volume

@@ -16,6 +16,7 @@ from quadriform.imaging.thinning import thinned
 from quadriform.imaging.tissue import BACKGROUND, CAVITY, WALL, Tissue, contact_area, enclosed_fraction
 from quadriform.imaging.volume import Region, Volume, slices
 from quadriform.points import Array, check_number, check_points
+from quadriform.words import short_repr
 
 Plane = tuple[Array, Array]
 """A point (3,) of the base plane and the direction (3,) to the side without data, in the world: `base` of a fit."""
@@ -29,7 +30,7 @@ ON_PLANE = 1e-9
 """Points beyond a plane by less than this fraction of the extent are on it."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class VentriclePoints:
     """Points on the walls of a ventricle.
 
@@ -40,6 +41,8 @@ class VentriclePoints:
         warnings: of reading and segmentation, BORDER_CUT, OPEN_BASE, OPEN_WALL.
         record: number of voxels of cavity and wall, number of points beyond the base by surface, spacing of the points.
     """
+
+    __repr__ = short_repr
 
     clouds: dict[str, Array]
     isosurfaces: dict[str, Array]

@@ -10,6 +10,7 @@ from quadriform.errors import AffineError, MaskError, OptionError, Warnings, cho
 from quadriform.imaging.segments import Segment, values_of
 from quadriform.points import Array, check_points
 from quadriform.shapes.spaces import SPACES
+from quadriform.words import short_repr
 
 Region = tuple[tuple[int, int], tuple[int, int], tuple[int, int]]
 """Half-open ranges of voxels, ((i0, i1), (j0, j1), (k0, k1))."""
@@ -18,7 +19,7 @@ SINGULAR = 1e-6
 """A transform is singular when its determinant is below this fraction of the product of its column lengths."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Volume:
     """A three-dimensional image.
 
@@ -35,6 +36,8 @@ class Volume:
         MaskError: `values` have another shape or type, or NaN or infinite voxels.
         AffineError: `world_from_voxel` is not finite, singular or of another shape.
     """
+
+    __repr__ = short_repr
 
     values: NDArray[Any]
     world_from_voxel: Array

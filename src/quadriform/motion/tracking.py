@@ -29,6 +29,7 @@ from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
 from quadriform.shapes.spaces import turn_between
 from quadriform.shapes.splines import TimeBasis
+from quadriform.words import summary
 
 MOST_KNOTS = 12
 """A heart's cycle needs no more; fewer frames have a knot each."""
@@ -39,7 +40,7 @@ _Sets = list[dict[str, PointSet]]
 AnyModel = TypeVar("AnyModel", DeformableModel, MovingModel)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Track:
     """Models of all frames.
 
@@ -66,6 +67,12 @@ class Track:
     shifts: dict[int, Array] = field(default_factory=dict)
     warnings: Warnings = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        times = f"{len(self.times)} frames from {self.times[0]:.4g} to {self.times[-1]:.4g}, strategy {self.strategy!r}"
+        points = f"RMS distance {self.rms:.4g}, noise {self.noise:.4g}"
+        texts = [f"{kind}: {text}" for kind, text in self.warnings.items()]
+        return summary(f"Track: {self.status}", times, points, *texts)
 
     def __post_init__(self) -> None:
         """Let all models carry status, warnings and notes, also after `dataclasses.replace`."""

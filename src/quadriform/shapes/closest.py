@@ -16,13 +16,14 @@ from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.ridges import beside_ridges, has_ridges
 from quadriform.shapes.superquadric import Superquadric
 from quadriform.shapes.threads import threads_for
+from quadriform.words import short_repr
 
 SLIDES = 60
 SHALLOW = 0.3
 """Below this curvature of the squared distance (1 on a plane) a second minimum may be hidden within a cell."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FootPoints:
     """The nearest surface point of each of n points.
 
@@ -32,6 +33,8 @@ class FootPoints:
         normals: (n, 3), unit, outward.
         signed: (n,), distance of the data, negative inside.
     """
+
+    __repr__ = short_repr
 
     origins: Array
     points: Array

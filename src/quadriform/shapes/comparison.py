@@ -15,6 +15,7 @@ from quadriform.points import Array
 from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.voxels import voxels_inside
+from quadriform.words import short_repr
 
 Surface = DeformableModel | Mesh
 
@@ -32,7 +33,7 @@ HALF_TURNS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
 """Diagonals of the rotations that carry every superquadric onto itself."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Distances:
     """Distances from evenly spread points of one surface to another, in the unit of the data.
 
@@ -43,13 +44,15 @@ class Distances:
         largest: the one-sided Hausdorff distance, as far as these points and all vertices show it.
     """
 
+    __repr__ = short_repr
+
     mean: float
     rms: float
     percentile_95: float
     largest: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ParameterDifference:
     """Numbers of a second model minus those of a first.
 
@@ -61,6 +64,8 @@ class ParameterDifference:
         rotation: angle in radians of the smallest turn from one to the other; half turns about the superquadric's own
             axes change nothing and do not count.
     """
+
+    __repr__ = short_repr
 
     control_points: float
     semi_axes: Array

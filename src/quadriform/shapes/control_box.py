@@ -13,6 +13,7 @@ from quadriform.points import LARGEST, Array, check_points
 from quadriform.shapes import _kernel, bernstein, pose
 from quadriform.shapes.superquadric import Superquadric
 from quadriform.shapes.threads import threads_for
+from quadriform.words import short_repr
 
 NEWTON_STEPS = 60
 SKEW = 1e-8
@@ -24,7 +25,7 @@ STARTS = 6
 INSIDE, OUTSIDE, MISSED = 0, 1, 2
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ControlBox:
     """A parallelepiped with (l+1)(m+1)(n+1) control points; points inside follow them.
 
@@ -37,6 +38,8 @@ class ControlBox:
     Raises:
         OptionError: another shape, numbers that are not finite or beyond 1e30, edges that are zero or not orthogonal.
     """
+
+    __repr__ = short_repr
 
     origin: Array
     edges: Array

@@ -6,11 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.points import Array
+from quadriform.words import short_repr
 
 Faces = NDArray[np.int64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Mesh:
     """Triangles in space, counter-clockwise seen from outside.
 
@@ -18,6 +19,8 @@ class Mesh:
         vertices: (n, 3), in the unit of the data.
         faces: (m, 3) int64, indices into `vertices`.
     """
+
+    __repr__ = short_repr
 
     vertices: Array
     faces: Faces

@@ -1,5 +1,6 @@
 """The deformable model: superquadric surface(s) carried by one control box (paper 3)."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 
@@ -16,9 +17,10 @@ from quadriform.shapes.mesh import Mesh, split_quads
 from quadriform.shapes.record import ModelRecord, Recorded
 from quadriform.shapes.spaces import turn_between
 from quadriform.shapes.superquadric import Superquadric
+from quadriform.words import listed, summary
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class DeformableModel(Recorded):
     """Named superquadrics in one box of control points.
 
@@ -38,6 +40,11 @@ class DeformableModel(Recorded):
     unit: str = "unknown"
     input_sha256: str = ""
     record: ModelRecord = field(default_factory=ModelRecord)
+
+    def __repr__(self) -> str:
+        counts = " x ".join(map(str, self.box.control_points.shape[:3]))
+        title = f"DeformableModel: {counts} control points, {self.n_parameters} parameters"
+        return summary(title, f"status {self.status}, space {self.space}, unit {self.unit}", *lines_of(self.surfaces))
 
     def __post_init__(self) -> None:
         if not self.surfaces:
@@ -156,3 +163,8 @@ class DeformableModel(Recorded):
             else:
                 result[a, b] = "inside" if self.contains(one, b)[0] else "apart"
         return result
+
+
+def lines_of(surfaces: Mapping[str, Superquadric]) -> list[str]:
+    """A line on each surface, for a summary."""
+    return [f"{name}: {surface.kind} with semi-axes {listed(surface.semi_axes)}" for name, surface in surfaces.items()]

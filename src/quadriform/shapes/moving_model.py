@@ -8,14 +8,15 @@ from numpy.typing import ArrayLike
 from quadriform.errors import OptionError
 from quadriform.points import Array, check_points
 from quadriform.shapes.control_box import ControlBox
-from quadriform.shapes.model import DeformableModel
+from quadriform.shapes.model import DeformableModel, lines_of
 from quadriform.shapes.record import ModelRecord, Recorded
 from quadriform.shapes.spaces import turn_between
 from quadriform.shapes.splines import TimeBasis
 from quadriform.shapes.superquadric import Superquadric
+from quadriform.words import summary
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class MovingModel(Recorded):
     """Superquadrics that do not move in a box whose control points do.
 
@@ -42,6 +43,14 @@ class MovingModel(Recorded):
     input_sha256: str = ""
     frame_times: Array = ()  # type: ignore[assignment]
     record: ModelRecord = field(default_factory=ModelRecord)
+
+    def __repr__(self) -> str:
+        knots, *counts = self.control_points.shape[:4]
+        period = "no period" if self.basis.period is None else f"period {self.basis.period:.4g}"
+        size = f"{' x '.join(map(str, counts))} control points at {knots} knots, {self.n_parameters} parameters"
+        times = f"{len(self.frame_times)} frames from {self.frame_times[0]:.4g} to {self.frame_times[-1]:.4g}, {period}"
+        about = f"status {self.status}, space {self.space}, unit {self.unit}"
+        return summary(f"MovingModel: {size}", times, about, *lines_of(self.surfaces))
 
     def __post_init__(self) -> None:
         expected = len(self.basis.knots)

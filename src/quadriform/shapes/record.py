@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from quadriform.errors import OptionError, WarningKind, Warnings, choose, join_warnings
-from quadriform.words import plain
+from quadriform.words import plain, short_repr
 
 STATUSES = ("ok", "warned", "unreliable", "unknown")
 """From good to bad; "unknown" where nobody recorded how the fit went: models built by hand and older files."""
@@ -57,7 +57,7 @@ class Estimate:
     sd: float | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ModelRecord:
     """How the fit of a model went, and its input; it is never changed, and travels with the model.
 
@@ -76,6 +76,8 @@ class ModelRecord:
         OptionError: an unknown status or kind of warning, a status that the warnings contradict, or a share or length
             that cannot be.
     """
+
+    __repr__ = short_repr
 
     status: str = "unknown"
     warnings: Warnings = field(default_factory=dict)

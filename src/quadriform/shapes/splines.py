@@ -7,9 +7,10 @@ from scipy.interpolate import CubicSpline
 
 from quadriform.errors import OptionError
 from quadriform.points import Array
+from quadriform.words import short_repr
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class TimeBasis:
     """Splines that are one at their own knot and zero at the others; they sum to one.
 
@@ -17,6 +18,8 @@ class TimeBasis:
         knots: (K,) increasing times.
         period: after which the motion repeats; None for a motion that does not.
     """
+
+    __repr__ = short_repr
 
     knots: Array
     period: float | None = None

@@ -12,6 +12,7 @@ from quadriform.shapes.kinds import KINDS, Kind
 from quadriform.shapes.mesh import Faces, Mesh, split_quads
 from quadriform.shapes.superellipse import quiet
 from quadriform.shapes.taubin import bounded_distance, squared_implicit
+from quadriform.words import short_repr
 
 EXPONENTS = (0.01, 2.0)
 """The range of both exponents in fits: nearly a box, to flat bevels."""
@@ -21,7 +22,7 @@ ORTHOGONAL = 1e-9
 """Largest error of the products of a rotation's columns."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Superquadric:
     """A superellipsoid, supertoroid or superhyperboloid at some place in space.
 
@@ -38,6 +39,8 @@ class Superquadric:
     Raises:
         OptionError: a number is out of its range.
     """
+
+    __repr__ = short_repr
 
     kind: str = "ellipsoid"
     semi_axes: Array = (1.0, 1.0, 1.0)  # type: ignore[assignment]

@@ -9,6 +9,7 @@ from quadriform.errors import InputError, OptionError
 from quadriform.points import Array, check_points
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
+from quadriform.words import short_repr
 
 HALVINGS = 60
 """Where a ray leaves the outer surface is halved so often: to the last bits."""
@@ -16,7 +17,7 @@ CORNERS = np.array([[i, j, k] for k in (0, 1) for i, j in ((0, 0), (1, 0), (1, 1
 """The corners of a cell in VTK's order."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class HexMesh:
     """Hexahedra in space.
 
@@ -28,6 +29,8 @@ class HexMesh:
             the base), at right angles to each other.
         depth: (m,), of the cells' middles, from 0 at the inner to 1 at the outer surface.
     """
+
+    __repr__ = short_repr
 
     vertices: Array
     cells: NDArray[np.int64]

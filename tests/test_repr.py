@@ -1,0 +1,62 @@
+"""`repr` of every public object: a few lines that a user can read, without the contents of arrays."""
+
+import inspect
+
+import numpy as np
+import pytest
+from shapes_made import lumpy
+
+import quadriform as qf
+from quadriform.errors import WarningKind
+from quadriform.heart.synthetic import SyntheticVentricle
+from quadriform.point_sets import point_set
+from quadriform.shapes.wall import wall_mesh
+
+CLOUD = lumpy(200)
+GUIDE_POINTS = "Index\tx\ty\tz\tcontour type\tslice\tweight\n" + "".join(
+    f"{k}\t{k}\t1\t2\tSAX_LV_ENDOCARDIAL\t1\t1\n" for k in range(9)
+)
+AT_MOST = 6
+
+
+@pytest.fixture(scope="module")
+def objects():
+    """One object of each public class, and of each that a public function returns."""
+    far = np.vstack([CLOUD, 5 * CLOUD[:9]])
+    fit = qf.fit({"endo": 0.8 * CLOUD, "epi": far}, box=(3, 3, 3))
+    times = np.arange(3) / 3
+    heart = SyntheticVentricle()
+    values = np.zeros((12, 12, 12), dtype=np.int16)
+    values[3:9, 3:9, 3:9], values[4:8, 4:8, 4:8] = 2, 1
+    volume = qf.Volume(values, np.diag([2.0, 2.0, 2.0, 1.0]))
+    track = qf.track([CLOUD, 1.1 * CLOUD, CLOUD], box=(3, 3, 3), times=times)
+    return [
+        *(fit, fit.model, fit.model.box, fit.model.superquadric(), fit.model.mesh("epi"), fit.model.record),
+        *(track, track.moving, qf.fit_superquadric(far), point_set(CLOUD), fit.model.foot_points(CLOUD)),
+        *(volume, qf.segment(volume, select=qf.Labels((1,))), qf.points_from_image(volume, select=qf.Labels((1, 2)))),
+        *(qf.ventricle_from_labels(volume, cavity=qf.Labels((1,)), wall=qf.Labels((2,))), qf.Labels((1,))),
+        *(qf.measure([heart.model(t) for t in times], times=times), wall_mesh(heart.model(0.0))),
+        *(qf.Percentile(0.5, "all"), qf.surface_distances(fit.model.mesh("epi"), fit.model.mesh("endo"))[0]),
+    ]
+
+
+def test_each_public_object_prints_in_a_few_lines(objects):
+    for thing in objects:
+        lines = repr(thing).splitlines()
+        assert 1 <= len(lines) <= AT_MOST and max(map(len, lines)) <= 112, repr(thing)
+        assert type(thing).__name__ in lines[0]
+        assert not any(word in repr(thing) for word in ("array(", "dtype", "WarningKind", "quadriform.", " object at "))
+
+
+def test_no_public_class_is_left_out(objects):
+    classes = {getattr(qf, name) for name in qf.__all__ if inspect.isclass(getattr(qf, name))}
+    assert classes - {type(thing) for thing in objects} == set()
+
+
+def test_a_fit_prints_its_verdict_and_its_warnings(objects):
+    text = repr(objects[0])
+    assert text.startswith("Fit: warned") and "OUTLIERS: " in text and "RMS distance" in text
+
+
+def test_warnings_print_as_words():
+    assert repr({WarningKind.OUTLIERS: "two"}) == "{'OUTLIERS': 'two'}" and str(WarningKind.OUTLIERS) == "OUTLIERS"
