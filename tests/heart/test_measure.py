@@ -12,7 +12,7 @@ from quadriform.errors import OptionError, OutputError
 from quadriform.fitting.fit import refine
 from quadriform.heart.measure import measure
 from quadriform.heart.measures_table import write_measures
-from quadriform.heart.synthetic import CENTRE, TURN
+from quadriform.heart.synthetic import CENTRE, ROTATION
 from quadriform.heart.synthetic_truth import true_measures, true_volume
 from quadriform.motion.tracking import track
 
@@ -85,15 +85,15 @@ def test_other_bases(heart, known):
     fixed = measure(known[::2], base=heart.base_plane(SHARE))
     assert fixed["end-diastolic volume"] == pytest.approx(before, rel=1e-3)
     assert fixed["end-systolic volume"] == pytest.approx(true_volume(heart, "endo", 0.5, top), rel=1e-3)
-    share = measure(known[::2], base=SHARE)
-    assert share["end-diastolic volume"] == pytest.approx(before, rel=1e-3)
+    fraction = measure(known[::2], base=SHARE)
+    assert fraction["end-diastolic volume"] == pytest.approx(before, rel=1e-3)
     ends = heart.height(np.array([-1, 1]) * heart.endo[1], 0.5)
     expected = true_volume(heart, "endo", 0.5, ends[0] + SHARE * (ends[1] - ends[0]))
-    assert share["end-systolic volume"] == pytest.approx(expected, rel=1e-3)
+    assert fraction["end-systolic volume"] == pytest.approx(expected, rel=1e-3)
     closed = measure(known[::2])
     assert closed["end-systolic volume"] == pytest.approx(true_volume(heart, "endo", 0.5), rel=1e-3)
-    assert closed["end-systolic volume"] == pytest.approx(share["end-systolic volume, closed"])
-    for found, words in ((fixed, "fixed plane"), (share, "80 %"), (closed, "closed surface")):
+    assert closed["end-systolic volume"] == pytest.approx(fraction["end-systolic volume, closed"])
+    for found, words in ((fixed, "fixed plane"), (fraction, "80 %"), (closed, "closed surface")):
         assert words in found.rows[0].how
 
 
@@ -108,7 +108,7 @@ def test_units_are_kept(known, valve, measured):
 
 
 def test_segments_average_to_the_whole(heart, known, valve):
-    inserts = [CENTRE + TURN @ [40 * np.cos(a), 40 * np.sin(a), 0] for a in (-0.9, 0.9)]
+    inserts = [CENTRE + ROTATION @ [40 * np.cos(a), 40 * np.sin(a), 0] for a in (-0.9, 0.9)]
     found = measure(known, base=valve, rv_inserts=inserts)
     assert "UNANCHORED" not in found.warnings
     opposite = ("segment 1, basal anterior", "segment 4, basal inferior")
@@ -121,7 +121,7 @@ def test_segments_average_to_the_whole(heart, known, valve):
 
 def test_of_insertions_of_every_frame_those_at_end_diastole_count(known, valve):
     """Frame 0 is end diastole; the others' lie all on one side, which alone would be refused."""
-    there = np.array([CENTRE + TURN @ [40 * np.cos(a), 40 * np.sin(a), 0] for a in (-0.9, 0.9)])
+    there = np.array([CENTRE + ROTATION @ [40 * np.cos(a), 40 * np.sin(a), 0] for a in (-0.9, 0.9)])
     astray, pair = there[[0, 0]], {"models": known[:2], "base": valve[:2]}
     given = measure(**pair, rv_inserts=there)
     assert measure(**pair, rv_inserts=[there, astray]).rows == given.rows
@@ -186,7 +186,7 @@ def test_ends_that_look_alike_are_said(heart):
 
 
 def test_a_plane_beyond_the_cavity_is_said(known):
-    found = measure(known[::2], base=(CENTRE + 48 * TURN[:, 2], TURN[:, 2]))
+    found = measure(known[::2], base=(CENTRE + 48 * ROTATION[:, 2], ROTATION[:, 2]))
     assert "2 of 2 frames" in found.warnings["BASE_MISSES"]
     assert found["end-diastolic volume"] == pytest.approx(found["end-diastolic volume, closed"])
 
@@ -228,7 +228,7 @@ def test_options_out_of_range_are_refused(known):
     with pytest.raises(OptionError, match="smallest volume"):
         measure(known, ed=2)
     with pytest.raises(OptionError, match="nothing of the cavity is left in frame 0"):
-        measure(known, base=(CENTRE - 80 * TURN[:, 2], TURN[:, 2]))
+        measure(known, base=(CENTRE - 80 * ROTATION[:, 2], ROTATION[:, 2]))
 
 
 # --- files -------------------------------------------------------------------------------------------------------

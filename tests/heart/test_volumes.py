@@ -94,8 +94,8 @@ def test_what_is_no_base_is_refused(base, words):
 
 def test_the_rule_is_said():
     loop = np.eye(3)
-    assert "whole closed surface" in base_rule(None, 2).words
-    assert "80 %" in base_rule(0.8, 2).words
-    assert "fixed plane" in base_rule(([0, 0, 0], [0, 0, 2]), 2).words
-    assert "the same in all frames" in base_rule(loop, 2).words
-    assert "own" in base_rule([loop, loop], 2).words
+    assert "whole closed surface" in base_rule(None, 2).description
+    assert "80 %" in base_rule(0.8, 2).description
+    assert "fixed plane" in base_rule(([0, 0, 0], [0, 0, 2]), 2).description
+    assert "the same in all frames" in base_rule(loop, 2).description
+    assert "own" in base_rule([loop, loop], 2).description

@@ -1,8 +1,10 @@
-"""The long axis of the left ventricle, and which of its ends is the apex."""
+"""The long axis of the left ventricle, from the apex to the base."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from quadriform.errors import OptionError, WarningKind, Warnings
 from quadriform.heart.base import BasePlane
@@ -10,8 +12,13 @@ from quadriform.heart.volumes import section_centre, volume_below
 from quadriform.points import Array
 from quadriform.shapes.model import DeformableModel
 
-ALIKE = 0.05
-"""Ends of the cavity whose volumes differ by a smaller share do not tell the apex from the base."""
+AMBIGUOUS = 0.05
+"""Ends of the cavity whose volumes differ by a smaller fraction do not determine which is the apex."""
+
+
+def unit_vectors(vectors: NDArray[Any]) -> Array:
+    """Return vectors (..., 3) divided by their lengths."""
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True), dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -37,36 +44,36 @@ class LongAxis:
         return (self.base - self.apex) / self.length
 
     def heights(self, points: Array) -> Array:
-        """Where points (n, 3) lie along the axis, (n,): 0 at the apex, 1 at the base."""
+        """Return the position of points (n, 3) along the axis, (n,): 0 at the apex, 1 at the base."""
         return (points - self.apex) @ self.direction / self.length
 
     def across(self, vectors: Array) -> Array:
-        """The part (n, 3) of vectors (n, 3) that is perpendicular to the axis."""
+        """Return the component (n, 3) of vectors (n, 3) that is perpendicular to the axis."""
         return vectors - (vectors @ self.direction)[:, None] * self.direction
 
-    def plane(self, share: float) -> BasePlane:
-        """The plane across the axis at a share of its length from the apex."""
-        return BasePlane(self.apex + share * (self.base - self.apex), self.direction)
+    def plane(self, fraction: float) -> BasePlane:
+        """Return the plane across the axis at a fraction of its length from the apex."""
+        return BasePlane(self.apex + fraction * (self.base - self.apex), self.direction)
 
 
 def cavity_ends(model: DeformableModel, cavity: str, warnings: Warnings) -> Array:
-    """Ends (2, 3) of the cavity's longest semi-axis before deformation, the apex first.
+    """Return the ends (2, 3) of the longest semi-axis of the cavity before deformation, the apex first.
 
-    The apex is the narrower end: the outer quarter of the deformed axis holds less of the cavity there.
+    The apex is the narrower end: the outer quarter of the deformed axis contains less of the cavity there.
 
     Args:
-        model: the frame that decides.
+        model: of the frame in which the ends are compared.
         cavity: name of its surface.
-        warnings: takes APEX_AMBIGUOUS when both quarters hold the same to 5 %.
+        warnings: APEX_AMBIGUOUS is added when both quarters have the same volume to 5 %.
     """
     superquadric = model.superquadric(cavity)
     longest = int(superquadric.semi_axes.argmax())
-    reach = superquadric.project(superquadric.translation + superquadric.rotation[:, longest][None])[0]
-    ends = np.stack([2 * superquadric.translation - reach, reach])
+    end = superquadric.project(superquadric.translation + superquadric.rotation[:, longest][None])[0]
+    ends = np.stack([2 * superquadric.translation - end, end])
     axis, mesh = LongAxis(*model.deform(ends)), model.mesh(cavity)
-    low, up_to = (volume_below(mesh, axis.plane(share)) for share in (0.25, 0.75))
-    high = mesh.volume() - up_to
-    if abs(high - low) <= ALIKE * max(high, low):
+    low, below = (volume_below(mesh, axis.plane(fraction)) for fraction in (0.25, 0.75))
+    high = mesh.volume() - below
+    if abs(high - low) <= AMBIGUOUS * max(high, low):
         warnings[WarningKind.APEX_AMBIGUOUS] = (
             "both ends of the cavity are equally wide, so the apex may be the other one; give the base"
         )
@@ -74,16 +81,16 @@ def cavity_ends(model: DeformableModel, cavity: str, warnings: Warnings) -> Arra
 
 
 def axis_to_base_plane(model: DeformableModel, cavity: str, plane: BasePlane) -> LongAxis:
-    """The long axis when the base is known: from the farthest point of the cavity to the middle of the base.
+    """Return the long axis for a given base: from the farthest point of the cavity to the centre of the base.
 
-    The middle is the centre of area of the cavity's section with the plane.
+    The centre is the centre of area of the cavity's section with the plane.
 
     Raises:
         OptionError: the plane misses the cavity.
     """
     mesh = model.mesh(cavity, 48)
-    middle = section_centre(mesh, plane)
-    if middle is None:
+    centre = section_centre(mesh, plane)
+    if centre is None:
         raise OptionError("option base: the plane does not meet the cavity, so it has no middle of the base")
-    away = np.where(plane.heights(mesh.vertices) < 0, np.linalg.norm(mesh.vertices - middle, axis=1), 0.0)
-    return LongAxis(mesh.vertices[away.argmax()], middle)
+    distances = np.where(plane.heights(mesh.vertices) < 0, np.linalg.norm(mesh.vertices - centre, axis=1), 0.0)
+    return LongAxis(mesh.vertices[distances.argmax()], centre)

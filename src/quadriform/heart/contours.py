@@ -1,8 +1,8 @@
-"""Longitudinal contours of the cavity: what cuts through the long axis show of the endocardium."""
+"""Longitudinal contours of the cavity: sections of the endocardium with planes through the long axis."""
 
 import numpy as np
 
-from quadriform.heart.axis import LongAxis
+from quadriform.heart.axis import LongAxis, unit_vectors
 from quadriform.heart.base import BasePlane
 from quadriform.heart.volumes import section
 from quadriform.points import Array
@@ -12,23 +12,23 @@ CUTS = 12
 
 
 def contour_length(mesh: Mesh, axis: LongAxis, base: BasePlane | None) -> float:
-    """Mean length of the contours in 12 planes through the long axis, from the base over the apex to the base.
+    """Return the mean length of the contours in 12 planes through the long axis, from base over apex to base.
 
     Args:
         mesh: of a closed surface.
         axis: the long axis of that frame.
-        base: the plane at the base of that frame; None: all the way round.
+        base: the plane at the base of that frame; None: the whole closed contour.
     """
     total = 0.0
     for across in _directions(axis):
         segments = section(mesh, BasePlane(axis.apex, across))
         lengths = np.linalg.norm(segments[1] - segments[0], axis=1)
-        total += float(lengths @ _share_below(segments, base))
+        total += float(lengths @ _fraction_below(segments, base))
     return total / CUTS
 
 
-def _share_below(segments: Array, base: BasePlane | None) -> Array:
-    """Which share (m,) of each segment lies below the base."""
+def _fraction_below(segments: Array, base: BasePlane | None) -> Array:
+    """The fraction (m,) of each segment that lies below the base."""
     if base is None:
         return np.ones(segments.shape[1])
     low, high = np.sort([base.heights(ends) for ends in segments], axis=0)
@@ -36,8 +36,8 @@ def _share_below(segments: Array, base: BasePlane | None) -> Array:
 
 
 def _directions(axis: LongAxis) -> Array:
-    """Unit vectors (CUTS, 3) across the axis, evenly over half a turn."""
-    first = axis.across(np.eye(3))[np.abs(axis.direction).argmin()]
-    first = first / np.linalg.norm(first)
+    """Unit vectors (CUTS, 3) across the axis, evenly over half a revolution."""
+    # the coordinate axis that is least along the long axis has the longest component across it
+    first = unit_vectors(axis.across(np.eye(3))[np.abs(axis.direction).argmin()])
     angles = np.pi * np.arange(CUTS)[:, None] / CUTS
     return np.cos(angles) * first + np.sin(angles) * np.cross(axis.direction, first)

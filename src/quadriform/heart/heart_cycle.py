@@ -1,4 +1,4 @@
-"""The beating heart that is measured: one model a frame, held to one set of rules before anything is computed."""
+"""The models of a beating heart, one a frame, checked before anything is measured."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from quadriform.shapes.model import DeformableModel
 
 MILLIMETRES = {"mm": 1.0, "m": 1000.0, "unknown": 1.0}
 SAME = 1e-9
-"""Superquadrics and boxes that differ by less than this share of their size are the same."""
+"""Superquadrics and boxes that differ by less than this fraction of their size are the same."""
 
 
 @dataclass(frozen=True)
@@ -24,8 +24,8 @@ class HeartCycle:
         times: (F,), increasing.
         cavity: name of the surface around the cavity.
         wall: name of the outer surface; None where there is only the cavity.
-        material: whether all frames share the undeformed space, so that a point of it is one piece of the heart.
-        millimetres: how many a unit of length is.
+        material: whether all frames have the same undeformed space, so that a point of it is one material point.
+        millimetres: of a unit of length.
         warnings: kind -> sentence.
     """
 
@@ -39,7 +39,7 @@ class HeartCycle:
 
 
 def check_cycle(models: Sequence[DeformableModel] | DeformableModel, times: ArrayLike | None) -> HeartCycle:
-    """The frames, checked.
+    """Return the models as one cycle.
 
     Args:
         models: with the surfaces "endo" and "epi", or with the cavity alone; in the order of time.
@@ -61,17 +61,17 @@ def check_cycle(models: Sequence[DeformableModel] | DeformableModel, times: Arra
     warnings: Warnings = {}
     cavity, wall = _names(first, warnings)
     if first.unit == "unknown":
-        warnings[WarningKind.UNKNOWN_UNIT] = "the models know no unit of length; taken as mm"
+        warnings[WarningKind.UNKNOWN_UNIT] = "the models have no unit of length; taken as mm"
     if len(given) == 1:
         warnings[WarningKind.ONE_FRAME] = "one frame: no ejection fraction, thickening, twist or strain"
-    shared = all(_share_material(first, model) for model in given)
-    if not shared:
+    material = all(_same_undeformed(first, model) for model in given)
+    if not material:
         warnings[WarningKind.SEPARATE_FRAMES] = (
             "the frames have superquadrics or boxes of their own, so no point of one is known in another: no "
             "thickening, twist or strain; refine all frames from one superquadric, or track them together"
         )
     checked = _check_times(times, len(given))
-    return HeartCycle(given, checked, cavity, wall, shared, MILLIMETRES[first.unit], warnings)
+    return HeartCycle(given, checked, cavity, wall, material, MILLIMETRES[first.unit], warnings)
 
 
 def _names(model: DeformableModel, warnings: Warnings) -> tuple[str, str | None]:
@@ -88,16 +88,14 @@ def _names(model: DeformableModel, warnings: Warnings) -> tuple[str, str | None]
     return cavity, "epi"
 
 
-def _share_material(one: DeformableModel, other: DeformableModel) -> bool:
-    pairs = [(one.box.edges, other.box.edges), (one.box.origin, other.box.origin)]
-    pairs += [(one.surfaces[n].semi_axes, other.surfaces[n].semi_axes) for n in one.surfaces]
-    pairs += [(one.surfaces[n].translation, other.surfaces[n].translation) for n in one.surfaces]
+def _same_undeformed(one: DeformableModel, other: DeformableModel) -> bool:
+    """Whether superquadrics and undeformed boxes agree: lengths to a fraction of the size, other numbers absolutely."""
     size = float(np.linalg.norm(one.box.edges))
-    shapes = [(one.surfaces[n].exponents, other.surfaces[n].exponents) for n in one.surfaces]
-    shapes += [(one.surfaces[n].rotation, other.surfaces[n].rotation) for n in one.surfaces]
-    return all(np.abs(a - b).max() <= SAME * size for a, b in pairs) and all(
-        np.abs(a - b).max() <= SAME for a, b in shapes
-    )
+    pairs = [(one.box.edges, other.box.edges, size), (one.box.origin, other.box.origin, size)]
+    for name, surface in one.surfaces.items():
+        for field, scale in (("semi_axes", size), ("translation", size), ("exponents", 1.0), ("rotation", 1.0)):
+            pairs.append((getattr(surface, field), getattr(other.surfaces[name], field), scale))
+    return all(np.abs(a - b).max() <= SAME * scale for a, b, scale in pairs)
 
 
 def _check_times(times: ArrayLike | None, n_frames: int) -> Array:

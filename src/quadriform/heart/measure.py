@@ -1,4 +1,4 @@
-"""The front door: a beating heart in, one table of measures out."""
+"""The measures of a beating heart: the public function `measure`."""
 
 from collections.abc import Sequence
 
@@ -27,24 +27,24 @@ def measure(
     ed: int | None = None,
     observed: bool = False,
 ) -> Measures:
-    """Measure a beating heart: volumes, ejection fraction, mass, wall thickness, twist, strain, the AHA's segments.
+    """Return measures of a beating heart: volumes, ejection fraction, mass, wall thickness, twist, strain, segments.
 
     Args:
         models: one a frame in the order of time, with the surfaces "endo" and "epi", or the cavity alone. Twist,
             strain and thickening need frames that share superquadrics and undeformed box.
         times: (F,) increasing, in any unit; the frames' numbers unless given.
-        base: where the cavity ends. None: nowhere, the closed surface. A number: this share of the long axis from the
-            apex. (point, direction to the side cut off): a fixed plane. Mitral points (n, 3): their plane, in all
+        base: the end of the cavity. None: the closed surface. A number: this fraction of the long axis from the apex.
+            (point, direction to the side cut off): a fixed plane. Mitral points (n, 3): their plane, in all
             frames. A list of mitral points, one set a frame: each frame's own plane.
         rv_inserts: (n, 3) points at end diastole where the right ventricle meets the left, anterior and inferior. A
             list of such points, one set a frame: those of end diastole are taken, if there are any.
         ed: frame of end diastole; the one of the largest volume unless given. End systole has the smallest volume.
-        observed: whether the models were fitted to tracked material points. Contours and surfaces carry none: twist
-            and circumferential strain are then the prior's word, and marked "not observed".
+        observed: whether the models were fitted to tracked material points. Contours and surfaces have none: twist
+            and circumferential strain are then determined by the prior only, and reported as "not observed".
 
     Raises:
         OptionError, PointsError, DegenerateError: no cavity, swapped surfaces, times that do not increase, a base that
-            leaves nothing, insertions that show no septum, a frame that is not there.
+            leaves nothing, insertions that determine no septum, a frame that does not exist.
     """
     frames = check_cycle(models, times)
     rule = base_rule(base, len(frames.models))
@@ -84,7 +84,7 @@ def _ends(volumes: Array, ed: int | None) -> tuple[int, int | None]:
 
 
 def _inserts_at(rv_inserts: ArrayLike | Sequence[ArrayLike] | None, frame: int, n_frames: int) -> ArrayLike | None:
-    """The insertions at a frame: those that were given, or of one set a frame its own."""
+    """The insertions at a frame: the given points, or of one set a frame its own."""
     sets: list[ArrayLike] = list(rv_inserts) if isinstance(rv_inserts, Sequence) else []
     if not sets or any(np.ndim(one) != 2 for one in sets):
         return rv_inserts  # type: ignore[return-value]
@@ -103,29 +103,29 @@ def _contours(frames: HeartCycle, rule: BaseRule, planes: Planes, warnings: Warn
 
 
 def _longitudinal(value: float, rule: BaseRule) -> Row:
-    """Global longitudinal strain, as contours in long-axis planes show it."""
-    how = f"change of length from ED to ES per length, of the endocardial contours in long-axis planes, {rule.words}"
-    return Row("longitudinal strain", float(value), "%", how)
+    """Global longitudinal strain of the contours in long-axis planes."""
+    how = "change of length from ED to ES per length, of the endocardial contours in long-axis planes"
+    return Row("longitudinal strain", float(value), "%", f"{how}, {rule.description}")
 
 
 def _volume_rows(
     frames: HeartCycle, rule: BaseRule, planes: Planes, volumes: Array, ed: int, es: int | None
 ) -> list[Row]:
     to_ml = frames.millimetres**3 / 1000
-    before = f"frame {ed} at {frames.times[ed]:g}"
-    rows = [Row("end-diastolic volume", float(volumes[ed]), "ml", f"{before}, {rule.words}")]
+    diastole = f"frame {ed} at {frames.times[ed]:g}"
+    rows = [Row("end-diastolic volume", float(volumes[ed]), "ml", f"{diastole}, {rule.description}")]
     if es is not None:
-        rows += _function(volumes[[ed, es]], f"frames {ed} and {es}, {rule.words}", "")
+        rows += _function(volumes[[ed, es]], f"frames {ed} and {es}, {rule.description}", "")
     if planes[ed] is not None:
         parts = [frames.models[number] for number in (ed, es) if number is not None]
         closed = to_ml * np.array([volume(model, frames.cavity, None) for model in parts])
         words = "whole closed surface, beside the one below the base"
-        rows.append(Row("end-diastolic volume, closed", float(closed[0]), "ml", f"{before}, {words}"))
+        rows.append(Row("end-diastolic volume, closed", float(closed[0]), "ml", f"{diastole}, {words}"))
         if es is not None:
             rows += _function(closed, f"frames {ed} and {es}, {words}", ", closed")
     if frames.wall is not None:
         outer = to_ml * volume(frames.models[ed], frames.wall, planes[ed])
-        how = f"{DENSITY:g} g/ml times the volume between the surfaces, {before}, {rule.words}"
+        how = f"{DENSITY:g} g/ml times the volume between the surfaces, {diastole}, {rule.description}"
         rows.append(Row("myocardial mass", DENSITY * float(outer - volumes[ed]), "g", how))
     return rows
 

@@ -1,4 +1,4 @@
-"""One table of measures, on the screen, as CSV or as JSON."""
+"""The table of measures, and its files in CSV and JSON."""
 
 import csv
 import io
@@ -28,8 +28,8 @@ class Row:
         quantity: what it is.
         value: the number, in `unit`.
         unit: "ml", "g", "%", "mm", "deg", "deg/mm" or "1".
-        how: definition, frames and base; starts with "not observed" where the data does not show it.
-        observed: False where the number is the word of the prior.
+        how: definition, frames and base; starts with "not observed" where the data does not determine it.
+        observed: False where the number is determined by the prior only.
     """
 
     quantity: str
@@ -41,7 +41,7 @@ class Row:
 
 @dataclass(frozen=True, repr=False)
 class Measures:
-    """What was measured on a beating heart.
+    """The measures of a beating heart.
 
     Attributes:
         rows: the table.
@@ -68,12 +68,12 @@ class Measures:
 
     @property
     def warnings(self) -> Warnings:
-        """Those of the models' fits and those of measuring: kind -> sentence."""
+        """Warnings of the models' fits and of measuring: kind -> sentence."""
         return join_warnings(self.fit.warnings, self.own_warnings)
 
     @property
     def status(self) -> str:
-        """How far the numbers can be trusted: "ok", "warned", "unreliable", or "unknown"."""
+        """Reliability of the numbers: "ok", "warned", "unreliable", or "unknown"."""
         return worst(self.fit.status, "warned" if self.own_warnings else "ok")
 
     @property
@@ -82,7 +82,7 @@ class Measures:
         return [*remarks_of(self.fit), *remarks(self.own_warnings)]
 
     def __getitem__(self, quantity: str) -> float:
-        """The value of a quantity.
+        """Return the value of a quantity.
 
         Raises:
             OptionError: it was not measured.
@@ -93,11 +93,11 @@ class Measures:
         raise OptionError(f"quantity {quantity!r} was not measured; there are {', '.join(self)}")
 
     def __iter__(self) -> Iterator[str]:
-        """The quantities, in order."""
+        """Return the quantities, in order."""
         return (row.quantity for row in self.rows)
 
     def record(self) -> dict[str, Any]:
-        """Everything as lists, numbers and texts, ready for JSON."""
+        """Return everything as lists, numbers and texts, for JSON."""
         return {
             "schema": SCHEMA,
             "measures": [asdict(row) for row in self.rows],
@@ -114,17 +114,17 @@ class Measures:
 def write_measures(measures: Measures, path: str | os.PathLike[str], force: bool = False) -> None:
     """Write the table as .csv, or everything as .json, all or nothing.
 
-    Each row of a .csv has the number of all rows: a table that was cut shows it. Each also has the status and all
+    Each row of a .csv has the number of all rows, by which a truncated table is recognised, and the status and all
     warnings, so that no number is read without them.
 
     Args:
         measures: what to write.
-        path: where to; its suffix chooses.
+        path: of the file; its suffix determines the format.
         force: replace an existing file.
 
     Raises:
         FileFormatError: another suffix.
-        OutputError: the target cannot be written; what stood there is untouched.
+        OutputError: the file cannot be written; an earlier one is unchanged.
     """
     if suffix_of(path, TABLE_SUFFIXES, "a table of measures") == ".csv":
         text = _csv(measures)

@@ -1,6 +1,6 @@
-"""The true measures of the synthetic ventricle, by integrals of its formulas: neither box nor mesh takes part.
+"""The true measures of the synthetic ventricle, by integrals of its formulas, without box or mesh.
 
-The ventricle is a body of revolution that twists about its axis, so all of them are integrals over height or latitude.
+The ventricle is a body of revolution that twists about its axis, so all measures are integrals over height or latitude.
 """
 
 from dataclasses import dataclass
@@ -12,23 +12,23 @@ from quadriform.points import Array
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(200)
 STEP = 1e-6
-"""Of central differences: good to nine digits."""
+"""Of central differences, which have an error of 1e-9."""
 LATITUDES, DEPTHS = 20000, 6
 
 
 def true_volume(heart: SyntheticVentricle, name: str, time: float, up_to: float = np.inf) -> float:
-    """Volume of a surface's inside in ml, below a height (mm, along the long axis, at that time)."""
+    """Return the volume of a surface's inside in ml, below a height (mm, along the long axis, at that time)."""
     across, along = heart.semi_axes(name)
     top = _before(heart, min(up_to, float(heart.height(np.array(along), time))), time, along)
     z = -along + (top + along) * (NODES + 1) / 2
     rho = across * np.sqrt(1 - (z / along) ** 2)
-    slope = (heart.height(z + STEP, time) - heart.height(z - STEP, time)) / (2 * STEP)
+    derivative = (heart.height(z + STEP, time) - heart.height(z - STEP, time)) / (2 * STEP)
     area = np.pi * heart.radius(rho, z, time) ** 2
-    return float((top + along) / 2 * WEIGHTS @ (area * slope)) / 1000
+    return float((top + along) / 2 * WEIGHTS @ (area * derivative)) / 1000
 
 
 def _before(heart: SyntheticVentricle, height: float, time: float, along: float) -> float:
-    """The z that is carried to a height, by halving."""
+    """The z before deformation of a height, by bisection."""
     low, high = -along, along
     for _ in range(60):
         middle = (low + high) / 2
@@ -38,7 +38,7 @@ def _before(heart: SyntheticVentricle, height: float, time: float, along: float)
 
 @dataclass(frozen=True)
 class Grid:
-    """Points of the wall by latitude and depth, (m,) each, and what each stands for.
+    """Points of the wall by latitude and depth, (m,) each, and their weights.
 
     Attributes:
         latitude: of the ray from the centre, in the endocardium's own units.
@@ -52,7 +52,7 @@ class Grid:
 
     @classmethod
     def dense(cls) -> "Grid":
-        """Even latitudes, so that a cut across them costs little, and Gauss points in depth."""
+        """Return even latitudes, which a cut across them suits, and Gauss points in depth."""
         step = np.pi / LATITUDES
         nodes, weights = np.polynomial.legendre.leggauss(DEPTHS)
         latitude = -np.pi / 2 + step * (np.arange(LATITUDES) + 0.5)
@@ -74,7 +74,7 @@ def _at(heart: SyntheticVentricle, latitude: Array, depth: Array, time: float) -
     return np.stack([heart.radius(rho, z, time), heart.angle(z, time), heart.height(z, time)])
 
 
-def _slopes(heart: SyntheticVentricle, grid: Grid, time: float) -> tuple[Array, Array, Array]:
+def _derivatives(heart: SyntheticVentricle, grid: Grid, time: float) -> tuple[Array, Array, Array]:
     """Distance (m,), and derivatives (3, m) by latitude and by depth as lengths in cylindrical directions."""
     here = _at(heart, grid.latitude, grid.depth, time)
     latitudes = [_at(heart, grid.latitude + step, grid.depth, time) for step in (-STEP, STEP)]
@@ -85,8 +85,8 @@ def _slopes(heart: SyntheticVentricle, grid: Grid, time: float) -> tuple[Array, 
 
 def _strain(heart: SyntheticVentricle, grid: Grid, time: float) -> Array:
     """Green's strain (m, 3, 3) along the radial, circumferential and longitudinal directions at end diastole."""
-    radius, along, across = _slopes(heart, grid, 0.0)
-    after, along_after, across_after = _slopes(heart, grid, time)
+    radius, along, across = _derivatives(heart, grid, 0.0)
+    after, along_after, across_after = _derivatives(heart, grid, time)
     around, around_after = (r * np.array([[0.0], [1.0], [0.0]]) for r in (radius, after))
     before = np.stack([along, around, across], axis=1).transpose(2, 0, 1)
     later = np.stack([along_after, around_after, across_after], axis=1).transpose(2, 0, 1)
@@ -98,15 +98,15 @@ def _strain(heart: SyntheticVentricle, grid: Grid, time: float) -> Array:
     return (fibres @ fibres.transpose(0, 2, 1) - np.eye(3)) / 2
 
 
-def true_measures(heart: SyntheticVentricle, time: float, share: float = 0.8) -> dict[str, float]:
-    """The measures of `measure`, by their names, from end diastole to a time.
+def true_measures(heart: SyntheticVentricle, time: float, fraction: float = 0.8) -> dict[str, float]:
+    """Return the measures of `measure`, by their names, from end diastole to a time.
 
     Args:
         heart: the ventricle.
         time: of end systole.
-        share: where `heart.mitral_points(time, share)` mark the base.
+        fraction: of the length of the cavity, where `heart.mitral_points(time, fraction)` are the base.
     """
-    apex, base = -heart.endo[1], heart.endo[1] * (2 * share - 1)
+    apex, base = -heart.endo[1], heart.endo[1] * (2 * fraction - 1)
     after = float(heart.height(np.array(base), time))
     cavity = [true_volume(heart, "endo", t, top) for t, top in ((0.0, base), (time, after))]
     muscle = true_volume(heart, "epi", 0.0, base) - cavity[0]
@@ -132,7 +132,7 @@ def _meridian(heart: SyntheticVentricle, time: float, base: float) -> float:
 
 def _wall_measures(heart: SyntheticVentricle, time: float, base: float, levels: Array) -> dict[str, float]:
     grid = Grid.dense()
-    radius, along, across = _slopes(heart, grid, 0.0)
+    radius, along, across = _derivatives(heart, grid, 0.0)
     heights = _at(heart, grid.latitude, grid.depth, 0.0)[2]
     volume = grid.weight * 2 * np.pi * radius * np.abs(along[0] * across[2] - along[2] * across[0]) * (heights <= base)
     lines = volume.reshape(LATITUDES, DEPTHS).sum(axis=1)
@@ -158,15 +158,15 @@ def _wall_measures(heart: SyntheticVentricle, time: float, base: float, levels: 
 
 def _thickness(heart: SyntheticVentricle, grid: Grid, time: float) -> Array:
     """Length (LATITUDES,) of the lines across the wall at a time."""
-    speed = np.linalg.norm(_slopes(heart, grid, time)[2], axis=0).reshape(LATITUDES, DEPTHS)
+    speed = np.linalg.norm(_derivatives(heart, grid, time)[2], axis=0).reshape(LATITUDES, DEPTHS)
     return speed @ np.polynomial.legendre.leggauss(DEPTHS)[1] / 2
 
 
 def _twist(heart: SyntheticVentricle, time: float, levels: Array) -> dict[str, float]:
-    turns = np.degrees(heart.angle(levels, time))
+    angles = np.degrees(heart.angle(levels, time))
     latitude = np.linspace(-np.pi / 2, np.pi / 2, 20001)
     middle, _, heights = _at(heart, latitude, np.full_like(latitude, 0.5), 0.0)
-    angle, distance = float(turns[1] - turns[0]), float(levels[1] - levels[0])
+    angle, distance = float(angles[1] - angles[0]), float(levels[1] - levels[0])
     mean_radius = float(np.interp(levels, heights, middle).mean())
     return {
         "twist angle": angle,

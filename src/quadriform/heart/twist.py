@@ -15,8 +15,9 @@ from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
 
 LEVELS = (0.25, 0.75)
-"""The apical and the basal slice: shares of the long axis from the apex, at end diastole."""
+"""The apical and the basal slice: fractions of the long axis from the apex, at end diastole."""
 DEPTH = 0.5
+"""Of the middle layer, from the endocardium (0) to the epicardium (1)."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ class Twist:
 
     @property
     def angle(self) -> float:
-        """Rotation of the apical against the basal slice, in degrees."""
+        """Rotation of the apical minus the basal slice, in degrees."""
         return float(np.degrees(self.apical - self.basal))
 
     @property
@@ -53,7 +54,7 @@ class Twist:
 
 @dataclass(frozen=True)
 class Slices:
-    """Material points, before deformation, of the two slices, and the frame that they were cut in.
+    """Material points of the two slices, before deformation, and the frame in which the slices are plane.
 
     Attributes:
         axis: the long axis at end diastole.
@@ -67,48 +68,49 @@ class Slices:
 
     @classmethod
     def cut(cls, wall: Wall, box: ControlBox, axis: LongAxis) -> "Slices":
-        """Cut the middle layer across the long axis at both levels."""
+        """Return the sections of the middle layer across the long axis at both levels."""
         origins = wall.at(DEPTH)
         heights = axis.heights(box.deform(origins))
-        edges = np.concatenate([wall.quads[:, [k, (k + 1) % 4]] for k in range(4)])  # each twice, which does no harm
+        edges = np.concatenate([wall.quads[:, [k, (k + 1) % 4]] for k in range(4)])
         apical, basal = (_crossings(origins, heights - level, edges) for level in LEVELS)
         return cls(axis, (apical, basal), box)
 
     def twist(self, box: ControlBox) -> Twist:
-        """Twist from end diastole to a frame, given by its box."""
+        """Return the twist from end diastole to a frame, given by its box."""
         ends = np.stack([self.axis.apex, self.axis.base])
         moved = LongAxis(*box.deform(self.reference.undeform(ends)))
-        upright = _shortest_turn(moved.direction, self.axis.direction)
-        turns, radii = [], []
+        # the tilt of the axis is removed before angles about it are compared
+        upright = _shortest_rotation(moved.direction, self.axis.direction)
+        angles, radii = [], []
         for origins in self.origins:
             before = self.axis.across(_centred(self.reference.deform(origins)))
             after = self.axis.across(_centred(box.deform(origins)) @ upright.T)
-            turns.append(_turn(before, after, -self.axis.direction))
+            angles.append(_angle_between(before, after, -self.axis.direction))
             radii.append(np.linalg.norm(before, axis=1).mean())
         distance = (LEVELS[1] - LEVELS[0]) * self.axis.length
-        return Twist(turns[0], turns[1], distance, np.array(radii))
+        return Twist(angles[0], angles[1], distance, np.array(radii))
 
 
 def _crossings(origins: Array, heights: Array, edges: Array) -> Array:
-    """Points (m, 3) where edges pass the height 0."""
+    """Points (m, 3) where edges cross the height 0; inner edges of the mesh occur twice, which changes no mean."""
     first, second = heights[edges[:, 0]], heights[edges[:, 1]]
     cut = (first > 0) != (second > 0)
-    share = (first / np.where(cut, first - second, 1.0))[cut, None]
+    fraction = (first / np.where(cut, first - second, 1.0))[cut, None]
     low, high = origins[edges[cut, 0]], origins[edges[cut, 1]]
-    return low + share * (high - low)
+    return low + fraction * (high - low)
 
 
 def _centred(points: Array) -> Array:
     return points - points.mean(axis=0)
 
 
-def _turn(before: Array, after: Array, axis: Array) -> float:
-    """The right-handed angle about an axis that carries plane vectors (n, 3) best onto others, least squares."""
+def _angle_between(before: Array, after: Array, axis: Array) -> float:
+    """The right-handed angle about an axis that rotates plane vectors (n, 3) onto others, by least squares."""
     return float(np.arctan2((np.cross(before, after) @ axis).sum(), (before * after).sum()))
 
 
-def _shortest_turn(one: Array, other: Array) -> Array:
-    """The rotation (3, 3) by the smallest angle that carries a unit vector onto another (Rodrigues' formula)."""
+def _shortest_rotation(one: Array, other: Array) -> Array:
+    """The rotation (3, 3) by the smallest angle from a unit vector to another (Rodrigues' formula)."""
     x, y, z = np.cross(one, other)
     skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.eye(3) + skew + skew @ skew / (1 + one @ other)

@@ -1,4 +1,4 @@
-"""The wall along the volumetric map: lines from the endocardium to the epicardium, straight before deformation."""
+"""The wall by lines of the volumetric map from endocardium to epicardium, straight before deformation."""
 
 from dataclasses import dataclass
 
@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.errors import OptionError
+from quadriform.heart.axis import unit_vectors
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.directions import sphere_grid
@@ -15,12 +16,12 @@ from quadriform.shapes.wall import exits
 
 NODES = (np.polynomial.legendre.leggauss(4)[0] + 1) / 2
 WEIGHTS = np.polynomial.legendre.leggauss(4)[1] / 2
-"""Four Gauss points across the wall, from 0 at the endocardium to 1 at the epicardium."""
+"""Gauss-Legendre quadrature with four points across the wall, from 0 (endocardium) to 1 (epicardium)."""
 
 
 @dataclass(frozen=True)
 class Wall:
-    """Lines across the wall, in the undeformed space that all frames share.
+    """Lines across the wall, in the undeformed space of all frames.
 
     A point at depth w lies at centre + (start + w (stop - start)) ray.
 
@@ -29,10 +30,10 @@ class Wall:
         rays: (n, 3), in units of its semi-axes one long.
         start: (n,), where the rays leave the endocardium.
         stop: (n,), where they leave the epicardium.
-        cells: (n,), volume that a ray stands for, per s^2 ds.
+        cells: (n,), volume about a ray, per s^2 ds.
         normals: (2, n, 3), outward unit normals of both surfaces, before deformation.
         quads: (m, 4), neighbours among the rays.
-        crossing: (n,), rays on which the epicardium comes first; they carry no wall.
+        crossing: (n,), rays on which the epicardium comes first; they have no wall.
     """
 
     centre: Array
@@ -46,7 +47,7 @@ class Wall:
 
     @classmethod
     def between(cls, endo: Superquadric, epi: Superquadric, resolution: int = 24) -> "Wall":
-        """The wall between two superellipsoids, one line for each of 6 n^2 + 2 directions.
+        """Return the wall between two superellipsoids, one line for each of 6 n^2 + 2 directions.
 
         Raises:
             OptionError: the endocardium lies outside the epicardium, as with swapped names.
@@ -55,6 +56,7 @@ class Wall:
         inner = endo.surface(directions)
         rays = (directions * endo.semi_axes) @ endo.rotation.T
         start = np.linalg.norm(inner - endo.translation, axis=1) / np.linalg.norm(rays, axis=1)
+        # in units of the semi-axes a direction of the sphere grid is a straight ray of the superquadric
         inner = endo.translation + start[:, None] * rays
         crossing = epi.implicit(inner) >= 1
         if crossing.mean() > 0.5 or epi.implicit(endo.translation[None])[0] >= 1:
@@ -63,28 +65,28 @@ class Wall:
                 "endocardium inside; are the names swapped?"
             )
         stop = exits(epi, endo.translation, rays)
-        cells = np.prod(endo.semi_axes) * _around(directions, quads)
+        cells = np.prod(endo.semi_axes) * _solid_angle(directions, quads)
         outer = endo.translation + stop[:, None] * rays
-        normals = np.stack([_unit(endo.gradient(inner)), _unit(epi.gradient(outer))])
+        normals = np.stack([unit_vectors(endo.gradient(inner)), unit_vectors(epi.gradient(outer))])
         return cls(endo.translation, rays, start, stop, cells, normals, quads, crossing)
 
     def at(self, depth: float) -> Array:
-        """Material points (n, 3), before deformation, at a depth from 0 (endocardium) to 1 (epicardium)."""
+        """Return material points (n, 3), before deformation, at a depth from 0 (endocardium) to 1 (epicardium)."""
         reach = self.start + depth * (self.stop - self.start)
         return self.centre + reach[:, None] * self.rays
 
     def normals_at(self, depth: float) -> Array:
-        """Unit normals (n, 3) of the layer at a depth, before deformation: between those of the two surfaces."""
-        return _unit((1 - depth) * self.normals[0] + depth * self.normals[1])
+        """Return unit normals (n, 3) of the layer at a depth, before deformation, interpolated between the surfaces."""
+        return unit_vectors((1 - depth) * self.normals[0] + depth * self.normals[1])
 
     def thickness(self, box: ControlBox) -> Array:
-        """Length (n,) of each line after deformation, by Gauss points: wall thickness along the volumetric map."""
+        """Return the length (n,) of each line after deformation: wall thickness along the volumetric map."""
         across = (self.stop - self.start)[:, None] * self.rays
         speeds = [np.einsum("nij,nj->ni", box.jacobian(self.at(depth)), across) for depth in NODES]
         return np.einsum("k,kn->n", WEIGHTS, np.linalg.norm(speeds, axis=2))
 
     def volumes(self, box: ControlBox) -> Array:
-        """Deformed volume (n, 4) that stands around each line's Gauss points; their sum is the wall's volume."""
+        """Return the deformed volume (n, 4) about each Gauss point; their sum is the volume of the wall."""
         span = self.stop - self.start
         columns = []
         for depth, weight in zip(NODES, WEIGHTS):
@@ -93,14 +95,10 @@ class Wall:
         return np.where(self.crossing[:, None], 0.0, np.stack(columns, axis=1))
 
 
-def _around(directions: Array, quads: Faces) -> Array:
+def _solid_angle(directions: Array, quads: Faces) -> Array:
     """Solid angle (n,) around each direction: a quarter of each quad it is a corner of."""
     angle = np.zeros(len(directions))
     for corners in ((0, 1, 2), (0, 2, 3)):
         triangle = solid_angles(*(directions[quads[:, k]] for k in corners))
         np.add.at(angle, quads, triangle[:, None] / 4)
     return angle
-
-
-def _unit(vectors: Array) -> Array:
-    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)

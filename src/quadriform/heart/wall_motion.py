@@ -1,4 +1,4 @@
-"""What the wall does between end diastole and another frame."""
+"""The motion of the wall from end diastole to another frame."""
 
 from dataclasses import dataclass, replace
 
@@ -16,7 +16,7 @@ from quadriform.shapes.control_box import ControlBox
 
 @dataclass(frozen=True)
 class MovingWall:
-    """The wall at end diastole, and what is needed to compare other frames with it.
+    """The wall at end diastole, with which other frames are compared.
 
     Attributes:
         wall: its lines.
@@ -25,7 +25,7 @@ class MovingWall:
         origins: (n, 4, 3), the lines' Gauss points before deformation.
         axes: (n, 4, 3, 3), radial, circumferential, longitudinal at end diastole.
         thickness: (n,), of the lines at end diastole.
-        volumes: (n, 4), what stands around each at end diastole, 0 beyond the base.
+        volumes: (n, 4), volume about each at end diastole, 0 beyond the base.
         slices: the two slices of the twist.
     """
 
@@ -40,40 +40,41 @@ class MovingWall:
 
     @classmethod
     def at(cls, wall: Wall, box: ControlBox, axis: LongAxis, plane: BasePlane | None) -> "MovingWall":
-        """The wall in the frame of end diastole; what lies beyond the base plane does not count."""
+        """Return the wall in the frame of end diastole; what lies beyond the base plane does not count."""
         origins = np.stack([wall.at(depth) for depth in NODES], axis=1)
         axes = [local_axes(box, wall.at(depth), wall.normals_at(depth), axis.direction) for depth in NODES]
         volumes = wall.volumes(box)
         thickness, slices = wall.thickness(box), Slices.cut(wall, box, axis)
         whole = cls(wall, box, axis, origins, np.stack(axes, axis=1), thickness, volumes, slices)
-        return whole if plane is None else replace(whole, volumes=volumes * whole.share_below(plane))
+        return whole if plane is None else replace(whole, volumes=volumes * whole.fraction_below(plane))
 
-    def share_below(self, plane: BasePlane) -> Array:
-        """Which share (n, 4) of what stands around each Gauss point lies below a plane, at end diastole.
+    def fraction_below(self, plane: BasePlane) -> Array:
+        """Return the fraction (n, 4) of the volume about each Gauss point that lies below a plane at end diastole.
 
-        A cell that the plane cuts counts in part, so that means do not jump when a plane passes a point.
+        A cell that the plane cuts counts in part, so that means are continuous in the plane.
         """
         heights = plane.heights(self.box.deform(self.origins.reshape(-1, 3))).reshape(self.volumes.shape)
         depths = WEIGHTS * np.where(self.wall.crossing, 1.0, self.thickness)[:, None]
+        # width of a cell across the wall's lines: square root of volume over depth
         size = np.sqrt(np.maximum(self.volumes, 1e-300) / depths)
         return np.clip(0.5 - heights / size, 0, 1)
 
     @property
     def areas(self) -> Array:
-        """Area (n,) of the wall that each line stands for at end diastole: its volume over its length."""
+        """Area (n,) of the wall about each line at end diastole: volume over length."""
         return self.volumes.sum(axis=1) / np.where(self.wall.crossing, 1.0, self.thickness)
 
     def strain(self, box: ControlBox) -> Array:
-        """Green's strain (n, 4, 3, 3) of a frame against end diastole, along the local axes."""
+        """Return Green's strain (n, 4, 3, 3) of a frame against end diastole, along the local axes."""
         gradient = deformation_gradient(self.box, box, self.origins.reshape(-1, 3))
         return in_axes(green_strain(gradient), self.axes.reshape(-1, 3, 3)).reshape(self.axes.shape)
 
-    def mean(self, values: Array, share: Array | NDArray[np.bool_]) -> Array:
-        """Mean of values (n, 4, ...) over the wall's volume, or over the share (n, 4) or (n, 1) of it."""
-        weights = self.volumes * share
+    def mean(self, values: Array, fractions: Array | NDArray[np.bool_]) -> Array:
+        """Return the mean of values (n, 4, ...) over the fractions (n, 4) or (n, 1) of the volume of the wall."""
+        weights = self.volumes * fractions
         return np.tensordot(weights, values, 2) / weights.sum()
 
     def between_slices(self) -> Array:
-        """Which share (n, 4) of the wall lies between the apical and the basal slice at end diastole."""
-        low, high = (self.share_below(self.axis.plane(level)) for level in LEVELS)
+        """Return the fraction (n, 4) of the wall between the apical and the basal slice at end diastole."""
+        low, high = (self.fraction_below(self.axis.plane(level)) for level in LEVELS)
         return high - low

@@ -1,4 +1,4 @@
-"""The rows of the table about the wall: thickness, thickening, strain and twist, of all of it and of the segments."""
+"""The measures of the wall: thickness, thickening, strain and twist, of the whole wall and of its segments."""
 
 from dataclasses import dataclass
 
@@ -19,7 +19,7 @@ from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superquadric import Superquadric
 
-UNSEEN = "not observed: surfaces carry no material points, so this is the word of the prior; "
+NOT_OBSERVED = "not observed: surfaces have no material points, so the prior alone determines this; "
 DIRECTIONS = ("radial", "circumferential", "longitudinal")
 ALONG_MAP = "along the volumetric map from endo to epi, mean over the area of the wall"
 SOURCE = "Young and Cowan 2012"
@@ -27,7 +27,7 @@ SOURCE = "Young and Cowan 2012"
 
 @dataclass(frozen=True)
 class Contraction:
-    """What became of the wall at end systole: thickness (n,) of its lines, and Green's strain (n, 4, 3, 3)."""
+    """The wall at end systole: thickness (n,) of its lines, and Green's strain (n, 4, 3, 3)."""
 
     thickness: Array
     strain: Array
@@ -42,7 +42,7 @@ def wall_rows(
     observed: bool,
     warnings: Warnings,
 ) -> tuple[list[Row], dict[str, Array]]:
-    """Rows and curves of the wall.
+    """Return rows and curves of the wall.
 
     Args:
         frames: the models, with an "epi".
@@ -51,10 +51,10 @@ def wall_rows(
         ends: frames of end diastole and end systole.
         rv_inserts: (n, 3), or None.
         observed: whether material points were tracked.
-        warnings: takes FOLDING where the surfaces cross, and UNANCHORED.
+        warnings: FOLDING is added where the surfaces cross, and UNANCHORED.
 
     Raises:
-        OptionError: swapped surfaces, or insertions that show no septum.
+        OptionError: swapped surfaces, or insertions that determine no septum.
     """
     ed, es = ends
     model = frames.models[ed]
@@ -83,7 +83,7 @@ def _wall(endo: Superquadric, epi: Superquadric, warnings: Warnings) -> Wall:
 def _segments(
     frames: HeartCycle, moving: MovingWall, ed: int, rv_inserts: ArrayLike | None, warnings: Warnings
 ) -> dict[str, NDArray[np.bool_]]:
-    """Which lines (n,) belong to each segment; those that hold no wall are left out."""
+    """The lines (n,) of each segment; segments without wall are left out."""
     if rv_inserts is None:
         segments = AhaSegmentation.unanchored(moving.axis, frames.models[ed].surfaces["endo"])
         warnings[WarningKind.UNANCHORED] = (
@@ -93,9 +93,9 @@ def _segments(
     else:
         segments = AhaSegmentation.anchored(moving.axis, rv_inserts)
     numbers = segments.numbers(moving.box.deform(moving.wall.at(DEPTH)))
-    there = moving.areas > 0
+    has_wall = moving.areas > 0
     label = "segment" if rv_inserts is not None else "unanchored segment"
-    lines = {f"{label} {k + 1}, {name}: ": there & (numbers == k + 1) for k, name in enumerate(NAMES)}
+    lines = {f"{label} {k + 1}, {name}: ": has_wall & (numbers == k + 1) for k, name in enumerate(NAMES)}
     return {name: mask for name, mask in lines.items() if mask.any()}
 
 
@@ -107,7 +107,7 @@ def _part_rows(
     lines: NDArray[np.bool_],
     observed: bool,
 ) -> list[Row]:
-    """Thickness, and where a contraction is known thickening and strain, of a part of the wall."""
+    """Thickness, and with a contraction thickening and strain, of a part of the wall."""
     weights = moving.areas * lines
     before = float(weights @ moving.thickness / weights.sum()) * frames.millimetres
     rows = [Row(f"{part}wall thickness, end diastole", before, "mm", ALONG_MAP)]
@@ -124,17 +124,17 @@ def _part_rows(
 
 def _radial(moving: MovingWall, thickness: Array) -> Array:
     """Change of length per length (n,) of the lines across the wall; 0 where the surfaces cross."""
-    there = ~moving.wall.crossing
-    return np.where(there, thickness / np.where(there, moving.thickness, 1.0) - 1, 0.0)
+    valid = ~moving.wall.crossing
+    return np.where(valid, thickness / np.where(valid, moving.thickness, 1.0) - 1, 0.0)
 
 
 def _strain_rows(moving: MovingWall, strain: Array, part: str, where: NDArray[np.bool_], observed: bool) -> list[Row]:
-    """What the gradient says; where no material point was tracked, along the wall it is the prior's word."""
-    said = "" if observed else UNSEEN
+    """Strain from the gradient; without tracked points the prior alone determines it along the wall."""
+    prefix = "" if observed else NOT_OBSERVED
     around = 100 * float(moving.mean(relative_lengthening(strain), where)[1])
-    how = f"{said}change of length from ED to ES per length, from the gradient, mean over the volume of the wall"
+    how = f"{prefix}change of length from ED to ES per length, from the gradient, mean over the volume of the wall"
     rows = [Row(f"{part}circumferential strain", around, "%", how, observed)]
-    how = f"{said}(F'F - I) / 2 from ED to ES, mean over the volume of the wall"
+    how = f"{prefix}(F'F - I) / 2 from ED to ES, mean over the volume of the wall"
     green = np.diagonal(moving.mean(strain, where))
     return rows + [
         Row(f"{part}Green strain, {name}", float(value), "1", how, observed) for name, value in zip(DIRECTIONS, green)
@@ -142,7 +142,7 @@ def _strain_rows(moving: MovingWall, strain: Array, part: str, where: NDArray[np
 
 
 def _twist_rows(frames: HeartCycle, moving: MovingWall, later: ControlBox, strain: Array, observed: bool) -> list[Row]:
-    """The four definitions."""
+    """Twist in the four published definitions."""
     twist = moving.slices.twist(later)
     shear = moving.mean(strain[..., 1, 2], moving.between_slices())
     levels = f"at {LEVELS[0]:g} and {LEVELS[1]:g} of the long axis, counter-clockwise from the apex; {SOURCE}"
@@ -153,8 +153,8 @@ def _twist_rows(frames: HeartCycle, moving: MovingWall, later: ControlBox, strai
         ("torsional shear angle", twist.shear_angle, "deg", f"the angle times mid-wall radius / distance, {levels}"),
         ("torsional shear strain", float(shear), "1", f"Green strain E_CL, mean between the slices {levels}"),
     ]
-    said = "" if observed else UNSEEN
-    return [Row(name, value, unit, said + how, observed) for name, value, unit, how in found]
+    prefix = "" if observed else NOT_OBSERVED
+    return [Row(name, value, unit, prefix + how, observed) for name, value, unit, how in found]
 
 
 def _curves(frames: HeartCycle, moving: MovingWall) -> dict[str, Array]:

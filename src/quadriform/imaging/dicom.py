@@ -166,7 +166,7 @@ def _describe(uid: str, series: Series) -> str:
 
 def _images(planes: tuple[ImagePlane, ...]) -> Iterator[NDArray[Any]]:
     """The pixels (columns, rows) of each plane; consecutive planes of one file read it once."""
-    scaled = any((plane.slope, plane.intercept) != (1.0, 0.0) for plane in planes)
+    scaled = any(plane.rescale != (1.0, 0.0) for plane in planes)
     file, pixels, total = None, np.empty(0), 0
     for plane in planes:
         if plane.file != file:
@@ -174,7 +174,7 @@ def _images(planes: tuple[ImagePlane, ...]) -> Iterator[NDArray[Any]]:
             check_budget(total := total + pixels.nbytes, f"the series of {quoted(file)}")
         image = pixels[plane.index].T
         # labels stay whole numbers where nothing is scaled (PS3.3, C.11.1)
-        yield image.astype(np.float64) * plane.slope + plane.intercept if scaled else image
+        yield image.astype(np.float64) * plane.rescale[0] + plane.rescale[1] if scaled else image
 
 
 def _pixels(file: Path) -> NDArray[Any]:

@@ -23,6 +23,8 @@ from quadriform.imaging.dicom_values import (
 if TYPE_CHECKING:
     from pydicom import Dataset
 
+DEFAULT_RESCALE = {"Slope": 1.0, "Intercept": 0.0}
+
 
 def planes_of(header: "Dataset", file: Path) -> list[ImagePlane]:
     """Return the planes of one file, in the order of its images.
@@ -118,8 +120,7 @@ def _pixels(header: "Dataset", values: Any, file: Path) -> dict[str, Any]:
     return {
         "size": (int(header.Columns), int(header.Rows)),
         "file": file,
-        "slope": number_or_default(values, "RescaleSlope", 1.0),
-        "intercept": number_or_default(values, "RescaleIntercept", 0.0),
+        "rescale": tuple(number_or_default(values, f"Rescale{name}", at) for name, at in DEFAULT_RESCALE.items()),
     }
 
 

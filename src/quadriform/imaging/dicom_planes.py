@@ -27,8 +27,7 @@ class ImagePlane:
         file: that contains the pixels.
         index: number of the image in the file, from 0.
         alone: whether the file contains no other image.
-        slope: of the stored values (RescaleSlope).
-        intercept: of the stored values (RescaleIntercept).
+        rescale: slope and intercept of the stored values.
         trigger_time: ms after the R wave, where known.
         acquisition_time: seconds of the day, where known.
         number: position in the series by the count of the scanner, where known.
@@ -41,8 +40,7 @@ class ImagePlane:
     file: Path
     index: int = 0
     alone: bool = True
-    slope: float = 1.0
-    intercept: float = 0.0
+    rescale: tuple[float, float] = (1.0, 0.0)
     trigger_time: float | None = None
     acquisition_time: float | None = None
     number: float | None = None

@@ -253,13 +253,13 @@ def _skip(stream: IO[bytes], count: int) -> int:
 
 def _scale(header: "Nifti1Header") -> tuple[float, float]:
     """Slope and intercept; a scl_slope of 0 means that the values are not scaled."""
-    slope, intercept = float(header["scl_slope"]), float(header["scl_inter"])
+    factor, offset = float(header["scl_slope"]), float(header["scl_inter"])
     # nibabel keeps "none" as NaN in memory, and other programs write it
-    if slope == 0 or (np.isnan(slope) and (np.isnan(intercept) or intercept == 0)):
+    if factor == 0 or (np.isnan(factor) and (np.isnan(offset) or offset == 0)):
         return 1.0, 0.0
-    if not np.isfinite([slope, intercept]).all():
-        raise FileFormatError(f"slope {slope:g} and intercept {intercept:g}; expected finite numbers")
-    return slope, intercept
+    if not np.isfinite([factor, offset]).all():
+        raise FileFormatError(f"slope {factor:g} and intercept {offset:g}; expected finite numbers")
+    return factor, offset
 
 
 def _placement(header: "Nifti1Header", shape: Size, affine: str | None) -> tuple[tuple[Array, str, str], Warnings]:
