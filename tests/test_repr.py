@@ -60,3 +60,15 @@ def test_a_fit_prints_its_verdict_and_its_warnings(objects):
 
 def test_warnings_print_as_words():
     assert repr({WarningKind.OUTLIERS: "two"}) == "{'OUTLIERS': 'two'}" and str(WarningKind.OUTLIERS) == "OUTLIERS"
+
+
+def test_signatures_of_public_functions_read_well():
+    """Options are listed by name, and types are words such as ArrayLike, not their definitions."""
+    for name in qf.__all__:
+        thing = getattr(qf, name)
+        parts = vars(thing).values() if inspect.isclass(thing) or inspect.ismodule(thing) else []
+        for function in [thing, *parts]:
+            home = getattr(thing, "__module__", getattr(thing, "__name__", ""))
+            if inspect.isfunction(function) and function.__module__ == home:
+                shown = str(inspect.signature(function))
+                assert "**" not in shown and "numpy." not in shown and "Union" not in shown, f"{function}: {shown}"

@@ -3,6 +3,8 @@
 All are deterministic: random ones come from a fixed seed.
 """
 
+from __future__ import annotations
+
 import numpy as np
 
 from quadriform.errors import choose

@@ -3,6 +3,8 @@
 Reference: https://github.com/UOA-Heart-Mechanics-Research/biv-me
 """
 
+from __future__ import annotations
+
 import os
 import re
 from collections import Counter, defaultdict

@@ -1,5 +1,7 @@
 """Points from files: text tables, NumPy arrays and the vertices of meshes."""
 
+from __future__ import annotations
+
 import io
 import os
 from pathlib import Path

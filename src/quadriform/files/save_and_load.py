@@ -1,5 +1,7 @@
 """The two front doors: `save` and `load` choose the format by the suffix."""
 
+from __future__ import annotations
+
 import os
 from pathlib import Path
 from typing import Literal

@@ -1,5 +1,7 @@
 """What a fit returns beside the model: how good it is, how it went, and what to be wary of."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
@@ -37,7 +39,7 @@ class Iteration:
     box_displacement: float
     surface_motion: float
 
-    def scaled(self, scale: float) -> "Iteration":
+    def scaled(self, scale: float) -> Iteration:
         """The same in another unit of length."""
         lengths = (self.error, self.box_motion, self.box_displacement, self.surface_motion)
         return Iteration(*(scale * length for length in lengths))
@@ -172,7 +174,7 @@ class Fit:
         """Numbers in the points over numbers in the model: 3 n / n_parameters."""
         return 3 * self.n_points / self.model.n_parameters
 
-    def require_ok(self) -> "Fit":
+    def require_ok(self) -> Fit:
         """Return itself when the status is "ok".
 
         Raises:

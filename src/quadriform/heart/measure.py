@@ -1,5 +1,7 @@
 """The measures of a beating heart: the public function `measure`."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 
 import numpy as np

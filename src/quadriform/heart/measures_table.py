@@ -1,5 +1,7 @@
 """The table of measures, and its files in CSV and JSON."""
 
+from __future__ import annotations
+
 import csv
 import io
 import json

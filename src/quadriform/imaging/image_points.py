@@ -1,5 +1,7 @@
 """Points on the surface of an object in an image (paper section 5)."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Any, Literal
 

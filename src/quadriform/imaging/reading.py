@@ -1,5 +1,7 @@
 """Images from files: one function for all formats, which are recognised by their content."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple

@@ -1,5 +1,7 @@
 """One object in an image: threshold or labels, a connected component, closing, holes (paper 5)."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal

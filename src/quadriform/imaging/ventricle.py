@@ -1,5 +1,7 @@
 """Points of the two surfaces of a left ventricle from an image: measured wall only, the base left open."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Any
 from warnings import warn

@@ -1,5 +1,7 @@
 """An image, and the transform from its voxels to the world."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -84,7 +86,7 @@ class Volume:
         parts = (values_of(self.segments, label) for label in labels)
         return tuple(dict.fromkeys(value for part in parts for value in part))
 
-    def crop(self, region: Region) -> "Volume":
+    def crop(self, region: Region) -> Volume:
         """Return the part inside `region`, at the same position in the world.
 
         Raises:

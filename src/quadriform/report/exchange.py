@@ -1,5 +1,7 @@
 """The surface of a model as an object of another library."""
 
+from __future__ import annotations
+
 from typing import TYPE_CHECKING, Any
 
 from quadriform.errors import OptionError
@@ -11,7 +13,7 @@ if TYPE_CHECKING:
 
 def to_trimesh(
     model: Drawable, surface: str | None = None, *, time: float | None = None, resolution: int = 24
-) -> "Trimesh":
+) -> Trimesh:
     """The same vertices and triangles as a `trimesh.Trimesh`, with `units` where they are known.
 
     Args:

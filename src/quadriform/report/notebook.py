@@ -1,5 +1,7 @@
 """Models and fits that show themselves: in a notebook where they stand, elsewhere in a browser."""
 
+from __future__ import annotations
+
 import tempfile
 import webbrowser
 from pathlib import Path

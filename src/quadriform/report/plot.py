@@ -1,5 +1,7 @@
 """Surfaces of a model in three dimensions, by matplotlib."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from itertools import cycle
 from typing import TYPE_CHECKING, Any
@@ -23,14 +25,14 @@ SEEN_THROUGH = 0.25
 
 def plot(
     model: Drawable,
-    axes: "Axes3D | None" = None,
+    axes: Axes3D | None = None,
     *,
     points: Clouds | None = None,
     surface: str | None = None,
     time: float | None = None,
     colour: str | ArrayLike | None = None,
     resolution: int = 24,
-) -> "Axes3D":
+) -> Axes3D:
     """Draw surfaces, and points if there are any, with equal scales along all axes.
 
     Nothing is shown and pyplot is not touched: `plot(fit).figure` is displayed by a notebook under `%matplotlib

@@ -3,6 +3,8 @@
 A model stands for its first surface; `alone` takes another one out.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 
 import numpy as np

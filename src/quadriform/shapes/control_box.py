@@ -1,5 +1,7 @@
 """The free-form deformation: a box of control points that carries the space inside it (paper 3.1, appendix B)."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -62,7 +64,7 @@ class ControlBox:
         _check_edges(self.edges)
 
     @classmethod
-    def around(cls, superquadric: Superquadric, shape: tuple[int, int, int] = (5, 5, 5)) -> "ControlBox":
+    def around(cls, superquadric: Superquadric, shape: tuple[int, int, int] = (5, 5, 5)) -> ControlBox:
         """The undeformed box that touches a superquadric: sides 2 a1, 2 a2, 2 a3 in its pose (paper 3.2.1).
 
         Args:
@@ -77,15 +79,15 @@ class ControlBox:
         return cls.undeformed(superquadric.translation - edges.sum(axis=0) / 2, edges, shape)
 
     @classmethod
-    def undeformed(cls, origin: Array, edges: Array, shape: tuple[int, int, int]) -> "ControlBox":
+    def undeformed(cls, origin: Array, edges: Array, shape: tuple[int, int, int]) -> ControlBox:
         """The box whose control points stand in their even places, so that nothing moves."""
         return cls(origin, edges, origin + _lattice(*shape) @ edges)  # P17
 
-    def placed(self, scale: float, offset: Array) -> "ControlBox":
+    def placed(self, scale: float, offset: Array) -> ControlBox:
         """The same deformation after `scale` x + `offset`: from a centred, scaled frame back to the world."""
         return ControlBox(scale * self.origin + offset, scale * self.edges, scale * self.control_points + offset)
 
-    def turned(self, rotation: Array) -> "ControlBox":
+    def turned(self, rotation: Array) -> ControlBox:
         """The same deformation after a rotation (3, 3) about the world's origin."""
         return ControlBox(rotation @ self.origin, self.edges @ rotation.T, self.control_points @ rotation.T)
 
@@ -101,7 +103,7 @@ class ControlBox:
         l, m, n = self.control_points.shape[:3]
         return ControlBox.undeformed(self.origin, self.edges, (l, m, n)).control_points
 
-    def with_control_points(self, control_points: Array) -> "ControlBox":
+    def with_control_points(self, control_points: Array) -> ControlBox:
         """The same box with its control points elsewhere; any array of 3 (l+1)(m+1)(n+1) numbers."""
         return replace(self, control_points=np.reshape(control_points, self.control_points.shape))
 
@@ -230,7 +232,7 @@ class ControlBox:
             damping[good], damping[bad] = np.minimum(1, 2 * damping[good]), damping[bad] / 4
         return point
 
-    def elevate(self, degrees: tuple[int, int, int]) -> "ControlBox":
+    def elevate(self, degrees: tuple[int, int, int]) -> ControlBox:
         """The same deformation with more control points, exactly.
 
         Args:

@@ -1,5 +1,7 @@
 """A triangle mesh, its measures, and triangles from quads."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,5 +1,7 @@
 """The deformable model: superquadric surface(s) carried by one control box (paper 3)."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import combinations
@@ -55,12 +57,12 @@ class DeformableModel(Recorded):
         """How many numbers the model is: 11 a superellipsoid (12 a toroid) and 3 a control point."""
         return sum(len(s.parameters) for s in self.surfaces.values()) + self.box.control_points.size
 
-    def placed(self, scale: float, offset: Array) -> "DeformableModel":
+    def placed(self, scale: float, offset: Array) -> DeformableModel:
         """The same model after `scale` x + `offset`: from a centred, scaled frame back to the world."""
         surfaces = {name: s.placed(scale, offset) for name, s in self.surfaces.items()}
         return replace(self, surfaces=surfaces, box=self.box.placed(scale, offset))
 
-    def in_space(self, space: str) -> "DeformableModel":
+    def in_space(self, space: str) -> DeformableModel:
         """The same model in another frame of the world, "LPS" or "RAS": a half-turn about z lies between them.
 
         Raises:

@@ -1,5 +1,7 @@
 """A moving model: a deformable model at any time, and the paths of its material points."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -102,7 +104,7 @@ class MovingModel(Recorded):
         l, m, n = self.control_points.shape[1:4]
         return ControlBox.undeformed(self.origin, self.edges, (l, m, n))
 
-    def placed(self, scale: float, offset: Array) -> "MovingModel":
+    def placed(self, scale: float, offset: Array) -> MovingModel:
         """The same model after `scale` x + `offset`; time stays."""
         surfaces = {name: s.placed(scale, offset) for name, s in self.surfaces.items()}
         return replace(
@@ -113,7 +115,7 @@ class MovingModel(Recorded):
             control_points=scale * self.control_points + offset,
         )
 
-    def in_space(self, space: str) -> "MovingModel":
+    def in_space(self, space: str) -> MovingModel:
         """The same model in another frame of the world, "LPS" or "RAS": a half-turn about z lies between them.
 
         Raises:

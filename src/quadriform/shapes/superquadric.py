@@ -1,5 +1,7 @@
 """A superquadric in space: one of four kinds, with sizes, exponents and pose (paper 2, A.1, A.2)."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -102,7 +104,7 @@ class Superquadric:
         hole = [] if self.hole_radius is None else [self.hole_radius]
         return np.concatenate([self.semi_axes, self.exponents, euler, self.translation, hole])
 
-    def with_parameters(self, parameters: Array) -> "Superquadric":
+    def with_parameters(self, parameters: Array) -> Superquadric:
         """The same kind with other numbers, in the order of `parameters`."""
         return replace(
             self,
@@ -113,7 +115,7 @@ class Superquadric:
             hole_radius=None if self.hole_radius is None else float(parameters[11]),
         )
 
-    def placed(self, scale: float, offset: Array) -> "Superquadric":
+    def placed(self, scale: float, offset: Array) -> Superquadric:
         """The same surface after `scale` x + `offset`: from a centred, scaled frame back to the world."""
         return replace(
             self,
@@ -122,7 +124,7 @@ class Superquadric:
             height=None if self.height is None else scale * self.height,
         )
 
-    def turned(self, rotation: Array) -> "Superquadric":
+    def turned(self, rotation: Array) -> Superquadric:
         """The same surface after a rotation (3, 3) about the world's origin."""
         return replace(self, rotation=rotation @ self.rotation, translation=rotation @ self.translation)
 

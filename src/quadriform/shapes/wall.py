@@ -1,5 +1,7 @@
 """The wall between two surfaces of a model as hexahedra, made by mapping a regular grid through the control box."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
