@@ -45,6 +45,18 @@ def test_centres_and_turns_may_differ(rng):
     assert Superquadric(semi_axes=(8, 9, 11), exponents=(1.1, 0.9)).implicit(wall.at(0.0)) == pytest.approx(1, abs=1e-9)
 
 
+@pytest.mark.parametrize("size", [1 - 1e-15, 1, 1 + 1e-15, 1 + 1e-12])
+def test_a_wall_no_thicker_than_rounding_is_refused(size):
+    """Both surfaces from the same points: whether a line across the wall has length zero was decided by rounding."""
+    with pytest.raises(OptionError, match=r"'endo' lies on or outside 'epi' in 100 %"):
+        Wall.between(EPI, Superquadric(semi_axes=tuple(14 * size * np.ones(3))))
+
+
+def test_a_thin_wall_is_as_thick_as_it_is(rest):
+    wall = Wall.between(Superquadric(semi_axes=(14 - 1e-6,) * 3), EPI)
+    np.testing.assert_allclose(wall.thickness(rest), 1e-6, rtol=1e-6)
+
+
 def test_swapped_surfaces_are_refused():
     with pytest.raises(OptionError, match="are the names swapped"):
         Wall.between(EPI, ENDO)

@@ -53,9 +53,6 @@ TURNED = {ast.Lt: ast.GtE, ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.GtE: ast.Lt, as
 BORDER = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt}
 TURNED |= {ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In}
 KNOWN: dict[str, str] = {
-    "heart/wall.py: between: `epi.implicit(inner) >= 1` -> `epi.implicit(inner) > 1`": (
-        "real numbers: a point of the endocardium exactly on the epicardium is one of no share"
-    ),
     "shapes/crossings.py: _sharing_a_cell: `float((high - low).max()) / 30` -> `float((high - low).max()) * 30`": (
         "larger cells give more pairs to look at, and the same crossings"
     ),
