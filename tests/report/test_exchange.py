@@ -18,7 +18,7 @@ def pyvista():
     return pytest.importorskip("pyvista", reason="pyvista (extra viz) is not installed")
 
 
-def test_trimesh_has_the_same_numbers_and_volume():
+def test_trimesh_has_the_same_vertices_and_volume():
     mesh, shell = MODEL.mesh("endo", 8), qf.to_trimesh(MODEL, "endo", resolution=8)
     assert np.array_equal(shell.vertices, mesh.vertices) and np.array_equal(shell.faces, mesh.faces)
     assert shell.is_watertight and np.isclose(shell.volume, mesh.volume(), rtol=1e-12)
@@ -39,7 +39,7 @@ def test_writing_into_the_copy_leaves_the_mesh_alone():
     assert np.array_equal(mesh.vertices, before)
 
 
-def test_pyvista_has_the_same_numbers_and_volume(pyvista):
+def test_pyvista_has_the_same_vertices_and_volume(pyvista):
     mesh, shell = MODEL.mesh("endo", 8), qf.to_pyvista(MODEL, "endo", resolution=8)
     assert np.array_equal(shell.points, mesh.vertices) and np.array_equal(shell.regular_faces, mesh.faces)
     assert shell.points.dtype == np.float64 and shell.is_manifold

@@ -320,11 +320,11 @@ def test_convergence_is_run_to_the_stop_test(monkeypatch):
     assert found.long.history[-1].surface_motion < convergence.STOP * radius < found.long.history[-2].surface_motion
     assert found.errors[list(found.steps).index(30)] == subject.paper.rms
     error = np.array([record.error for record in found.long.history])
-    near = np.abs(error - error[-1]) <= convergence.SETTLED * error[-1]
+    near = np.abs(error - error[-1]) <= convergence.WITHIN * error[-1]
     assert near[found.converged - 1 :].all() and (found.converged == 1 or not near[found.converged - 2])
 
 
-def test_a_box_at_rest_folds_nowhere(material):
+def test_an_undeformed_box_folds_nowhere(material):
     box = before(material.walls.together.paper.model).box
     assert space_figures._folded(box) == 0
     mirrored = box.with_control_points(box.rest * [-1, 1, 1])

@@ -71,7 +71,7 @@ def _shape(modes: Modes, warned: int) -> Section:
     ]
     data = {
         "modes": base64.b64encode(np.ascontiguousarray(modes.displacements, dtype="<f4").tobytes()).decode(),
-        "shares": modes.shares.tolist(),
+        "variances": modes.shares.tolist(),
     }
     body = rendered(
         "cohort/modes.html.j2",

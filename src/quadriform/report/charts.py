@@ -50,22 +50,22 @@ def histogram(residuals: Mapping[str, Array], unit: str, voxel: float | None) ->
 def convergence(history: Sequence[Iteration], unit: str) -> Markup:
     """Error, motion of the surface and displacement of the box over the iterations."""
     axes = _axes(6, 2.6, xlabel="iteration", ylabel=unit, yscale="log")
-    turns = np.arange(1, len(history) + 1)
+    numbers = np.arange(1, len(history) + 1)
     for colour, key in zip(COLOURS, ("error", "surface_motion", "box_displacement")):
         values = np.array([getattr(one, key) for one in history])
-        axes.plot(turns, np.maximum(values, 1e-12), color=colour, label=key.replace("_", " "))
+        axes.plot(numbers, np.maximum(values, 1e-12), color=colour, label=key.replace("_", " "))
     axes.legend(frameon=False, fontsize=8)
     return _drawn(axes, "Error, surface motion and box displacement over the iterations")
 
 
-def curve(times: Array, values: Array, quantity: str, unit: str, marks: Mapping[str, int]) -> Markup:
-    """A quantity over the cycle, with frames marked by name."""
+def curve(times: Array, values: Array, quantity: str, unit: str, labels: Mapping[str, int]) -> Markup:
+    """A quantity over the cycle, with frames labelled by name."""
     axes = _axes(5, 2.3, xlabel="time", ylabel=unit, title=quantity)
     axes.title.set_fontsize(10)
     axes.plot(times, values, color="#0550ae", marker=".")
-    for name, frame in marks.items():
-        place = (float(times[frame]), float(values[frame]))
-        axes.annotate(name, place, xytext=(0, 6), textcoords="offset points", ha="center", fontsize=8)
+    for name, frame in labels.items():
+        position = (float(times[frame]), float(values[frame]))
+        axes.annotate(name, position, xytext=(0, 6), textcoords="offset points", ha="center", fontsize=8)
     axes.margins(y=0.2)
     return _drawn(axes, f"{quantity} over the cycle, from {values.min():.4g} to {values.max():.4g} {unit}")
 
@@ -82,13 +82,13 @@ def bullseye(values: Mapping[int, float], quantity: str, unit: str) -> Markup:
         inner, width = 3 - ring, 2 * np.pi / count
         for k in range(count):
             left, value = np.radians(start) + k * width, values.get(first + k + 1, np.nan)
-            share = (value - low) / ((high - low) or 1.0)
-            tone = scale(share) if np.isfinite(share) else "#fff"
+            fraction = (value - low) / ((high - low) or 1.0)
+            tone = scale(fraction) if np.isfinite(fraction) else "#fff"
             edge = "white" if count > 1 else "none"
             axes.bar(left, 1, width, inner, align="edge", edgecolor=edge, color=tone)
-            if np.isfinite(share):
+            if np.isfinite(fraction):
                 at = (left + width / 2, inner + 0.5) if count > 1 else (0.0, 0.0)
-                ink = "#fff" if share < 0.55 else "#000"
+                ink = "#fff" if fraction < 0.55 else "#000"
                 axes.text(*at, f"{value:.3g}", ha="center", va="center", fontsize=8, color=ink)
     axes.set_axis_off()
     axes.set_title(f"{quantity}, {unit}", fontsize=10)

@@ -1,4 +1,4 @@
-"""Values on a surface that only Python knows: what the data left over, how sure the surface is, how thick the wall."""
+"""Values on a surface that the page cannot compute: residual, uncertainty, wall thickness."""
 
 from collections.abc import Mapping, Sequence
 
@@ -11,7 +11,7 @@ from quadriform.report.viewer import FIELD_CELLS, Field
 from quadriform.shapes.model import DeformableModel
 
 NEIGHBOURS = 6
-"""Data points whose mean residual stands for a place."""
+"""Data points whose mean residual is shown at a point of the grid."""
 FAR = 1.5
 """Without a data point within this many cells of the grid, nothing is known of the residual."""
 
@@ -21,7 +21,7 @@ def residual_field(
     clouds: Mapping[str, Sequence[Array]],
     residuals: Mapping[str, Sequence[Array]],
 ) -> Field:
-    """Mean signed distance of the data near each place of the surfaces; NaN where there is none.
+    """Mean signed distance of the data near each grid point of the surfaces; NaN without data.
 
     Args:
         models: one a frame.
@@ -36,28 +36,28 @@ def residual_field(
 
 
 def _nearby(model: DeformableModel, name: str, cloud: Array, residuals: Array) -> Array:
-    places = _places(model, name)
+    points = _grid_points(model, name)
     if not len(cloud):
-        return np.full(len(places), np.nan)
+        return np.full(len(points), np.nan)
     count = min(NEIGHBOURS, len(cloud))
-    away, index = cKDTree(cloud).query(places, k=np.arange(1, count + 1))
-    cell = np.sqrt(model.area(name) / len(places))
-    return np.where(away[:, 0] < FAR * cell, residuals[index].mean(axis=1), np.nan)
+    distances, index = cKDTree(cloud).query(points, k=np.arange(1, count + 1))
+    cell = np.sqrt(model.area(name) / len(points))
+    return np.where(distances[:, 0] < FAR * cell, residuals[index].mean(axis=1), np.nan)
 
 
 def uncertainty_field(fit: Fit) -> Field:
     """One standard deviation of each surface along its normal."""
     model = fit.model
-    values = {name: [fit.uncertainty(_places(model, name), name)] for name in model.surfaces}
+    values = {name: [fit.uncertainty(_grid_points(model, name), name)] for name in model.surfaces}
     return Field("uncertainty", model.unit.replace("unknown", "units"), values)
 
 
 def thickness_field(models: Sequence[DeformableModel]) -> Field:
-    """Distance of each place of both walls of a ventricle, "endo" and "epi", to the other wall."""
+    """Distance of each grid point of both walls of a ventricle, "endo" and "epi", to the other wall."""
     pairs = (("endo", "epi"), ("epi", "endo"))
-    values = {one: [np.abs(m.distance(_places(m, one), other)) for m in models] for one, other in pairs}
+    values = {one: [np.abs(m.distance(_grid_points(m, one), other)) for m in models] for one, other in pairs}
     return Field("thickness", models[0].unit.replace("unknown", "units"), values)
 
 
-def _places(model: DeformableModel, name: str) -> Array:
+def _grid_points(model: DeformableModel, name: str) -> Array:
     return model.box.deform(model.superquadric(name).grid(FIELD_CELLS)[0])

@@ -1,4 +1,4 @@
-"""What a report says of a ventricle: function beside what readers differ by, the wall in a bullseye, curves."""
+"""Sections of a report about a ventricle: function with the differences between readers, bullseyes, curves."""
 
 import re
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ READERS = {
     "ejection fraction": "4.6 to 7.5 %",
     "myocardial mass": "20.2 to 34.5 g",
 }
-YARDSTICK = (
+READERS_NOTE = (
     "Readers: by how much seven expert readers differed from each other on fifteen cine studies, the smallest and the "
     "largest of them (Suinesiaputra et al., J Cardiovasc Magn Reson 2015; 17: 63)."
 )
@@ -26,10 +26,10 @@ UNITS = {"cavity volume": "ml", "wall thickness": "mm", "twist angle": "degrees"
 
 
 def heart_sections(measures: Measures) -> list[Section]:
-    """Function, wall and curves, as far as they were measured."""
+    """Function, wall and curves, where they were measured."""
     sections = [Section("Function", _function(measures))]
-    if eyes := _bullseyes(measures):
-        sections.append(Section("Segments", eyes))
+    if bullseyes := _bullseyes(measures):
+        sections.append(Section("Segments", bullseyes))
     if len(measures.times) > 1:
         sections.append(Section("Curves over the cycle", _curves(measures)))
     rows = [
@@ -47,10 +47,10 @@ def _function(measures: Measures) -> Markup:
         for row in measures.rows
         if row.quantity in (*READERS, "stroke volume")
     ]
-    told = [Markup("<li><strong>{}</strong>: {}</li>").format(*each) for each in measures.own_warnings.items()]
-    warnings = Markup("<ul>{}</ul>").format(Markup("").join(told)) if told else Markup("")
-    yardstick = Markup('<p class="note">{}</p>').format(YARDSTICK)
-    return warnings + table(("quantity", "value", "readers", "how"), rows) + yardstick
+    items = [Markup("<li><strong>{}</strong>: {}</li>").format(*each) for each in measures.own_warnings.items()]
+    warnings = Markup("<ul>{}</ul>").format(Markup("").join(items)) if items else Markup("")
+    note = Markup('<p class="note">{}</p>').format(READERS_NOTE)
+    return warnings + table(("quantity", "value", "readers", "how"), rows) + note
 
 
 def _bullseyes(measures: Measures) -> Markup:
@@ -74,14 +74,14 @@ def _shown(name: str) -> bool:
 
 
 def _curves(measures: Measures) -> Markup:
-    marks = {"ED": measures.ed} | ({} if measures.es is None else {"ES": measures.es})
+    labels = {"ED": measures.ed} | ({} if measures.es is None else {"ES": measures.es})
     drawn = [
-        charts.curve(measures.times, values, _said(measures, name), UNITS.get(name, "%"), marks)
+        charts.curve(measures.times, values, _title(measures, name), UNITS.get(name, "%"), labels)
         for name, values in measures.curves.items()
     ]
     return Markup('<div class="beside">{}</div>').format(Markup("").join(drawn))
 
 
-def _said(measures: Measures, name: str) -> str:
+def _title(measures: Measures, name: str) -> str:
     observed: Mapping[str, bool] = {row.quantity: row.observed for row in measures.rows}
     return name if observed.get(name, True) else f"{name} (not observed)"

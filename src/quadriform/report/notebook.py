@@ -1,4 +1,4 @@
-"""Models and fits that show themselves: in a notebook where they stand, elsewhere in a browser."""
+"""Pages of models and fits for notebooks and browsers."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ HEIGHT = 760
 
 
 def show(thing: Shown) -> Path:
-    """Open a page with the model in the browser.
+    """The page with the model, opened in the browser.
 
     Args:
         thing: a model, a moving model, or what `fit` or `track` returned.
@@ -52,8 +52,8 @@ def as_html(thing: Shown) -> str:
 
 def _page(thing: Shown) -> bytes:
     model, scene, rows = _parts(thing)
-    told = [(remark.kind or "note", remark.text) for remark in remarks_of(model.record)]
-    facts = [("status", model.status), *told, ("numbers in the model", str(model.n_parameters)), *rows]
+    remarks = [(remark.kind or "note", remark.text) for remark in remarks_of(model.record)]
+    facts = [("status", model.status), *remarks, ("parameters", str(model.n_parameters)), *rows]
     return page("model", "", [Section("Model", viewer(model, scene) + table((), facts))], source("viewer/viewer.css"))
 
 

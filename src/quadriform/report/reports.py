@@ -20,7 +20,7 @@ from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
 from quadriform.shapes.record import remarks, remarks_of
 
-LEAD = "A superquadric carried by a box of control points; everything on this page is in this one file."
+LEAD = "A superquadric deformed by a box of control points. This page is one file and needs no network."
 WALLS = {"endo", "epi"}
 Clouds = Mapping[str, Array]
 
@@ -49,13 +49,6 @@ def fit_report(
     """
     model, unit = fit.model, fit.model.unit.replace("unknown", "units")
     residuals, before = _by_name(fit.residuals, clouds), _by_name(fit.superquadric_residuals, clouds)
-    each = {name: [cloud] for name, cloud in clouds.items()}
-    off = {name: [values] for name, values in residuals.items()}
-    fields = [residual_field([model], each, off)]
-    if fit.finer is not None:
-        fields.append(uncertainty_field(fit))
-    fields += _thickness([model])
-    scene = Scene(title, each, off, [fit.rms], fields, _cavity(model))
     voxel = None if image is None else float(image.spacing.max())
     sentence = (
         f"the model lies {fit.rms:.4g} {unit} (RMS) from {fit.n_points} points; the superquadric alone "
@@ -63,7 +56,7 @@ def fit_report(
     )
     parts = [
         sections.verdict(sentence, fit.status, remarks(fit.warnings, fit.notes)),
-        Section("Model", viewer(model, scene)),
+        Section("Model", viewer(model, _fit_scene(fit, clouds, residuals, title))),
         sections.errors(residuals, before, unit, voxel),
     ]
     if image is not None:
@@ -71,6 +64,16 @@ def fit_report(
     parts += [] if measures is None else heart_sections(measures)
     parts += [sections.convergence(fit.history, unit), sections.parameters(model, fit.n_points)]
     return _page(title, [*parts, *sections.methods(_fit_words(fit), record)])
+
+
+def _fit_scene(fit: Fit, clouds: Clouds, residuals: Clouds, title: str) -> Scene:
+    each = {name: [cloud] for name, cloud in clouds.items()}
+    signed = {name: [values] for name, values in residuals.items()}
+    fields = [residual_field([fit.model], each, signed)]
+    if fit.finer is not None:
+        fields.append(uncertainty_field(fit))
+    fields += _thickness([fit.model])
+    return Scene(title, each, signed, [fit.rms], fields, _cavity(fit.model))
 
 
 def track_report(
@@ -86,7 +89,7 @@ def track_report(
     Args:
         found: with its models in the frame of `clouds`.
         clouds: for each frame surface -> data points (n, 3).
-        title: what was followed, plain text.
+        title: what was tracked, plain text.
         record: options and results, for the end of the page.
         measures: of a ventricle.
     """
@@ -94,10 +97,10 @@ def track_report(
     unit = model.unit.replace("unknown", "units")
     shown = range(len(found.models) if found.moving is not None else 1)
     each = {name: [clouds[k][name] for k in shown] for name in model.surfaces}
-    off = {name: [found.residuals[k][name] for k in shown] for name in model.surfaces}
+    signed = {name: [found.residuals[k][name] for k in shown] for name in model.surfaces}
     models = [found.models[k] for k in shown]
-    fields = [residual_field(models, each, off), *_thickness(models)]
-    scene = Scene(title, each, off, found.frame_rms[list(shown)].tolist(), fields, _cavity(model))
+    fields = [residual_field(models, each, signed), *_thickness(models)]
+    scene = Scene(title, each, signed, found.frame_rms[list(shown)].tolist(), fields, _cavity(model))
     worst = int(found.frame_rms.argmax())
     sentence = (
         f"over {len(found.models)} frames the model lies {found.rms:.4g} {unit} (RMS) from the points; worst is frame "
@@ -122,10 +125,10 @@ def model_report(
     measures: Measures | None = None,
     planes: Sequence[Plane] | None = None,
 ) -> bytes:
-    """The page of a model that stands alone, without the data it was fitted to.
+    """The page of a model without the data it was fitted to.
 
     Args:
-        model: at rest or moving.
+        model: a model or a moving model.
         title: plain text.
         record: where it comes from.
         measures: of a ventricle.
@@ -134,11 +137,11 @@ def model_report(
     moving = isinstance(model, MovingModel)
     models = [model.at(t) for t in model.frame_times] if isinstance(model, MovingModel) else [model]
     scene = Scene(title, errors=[None] * len(models), fields=_thickness(models), cavity=_cavity(model), planes=planes)
-    sentence = f"a {'moving ' if moving else ''}model of {model.n_parameters} numbers; its data is not with it."
+    sentence = f"a {'moving ' if moving else ''}model of {model.n_parameters} parameters; without its data."
     fit = model.record
-    status, told = (fit.status, remarks_of(fit)) if measures is None else (measures.status, measures.remarks)
+    status, found = (fit.status, remarks_of(fit)) if measures is None else (measures.status, measures.remarks)
     parts = [
-        sections.verdict(sentence, status, told),
+        sections.verdict(sentence, status, found),
         Section("Model", viewer(model, scene)),
         *([] if measures is None else heart_sections(measures)),
         sections.parameters(model, None),
@@ -166,11 +169,15 @@ def _cavity(model: DeformableModel | MovingModel) -> str:
 def _fit_words(fit: Fit) -> str:
     model = fit.model
     box = " x ".join(str(count) for count in model.box.control_points.shape[:3])
-    how = "the two-step iteration of the original" if fit.finer is None else "tangent distance with sliding foot points"
+    how = (
+        "the two-step iteration of the original"
+        if fit.finer is None
+        else "tangent distance, with the foot points updated"
+    )
     return (
         f"{fit.n_points} points were modelled by {_surfaces(model)} and a free-form deformation with {box} control "
-        f"points ({model.n_parameters} numbers), fitted by {how} with strength {fit.strength:.3g} in {fit.iterations} "
-        f"iterations. RMS distance {fit.rms:.4g} {model.unit.replace('unknown', 'units')}."
+        f"points ({model.n_parameters} parameters), fitted by {how} with strength {fit.strength:.3g} in "
+        f"{fit.iterations} iterations. RMS distance {fit.rms:.4g} {model.unit.replace('unknown', 'units')}."
     )
 
 

@@ -15,7 +15,7 @@ from quadriform.report.parts import figure, image
 from quadriform.shapes.mesh import Mesh
 
 COLOURS = ("#e69f00", "#56b4e9", "#009e73", "#cc79a7")
-"""Okabe and Ito's, told apart by colour-blind eyes."""
+"""Okabe and Ito's, distinguishable for colour-blind readers."""
 WIDTHS = (2.0, 0.9, 0.9, 0.9)
 """Of outlines in points: a thin one over the first leaves it to be seen."""
 GAMMA = 0.6

@@ -1,4 +1,4 @@
-"""The viewer: the numbers of a model, and a page that evaluates them.
+"""The viewer: the parameters of a model, and a page that evaluates them.
 
 The page holds superquadrics, control points and splines, not meshes: a whole cycle is some kilobytes. Data points and
 what is only known in Python (residual, uncertainty, wall thickness at a coarse grid) are packed in 16 and 8 bits.
@@ -73,7 +73,7 @@ def viewer(model: DeformableModel | MovingModel, scene: Scene | None = None) -> 
     """The viewer as a part of a page; one a page.
 
     Args:
-        model: at rest or moving; with several surfaces the inner ones are shown whole, the first one half transparent.
+        model: with several surfaces the inner ones are opaque, the outermost one half transparent.
         scene: what else to show.
     """
     data = payload(model, scene or Scene())
@@ -150,9 +150,9 @@ def _extent(model: DeformableModel | MovingModel) -> tuple[Array, float]:
     """Centre (3,) of the surfaces at all knots, and how far to look from there."""
     boxes = [model.box(t) for t in model.basis.knots] if isinstance(model, MovingModel) else [model.box]
     rest = np.concatenate([surface.grid(8)[0] for surface in model.surfaces.values()])
-    places = np.concatenate([box.deform(rest) for box in boxes])
-    centre = (places.min(axis=0) + places.max(axis=0)) / 2
-    return centre, 1.15 * float(np.linalg.norm(places - centre, axis=1).max())
+    points = np.concatenate([box.deform(rest) for box in boxes])
+    centre = (points.min(axis=0) + points.max(axis=0)) / 2
+    return centre, 1.15 * float(np.linalg.norm(points - centre, axis=1).max())
 
 
 def _reach(control: Array, centre: Array, scene: Scene) -> float:
@@ -200,8 +200,8 @@ def _field(one: Field) -> dict[str, Any]:
 
 
 def _steps(values: Array, low: float, high: float) -> Array:
-    share = np.clip((np.nan_to_num(values) - low) / (high - low), 0, 1)
-    return np.where(np.isfinite(values), np.round(STEPS * share), NO_VALUE).astype("u1")
+    fraction = np.clip((np.nan_to_num(values) - low) / (high - low), 0, 1)
+    return np.where(np.isfinite(values), np.round(STEPS * fraction), NO_VALUE).astype("u1")
 
 
 def _packed(values: Any) -> str:

@@ -13,7 +13,7 @@ LONGEST = 300
 """Iterations at most."""
 STOP = 1e-5
 """The stop test: |X_{n+1} - X_n| below this share of the RMS radius of the data."""
-SETTLED = 0.01
+WITHIN = 0.01
 """The error has converged when it stays within this share of its last value."""
 STEPS = (1, 3, 10)
 """Iterations after which the distance of the points to the surface is measured, besides 0, 30 and the last."""
@@ -37,11 +37,11 @@ class Convergence:
 
     @property
     def converged(self) -> int | None:
-        """The first iteration from which on the error is within SETTLED of its last value; None: not by LONGEST."""
+        """The first iteration from which on the error is within WITHIN of its last value; None: not by LONGEST."""
         if self.long.iterations == LONGEST:
             return None
         error = np.array([record.error for record in self.long.history])
-        far = np.flatnonzero(np.abs(error - error[-1]) > SETTLED * error[-1])
+        far = np.flatnonzero(np.abs(error - error[-1]) > WITHIN * error[-1])
         return int(far[-1]) + 2 if len(far) else 1
 
 

@@ -61,7 +61,7 @@ def medical_example(material: Material) -> Remake:
 
 def _from_start_to_end(subject: Subject, name: str, kind: str, claim: str) -> Remake:
     errors = [[fit.superquadric_rms for fit in subject.fits], [fit.rms for fit in subject.fits]]
-    shares = [f"{end / start:.0%}" for start, end in zip(*errors)]
+    ratios = [f"{end / start:.0%}" for start, end in zip(*errors)]
     words = f"The {subject.name}: points; superellipsoid and initial box; displacement field; final model."
     return Remake(
         name,
@@ -73,12 +73,12 @@ def _from_start_to_end(subject: Subject, name: str, kind: str, claim: str) -> Re
         [
             _row("error RMS of the superellipsoid", errors[0]),
             _row("error RMS of the model", errors[1]),
-            ("what the refinement leaves of the error", NONE, *shares),
+            ("error after refinement, relative to before", NONE, *ratios),
             ("parameters of the model", "11 + 375", *(f"{fit.model.n_parameters}" for fit in subject.fits)),
             ("compression ratio", "40 to 150", *(f"{fit.compression_ratio:.1f}" for fit in subject.fits)),
             ("warnings", NONE, *(_warnings(fit) for fit in subject.fits)),
         ],
-        f"the refinement leaves {shares[0]} of the superellipsoid's error by the paper's method and {shares[1]} by "
+        f"the refinement leaves {ratios[0]} of the superellipsoid's error by the paper's method and {ratios[1]} by "
         f"default. With as many parameters the default's error is {beside(errors[1][1], errors[1][0])}. "
         + subject.note,
     )
@@ -128,7 +128,7 @@ def displacement_fields(material: Material) -> Remake:
     count = len(lengths[0][0])
     rows = [_row(f"displacement RMS, {when}", [rms(both[k]) for both in lengths]) for k, when in enumerate(WHEN)]
     rows += [_row(f"longest displacement, {when}", [float(b[k].max()) for b in lengths]) for k, when in enumerate(WHEN)]
-    shares = [rms(both[1]) / rms(both[0]) for both in lengths]
+    ratios = [rms(both[1]) / rms(both[0]) for both in lengths]
     return Remake(
         "Fig. 8",
         "displacement field of the synthetic example",
@@ -138,8 +138,8 @@ def displacement_fields(material: Material) -> Remake:
         [shown(drawing.tiles(pictures), f"All displacements of the {count:,} model points.", subject.source)],
         rows,
         f"the field is the paper's: a displacement for each of {count:,} model points, from the data points that chose "
-        f"it or else interpolated. The final model leaves {shares[0]:.0%} of its RMS by the paper's method after "
-        f"{subject.paper.iterations} iterations, and {shares[1]:.0%} by default.",
+        f"it or else interpolated. The final model leaves {ratios[0]:.0%} of its RMS by the paper's method after "
+        f"{subject.paper.iterations} iterations, and {ratios[1]:.0%} by default.",
     )
 
 
@@ -172,11 +172,13 @@ def sparse_data(material: Material) -> Remake:
 def _sparse_rows(sparse: Sparse) -> list[Row]:
     whole = sparse.whole
     rows: list[Row] = []
-    for part, said in zip(sparse.parts, ("600 of 6,000", "900 of 6,000")):
+    for part, stated in zip(sparse.parts, ("600 of 6,000", "900 of 6,000")):
         count = f"{len(part.cloud):,} of {len(whole.cloud):,}"
-        rows.append((f"points, {whole.name}, {part.name}", said, count, count))
-        apart = [sparse.apart(part, method) for method in (0, 1)]
-        rows.append((f"RMS distance to the model of all points, {whole.name}, {part.name}", "similar", *map(mm, apart)))
+        rows.append((f"points, {whole.name}, {part.name}", stated, count, count))
+        distances = [sparse.distance(part, method) for method in (0, 1)]
+        rows.append(
+            (f"RMS distance to the model of all points, {whole.name}, {part.name}", "similar", *map(mm, distances))
+        )
         rows.append((f"warnings, {whole.name}, {part.name}", NONE, *map(_warnings, part.fits)))
     return rows
 
@@ -184,7 +186,7 @@ def _sparse_rows(sparse: Sparse) -> list[Row]:
 def _sparse_verdict(sparse: Sparse) -> str:
     length, parts = sparse.whole.length, []
     for part in sparse.parts:
-        paper, default = (sparse.apart(part, method) for method in (0, 1))
+        paper, default = (sparse.distance(part, method) for method in (0, 1))
         parts.append(
             f"from {'a' if part is sparse.grid else 'the'} {part.name} {mm(paper)} by the paper's method, "
             f"{similar(paper, length)}, and {mm(default)} by default, {similar(default, length)}"

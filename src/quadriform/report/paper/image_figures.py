@@ -29,7 +29,7 @@ def first_images(material: Material) -> Remake:
         "p. 48",
         "cross sections of two SPECT images in order; volumes of 64 x 64 x 64 and of 64 x 64 x 21 voxels (p. 47).",
         [_slices(scan) for scan in scans],
-        [_size(scan, said) for scan, said in zip(scans, ("64 x 64 x 64", "64 x 64 x 21"))],
+        [_size(scan, stated) for scan, stated in zip(scans, ("64 x 64 x 64", "64 x 64 x 21"))],
         _which(scans, "the brain, fine and coarse"),
     )
 
@@ -49,8 +49,8 @@ def third_image(material: Material) -> Remake:
     )
 
 
-def _size(scan: Scan, said: str) -> Row:
-    return f"voxels, {scan.subject.name}", said, *[_voxels(scan)] * 2
+def _size(scan: Scan, stated: str) -> Row:
+    return f"voxels, {scan.subject.name}", stated, *[_voxels(scan)] * 2
 
 
 def _which(scans: Sequence[Scan], other: str) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 from markupsafe import Markup
 
 from quadriform.report.paper import drawing
-from quadriform.report.paper.convergence import LONGEST, SETTLED, STOP, Convergence
+from quadriform.report.paper.convergence import LONGEST, STOP, WITHIN, Convergence
 from quadriform.report.paper.material import Material
 from quadriform.report.paper.remake import NONE, NOT, Remake, Row, beside, listed, mm, shown
 
@@ -70,7 +70,7 @@ def _distances(found: list[Convergence], label: str) -> Markup:
 def _rows(each: Convergence) -> list[Row]:
     name, subject = each.subject.name, each.subject
     first, last, count = each.long.history[0], each.long.history[-1], each.long.iterations
-    settled = f"not by {LONGEST}" if each.converged is None else str(each.converged)
+    converged = f"not by {LONGEST}" if each.converged is None else str(each.converged)
     end = "at the stop test" if count < LONGEST else f"after {count} iterations, without the stop test being met"
     return [
         (
@@ -87,14 +87,14 @@ def _rows(each: Convergence) -> list[Row]:
         ),
         (f"least-squares error, first and last, {name}", "curve", f"{mm(first.error)}, {mm(last.error)}", NOT),
         (f"motion of the box, first and last, {name}", "curve", f"{mm(first.box_motion)}, {mm(last.box_motion)}", NOT),
-        (f"iterations until the error stays within {SETTLED:.0%} of its last value, {name}", "30", settled, NOT),
+        (f"iterations until the error stays within {WITHIN:.0%} of its last value, {name}", "30", converged, NOT),
     ]
 
 
 def _verdict(found: list[Convergence]) -> str:
     """Which sets need more than 30 iterations, and how errors in the same measure compare at the end."""
     late = [each for each in found if each.converged is None or each.converged > each.subject.paper.iterations]
-    settled = [f"{each.subject.name}: {each.converged or f'not by {LONGEST}'}" for each in found]
+    converged = [f"{each.subject.name}: {each.converged or f'not by {LONGEST}'}" for each in found]
     compared = [
         f"{each.subject.name} {beside(each.subject.default.rms, each.long.rms)} ({mm(each.subject.default.rms)} "
         f"and {mm(each.long.rms)})"
@@ -103,7 +103,7 @@ def _verdict(found: list[Convergence]) -> str:
     enough = f"30 iterations are enough for {len(found) - len(late)} of {len(found)} sets of data"
     return (
         f"each set was iterated until the surface moved less than {STOP:g} of the RMS radius, at most {LONGEST} times. "
-        f"{enough}; the error has converged after these numbers of iterations: {listed(settled)}. The distance of the "
-        f"points to the model compares both methods in the same measure, at the last of these iterations. By default "
-        f"it is, on the {listed(compared)}."
+        f"{enough}; the error has converged after these numbers of iterations: {listed(converged)}. The distance of "
+        f"the points to the model compares both methods in the same measure, at the last of these iterations. By "
+        f"default it is, on the {listed(compared)}."
     )

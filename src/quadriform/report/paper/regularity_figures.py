@@ -4,6 +4,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from quadriform.report.paper import drawing
 from quadriform.report.paper.material import Material
@@ -64,11 +65,7 @@ def four_boxes(material: Material) -> Remake:
     )
 
 
-def error_and_motion(material: Material) -> Remake:
-    """Fig. 11."""
-    trade = material.trade_off
-    four, bending = trade.svd.take(FOUR), trade.bending
-
+def _error_and_motion_curves(four: Curve, bending: Curve) -> list[tuple[str, Markup]]:
     def draw(quantity: str) -> Any:
         def curves(axes: Any) -> None:
             for each, style, colour in ((four, "o-", drawing.BY_PAPER), (bending, "s--", drawing.BY_DEFAULT)):
@@ -78,15 +75,17 @@ def error_and_motion(material: Material) -> Remake:
         return curves
 
     labels = {"error": "error RMS, mm", "moved": "box moved RMS, mm"}
-    pictures = [
-        (
-            label,
-            drawing.chart(
-                draw(name), label, "setting, weak to strong", label, yscale="log" if name == "moved" else "linear"
-            ),
-        )
+    scales = {"error": "linear", "moved": "log"}
+    return [
+        (label, drawing.chart(draw(name), label, "setting, weak to strong", label, yscale=scales[name]))
         for name, label in labels.items()
     ]
+
+
+def error_and_motion(material: Material) -> Remake:
+    """Fig. 11."""
+    trade = material.trade_off
+    four, bending = trade.svd.take(FOUR), trade.bending
     key = drawing.legend([(TRUNCATION, drawing.BY_PAPER), ("bending, default", drawing.BY_DEFAULT)])
     words = f"Settings: {listed(_kept(trade))} singular values; bending of strength {_numbers(bending.settings)}."
     return Remake(
@@ -95,7 +94,7 @@ def error_and_motion(material: Material) -> Remake:
         "p. 47",
         "left the approximation error between the models and the data, right the deformation of the box of control "
         "points, in mm, with a decreasing number of diagonal terms: the four settings of Fig. 10.",
-        [shown(drawing.tiles(pictures, "charts") + key, words, SYNTHETIC)],
+        [shown(drawing.tiles(_error_and_motion_curves(four, bending), "charts") + key, words, SYNTHETIC)],
         [
             ("error RMS in mm, weak to strong", "curve", _numbers(four.error), _numbers(bending.error)),
             ("box moved RMS in mm, weak to strong", "curve", _numbers(four.moved), _numbers(bending.moved)),
@@ -118,9 +117,8 @@ def _monotone(four: Curve) -> str:
     )
 
 
-def both_regularities(material: Material) -> Remake:
-    """Fig. 12."""
-    trade = material.trade_off
+def _both_curves(trade: TradeOff) -> list[tuple[str, Markup]]:
+    """The curves of all settings, and their part of small errors."""
 
     def draw(axes: Any) -> None:
         for _, attribute, style, colour in CURVES:
@@ -133,10 +131,15 @@ def both_regularities(material: Material) -> Remake:
         axes.set(xlim=(0.9 * trade.auto.rms, NEAR * trade.auto.rms))
 
     labels = ("error RMS, mm", "box moved RMS, mm")
-    pictures = [
+    return [
         ("all settings", drawing.chart(draw, "motion of the box against the error", *labels, "log")),
         ("the same, small errors", drawing.chart(draw_near, "motion of the box against small errors", *labels)),
     ]
+
+
+def both_regularities(material: Material) -> Remake:
+    """Fig. 12."""
+    trade = material.trade_off
     key = [(name, colour) for name, _, _, colour in CURVES] + [("star: default, strength estimated", drawing.GREY)]
     words = "Motion of the box against the error for each regularity; the noise of the data is 0.5 mm."
     found = ratios(trade.svd, trade.springs_paper)
@@ -153,7 +156,7 @@ def both_regularities(material: Material) -> Remake:
         "p. 47",
         "the norm of the deformation of the box against the least-squares approximation error, a curve for "
         "regularization with SVD and one with a regularizing term (P9). The two methods are called equivalent.",
-        [shown(drawing.tiles(pictures, "charts") + drawing.legend(key), words, SYNTHETIC)],
+        [shown(drawing.tiles(_both_curves(trade), "charts") + drawing.legend(key), words, SYNTHETIC)],
         [
             ("motion with P9 over motion with SVD, at equal errors, least", "equivalent", low, NOT),
             ("motion with P9 over motion with SVD, at equal errors, most", "equivalent", high, NOT),
@@ -172,8 +175,8 @@ def _equivalent(trade: TradeOff, found: Any) -> str:
     """The verdict on the claim, and where the curve of P9 turns back."""
     printed = trade.springs_paper
     k, last = turning(printed), len(printed.settings) - 1
-    turn = (
-        f"P9 as printed pulls the control points together: beyond a strength of {printed.settings[k]:g}, with a motion "
+    comparison = (
+        f"P9 as printed contracts the control points: beyond a strength of {printed.settings[k]:g}, with a motion "
         f"of {mm(printed.moved[k])} at an error of {mm(printed.error[k])}, its curve turns back, and at "
         f"{printed.settings[last]:g} the box has moved {mm(printed.moved[last])} with an error of "
         f"{mm(printed.error[last])}."
@@ -181,7 +184,7 @@ def _equivalent(trade: TradeOff, found: Any) -> str:
         else f"The curve of P9 does not turn back up to a strength of {printed.settings[last]:g}."
     )
     if not len(found):
-        return f"the curves have no error in common, so the claim cannot be judged. {turn}"
+        return f"the curves have no error in common, so the claim cannot be judged. {comparison}"
     mean, low, high = np.exp(np.log(found).mean()), found.min(), found.max()
     equal = low >= 1 / EQUIVALENT and high <= EQUIVALENT
     return (
@@ -189,7 +192,7 @@ def _equivalent(trade: TradeOff, found: Any) -> str:
         f"they are "
         f"{'' if equal else 'not '}equivalent. Up to the turn the box moves with P9 {low:.2f} to {high:.2f} "
         f"times as far "
-        f"as with truncation, in the geometric mean {mean:.2f} times. {turn}"
+        f"as with truncation, in the geometric mean {mean:.2f} times. {comparison}"
     )
 
 

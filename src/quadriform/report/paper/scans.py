@@ -44,14 +44,14 @@ class Chain:
 
     Attributes:
         select: the threshold.
-        said: the threshold in words.
+        threshold_text: the threshold in words.
         region: half-open ranges of voxels around the heart; None is the whole image.
         closing: as many dilations as erosions.
         connectivity: 26, or 6 where a thin bridge joins the object to something else.
     """
 
     select: Select
-    said: str
+    threshold_text: str
     region: Region | None = None
     closing: int = 0
     connectivity: Literal[6, 26] = 26
@@ -73,9 +73,8 @@ class Chain:
         where = "" if self.region is None else " in a region around the heart"
         s = "" if self.closing == 1 else "s"
         closing = f"closing by {self.closing} dilation{s} and {self.closing} erosion{s}"
-        return (
-            f"threshold {self.said}{where}, largest component of {self.connectivity} neighbours, {closing}, isosurface"
-        )
+        component = f"largest component of {self.connectivity} neighbours"
+        return f"threshold {self.threshold_text}{where}, {component}, {closing}, isosurface"
 
 
 WHOLE_BRAIN = Chain("otsu", "of Otsu", closing=2)

@@ -64,13 +64,12 @@ def parametrisations(_: Material) -> Remake:
         "ours: projected cube": ROUNDED_BOX.grid(12)[0],
     }
     window = samples["natural (P2)"]
-    pictures = [
-        (f"{name}, {len(points)} points", drawing.in_space(window, name, drawing.cloud(points, size=5)))
+    pictures = {
+        f"{name}, {len(points)} points": drawing.in_space(window, name, drawing.cloud(points, size=5))
         for name, points in samples.items()
-    ]
+    }
     far = [_largest_distance(points) for points in samples.values()]
-    curved = [_curved(points) for points in samples.values()]
-    area = _curved_area()
+    curved, area = [_curved(points) for points in samples.values()], _curved_area()
     words = "A rounded box, 100 mm long, on the closed grid of latitude and longitude, and on our grid."
     return Remake(
         "Fig. 2",
@@ -78,14 +77,14 @@ def parametrisations(_: Material) -> Remake:
         "p. 41",
         "left the natural parametrisation, whose points depend on the curvature: more where it is large. Right the "
         "regular one, called uniform: rays through a closed grid of latitude and longitude with constant steps.",
-        [shown(drawing.tiles(pictures), words, SYNTHETIC)],
+        [shown(drawing.tiles(pictures.items()), words, SYNTHETIC)],
         [
-            ("largest distance from the surface to a sample, natural", NONE, mm(far[0]), NOT),
-            ("largest distance from the surface to a sample, regular", NONE, mm(far[1]), NOT),
-            ("largest distance from the surface to a sample, projected cube", NONE, NOT, mm(far[2])),
-            (f"samples on the curved {area:.0%} of the area, natural", NONE, f"{curved[0]:.0%}", NOT),
-            (f"samples on the curved {area:.0%} of the area, regular", NONE, f"{curved[1]:.0%}", NOT),
-            (f"samples on the curved {area:.0%} of the area, projected cube", NONE, NOT, f"{curved[2]:.0%}"),
+            (f"{quantity}, {name}", NONE, *((NOT, value) if name == "projected cube" else (value, NOT)))
+            for quantity, values in (
+                ("largest distance from the surface to a sample", map(mm, far)),
+                (f"samples on the curved {area:.0%} of the area", (f"{fraction:.0%}" for fraction in curved)),
+            )
+            for name, value in zip(("natural", "regular", "projected cube"), values)
         ],
         _spread(far, curved, area),
     )
@@ -129,6 +128,25 @@ def free_form(_: Material) -> Remake:
     body = Superquadric(semi_axes=np.array((30.0, 20.0, 40.0)), exponents=np.array((0.8, 0.8)))
     undeformed = ControlBox.around(body, (4, 4, 4))
     model = DeformableModel({"surface": body}, undeformed.with_control_points(_bent(undeformed.control_points)))
+    volumes, bound = [body.volume() / 1000, model.volume() / 1000], model.min_jacobian()
+    words = "A superellipsoid and its box of 4 x 4 x 4 control points, both bent and scaled."
+    return Remake(
+        "Fig. 5",
+        "free-form deformation",
+        "p. 43",
+        "an object in its initial box, the box, the deformed box, and the deformed object in it: the object follows.",
+        [shown(drawing.tiles(_object_and_box(body, undeformed, model)), words, SYNTHETIC)],
+        [
+            ("volume of the object before and after", NONE, *[f"{volumes[0]:.0f} and {volumes[1]:.0f} ml"] * 2),
+            ("proven lower bound of det J inside", NONE, NOT, f"{bound:.2f}"),
+        ],
+        f"the same deformation; it changes the volume from {volumes[0]:.0f} to {volumes[1]:.0f} ml. Beyond the paper, "
+        f"the determinant of the map is proven to be at least {bound:.2f} inside the object, so it "
+        f"{'does not fold' if bound > 0 else 'may fold'} there.",
+    )
+
+
+def _object_and_box(body: Superquadric, undeformed: ControlBox, model: DeformableModel) -> list[tuple[str, Markup]]:
     window = np.concatenate([model.box.control_points, undeformed.control_points]).reshape(-1, 3)
     meshes = (body.mesh(drawing.RESOLUTION), model.mesh(resolution=drawing.RESOLUTION))
     surfaces = [drawing.mesh(mesh, drawing.ORANGE, 0.6) for mesh in meshes]
@@ -139,23 +157,7 @@ def free_form(_: Material) -> Remake:
         ("deformed box", (boxes[1],)),
         ("deformed object in the deformed box", (surfaces[1], boxes[1])),
     ]
-    drawn = [(name, drawing.in_space(window, name, *artists, zoom=1.0)) for name, artists in pictures]
-    volumes, bound = [body.volume() / 1000, model.volume() / 1000], model.min_jacobian()
-    words = "A superellipsoid and its box of 4 x 4 x 4 control points, both bent and widened."
-    return Remake(
-        "Fig. 5",
-        "free-form deformation",
-        "p. 43",
-        "an object in its initial box, the box, the deformed box, and the deformed object in it: the object follows.",
-        [shown(drawing.tiles(drawn), words, SYNTHETIC)],
-        [
-            ("volume of the object before and after", NONE, *[f"{volumes[0]:.0f} and {volumes[1]:.0f} ml"] * 2),
-            ("proven lower bound of det J inside", NONE, NOT, f"{bound:.2f}"),
-        ],
-        f"the same deformation; it changes the volume from {volumes[0]:.0f} to {volumes[1]:.0f} ml. Beyond the paper, "
-        f"the determinant of the map is proven to be at least {bound:.2f} inside the object, so it "
-        f"{'does not fold' if bound > 0 else 'may fold'} there.",
-    )
+    return [(name, drawing.in_space(window, name, *artists, zoom=1.0)) for name, artists in pictures]
 
 
 def _bent(points: Array) -> Array:

@@ -94,11 +94,9 @@ def whole_space(material: Material) -> Remake:
         (name, _picture(_section(model, rest.box), name)) for name, model in ({"undeformed box": rest} | models).items()
     ]
     key = drawing.legend(list(zip(subject.points, WALL_COLOURS)))
-    folded = [_folded(model.box) for model in models.values()]
-    words = (
-        f"The {subject.name}: {LINES} x {LINES} lines in a middle plane of the box, and both walls in it; lines end "
-    )
-    words += "with the picture."
+    folded = [f"{_folded(model.box):.1%}" for model in models.values()]
+    lines = f"{LINES} x {LINES} lines in a middle plane of the box"
+    words = f"The {subject.name}: {lines}, and both walls in it; lines end with the picture."
     kept = round(TRUNCATED * int(np.prod(material.box)))
     return Remake(
         "Section 3.4.2",
@@ -108,18 +106,11 @@ def whole_space(material: Material) -> Remake:
         "volumetric. No figure shows it; an irregular box does not allow quantitative conclusions from it (section 4).",
         [shown(drawing.tiles(pictures) + key, words, subject.source)],
         [
-            ("volume of the box where det J <= 0, all singular values", NONE, f"{folded[0]:.1%}", f"{folded[2]:.1%}"),
-            (
-                f"volume of the box where det J <= 0, {kept} singular values",
-                NONE,
-                f"{folded[1]:.1%}",
-                f"{folded[2]:.1%}",
-            ),
+            (f"volume of the box where det J <= 0, {which} singular values", NONE, by_paper, folded[2])
+            for which, by_paper in (("all", folded[0]), (kept, folded[1]))
         ],
-        f"the map folds (det J <= 0) in {folded[0]:.1%} of the box with all singular values, in "
-        f"{folded[1]:.1%} with {kept} of them, and in {folded[2]:.1%} by default, at {SAMPLES}^3 places; where "
-        f"it folds "
-        "it is no deformation of tissue.",
+        f"the map folds (det J <= 0) in {folded[0]} of the box with all singular values, in {folded[1]} with {kept} of "
+        f"them, and in {folded[2]} by default, at {SAMPLES}^3 points; where it folds it is no deformation of tissue.",
     )
 
 
@@ -150,7 +141,7 @@ def _section(model: DeformableModel, like: ControlBox) -> tuple[list[Array], lis
     box = model.box
     chosen, plane = _nearest_edges(box, like)
     fine, coarse = np.linspace(0, 1, 101), np.linspace(0, 1, LINES)
-    lines = [_line(chosen[way], fine, at) for at in coarse for way in ([0, 1], [1, 0])]
+    lines = [_line(chosen[order], fine, at) for at in coarse for order in ([0, 1], [1, 0])]
     middle, normal = box.origin + box.edges.sum(axis=0) / 2, np.cross(*plane.T)
     cuts = [_cut(surface.mesh(WALL), normal, middle) for surface in model.surfaces.values()]
     deformed = [box.deform(_in_box(box, line)) @ plane for line in lines]

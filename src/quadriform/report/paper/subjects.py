@@ -89,7 +89,7 @@ class Sparse:
         """Both reduced clouds."""
         return self.planes, self.grid
 
-    def apart(self, part: Subject, method: int) -> float:
+    def distance(self, part: Subject, method: int) -> float:
         """RMS distance in mm from the surface of the complete data to that of a part, both by method 0 or 1."""
         surface = self.whole.fits[method].model.mesh(self.whole.surface, SAMPLE).vertices
         return rms(part.fits[method].model.distance(surface, part.surface))

@@ -47,7 +47,7 @@ def third_surface(material: Material) -> Remake:
     )
 
 
-def _surface(name: str, page: str, claim: str, said: tuple[str, str], scan: Scan, views: int) -> Remake:
+def _surface(name: str, page: str, claim: str, stated: tuple[str, str], scan: Scan, views: int) -> Remake:
     fits, points = scan.subject.fits, len(scan.subject.cloud)
     errors = [fit.rms for fit in fits]
     count, ratio = fits[0].model.n_parameters, fits[0].compression_ratio
@@ -57,7 +57,7 @@ def _surface(name: str, page: str, claim: str, said: tuple[str, str], scan: Scan
         page,
         claim,
         [_beside(scan, views)],
-        _rows(scan, said),
+        _rows(scan, stated),
         f"{points:,} points are {3 * points:,} coordinates, and both models have {count} parameters: a ratio of "
         f"{ratio:.1f}. {count} parameters are {count / 3:.1f} times three coordinates; the paper says 130 points for "
         f"5 x 5 x 5 control points. The default's error at this ratio is {beside(errors[1], errors[0])} "
@@ -65,11 +65,11 @@ def _surface(name: str, page: str, claim: str, said: tuple[str, str], scan: Scan
     )
 
 
-def _rows(scan: Scan, said: tuple[str, str]) -> list[Row]:
+def _rows(scan: Scan, stated: tuple[str, str]) -> list[Row]:
     name, fits, count = scan.subject.name, scan.subject.fits, len(scan.subject.cloud)
     return [
-        (f"points of the isosurface, {name}", said[0], *[f"{count:,}"] * 2),
-        (f"compression ratio, {name}", said[1], *(f"{fit.compression_ratio:.1f}" for fit in fits)),
+        (f"points of the isosurface, {name}", stated[0], *[f"{count:,}"] * 2),
+        (f"compression ratio, {name}", stated[1], *(f"{fit.compression_ratio:.1f}" for fit in fits)),
         (f"error RMS at that ratio, {name}", NONE, *(mm(fit.rms) for fit in fits)),
     ]
 

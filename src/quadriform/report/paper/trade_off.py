@@ -12,7 +12,7 @@ from quadriform.fitting.superquadric.fit import fit_superquadric
 from quadriform.points import Array
 from quadriform.report.paper.subjects import Box
 
-SHARES = (1.0, 0.88, 0.784, 0.72, 0.64, 0.512, 0.4, 0.32, 0.24, 0.16, 0.112, 0.08)
+FRACTIONS = (1.0, 0.88, 0.784, 0.72, 0.64, 0.512, 0.4, 0.32, 0.24, 0.16, 0.112, 0.08)
 """Singular values kept, as shares of the number of control points; 1 is all above rounding."""
 FOUR = (0, 3, 5, 9)
 """The settings of Figs. 10 and 11 among them: all, 90, 64 and 20 of 125."""
@@ -69,8 +69,8 @@ def measure_trade_off(box: Box, resolution: int = 16) -> TradeOff:
     def by_paper(regularity: str, strength: float | str) -> Fit:
         return refine(start, {ALONE: points}, method="paper", box=box, regularity=regularity, strength=strength)
 
-    counts = [round(share * int(np.prod(box))) for share in SHARES]
-    svd = [by_paper("svd", "auto" if share == 1 else count) for share, count in zip(SHARES, counts)]
+    counts = [round(fraction * int(np.prod(box))) for fraction in FRACTIONS]
+    svd = [by_paper("svd", "auto" if fraction == 1 else count) for fraction, count in zip(FRACTIONS, counts)]
     bending = [fit(points, box=box, strength=strength) for strength in BENDING]
     printed, ours = ([by_paper(name, s) for s in STRENGTHS] for name in ("springs-paper", "springs"))
     return TradeOff(

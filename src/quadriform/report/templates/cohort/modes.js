@@ -3,8 +3,8 @@
 {
   const $ = (id) => document.getElementById(id), given = JSON.parse($("mode-data").textContent);
   const along = new Float32Array(Uint8Array.from(atob(given.modes), (c) => c.charCodeAt(0)).buffer);
-  const count = given.shares.length, size = along.length / count;
-  const sliders = given.shares.map((_, m) => $(`mode-${m + 1}`));
+  const count = given.variances.length, size = along.length / count;
+  const sliders = given.variances.map((_, m) => $(`mode-${m + 1}`));
 
   const shape = () => {
     const by = new Float64Array(size);

@@ -31,14 +31,14 @@ class CanvasPainter {
     const size = (shape.size ?? 1) * (window.devicePixelRatio || 1);
     for (let i = 0; i < total; i += each) {
       const index = [...Array(each).keys()].map((k) => (shape.quads ? shape.quads[i + k] : i + k)), corners = index.map((v) => seen[v]);
-      const light = each === 4 ? 0.35 + 0.65 * this.slope(corners) : 1;
+      const light = each === 4 ? 0.35 + 0.65 * this.facing(corners) : 1;
       const tone = [0, 1, 2].map((k) => Math.round(light * index.reduce((s, v) => s + shape.colours[4 * v + k], 0) / each));
       const depth = corners.reduce((s, p) => s + p[2], 0) / each;
       result.push({ corners, depth, size, alpha: shape.alpha, colour: `rgb(${tone})` });
     }
     return result;
   }
-  slope([a, b, c, d]) {
+  facing([a, b, c, d]) {
     const u = [0, 1, 2].map((k) => c[k] - a[k]), v = [0, 1, 2].map((k) => d[k] - b[k]);
     const n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
     return Math.abs(n[2]) / (Math.hypot(...n) || 1);

@@ -1,15 +1,15 @@
 // Mouse, fingers, keys and fields; the curve of the volume; and the word "ready".
 
 const pointers = new Map();
-let held = null;
+let activePoint = null;
 
 function listen() {
   canvas.addEventListener("pointerdown", (e) => {
     canvas.setPointerCapture(e.pointerId); pointers.set(e.pointerId, [e.clientX, e.clientY]);
-    held = $("show-box").checked ? nearestControlPoint(e) : null;
+    activePoint = $("show-box").checked ? nearestControlPoint(e) : null;
   });
   canvas.addEventListener("pointermove", dragged);
-  for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, (e) => { pointers.delete(e.pointerId); held = null; });
+  for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, (e) => { pointers.delete(e.pointerId); activePoint = null; });
   canvas.addEventListener("wheel", (e) => { e.preventDefault(); camera.zoom(Math.exp(e.deltaY / 600)); moving(); }, { passive: false });
   canvas.addEventListener("webglcontextlost", (e) => { e.preventDefault(); withoutWebgl(); });
   canvas.addEventListener("keydown", key);
@@ -20,13 +20,13 @@ function dragged(e) {
   if (!before) return;
   const dx = e.clientX - before[0], dy = e.clientY - before[1], unit = 2 * camera.reach / canvas.clientHeight;
   if (pointers.size === 2) {
-    const other = [...pointers].find(([id]) => id !== e.pointerId)[1], apart = (p) => Math.hypot(p[0] - other[0], p[1] - other[1]);
-    camera.zoom(apart(before) / Math.max(apart([e.clientX, e.clientY]), 1));
-  } else if (held !== null) {
-    const by = [0, 1, 2].map((c) => unit * (dx * camera.turn[0][c] - dy * camera.turn[1][c])), [, m, n] = data.box.shape;
-    moveControlPoint(Math.floor(held / (m * n)), Math.floor(held / n) % m, held % n, by);
+    const other = [...pointers].find(([id]) => id !== e.pointerId)[1], distance = (p) => Math.hypot(p[0] - other[0], p[1] - other[1]);
+    camera.zoom(distance(before) / Math.max(distance([e.clientX, e.clientY]), 1));
+  } else if (activePoint !== null) {
+    const by = [0, 1, 2].map((c) => unit * (dx * camera.rotation[0][c] - dy * camera.rotation[1][c])), [, m, n] = data.box.shape;
+    moveControlPoint(Math.floor(activePoint / (m * n)), Math.floor(activePoint / n) % m, activePoint % n, by);
   } else if (e.shiftKey) {
-    camera.centre = camera.centre.map((c, k) => c - unit * (dx * camera.turn[0][k] - dy * camera.turn[1][k]));
+    camera.centre = camera.centre.map((c, k) => c - unit * (dx * camera.rotation[0][k] - dy * camera.rotation[1][k]));
   } else camera.rotate(-dx / 150, -dy / 150);
   pointers.set(e.pointerId, [e.clientX, e.clientY]);
   moving();
@@ -76,19 +76,19 @@ function curve() {
   const low = Math.min(...volumes), high = Math.max(...volumes);
   state.ejection = 100 * (1 - volumes[volumes.indexOf(low)] / high);
   const ends = data.time.period ? [[last, volumes[0]]] : [];
-  $("line").setAttribute("points", [...volumes.map((v, i) => [frames[i], v]), ...ends].map(([t, v]) => placed(t, v)).join(" "));
+  $("line").setAttribute("points", [...volumes.map((v, i) => [frames[i], v]), ...ends].map(([t, v]) => curvePoint(t, v)).join(" "));
   $("highest").textContent = `${digits(high)} ${data.volume_unit}`; $("lowest").textContent = digits(low);
   marker();
 }
 
-function placed(t, v) {
+function curvePoint(t, v) {
   const low = Math.min(...volumes), high = Math.max(...volumes);
   return `${60 + 520 * (t - frames[0]) / (last - frames[0] || 1)},${90 - 76 * (v - low) / (high - low || 1)}`;
 }
 
 function marker() {
   if (!volumes.length) return;
-  const [x, y] = placed(state.time, volumeOf(closed.find((s) => s.name === data.cavity), state.time)).split(",");
+  const [x, y] = curvePoint(state.time, volumeOf(closed.find((s) => s.name === data.cavity), state.time)).split(",");
   $("now").setAttribute("cx", x); $("now").setAttribute("cy", y);
 }
 

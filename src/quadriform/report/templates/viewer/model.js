@@ -10,27 +10,27 @@ function norm(u, v, exponent) {
   return Math.exp((Math.max(a, b) + Math.log1p(Math.exp(-Math.abs(a - b)))) / k);
 }
 
-/** Vertices of the surface of a cube of n cells a side, in the order of their places, and the quads between them. */
+/** Vertices of the surface of a cube of n cells a side, in the order of their indices, and the quads between them. */
 function cube(n) {
-  const index = new Map(), places = [], quads = [];
+  const index = new Map(), points = [], quads = [];
   const key = (p) => (p[0] * (n + 1) + p[1]) * (n + 1) + p[2];
   for (let i = 0; i <= n; i++) for (let j = 0; j <= n; j++) for (let k = 0; k <= n; k++) {
-    if ([i, j, k].some((c) => c === 0 || c === n)) { index.set(key([i, j, k]), places.length); places.push([i, j, k]); }
+    if ([i, j, k].some((c) => c === 0 || c === n)) { index.set(key([i, j, k]), points.length); points.push([i, j, k]); }
   }
   for (let axis = 0; axis < 3; axis++) for (const level of [0, n]) {
     const around = level ? [[0, 0], [1, 0], [1, 1], [0, 1]] : [[0, 0], [0, 1], [1, 1], [1, 0]];
     for (let i = 0; i < n; i++) for (let j = 0; j < n; j++) for (const [di, dj] of around) {
-      const place = [0, 0, 0];
-      place[axis] = level; place[(axis + 1) % 3] = i + di; place[(axis + 2) % 3] = j + dj;
-      quads.push(index.get(key(place)));
+      const point = [0, 0, 0];
+      point[axis] = level; point[(axis + 1) % 3] = i + di; point[(axis + 2) % 3] = j + dj;
+      quads.push(index.get(key(point)));
     }
   }
-  return { places, index, key, quads };
+  return { points, index, key, quads };
 }
 
-function directions(places, n) {
-  return places.map((place) => {
-    const t = place.map((c) => Math.tan(Math.PI / 4 * (2 * c / n - 1))), r = Math.hypot(...t);
+function directions(points, n) {
+  return points.map((point) => {
+    const t = point.map((c) => Math.tan(Math.PI / 4 * (2 * c / n - 1))), r = Math.hypot(...t);
     return t.map((c) => c / r);
   });
 }
@@ -63,7 +63,7 @@ function terms(s, [x, y, z]) {
 const layouts = {
   sphere(s, n) {
     const grid = cube(n);
-    const points = directions(grid.places, n).map((d) => { const t = terms(s, d), f = t[s.kind.over] / t[s.kind.under]; return d.map((c) => c / f); });
+    const points = directions(grid.points, n).map((d) => { const t = terms(s, d), f = t[s.kind.over] / t[s.kind.under]; return d.map((c) => c / f); });
     return { points, quads: grid.quads, cube: grid };
   },
   torus(s, n) {
@@ -83,7 +83,7 @@ const layouts = {
     return { points, quads: tube(rows, columns, false) };
   },
   sheets(s, n) {
-    const grid = cube(n), all = directions(grid.places, n), cut = s.height / s.semi_axes[s.kind.cut_axis];
+    const grid = cube(n), all = directions(grid.points, n), cut = s.height / s.semi_axes[s.kind.cut_axis];
     const height = (y, z) => terms(s, [1, y, z]).outer, kept = new Map(), points = [], quads = [];
     all.forEach((d, v) => {
       if (d[0] < -1e-12) return;
@@ -118,7 +118,7 @@ function restGrid(s, resolution) {
   return { rest, quads: Int32Array.from(grid.quads), cube: grid.cube, cells: n };
 }
 
-/** Bernstein polynomials of a degree at t, and their slopes: factors of P18 and P19. */
+/** Bernstein polynomials of a degree at t, and their derivatives: factors of P18 and P19. */
 function bernstein(t, degree) {
   let row = [1], below = [1];
   for (let d = 1; d <= degree; d++) {
@@ -126,25 +126,25 @@ function bernstein(t, degree) {
     row = new Array(d + 1).fill(0);
     below.forEach((b, i) => { row[i] += (1 - t) * b; row[i + 1] += t * b; });
   }
-  const slope = row.map((_, i) => degree * ((below[i - 1] ?? 0) - (below[i] ?? 0)));
-  return [row, slope];
+  const derivative = row.map((_, i) => degree * ((below[i - 1] ?? 0) - (below[i] ?? 0)));
+  return [row, derivative];
 }
 
 /** Everything about points that does not change when control points move: their Bernstein factors. */
 function prepared(rest, box) {
-  const count = rest.length / 3, sizes = box.shape, slopes = [];
+  const count = rest.length / 3, sizes = box.shape, derivatives = [];
   const factors = sizes.map((size, axis) => {
     const edge = box.edges[axis], length = edge.reduce((s, e) => s + e * e, 0), table = new Float64Array(count * size);
-    slopes.push(new Float64Array(count * size));
+    derivatives.push(new Float64Array(count * size));
     for (let v = 0; v < count; v++) {
       let t = 0;  // (P15, P16)
       for (let c = 0; c < 3; c++) t += (rest[3 * v + c] - box.origin[c]) * edge[c] / length;
-      const [row, slope] = bernstein(t, size - 1);
-      table.set(row, v * size); slopes[axis].set(slope, v * size);
+      const [row, derivative] = bernstein(t, size - 1);
+      table.set(row, v * size); derivatives[axis].set(derivative, v * size);
     }
     return table;
   });
-  return { count, sizes, factors, slopes };
+  return { count, sizes, factors, derivatives };
 }
 
 /** Where displaced control points (3 K) carry prepared points (P19); with other factors along an axis, their derivative. */
@@ -166,13 +166,13 @@ function carried(points, control, [A, B, C] = points.factors) {
 
 /** det(d deformed / d point) at prepared points. */
 function determinants(points, control, box) {
-  const [A, B, C] = points.factors, [a, b, c] = points.slopes;
+  const [A, B, C] = points.factors, [a, b, c] = points.derivatives;
   const along = [carried(points, control, [a, B, C]), carried(points, control, [A, b, C]), carried(points, control, [A, B, c])];
   const volume = Math.abs(triple(box.edges[0], box.edges[1], box.edges[2]));
-  const turn = Math.sign(triple(box.edges[0], box.edges[1], box.edges[2]));
+  const sign = Math.sign(triple(box.edges[0], box.edges[1], box.edges[2]));
   return Float64Array.from({ length: points.count }, (_, v) => {
     const [s, t, u] = along.map((d) => d.subarray(3 * v, 3 * v + 3));
-    return turn * triple(s, t, u) / volume;
+    return sign * triple(s, t, u) / volume;
   });
 }
 
@@ -181,21 +181,21 @@ const triple = (a, b, c) => a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * 
 /** Triangles of quads, cut along the shorter diagonal. */
 function triangles(quads, x) {
   const result = new Int32Array(quads.length / 4 * 6);
-  const apart = (p, q) => {
+  const distance = (p, q) => {
     const u = x[3 * p] - x[3 * q], v = x[3 * p + 1] - x[3 * q + 1], w = x[3 * p + 2] - x[3 * q + 2];
     return Math.sqrt(u * u + v * v + w * w);
   };
   for (let q = 0, at = 0; q < quads.length; q += 4, at += 6) {
     const a = quads[q], b = quads[q + 1], c = quads[q + 2], d = quads[q + 3];
-    const first = apart(a, c) <= apart(b, d) * (1 + 1e-9);
+    const first = distance(a, c) <= distance(b, d) * (1 + 1e-9);
     result[at] = a; result[at + 1] = b; result[at + 2] = first ? c : d;
     result[at + 3] = first ? a : b; result[at + 4] = c; result[at + 5] = d;
   }
   return result;
 }
 
-/** Share of a triangle's area below zero, by the heights of its corners. */
-function shareBelow(h0, h1, h2) {
+/** Fraction of a triangle's area below zero, by the heights of its corners. */
+function fractionBelow(h0, h1, h2) {
   const count = (h0 <= 0) + (h1 <= 0) + (h2 <= 0);
   if (count === 0 || count === 3) return count / 3;
   const alone = count === 1;  // turn the corner that is alone on its side to the front
@@ -217,7 +217,7 @@ function meshVolume(x, quads, plane) {
     const ax = x[a] - ox, ay = x[a + 1] - oy, az = x[a + 2] - oz, bx = x[b] - ox, by = x[b + 1] - oy, bz = x[b + 2] - oz;
     const cx = x[c] - ox, cy = x[c + 1] - oy, cz = x[c + 2] - oz;
     const six = ax * (by * cz - bz * cy) - ay * (bx * cz - bz * cx) + az * (bx * cy - by * cx);
-    sum += plane ? six * shareBelow(ax * nx + ay * ny + az * nz, bx * nx + by * ny + bz * nz, cx * nx + cy * ny + cz * nz) : six;
+    sum += plane ? six * fractionBelow(ax * nx + ay * ny + az * nz, bx * nx + by * ny + bz * nz, cx * nx + cy * ny + cz * nz) : six;
   }
   return sum / 6;
 }

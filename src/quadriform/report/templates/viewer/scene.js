@@ -7,9 +7,9 @@ const RAMPS = {
 const NO_DATA = [150, 150, 150];
 const rgb = (hex) => [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16));
 
-function ramped(share, ramp) {
-  if (!(share === share)) return NO_DATA;
-  const stops = RAMPS[ramp], at = Math.min(Math.max(share, 0), 1) * (stops.length - 1), i = Math.min(Math.floor(at), stops.length - 2);
+function ramped(fraction, ramp) {
+  if (!(fraction === fraction)) return NO_DATA;
+  const stops = RAMPS[ramp], at = Math.min(Math.max(fraction, 0), 1) * (stops.length - 1), i = Math.min(Math.floor(at), stops.length - 2);
   const [a, b] = [rgb(stops[i]), rgb(stops[i + 1])];
   return a.map((c, k) => c + (at - i) * (b[k] - c));
 }
@@ -52,23 +52,23 @@ function normals(x, quads) {
   return result;
 }
 
-/** How the scene is looked at: a turn of the world, a centre, and how many units fit into half the height. */
+/** How the scene is looked at: a rotation of the world, a centre, and how many units fit into half the height. */
 class Camera {
   constructor(centre, reach) { this.home = { centre, reach }; this.reset(); }
   reset() {
-    this.turn = [[1, 0, 0], [0, 0, 1], [0, -1, 0]];  // x to the right, z upwards, from the side of -y
+    this.rotation = [[1, 0, 0], [0, 0, 1], [0, -1, 0]];  // x to the right, z upwards, from the side of -y
     this.centre = this.home.centre.slice(); this.reach = this.home.reach;
     this.rotate(0.5, -0.35);
   }
   rotate(right, down) {
     const [c, s, C, S] = [Math.cos(right), Math.sin(right), Math.cos(down), Math.sin(down)];
-    const [x, y, z] = this.turn;
+    const [x, y, z] = this.rotation;
     const a = x.map((_, k) => c * x[k] + s * z[k]), d = x.map((_, k) => -s * x[k] + c * z[k]);
-    this.turn = [a, y.map((_, k) => C * y[k] - S * d[k]), y.map((_, k) => S * y[k] + C * d[k])];
+    this.rotation = [a, y.map((_, k) => C * y[k] - S * d[k]), y.map((_, k) => S * y[k] + C * d[k])];
   }
   zoom(factor) { this.reach = Math.min(Math.max(this.reach * factor, this.home.reach / 50), this.home.reach * 20); }
   seen(x, v) {
     const p = [x[v] - this.centre[0], x[v + 1] - this.centre[1], x[v + 2] - this.centre[2]];
-    return this.turn.map((row) => row[0] * p[0] + row[1] * p[1] + row[2] * p[2]);
+    return this.rotation.map((row) => row[0] * p[0] + row[1] * p[1] + row[2] * p[2]);
   }
 }

@@ -24,7 +24,7 @@ function controlAt(t) {
 
 const frameAt = (t) => frames.reduce((best, at, i) => (Math.abs(at - t) < Math.abs(frames[best] - t) ? i : best), 0);
 
-// --- numbers ---------------------------------------------------------------------------------------------------------
+// --- parameters -------------------------------------------------------------------------------------------------------
 
 const grids = new Map();
 function gridOf(surface, n) {
@@ -71,10 +71,10 @@ function unpacked(frame) {
 function fieldValues(field, surface, grid) {
   const list = field.values[surface.name];
   if (!list || !grid.cube) return null;
-  const coded = new Uint8Array(bytes(list[Math.min(frameAt(state.time), list.length - 1)])), held = cube(field.cells);
-  return grid.cube.places.map((place) => {
-    const at = place.map((c) => c * field.cells / grid.cells), found = [];
-    for (const round of [Math.floor, Math.ceil]) { const v = held.index.get(held.key(at.map(round))); if (v !== undefined) found.push(coded[v]); }
+  const coded = new Uint8Array(bytes(list[Math.min(frameAt(state.time), list.length - 1)])), coarse = cube(field.cells);
+  return grid.cube.points.map((point) => {
+    const at = point.map((c) => c * field.cells / grid.cells), found = [];
+    for (const round of [Math.floor, Math.ceil]) { const v = coarse.index.get(coarse.key(at.map(round))); if (v !== undefined) found.push(coded[v]); }
     const good = found.filter((c) => c !== 255);
     return good.length ? field.low + (field.high - field.low) * good.reduce((a, b) => a + b, 0) / good.length / 254 : NaN;
   });
@@ -188,7 +188,7 @@ function moving() {
 
 function triad() {
   $("triad").replaceChildren(...data.axes.flatMap((letter, a) => {
-    const [x, y] = camera.turn.map((row) => row[a]), make = (tag, set) => {
+    const [x, y] = camera.rotation.map((row) => row[a]), make = (tag, set) => {
       const e = document.createElementNS("http://www.w3.org/2000/svg", tag);
       for (const [k, v] of Object.entries(set)) e.setAttribute(k, v);
       return e;

@@ -2,12 +2,12 @@
 
 const VERTEX = `#version 300 es
 in vec3 position; in vec3 normal; in vec4 colour;
-uniform mat3 turn; uniform vec3 centre; uniform vec2 scale; uniform float depth, size;
+uniform mat3 rotation; uniform vec3 centre; uniform vec2 scale; uniform float depth, size;
 out vec4 tone; out vec3 facing;
 void main() {
-  vec3 p = turn * (position - centre);
+  vec3 p = rotation * (position - centre);
   gl_Position = vec4(p.xy * scale, -p.z * depth, 1.0);
-  gl_PointSize = size; tone = colour; facing = turn * normal;
+  gl_PointSize = size; tone = colour; facing = rotation * normal;
 }`;
 const FRAGMENT = `#version 300 es
 precision mediump float;
@@ -39,11 +39,11 @@ class WebglPainter {
     return program;
   }
   paint(shapes, camera) {
-    const gl = this.gl, { width, height } = gl.canvas, turn = camera.turn;
+    const gl = this.gl, { width, height } = gl.canvas, rotation = camera.rotation;
     gl.viewport(0, 0, width, height);
     gl.clearColor(1, 1, 1, 1); gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.enable(gl.DEPTH_TEST); gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
-    gl.uniformMatrix3fv(this.at("turn"), false, [0, 1, 2].flatMap((c) => turn.map((row) => row[c])));
+    gl.uniformMatrix3fv(this.at("rotation"), false, [0, 1, 2].flatMap((c) => rotation.map((row) => row[c])));
     gl.uniform3fv(this.at("centre"), camera.centre);
     gl.uniform2f(this.at("scale"), height / width / camera.reach, 1 / camera.reach);
     gl.uniform1f(this.at("depth"), 1 / (20 * camera.home.reach));
