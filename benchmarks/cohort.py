@@ -311,8 +311,8 @@ def modes(folder, subjects):
 
     def turned(shape, seed):
         turn, shift = Rotation.random(random_state=seed).as_matrix(), 50 * np.random.default_rng(seed).normal(size=3)
-        moved = {name: one.turned(turn).placed(1, shift) for name, one in shape.surfaces.items()}
-        return DeformableModel(moved, shape.box.turned(turn).placed(1, shift), "LPS", "mm")
+        moved = {name: one.rotated(turn).transformed(1, shift) for name, one in shape.surfaces.items()}
+        return DeformableModel(moved, shape.box.rotated(turn).transformed(1, shift), "LPS", "mm")
 
     points = [shape.mesh(resolution=8).vertices for shape in shapes[: subjects // 2]]
     clouds = [{"endo": each + 0.3 * rng.normal(size=each.shape)} for each in points]

@@ -34,7 +34,7 @@ def tangent_frames(surface, origins):
     return np.stack([first, np.cross(normal, first)], axis=2)
 
 
-def settle(surface, box, targets, origins, slides):
+def update_foot_points(surface, box, targets, origins, slides):
     origins = origins.copy()
     points, damping = carried(box, origins), np.full(len(origins), 1e-9)
     for _ in range(slides):

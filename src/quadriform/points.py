@@ -16,7 +16,7 @@ Named = TypeVar("Named")
 class Movable(Protocol):
     """A shape that can be scaled about the origin and shifted."""
 
-    def placed(self, scale: float, offset: Array) -> Self:
+    def transformed(self, scale: float, offset: Array) -> Self:
         """The shape scaled, then shifted by (3,)."""
 
 
@@ -214,8 +214,8 @@ class Frame:
 
     def shape_to_local(self, shape: Shape) -> Shape:
         """A superquadric, box or model in the centred, unit-free frame."""
-        return shape.placed(1 / self.scale, -self.centre / self.scale)
+        return shape.transformed(1 / self.scale, -self.centre / self.scale)
 
     def shape_to_world(self, shape: Shape) -> Shape:
         """A superquadric, box or model back in the unit of the data."""
-        return shape.placed(self.scale, self.centre)
+        return shape.transformed(self.scale, self.centre)

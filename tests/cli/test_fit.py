@@ -9,7 +9,7 @@ from shapes_meshes import box_mesh
 
 import quadriform
 from quadriform.files import load, read_model, read_points, sha256_of
-from quadriform.files.meshes import read_marks, write_mesh
+from quadriform.files.meshes import read_space_and_unit, write_mesh
 from quadriform.shapes.mesh import Mesh
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
@@ -261,7 +261,7 @@ def test_a_mask_becomes_a_model_in_the_world(terminal, nifti, body, affine):
     centre = (affine @ [14, 13, 9, 1])[:3] * [-1, -1, 1]
     assert np.linalg.norm(model.mesh().vertices.mean(axis=0) - centre) < 1.0
     assert model.volume() == pytest.approx((body == 1).sum() * 12.0, rel=0.05)
-    assert read_marks("out/surface.ply") == ("LPS", "mm")
+    assert read_space_and_unit("out/surface.ply") == ("LPS", "mm")
 
 
 def test_in_ras_only_the_signs_of_x_and_y_differ(terminal, nifti, body):
@@ -274,7 +274,7 @@ def test_in_ras_only_the_signs_of_x_and_y_differ(terminal, nifti, body):
     for name in ("origin", "edges", "control_points"):
         assert np.array_equal(getattr(there.box, name), getattr(here.box, name) * [-1, -1, 1])
     assert np.array_equal(there.superquadric().rotation, here.superquadric().rotation * [[-1], [-1], [1]])
-    assert read_marks("ras/surface.ply") == ("RAS", "mm")
+    assert read_space_and_unit("ras/surface.ply") == ("RAS", "mm")
     np.testing.assert_allclose(
         np.sort(load("ras/surface.ply").vertices, axis=0),
         np.sort(load("lps/surface.ply").vertices * [-1, -1, 1], axis=0),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from quadriform.files import load, read_points, save, sha256_of
-from quadriform.files.meshes import read_marks, write_mesh
+from quadriform.files.meshes import read_space_and_unit, write_mesh
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
@@ -155,10 +155,10 @@ def test_deform_brings_a_mesh_of_the_other_frame_to_the_models(terminal, model, 
     write_mesh(flat, tmp_path / "metres.vtp", "LPS", "m")
     done = terminal("deform", "model.json", "ras.vtp", "-o", "out.vtp")
     assert done.code == 0 and "ras.vtp: brought from RAS to LPS" in done.err
-    assert read_marks("out.vtp") == ("LPS", "mm")
+    assert read_space_and_unit("out.vtp") == ("LPS", "mm")
     assert np.array_equal(load("out.vtp").vertices, model.deform(flat.vertices))
     assert terminal("deform", "model.json", "ras.vtp", "-o", "back.vtp", "--space", "RAS").code == 0
-    assert read_marks("back.vtp") == ("RAS", "mm")
+    assert read_space_and_unit("back.vtp") == ("RAS", "mm")
     assert np.array_equal(load("back.vtp").vertices, model.deform(flat.vertices) * [-1, -1, 1])
     refused = terminal("deform", "model.json", "metres.vtp", "-o", "other.vtp")
     assert refused.code == 4 and "metres.vtp" in refused.err and "found m" in refused.err
@@ -210,7 +210,7 @@ def test_export_in_ras(terminal, model, tmp_path):
     assert terminal("export", "model.json", "--to", "ply,stl,obj,vtp", "-o", "ras", "--space", "RAS").code == 0
     wanted = model.mesh().vertices * [-1, -1, 1]
     for kind in ("ply", "stl", "obj", "vtp"):
-        assert read_marks(f"ras/surface.{kind}") == ("RAS", "mm")
+        assert read_space_and_unit(f"ras/surface.{kind}") == ("RAS", "mm")
         near = load(f"ras/surface.{kind}")
         assert near.volume() == pytest.approx(model.mesh().volume(), rel=1e-5)
         np.testing.assert_allclose(
@@ -357,7 +357,7 @@ def test_export_writes_wall_film_and_labels(terminal, tmp_path, nifti, body):
     assert terminal(*words).code == 0
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"wall.vtu", "surfaces.vtkhdf", "labels.nii.gz"}
     assert terminal(*words[:4], "--like", like, "-o", "ras", "--resolution", 4, "--space", "RAS").code == 0
-    assert read_marks("ras/wall.vtu") == ("RAS", "mm")
+    assert read_space_and_unit("ras/wall.vtu") == ("RAS", "mm")
     with h5py.File("ras/surfaces.vtkhdf") as file:
         assert file["VTKHDF"].attrs["SPACE"] == b"RAS"
     assert nibabel.load("out/labels.nii.gz").shape == body.shape

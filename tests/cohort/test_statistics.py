@@ -46,8 +46,8 @@ def draws(count=40, seed=8):
 
 
 def elsewhere(shape, turn, shift):
-    surfaces = {name: one.turned(turn).placed(1, shift) for name, one in shape.surfaces.items()}
-    return DeformableModel(surfaces, shape.box.turned(turn).placed(1, shift), shape.space, shape.unit)
+    surfaces = {name: one.rotated(turn).transformed(1, shift) for name, one in shape.surfaces.items()}
+    return DeformableModel(surfaces, shape.box.rotated(turn).transformed(1, shift), shape.space, shape.unit)
 
 
 def as_they_lie(shapes):
@@ -81,7 +81,7 @@ def test_known_modes_are_found(place):
 def test_rows_are_as_far_apart_as_surfaces():
     """A shape blown up about its centre: each point moves by what its distance from there is stretched by."""
     small = model(np.zeros(4))
-    large = small.placed(1.1, np.zeros(3))
+    large = small.transformed(1.1, np.zeros(3))
     shapes = CorrespondingShapes().fit([small])
     one, other = shapes.transform([small, large])
     vertices = small.mesh(resolution=8).vertices

@@ -9,7 +9,7 @@ import trimesh
 
 from quadriform.errors import FileFormatError, FileLimitError, OptionError, OutputError, PointsError
 from quadriform.files.mesh_formats import MESH_SUFFIXES
-from quadriform.files.meshes import encode_mesh, read_marks, read_mesh, write_mesh
+from quadriform.files.meshes import encode_mesh, read_mesh, read_space_and_unit, write_mesh
 from quadriform.shapes.mesh import Mesh
 
 EXACTNESS = {".ply": 1e-6, ".stl": 1e-6, ".obj": 1e-8, ".vtp": 0.0}
@@ -212,9 +212,9 @@ def test_unknown_suffix_frame_and_unit(tmp_path, mesh):
 @pytest.mark.parametrize("marks", [("LPS", "mm"), ("RAS", "m"), ("unknown", "unknown")])
 def test_marks_are_read_back(tmp_path, mesh, suffix, marks):
     write_mesh(mesh, tmp_path / f"m{suffix}", *marks)
-    assert read_marks(tmp_path / f"m{suffix}") == marks
+    assert read_space_and_unit(tmp_path / f"m{suffix}") == marks
 
 
 def test_a_mesh_without_marks(tmp_path):
     (tmp_path / "m.ply").write_text(PLY)
-    assert read_marks(tmp_path / "m.ply") == ("unknown", "unknown")
+    assert read_space_and_unit(tmp_path / "m.ply") == ("unknown", "unknown")

@@ -63,7 +63,7 @@ def test_there_and_back(tmp_path, make, suffix, record):
 def test_the_record_travels_with_the_model(make):
     model = make(RECORD)
     assert (model.status, model.warnings, model.notes) == ("warned", RECORD.warnings, RECORD.notes)
-    for moved in (model.in_space("RAS"), model.placed(2.0, np.ones(3))):
+    for moved in (model.in_space("RAS"), model.transformed(2.0, np.ones(3))):
         assert moved.record == RECORD
     if isinstance(model, MovingModel):
         assert model.at(0.5).record == RECORD

@@ -186,7 +186,7 @@ def test_a_larger_ruler_gives_larger_numbers(plain):
     """Everything with a length in it scales with the points: noise, covariance, uncertainty."""
     start = qf.fit_superquadric(CLOUD).superquadric
     one = qf.refine(start, CLOUD, **SMALL)
-    ten = qf.refine(start.placed(10, np.zeros(3)), 10 * CLOUD, **SMALL)
+    ten = qf.refine(start.transformed(10, np.zeros(3)), 10 * CLOUD, **SMALL)
     assert ten.noise == pytest.approx(10 * one.noise, rel=1e-4)
     assert ten.strength == pytest.approx(one.strength, rel=1e-4)
     np.testing.assert_allclose(ten.uncertainty(10 * CLOUD), 10 * one.uncertainty(CLOUD), rtol=1e-3)

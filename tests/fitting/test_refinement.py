@@ -86,7 +86,7 @@ def test_the_record_is_what_it_says():
     assert record.surface_motion == pytest.approx(rms(moved), rel=1e-6)
     assert record.box_motion == pytest.approx(rms(control), rel=1e-6)
     assert record.box_displacement == pytest.approx(rms(control), rel=1e-6)
-    ten = qf.refine(s.placed(10, np.zeros(3)), 10 * cloud, method="paper", iterations=1).history[0]
+    ten = qf.refine(s.transformed(10, np.zeros(3)), 10 * cloud, method="paper", iterations=1).history[0]
     assert ten.error == pytest.approx(10 * record.error, rel=1e-6)
 
 

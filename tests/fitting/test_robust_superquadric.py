@@ -63,7 +63,7 @@ def test_a_turned_moved_scaled_mirrored_or_shuffled_cloud_has_the_same_surface(s
     moved = fit_superquadric(points @ turn.T + offset).superquadric
     back = replace(moved, rotation=turn.T @ moved.rotation, translation=turn.T @ (moved.translation - offset))
     assert apart(found, back) < SAME
-    scaled = fit_superquadric(1e-6 * points).superquadric.placed(1e6, np.zeros(3))
+    scaled = fit_superquadric(1e-6 * points).superquadric.transformed(1e6, np.zeros(3))
     assert apart(found, scaled) < SAME
     assert apart(found, fit_superquadric(points[rng.permutation(len(points))]).superquadric) < SAME
     other = fit_superquadric(points @ mirror).superquadric
@@ -74,7 +74,7 @@ def test_a_turned_moved_scaled_mirrored_or_shuffled_cloud_has_the_same_surface(s
 def test_far_from_the_origin_nothing_changes(rng):
     _, points = cloud(rng)
     found, far = fit_superquadric(points).superquadric, np.full(3, 1e6)
-    moved = fit_superquadric(points + far).superquadric.placed(1.0, -far)
+    moved = fit_superquadric(points + far).superquadric.transformed(1.0, -far)
     assert apart(found, moved) < SAME
 
 

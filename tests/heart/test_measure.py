@@ -99,7 +99,7 @@ def test_other_bases(heart, known):
 
 def test_units_are_kept(known, valve, measured):
     """The same heart in metres; segments aside, whose borders lie on symmetric lines of it."""
-    metres = [replace(model.placed(1e-3, np.zeros(3)), unit="m") for model in known]
+    metres = [replace(model.transformed(1e-3, np.zeros(3)), unit="m") for model in known]
     found = measure(metres, base=[points / 1000 for points in valve])
     for row, other in zip(found.rows, measured.rows):
         assert row.unit == other.unit

@@ -164,14 +164,14 @@ def test_measures_do_not_see_where_a_model_lies(wall, change):
         n: replace(s, rotation=matrix @ s.rotation @ own, translation=matrix @ s.translation + offset)
         for n, s in wall.surfaces.items()
     }
-    moved = qf.DeformableModel(surfaces, wall.box.turned(matrix).placed(1, np.array(offset)))
+    moved = qf.DeformableModel(surfaces, wall.box.rotated(matrix).transformed(1, np.array(offset)))
     for found, plain in zip(measures(moved), measures(wall)):
         np.testing.assert_allclose(found, plain, rtol=1e-9)
 
 
 def test_measures_scale_by_their_dimension(wall):
     """M26."""
-    large = wall.placed(10.0, np.array([1e3, 0, 0]))
+    large = wall.transformed(10.0, np.array([1e3, 0, 0]))
     for dimension, found, plain in zip((3, 2, 1), measures(large), measures(wall)):
         np.testing.assert_allclose(found, 10.0**dimension * np.array(plain), rtol=1e-9)
 

@@ -155,8 +155,8 @@ def test_bound_does_not_know_units_or_places(scale):
     surface = made()
     box = shaken(surface, 0.3)
     moved = jacobian_bound(
-        box.placed(scale, scale * np.array([1e3, -2e3, 5.0])),
-        [surface.placed(scale, scale * np.array([1e3, -2e3, 5.0]))],
+        box.transformed(scale, scale * np.array([1e3, -2e3, 5.0])),
+        [surface.transformed(scale, scale * np.array([1e3, -2e3, 5.0]))],
     )
     here = jacobian_bound(box, [surface])
     assert moved.lower == pytest.approx(here.lower, rel=1e-6)

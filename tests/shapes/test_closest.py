@@ -8,7 +8,7 @@ from scipy.optimize import nnls
 from scipy.spatial import cKDTree
 from shapes_made import SKEW, made, turned
 
-from quadriform.shapes.closest import closest_on, settle, surface_points
+from quadriform.shapes.closest import closest_on, surface_points, update_foot_points
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superquadric import Superquadric
 
@@ -47,7 +47,7 @@ def brute(surface, box, targets):
     """Distance to the nearest of 240,000 vertices, polished from the four nearest."""
     vertices = surface.grid(200)[0]
     nearest = cKDTree(box.deform(vertices)).query(targets, k=4)[1]
-    polished = [box.deform(settle(surface, box, targets, vertices[column], 60)) for column in nearest.T]
+    polished = [box.deform(update_foot_points(surface, box, targets, vertices[column], 60)) for column in nearest.T]
     return np.linalg.norm(targets - polished, axis=2).min(axis=0)
 
 
@@ -65,7 +65,7 @@ def brute_beside_planes(surface, box, targets):
     """Distance to the nearest of many vertices, most of them beside planes of symmetry, from the ten nearest."""
     vertices = np.concatenate([surface.grid(60)[0], graded(surface, 40)])
     nearest = cKDTree(box.deform(vertices)).query(targets, k=10)[1]
-    polished = [box.deform(settle(surface, box, targets, vertices[column], 120)) for column in nearest.T]
+    polished = [box.deform(update_foot_points(surface, box, targets, vertices[column], 120)) for column in nearest.T]
     return np.linalg.norm(targets - polished, axis=2).min(axis=0)
 
 
@@ -248,12 +248,12 @@ def test_settle_never_leads_away_and_few_slides_come_near(rng):
     targets = box.deform(origins) + rng.normal(0, 0.05, origins.shape)
     before = np.linalg.norm(targets - box.deform(origins), axis=1)
     few, rest = (
-        np.linalg.norm(targets - box.deform(settle(surface, box, targets, origins, slides)), axis=1)
+        np.linalg.norm(targets - box.deform(update_foot_points(surface, box, targets, origins, slides)), axis=1)
         for slides in (3, 60)
     )
     assert (few <= before + 1e-12).all()
     assert np.quantile(few - rest, 0.99) < 1e-4
-    np.testing.assert_array_equal(settle(surface, box, targets, origins, 0), origins)
+    np.testing.assert_array_equal(update_foot_points(surface, box, targets, origins, 0), origins)
 
 
 @pytest.mark.parametrize("exponents", [(1.9, 1.0), (1.0, 1.9), (1.95, 1.95)])

@@ -105,7 +105,9 @@ def test_a_model_is_its_mesh_also_wound_the_other_way():
 
 def test_everything_grows_with_the_scale():
     models = deformed(), deformed(4)
-    small, large = ([model.placed(scale, np.zeros(3)).mesh(resolution=16) for model in models] for scale in (1, 1e-6))
+    small, large = (
+        [model.transformed(scale, np.zeros(3)).mesh(resolution=16) for model in models] for scale in (1, 1e-6)
+    )
     one, two = surface_distances(*small)[0], surface_distances(*large)[0]
     assert two.rms == pytest.approx(1e-6 * one.rms, rel=1e-6)
     assert dice(*large) == pytest.approx(dice(*small), abs=1e-4)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from quadriform.fitting.superquadric.batch import Candidates, distances
-from quadriform.shapes.closest import SLIDES, _slide, settle, surface_points
+from quadriform.shapes.closest import SLIDES, _slide, surface_points, update_foot_points
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superquadric import Superquadric
 from quadriform.shapes.threads import WORTH, threads_for
@@ -54,16 +54,19 @@ def pulled(surface, box, rng):
     return targets, surface.project(origins + 0.03 * rng.normal(size=origins.shape))
 
 
-def test_settled_foot_points(surface, rng):
+def test_updated_foot_points(surface, rng):
     box = deformed(surface)
     targets, origins = pulled(surface, box, rng)
     given = origins.copy()
-    gaps = np.abs(settle(surface, box, targets, origins, 3) - oracle.settle(surface, box, targets, origins, 3))
+    gaps = np.abs(
+        update_foot_points(surface, box, targets, origins, 3)
+        - oracle.update_foot_points(surface, box, targets, origins, 3)
+    )
     assert np.quantile(gaps.max(axis=1), 0.95) < 1e-10  # a tie may fall either way
     np.testing.assert_array_equal(origins, given)
 
 
-def test_foot_points_at_rest(surface, rng):
+def test_converged_foot_points(surface, rng):
     box = deformed(surface)
     targets, origins = pulled(surface, box, rng)
     ours, (there, points, least, weak) = (
@@ -113,7 +116,7 @@ def test_threads_change_nothing(surface, rng, monkeypatch):
     for threads in ("1", "3"):
         monkeypatch.setenv("OMP_NUM_THREADS", threads)
         assert threads_for(len(targets)) == int(threads)
-        found.append((settle(surface, box, targets, origins, 2), box.deform(targets)))
+        found.append((update_foot_points(surface, box, targets, origins, 2), box.deform(targets)))
     for one, other in zip(*found):
         np.testing.assert_array_equal(one, other)
 

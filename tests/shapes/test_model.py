@@ -92,7 +92,7 @@ def test_surfaces_by_name():
 
 def test_placed_is_the_scaled_shifted_model(rng):
     model, offset = wavy(), np.array([10.0, 20, -5])
-    placed = model.placed(2.0, offset)
+    placed = model.transformed(2.0, offset)
     points = rng.normal(size=(50, 3)) * 3
     np.testing.assert_allclose(placed.distance(2 * points + offset), 2 * model.distance(points), atol=1e-7)
     np.testing.assert_allclose(placed.deform(2 * points + offset), 2 * model.deform(points) + offset, atol=1e-11)

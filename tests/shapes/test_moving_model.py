@@ -35,7 +35,7 @@ def test_a_trajectory_is_where_the_model_of_each_time_carries_the_point(moving):
 
 
 def test_it_moves_with_its_frame(moving):
-    placed = moving.placed(2.0, np.array([1.0, -2, 3]))
+    placed = moving.transformed(2.0, np.array([1.0, -2, 3]))
     points = moving.at(0.7).mesh(resolution=4).vertices
     np.testing.assert_allclose(placed.at(0.7).mesh(resolution=4).vertices, 2 * points + [1, -2, 3], atol=1e-12)
 
@@ -43,7 +43,7 @@ def test_it_moves_with_its_frame(moving):
 def test_the_times_of_its_frames_are_those_of_the_knots_unless_given(moving):
     assert np.array_equal(moving.frame_times, [0, 1, 2, 3])
     given = replace(moving, frame_times=[0.5, 3.75])
-    for same in (given.placed(2.0, np.zeros(3)), replace(given, space="LPS").in_space("RAS")):
+    for same in (given.transformed(2.0, np.zeros(3)), replace(given, space="LPS").in_space("RAS")):
         assert np.array_equal(same.frame_times, [0.5, 3.75])
 
 

@@ -8,7 +8,7 @@ from quadriform.errors import InputError, OptionError
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
-from quadriform.shapes.spaces import turn_between
+from quadriform.shapes.spaces import rotation_between
 from quadriform.shapes.splines import TimeBasis
 
 SIGNS = np.array([-1.0, -1.0, 1.0])
@@ -90,8 +90,8 @@ def test_what_cannot_be_is_named(make):
 
 
 def test_the_turn_is_a_rotation():
-    turn = turn_between("LPS", "RAS")
+    turn = rotation_between("LPS", "RAS")
     assert np.linalg.det(turn) == 1 and np.array_equal(turn @ turn, np.eye(3))
-    assert np.array_equal(turn_between("RAS", "LPS"), turn)
+    assert np.array_equal(rotation_between("RAS", "LPS"), turn)
     with pytest.raises(OptionError, match="'unknown'"):
-        turn_between("LPS", "unknown")
+        rotation_between("LPS", "unknown")

@@ -246,7 +246,7 @@ def test_hyperboloids_have_no_volume():
 def test_placed_is_the_scaled_shifted_surface(kind):
     s = made(kind)
     offset = np.array([5.0, -1.0, 2.0])
-    np.testing.assert_allclose(s.placed(3.0, offset).grid(5)[0], 3 * s.grid(5)[0] + offset, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(s.transformed(3.0, offset).grid(5)[0], 3 * s.grid(5)[0] + offset, rtol=1e-12, atol=1e-12)
 
 
 BAD = [

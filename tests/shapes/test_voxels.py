@@ -20,7 +20,7 @@ def test_a_box_along_the_grid_holds_the_centres_inside_it():
 
 def test_it_is_the_inside_of_the_superquadric():
     for kind in ("ellipsoid", "toroid"):
-        shape = made(kind).placed(2.0, np.array([14.0, 17.0, 15.0]))
+        shape = made(kind).transformed(2.0, np.array([14.0, 17.0, 15.0]))
         points = np.stack(np.meshgrid(*map(np.arange, (30, 28, 32)), indexing="ij"), axis=-1).reshape(-1, 3)
         value = shape.implicit(points)
         mesh = shape.mesh(48)

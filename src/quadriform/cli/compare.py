@@ -61,14 +61,16 @@ def _in_space(body: _Body, space: str) -> _Body:
     """The same in a frame of the world, where both are known; with a note where it was rotated."""
     from quadriform.cli.screen import note
     from quadriform.shapes.mesh import Mesh
-    from quadriform.shapes.spaces import turn_between
+    from quadriform.shapes.spaces import rotation_between
 
     if space == body.space or "unknown" in (space, body.space):
         return body
     note(f"{body.file}: brought from {body.space} to {space}")
     shape = body.shape
     if isinstance(shape, Mesh):
-        return replace(body, shape=Mesh(shape.vertices @ turn_between(body.space, space).T, shape.faces), space=space)
+        return replace(
+            body, shape=Mesh(shape.vertices @ rotation_between(body.space, space).T, shape.faces), space=space
+        )
     return replace(body, shape=shape.in_space(space), space=space)
 
 
@@ -92,14 +94,14 @@ def _common(one: _Body, two: _Body, what: str) -> str:
 def _read(file: Path, surface: str | None) -> _Body:
     from quadriform.errors import InputError, OptionError
     from quadriform.files import load
-    from quadriform.files.meshes import read_marks, read_record
+    from quadriform.files.meshes import read_record, read_space_and_unit
     from quadriform.shapes.comparison import alone
     from quadriform.shapes.mesh import Mesh
     from quadriform.shapes.moving_model import MovingModel
 
     shape = load(file)
     if isinstance(shape, Mesh):
-        return _Body(file, shape, *read_marks(file), read_record(file))
+        return _Body(file, shape, *read_space_and_unit(file), read_record(file))
     if isinstance(shape, MovingModel):
         raise InputError(
             f"{str(file)!r}: expected a model or a mesh, found a moving model; take a state out of it first, "

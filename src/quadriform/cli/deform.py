@@ -73,9 +73,9 @@ def _write(
     from quadriform.files import write_mesh
     from quadriform.files.points import write_points
     from quadriform.shapes.mesh import Mesh
-    from quadriform.shapes.spaces import turn_between
+    from quadriform.shapes.spaces import rotation_between
 
-    moved = moved @ turn_between(carrier.space, target).T
+    moved = moved @ rotation_between(carrier.space, target).T
     if mesh is None:
         write_points(moved, output, force)
     else:

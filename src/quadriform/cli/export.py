@@ -121,14 +121,14 @@ def _encode(
 
     if kind == "vtu":
         wall = wall_mesh(state, layers=details.layers, resolution=details.resolution)
-        return {WHOLE[kind]: encode_vtu(wall, {"SPACE": state.space, "UNIT": state.unit} | state.record.marks)}
+        return {WHOLE[kind]: encode_vtu(wall, {"SPACE": state.space, "UNIT": state.unit} | state.record.metadata)}
     if kind == "vtkhdf":
         return {WHOLE[kind]: encode_vtkhdf(*states, resolution=details.resolution)}
     if kind == "nii" and grid is not None:
         return {WHOLE[kind]: _labels(state, *grid)}
     meshes = {name: state.mesh(name, details.resolution) for name in state.surfaces}
     return {
-        surface_file(name, f".{kind}"): encode_mesh(mesh, f".{kind}", state.space, state.unit, state.record.marks)
+        surface_file(name, f".{kind}"): encode_mesh(mesh, f".{kind}", state.space, state.unit, state.record.metadata)
         for name, mesh in meshes.items()
     }
 

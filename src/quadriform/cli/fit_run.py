@@ -187,7 +187,7 @@ def _write(job: Job, found: Fit, page: bytes, force: bool) -> None:
     with replaced_together(job.folder, MODEL, force, earlier_results(job.folder) if force else ()) as folder:
         save(found.model, folder / MODEL)
         for name, path in job.targets.items():
-            mesh, metadata = found.model.mesh(name), found.model.record.marks
+            mesh, metadata = found.model.mesh(name), found.model.record.metadata
             write_mesh(mesh, folder / path.name, found.model.space, found.model.unit, more=metadata)
         write_bytes(folder / REPORT, page)
 

@@ -79,11 +79,11 @@ def _mesh(file: Path, frame: int | None, affine: str | None) -> dict[str, Any]:
     from quadriform.cli.status import texts
     from quadriform.errors import FileFormatError, join_warnings
     from quadriform.files import read_mesh, read_points
-    from quadriform.files.meshes import read_marks, read_record
+    from quadriform.files.meshes import read_record, read_space_and_unit
     from quadriform.fitting.diagnostics import precision_loss
     from quadriform.shapes.record import ModelRecord
 
-    space, unit = read_marks(file)
+    space, unit = read_space_and_unit(file)
     try:
         mesh = read_mesh(file)
     except FileFormatError:

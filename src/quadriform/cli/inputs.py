@@ -12,7 +12,7 @@ from quadriform.imaging.file_points import SpaceAndUnit
 from quadriform.points import Array
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
-from quadriform.shapes.spaces import turn_between
+from quadriform.shapes.spaces import rotation_between
 
 
 def read_any_model(file: Path) -> DeformableModel | MovingModel:
@@ -42,4 +42,4 @@ def rotation_to_model(file: Path, metadata: SpaceAndUnit, model: SpaceAndUnit) -
     if space == model_space or "unknown" in (space, model_space):
         return np.eye(3)
     note(f"{file}: brought from {space} to {model_space}")
-    return turn_between(space, model_space)
+    return rotation_between(space, model_space)

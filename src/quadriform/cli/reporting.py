@@ -19,7 +19,7 @@ from quadriform.motion.tracking import Track, track
 from quadriform.points import Array
 from quadriform.report.reports import fit_report, track_report
 from quadriform.shapes.model import DeformableModel
-from quadriform.shapes.spaces import turn_between
+from quadriform.shapes.spaces import rotation_between
 
 Record = Mapping[str, Any]
 REPORT = "report.html"
@@ -52,7 +52,7 @@ def page_of_fit(
         title: of the page.
         record: what the terminal shows.
     """
-    rotation = turn_between(space, fit.model.space)
+    rotation = rotation_between(space, fit.model.space)
     rotated = {name: cloud @ rotation.T for name, cloud in clouds.items()}
     if image is not None:
         affine = np.block([[rotation, np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]]) @ image.world_from_voxel
@@ -79,7 +79,7 @@ def page_of_track(
         title: of the page.
         record: what the terminal shows.
     """
-    rotation = turn_between(space, found.models[0].space)
+    rotation = rotation_between(space, found.models[0].space)
     no_shift = np.zeros(3)
     shown = []
     for number, frame in enumerate(clouds):

@@ -37,7 +37,7 @@ from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
 from quadriform.shapes.record import ModelRecord, remarks
-from quadriform.shapes.spaces import turn_between
+from quadriform.shapes.spaces import rotation_between
 
 MODEL, RECORD = "model.json", "record.json"
 FORMAT = "quadriform-cohort-record"
@@ -232,7 +232,7 @@ def _marked(model: Any, frames: FrameSeries, layout: Layout) -> Any:
     marked = replace(model, space=space, unit=unit)
     if space == layout.space:
         return marked
-    turn_between(space, layout.space)  # refuses the unknown
+    rotation_between(space, layout.space)  # refuses the unknown
     return marked.in_space(layout.space)
 
 

@@ -10,7 +10,7 @@ from quadriform.errors import OptionError, choose
 from quadriform.points import Array
 from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.model import DeformableModel
-from quadriform.shapes.spaces import turn_between
+from quadriform.shapes.spaces import rotation_between
 from quadriform.shapes.voxels import voxels_inside
 
 LABEL_SUFFIXES = (".nii", ".nii.gz", ".nrrd")
@@ -60,7 +60,7 @@ def grid_of_model(model: DeformableModel, world_from_voxel: Array, space: str, u
         )
     scale = METRES.get(unit, METRES["mm"]) / METRES[model.unit]
     to_model = np.eye(4)
-    to_model[:3, :3] = scale * turn_between(space, model.space)
+    to_model[:3, :3] = scale * rotation_between(space, model.space)
     return np.asarray(to_model @ world_from_voxel)
 
 
@@ -99,7 +99,7 @@ def _nifti(values: NDArray[np.uint8], world_from_voxel: Array, space: str, unit:
     import nibabel
 
     to_ras = np.eye(4)
-    to_ras[:3, :3] = turn_between(space, "RAS")
+    to_ras[:3, :3] = rotation_between(space, "RAS")
     affine = to_ras @ world_from_voxel
     image: Any = nibabel.Nifti1Image(values, affine)
     image.header.set_xyzt_units({"mm": "mm", "m": "meter", "unknown": "unknown"}[unit])

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from quadriform.errors import FileFormatError
 from quadriform.files.atomic import write_bytes
 from quadriform.files.mesh_formats import ENCODERS, FORMATS, MESH_SUFFIXES, READ_SUFFIXES
-from quadriform.files.metadata import check_marks, parse_marks, parse_record
+from quadriform.files.metadata import check_space_and_unit, parse_record, parse_space_and_unit
 from quadriform.files.reading import quoted, read_bytes, suffix_of, suffix_to_read
 from quadriform.points import check_points
 from quadriform.shapes.mesh import Mesh
@@ -53,7 +53,7 @@ def encode_mesh(mesh: Mesh, suffix: str, space: str, unit: str, more: Mapping[st
         OptionError: a frame or unit that no file can carry.
         OutputError: single precision would spoil an STL.
     """
-    check_marks(space, unit)
+    check_space_and_unit(space, unit)
     return ENCODERS[suffix](mesh, {"SPACE": space, "UNIT": unit} | dict(more or {}))
 
 
@@ -97,13 +97,13 @@ def parse_mesh(data: bytes, suffix: str, where: str) -> Mesh:
     return Mesh(polygons.vertices, polygons.triangles(where))
 
 
-def read_marks(path: str | os.PathLike[str]) -> tuple[str, str]:
+def read_space_and_unit(path: str | os.PathLike[str]) -> tuple[str, str]:
     """Frame and unit ("unknown" where it has none) that a mesh file is marked with.
 
     Raises:
         InputError: the file is missing or cannot be read.
     """
-    return parse_marks(read_bytes(path)[:HEAD])
+    return parse_space_and_unit(read_bytes(path)[:HEAD])
 
 
 def read_record(path: str | os.PathLike[str]) -> ModelRecord | None:

@@ -18,7 +18,7 @@ OF_A_MESH = "the mesh is the surface of a model whose fit was warned of; the fil
 VTP_TEXT = re.compile(rb'<DataArray type="String" Name="(SPACE|UNIT|STATUS|WARNINGS)"[^>]*format="ascii">([\d\s]*)<')
 
 
-def check_marks(space: str, unit: str) -> None:
+def check_space_and_unit(space: str, unit: str) -> None:
     """Refuse marks that no file can carry.
 
     Raises:
@@ -33,7 +33,7 @@ def as_comment(metadata: Mapping[str, str]) -> str:
     return " ".join(f"{name}={value}" for name, value in metadata.items())
 
 
-def parse_marks(data: bytes) -> tuple[str, str]:
+def parse_space_and_unit(data: bytes) -> tuple[str, str]:
     """Frame and unit that the head of a mesh file is marked with; "unknown" where it is not.
 
     Args:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from quadriform.errors import FileFormatError, OptionError
 from quadriform.files.arrays import parse_npz
 from quadriform.files.atomic import write_bytes
-from quadriform.files.metadata import SPACES, UNITS, check_marks
+from quadriform.files.metadata import SPACES, UNITS, check_space_and_unit
 from quadriform.files.packed import NUMBERS, TEXT, Unpacking, packed
 from quadriform.files.reading import quoted, read_bytes, signature, suffix_of, suffix_to_read
 from quadriform.files.records import FIELDS, read_record, record_document
@@ -95,7 +95,7 @@ def head_document(name: str, version: int, model: DeformableModel | MovingModel)
     Raises:
         OptionError: a frame, a unit or the name of a surface that no file can hold.
     """
-    check_marks(model.space, model.unit)
+    check_space_and_unit(model.space, model.unit)
     return {
         "format": name,
         "version": version,
@@ -127,7 +127,7 @@ def _model(root: Field) -> DeformableModel:
     root.only(BODY if version == 1 else (*BODY, *FIELDS))
     surfaces = read_surfaces(root.member("surfaces"))
     record = ModelRecord() if version == 1 else read_record(root, surfaces)
-    model = DeformableModel(surfaces, _box(root.member("box")), *read_marks(root), record)
+    model = DeformableModel(surfaces, _box(root.member("box")), *read_metadata(root), record)
     check_extent(model, root.where)
     return model
 
@@ -161,7 +161,7 @@ def read_version(root: Field, name: str, latest: int) -> int:
     return version.whole()
 
 
-def read_marks(root: Field) -> tuple[str, str, str]:
+def read_metadata(root: Field) -> tuple[str, str, str]:
     """Frame of the world, unit and hash of the input, each maybe unknown.
 
     Raises:

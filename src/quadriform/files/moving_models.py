@@ -12,7 +12,7 @@ from quadriform.files.models import (
     encode_json,
     head_document,
     parse_json,
-    read_marks,
+    read_metadata,
     read_surfaces,
     read_version,
 )
@@ -63,7 +63,7 @@ def read_moving_model(path: str | os.PathLike[str]) -> MovingModel:
     root = Field(parse_json(read_bytes(path), where), "", where)
     version = read_version(root, FORMAT, VERSION)
     root.only(BODY if version < 3 else (*BODY, *FIELDS))
-    box, (space, unit, sha256) = root.member("box"), read_marks(root)
+    box, (space, unit, sha256) = root.member("box"), read_metadata(root)
     shapes = {"origin": (3,), "edges": (3, 3), "control_points": (None, None, None, None, 3)}
     values: dict[str, Any] = {name: box.member(name).numbers(shape) for name, shape in shapes.items()}
     box.only(tuple(shapes))

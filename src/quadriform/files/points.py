@@ -15,7 +15,7 @@ from quadriform.files.arrays import parse_npy, parse_npz
 from quadriform.files.atomic import write_bytes
 from quadriform.files.mesh_formats import READ_SUFFIXES
 from quadriform.files.meshes import HEAD, parse_mesh
-from quadriform.files.metadata import parse_marks
+from quadriform.files.metadata import parse_space_and_unit
 from quadriform.files.reading import quoted, read_bytes, suffix_of, suffix_to_read
 from quadriform.files.tables import parse_table, written_table
 from quadriform.point_sets import PointSet, point_set
@@ -63,7 +63,7 @@ def read_point_set(path: str | os.PathLike[str], columns: Chosen = None) -> Poin
         return point_set(_only_array(data, where), where, columns)
     if columns is not None:
         raise OptionError(f"{where}: option columns goes with tables and arrays, found a mesh, which names its own")
-    return PointSet(parse_mesh(data, suffix, where).vertices, unit=parse_marks(data[:HEAD])[1])
+    return PointSet(parse_mesh(data, suffix, where).vertices, unit=parse_space_and_unit(data[:HEAD])[1])
 
 
 def write_points(points: ArrayLike, path: str | os.PathLike[str], force: bool = False) -> None:

@@ -51,7 +51,7 @@ def save(model_or_mesh: DeformableModel | MovingModel | Mesh, path: PathLike, fo
     if len(model.surfaces) != 1:
         names = ", ".join(map(repr, model.surfaces))
         raise OptionError(f"save: the model has the surfaces {names}; choose one: save(model.mesh(name), path)")
-    write_mesh(model.mesh(), path, model.space, model.unit, force, model.record.marks)
+    write_mesh(model.mesh(), path, model.space, model.unit, force, model.record.metadata)
 
 
 def content_of(path: PathLike) -> Literal["model", "mesh", "points"] | None:

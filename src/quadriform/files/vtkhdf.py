@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from quadriform.errors import OptionError
-from quadriform.files.metadata import check_marks
+from quadriform.files.metadata import check_space_and_unit
 from quadriform.points import Array
 from quadriform.shapes.mesh import Faces, split_quads
 from quadriform.shapes.model import DeformableModel
@@ -40,7 +40,7 @@ def encode_vtkhdf(
     steps = np.asarray(times, dtype=np.float64)
     if not len(states) or steps.shape != (len(states),) or not np.isfinite(steps).all() or (np.diff(steps) <= 0).any():
         raise OptionError(f"times: expected {len(states)} increasing numbers, one a state, found {list(times)}")
-    check_marks(states[0].space, states[0].unit)
+    check_space_and_unit(states[0].space, states[0].unit)
     names = list(states[0].surfaces) if surfaces is None else list(surfaces)
     rest, faces, owner = _triangles(states[0], names, resolution)
     stream = io.BytesIO()
@@ -49,7 +49,7 @@ def encode_vtkhdf(
         root.attrs["Version"] = np.array([2, 0], dtype="<i8")
         root.attrs["Type"] = np.bytes_("PolyData")
         root.attrs["SPACE"], root.attrs["UNIT"] = np.bytes_(states[0].space), np.bytes_(states[0].unit)
-        for name, value in states[0].record.marks.items():
+        for name, value in states[0].record.metadata.items():
             root.attrs[name] = np.bytes_(value)
         root.attrs["SURFACES"] = np.bytes_(",".join(names).encode())
         root["NumberOfPoints"] = np.array([len(rest)], dtype="<i8")

@@ -93,7 +93,7 @@ class Wall:
         columns = []
         for depth, weight in zip(NODES, WEIGHTS):
             reach = self.start + depth * span
-            columns.append(self.cells * reach**2 * span * weight * box.stretch(self.at(depth)))
+            columns.append(self.cells * reach**2 * span * weight * box.jacobian_determinant(self.at(depth)))
         return np.where(self.crossing[:, None], 0.0, np.stack(columns, axis=1))
 
 

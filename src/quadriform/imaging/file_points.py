@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from quadriform.columns import MILLIMETRES, unit_of
 from quadriform.errors import FileFormatError, InputError, OptionError, Warnings, choose
 from quadriform.files.guide_points import is_guide_points
-from quadriform.files.meshes import read_marks, read_mesh_or_points
+from quadriform.files.meshes import read_mesh_or_points, read_space_and_unit
 from quadriform.files.points import read_point_set
 from quadriform.files.reading import naming
 from quadriform.files.save_and_load import content_of
@@ -21,7 +21,7 @@ from quadriform.imaging.formats import image_format, is_pair, pair_of
 from quadriform.point_sets import PointSet
 from quadriform.points import Array
 from quadriform.shapes.mesh_points import mesh_points
-from quadriform.shapes.spaces import turn_between
+from quadriform.shapes.spaces import rotation_between
 from quadriform.words import numbers, ranges
 
 if TYPE_CHECKING:
@@ -211,10 +211,10 @@ def _from_mesh(path: Path) -> Source:
     mesh = read_mesh_or_points(path)
     points, note = mesh_points(mesh)
     if note is None:
-        return Source(points, *read_marks(path))
+        return Source(points, *read_space_and_unit(path))
     # the sampled points have all digits; the vertices show the precision of the file
     warnings = precision_loss(mesh.vertices.tolist(), mesh.vertices)
-    return Source(points, *read_marks(path), warnings, (f"{path}: {note}",))
+    return Source(points, *read_space_and_unit(path), warnings, (f"{path}: {note}",))
 
 
 def _from_table(path: Path, options: ImageOptions) -> Source:
@@ -279,7 +279,7 @@ def space_and_unit_of(path: Path, columns: str | None = None) -> SpaceAndUnit:
     """Return space and unit of a mesh; of a table or an array, the unit in the names of its columns."""
     kind = kind_of(path)
     if kind == "mesh":
-        return read_marks(path)
+        return read_space_and_unit(path)
     return "unknown", read_point_set(path, columns).in_metric_unit().unit if kind == "points" else "unknown"
 
 
@@ -291,7 +291,7 @@ def space_to_write(requested: str | None, found: str) -> str:
     """
     if requested is None:
         return found
-    turn_between(found, requested)  # raises where the space of the input is unknown
+    rotation_between(found, requested)  # raises where the space of the input is unknown
     return requested
 
 

@@ -16,7 +16,7 @@ from quadriform.fitting.result import Progress
 from quadriform.motion.cycle_equations import CycleEvidence
 from quadriform.motion.slice_shifts import SliceNumbers, SlicePlanes
 from quadriform.points import Array
-from quadriform.shapes.closest import closest_on, settle
+from quadriform.shapes.closest import closest_on, update_foot_points
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.splines import TimeBasis
 from quadriform.shapes.superquadric import Superquadric
@@ -197,7 +197,7 @@ class Cycle:
     def _slide(self) -> None:
         for box, sheets in zip(self.boxes, self.sheets):
             for sheet in sheets:
-                sheet.origins = settle(sheet.superquadric, box, sheet.points, sheet.origins, SLIDES)
+                sheet.origins = update_foot_points(sheet.superquadric, box, sheet.points, sheet.origins, SLIDES)
 
     def _weigh(self) -> None:
         distances = iter(self._distances())

@@ -27,7 +27,7 @@ from quadriform.points import Array, Frame, by_name
 from quadriform.shapes.control_box import common_box
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
-from quadriform.shapes.spaces import turn_between
+from quadriform.shapes.spaces import rotation_between
 from quadriform.shapes.splines import TimeBasis
 from quadriform.words import summary
 
@@ -111,7 +111,7 @@ class Track:
             OptionError: another frame.
             InputError: that of the models is unknown.
         """
-        turn = turn_between(self.models[0].space, space)
+        turn = rotation_between(self.models[0].space, space)
         return replace(
             self,
             models=tuple(model.in_space(space) for model in self.models),

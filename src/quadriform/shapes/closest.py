@@ -70,7 +70,9 @@ def closest_on(superquadric: Superquadric, box: ControlBox, targets: Array) -> F
     return _finish(superquadric, box, targets, origins[best], points[best])
 
 
-def settle(superquadric: Superquadric, box: ControlBox, targets: Array, origins: Array, slides: int) -> Array:
+def update_foot_points(
+    superquadric: Superquadric, box: ControlBox, targets: Array, origins: Array, steps: int
+) -> Array:
     """Slide given origins (n, 3) a few times towards their targets (n, 3); what is left is for the next call.
 
     As if the surface were flat (Gauss and Newton): what a slide leaves of the way is distance times curvature,
@@ -78,7 +80,7 @@ def settle(superquadric: Superquadric, box: ControlBox, targets: Array, origins:
     """
     result = np.array(origins, dtype=np.float64, order="C")
     given, threads = np.ascontiguousarray(targets), threads_for(len(targets))
-    _kernel.settle(box.compiled(), superquadric.compiled(), _diagonal(box), given, result, slides, threads)
+    _kernel.settle(box.compiled(), superquadric.compiled(), _diagonal(box), given, result, steps, threads)
     return result
 
 

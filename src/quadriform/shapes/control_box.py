@@ -83,11 +83,11 @@ class ControlBox:
         """The box whose control points stand in their even places, so that nothing moves."""
         return cls(origin, edges, origin + _lattice(*shape) @ edges)  # P17
 
-    def placed(self, scale: float, offset: Array) -> ControlBox:
+    def transformed(self, scale: float, offset: Array) -> ControlBox:
         """The same deformation after `scale` x + `offset`: from a centred, scaled frame back to the world."""
         return ControlBox(scale * self.origin + offset, scale * self.edges, scale * self.control_points + offset)
 
-    def turned(self, rotation: Array) -> ControlBox:
+    def rotated(self, rotation: Array) -> ControlBox:
         """The same deformation after a rotation (3, 3) about the world's origin."""
         return ControlBox(rotation @ self.origin, self.edges @ rotation.T, self.control_points @ rotation.T)
 
@@ -135,7 +135,7 @@ class ControlBox:
         _kernel.jacobian(self.compiled(), given, result, threads_for(len(given)))
         return result
 
-    def stretch(self, points: ArrayLike) -> Array:
+    def jacobian_determinant(self, points: ArrayLike) -> Array:
         """Determinant of `jacobian` at world points (n, 3), (n,): how much space grows; negative where it folds."""
         a, b, c = np.ascontiguousarray(self.jacobian(points).transpose(1, 2, 0))
         return (a * np.cross(b, c, axis=0)).sum(axis=0)

@@ -139,7 +139,7 @@ def folds(box: ControlBox, used: Iterable[Superquadric]) -> Array:
     if bound.lower > 0:
         return np.empty((0, 3))
     points = lattice_inside(box, surfaces)
-    folded = points[box.stretch(points) <= 0] if len(points) else points
+    folded = points[box.jacobian_determinant(points) <= 0] if len(points) else points
     return np.concatenate([bound.where[None], folded])
 
 
@@ -215,7 +215,7 @@ def _range(box: ControlBox, surfaces: tuple[Superquadric, ...]) -> tuple[Array, 
 def _first_sample(box: ControlBox, surfaces: tuple[Superquadric, ...]) -> tuple[float, Array]:
     """The smallest determinant on the surfaces, or in the middle of the box without any."""
     points = np.concatenate([s.grid(8)[0] for s in surfaces] or [(box.origin + box.edges.sum(axis=0) / 2)[None]])
-    values = box.stretch(points)
+    values = box.jacobian_determinant(points)
     return float(values.min()), points[values.argmin()]
 
 

@@ -17,7 +17,7 @@ from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.crossings import crossings
 from quadriform.shapes.mesh import Mesh, split_quads
 from quadriform.shapes.record import ModelRecord, Recorded
-from quadriform.shapes.spaces import turn_between
+from quadriform.shapes.spaces import rotation_between
 from quadriform.shapes.superquadric import Superquadric
 from quadriform.words import listed, summary
 
@@ -57,10 +57,10 @@ class DeformableModel(Recorded):
         """How many numbers the model is: 11 a superellipsoid (12 a toroid) and 3 a control point."""
         return sum(len(s.parameters) for s in self.surfaces.values()) + self.box.control_points.size
 
-    def placed(self, scale: float, offset: Array) -> DeformableModel:
+    def transformed(self, scale: float, offset: Array) -> DeformableModel:
         """The same model after `scale` x + `offset`: from a centred, scaled frame back to the world."""
-        surfaces = {name: s.placed(scale, offset) for name, s in self.surfaces.items()}
-        return replace(self, surfaces=surfaces, box=self.box.placed(scale, offset))
+        surfaces = {name: s.transformed(scale, offset) for name, s in self.surfaces.items()}
+        return replace(self, surfaces=surfaces, box=self.box.transformed(scale, offset))
 
     def in_space(self, space: str) -> DeformableModel:
         """The same model in another frame of the world, "LPS" or "RAS": a half-turn about z lies between them.
@@ -69,9 +69,9 @@ class DeformableModel(Recorded):
             OptionError: another frame.
             InputError: the model's own is unknown.
         """
-        turn = turn_between(self.space, space)
-        surfaces = {name: s.turned(turn) for name, s in self.surfaces.items()}
-        return replace(self, surfaces=surfaces, box=self.box.turned(turn), space=space)
+        turn = rotation_between(self.space, space)
+        surfaces = {name: s.rotated(turn) for name, s in self.surfaces.items()}
+        return replace(self, surfaces=surfaces, box=self.box.rotated(turn), space=space)
 
     def superquadric(self, surface: str | None = None) -> Superquadric:
         """The superquadric of a name; without a name the first.

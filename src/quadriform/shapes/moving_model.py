@@ -12,7 +12,7 @@ from quadriform.points import Array, check_points
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.model import DeformableModel, lines_of
 from quadriform.shapes.record import ModelRecord, Recorded
-from quadriform.shapes.spaces import turn_between
+from quadriform.shapes.spaces import rotation_between
 from quadriform.shapes.splines import TimeBasis
 from quadriform.shapes.superquadric import Superquadric
 from quadriform.words import summary
@@ -104,9 +104,9 @@ class MovingModel(Recorded):
         l, m, n = self.control_points.shape[1:4]
         return ControlBox.undeformed(self.origin, self.edges, (l, m, n))
 
-    def placed(self, scale: float, offset: Array) -> MovingModel:
+    def transformed(self, scale: float, offset: Array) -> MovingModel:
         """The same model after `scale` x + `offset`; time stays."""
-        surfaces = {name: s.placed(scale, offset) for name, s in self.surfaces.items()}
+        surfaces = {name: s.transformed(scale, offset) for name, s in self.surfaces.items()}
         return replace(
             self,
             surfaces=surfaces,
@@ -122,10 +122,10 @@ class MovingModel(Recorded):
             OptionError: another frame.
             InputError: the model's own is unknown.
         """
-        turn = turn_between(self.space, space)
+        turn = rotation_between(self.space, space)
         return replace(
             self,
-            surfaces={name: s.turned(turn) for name, s in self.surfaces.items()},
+            surfaces={name: s.rotated(turn) for name, s in self.surfaces.items()},
             origin=turn @ self.origin,
             edges=self.edges @ turn.T,
             control_points=self.control_points @ turn.T,

@@ -105,7 +105,7 @@ class ModelRecord:
         object.__setattr__(self, "title", plain(self.title))
 
     @property
-    def marks(self) -> dict[str, str]:
+    def metadata(self) -> dict[str, str]:
         """Status and kinds of warnings by the names under which files of other formats carry them."""
         kinds = {"WARNINGS": ",".join(self.warnings)} if self.warnings else {}
         return {"STATUS": self.status} | kinds

@@ -174,18 +174,18 @@ class _Search:
     def _hole(self) -> float:
         return self.superquadric.hole_radius or 0.0
 
-    def placed(self, scaled: Array) -> Array:
+    def to_world(self, scaled: Array) -> Array:
         """Directions of scaled coordinates in the world."""
         return (scaled * self.superquadric.semi_axes) @ self.superquadric.rotation.T
 
     def points(self, at: Array) -> Array:
         """Undeformed surface points of all targets, (n, 3)."""
-        return self.placed(self.scaled(np.arange(len(at)), at)) + self.superquadric.translation
+        return self.to_world(self.scaled(np.arange(len(at)), at)) + self.superquadric.translation
 
     @np.errstate(over="ignore", invalid="ignore")
     def value(self, index: Index, at: Array) -> Array:
         """Half the squared distance (n,) of some targets; infinite far out on a sheet, beyond the largest number."""
-        points = self.placed(self.scaled(index, at)) + self.superquadric.translation
+        points = self.to_world(self.scaled(index, at)) + self.superquadric.translation
         far = (np.abs(points) > LARGEST).any(axis=1)
         points[far] = self.superquadric.translation
         half = ((self.targets[index] - self.box.deform(points)) ** 2).sum(axis=1) / 2
@@ -194,10 +194,10 @@ class _Search:
     def gradient(self, index: Index, at: Array) -> Array:
         """Its derivatives by t and u, (n, 2)."""
         q = self.scaled(index, at)
-        points = self.placed(q) + self.superquadric.translation
+        points = self.to_world(q) + self.superquadric.translation
         gap = self.targets[index] - self.box.deform(points)
         pull = np.einsum("nij,ni->nj", self.box.jacobian(points), gap)
-        return -np.stack([(pull * self.placed(slope)).sum(axis=1) for slope in self.slopes(index, at, q)], axis=1)
+        return -np.stack([(pull * self.to_world(slope)).sum(axis=1) for slope in self.slopes(index, at, q)], axis=1)
 
     def scanned(self, start: Array, beside: NDArray[np.bool_]) -> Array:
         """Where to begin: the best of the start and of a few logarithms of the coordinates that are beside planes."""

@@ -9,7 +9,7 @@ SPACES = ("LPS", "RAS")
 HALF_TURN = np.diag([-1.0, -1.0, 1.0])
 
 
-def turn_between(space: str, wanted: str) -> Array:
+def rotation_between(space: str, wanted: str) -> Array:
     """The rotation (3, 3) that brings points of one frame of the world to another; the unit matrix where they agree.
 
     Raises:

@@ -115,7 +115,7 @@ class Superquadric:
             hole_radius=None if self.hole_radius is None else float(parameters[11]),
         )
 
-    def placed(self, scale: float, offset: Array) -> Superquadric:
+    def transformed(self, scale: float, offset: Array) -> Superquadric:
         """The same surface after `scale` x + `offset`: from a centred, scaled frame back to the world."""
         return replace(
             self,
@@ -124,7 +124,7 @@ class Superquadric:
             height=None if self.height is None else scale * self.height,
         )
 
-    def turned(self, rotation: Array) -> Superquadric:
+    def rotated(self, rotation: Array) -> Superquadric:
         """The same surface after a rotation (3, 3) about the world's origin."""
         return replace(self, rotation=rotation @ self.rotation, translation=rotation @ self.translation)
 

@@ -27,7 +27,7 @@ from quadriform.fitting.refinement.surface_data import Sheet
 from quadriform.fitting.refinement.unfolding import JacobianPenalty, remove_folds
 from quadriform.fitting.result import Fit, unnamed
 from quadriform.points import Array, Frame
-from quadriform.shapes.closest import closest_on, settle
+from quadriform.shapes.closest import closest_on, update_foot_points
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.threads import threads_for
 
@@ -89,7 +89,7 @@ class _Surface:
         """Some of all points with their foot points; strangers as told by the sample, if a noise is given."""
         points = frame.to_local(self.cloud[where])
         sheet = self.sheet.beside(points, self.weights[where], self.tree.query(points)[1])
-        sheet.origins = settle(sheet.superquadric, box, points, sheet.origins, SLIDES)
+        sheet.origins = update_foot_points(sheet.superquadric, box, points, sheet.origins, SLIDES)
         if noise is not None:
             sheet.inliers = sheet.probabilities(sheet.distances(box), noise)
         return sheet
@@ -130,7 +130,7 @@ class _All:
         """The sample's foot points and its share of inliers, for a box that has moved."""
         for surface in self.surfaces:
             sheet = surface.sheet
-            sheet.origins = settle(sheet.superquadric, box, sheet.points, sheet.origins, SLIDES)
+            sheet.origins = update_foot_points(sheet.superquadric, box, sheet.points, sheet.origins, SLIDES)
             if self.robust:
                 sheet.weigh(sheet.distances(box), noise)
 

@@ -17,7 +17,7 @@ from quadriform.fitting.refinement.point_to_plane import Pull, evidence_of, inde
 from quadriform.fitting.refinement.surface_data import Few, Sheet
 from quadriform.fitting.result import Iteration, Progress
 from quadriform.points import Array
-from quadriform.shapes.closest import closest_on, settle
+from quadriform.shapes.closest import closest_on, update_foot_points
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.model import DeformableModel
 
@@ -241,7 +241,7 @@ class Rounds:
 
     def _match(self, box: ControlBox, sheet: Sheet, pairs: Correspondence, covered: bool) -> Pull | None:
         costs = pairs.costs(box)
-        sheet.origins = settle(sheet.superquadric, box, sheet.points, pairs.facing(costs), SLIDES)
+        sheet.origins = update_foot_points(sheet.superquadric, box, sheet.points, pairs.facing(costs), SLIDES)
         if not covered:
             return None
         origins, targets = pairs.unclaimed(costs, sheet.origins)
@@ -252,7 +252,7 @@ class Rounds:
 
     def _slide(self, box: ControlBox, sheets: Sequence[Sheet]) -> None:
         for sheet in sheets:
-            sheet.origins = settle(sheet.superquadric, box, sheet.points, sheet.origins, SLIDES)
+            sheet.origins = update_foot_points(sheet.superquadric, box, sheet.points, sheet.origins, SLIDES)
 
     def _weigh(self, box: ControlBox, sheets: Sequence[Sheet], noise: float | None) -> float:
         distances = [sheet.distances(box) for sheet in sheets]

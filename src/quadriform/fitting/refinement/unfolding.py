@@ -81,11 +81,11 @@ class JacobianPenalty:
 
     def minimum(self, box: ControlBox) -> float:
         """The smallest determinant at the points."""
-        return float(box.stretch(self.points).min())
+        return float(box.jacobian_determinant(self.points).min())
 
     def equations(self, box: ControlBox) -> NormalEquations:
         """The penalty, linear about a box, in the displacement of the control points from the undeformed box."""
-        determinants = box.stretch(self.points)
+        determinants = box.jacobian_determinant(self.points)
         low = determinants < MIN_DETERMINANT
         rows = determinant_rows(box, self.points[low]) if low.any() else np.empty((0, box.control_points.size))
         target = MIN_DETERMINANT - determinants[low] + rows @ (box.control_points - box.rest).ravel()
@@ -93,7 +93,7 @@ class JacobianPenalty:
 
     def cost(self, box: ControlBox) -> float:
         """The penalty itself."""
-        return self.weight * float((np.maximum(MIN_DETERMINANT - box.stretch(self.points), 0) ** 2).sum())
+        return self.weight * float((np.maximum(MIN_DETERMINANT - box.jacobian_determinant(self.points), 0) ** 2).sum())
 
     def stronger(self) -> "JacobianPenalty":
         """With more weight."""
@@ -263,7 +263,7 @@ def _low_points(box: ControlBox, surfaces: Mapping[str, Superquadric]) -> Array:
     """More points for the penalty: those of finer lattices with a low determinant, and some around the lowest bound."""
     inside = [lattice_inside(box, list(surfaces.values()), FINE_LATTICE)]
     fine = np.concatenate([*inside, *(surface.grid(FINE_GRID)[0] for surface in surfaces.values())])
-    low = fine[box.stretch(fine) < VERIFIABLE]
+    low = fine[box.jacobian_determinant(fine) < VERIFIABLE]
     steps = np.linspace(-1, 1, 5) / FINE_LATTICE
     cluster = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3) @ box.edges
     return np.concatenate([jacobian_bound(box, surfaces.values()).where + cluster, low])
