@@ -49,7 +49,7 @@ def test_every_faulty_row_is_named_by_its_line_and_none_by_its_id(write):
         "k,,endo=b.ply;epi=label:2,",
         "../l,a.ply,,",
     ]
-    with pytest.raises(InputError, match="12 faulty rows, nothing was begun") as refused:
+    with pytest.raises(InputError, match="12 faulty rows, nothing was fitted") as refused:
         read_manifest(write("id,input,surface,strategy\n" + "\n".join(rows)), {})
     text = str(refused.value)
     assert [f"line {line}:" in text for line in range(2, 15)] == [False] + 12 * [True]

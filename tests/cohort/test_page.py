@@ -89,7 +89,9 @@ def test_its_links_lead_to_the_models(results):
 def test_the_worst_come_first_and_any_number_has_room(results):
     every = overview(results, 100)
     assert len(every.worst) == len(every.rms) == 6
-    assert [(v.trouble, v.rms) for v in every.worst] == sorted(((v.trouble, v.rms) for v in every.worst), reverse=True)
+    assert [(v.n_warnings, v.rms) for v in every.worst] == sorted(
+        ((v.n_warnings, v.rms) for v in every.worst), reverse=True
+    )
     assert [verdict.id for verdict in overview(results, 2).worst] == [verdict.id for verdict in every.worst[:2]]
 
 

@@ -5,13 +5,13 @@ from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecu
 import pytest
 from cohort_made import doubled
 
-from quadriform.cohort.executors import AHEAD, given, processes
+from quadriform.cohort.executors import PENDING, from_executor, processes
 from quadriform.cohort.scheduling import completed
 
 
 def test_every_task_comes_back_once_with_its_result_or_error():
     tasks = [task for task in range(40) if task not in (4, 9)]
-    with ThreadPoolExecutor(3) as pool, given(pool, 3) as engine:
+    with ThreadPoolExecutor(3) as pool, from_executor(pool, 3) as engine:
         found = list(completed(tasks, doubled, engine))
     assert sorted(task for task, _ in found) == tasks
     assert isinstance(dict(found)[7], ValueError)
@@ -26,9 +26,9 @@ def test_tasks_are_taken_only_as_there_is_room():
             taken.append(task)
             yield task
 
-    with ThreadPoolExecutor(1) as pool, given(pool, 1) as engine:
+    with ThreadPoolExecutor(1) as pool, from_executor(pool, 1) as engine:
         for done, _ in enumerate(completed(source(), doubled, engine), 1):
-            assert len(taken) <= done + AHEAD
+            assert len(taken) <= done + PENDING
     assert len(taken) == 50
 
 
@@ -49,7 +49,7 @@ class Broken(Executor):
 
 
 def test_an_engine_without_another_executor_says_so():
-    with given(Broken(), 1) as engine, pytest.raises(BrokenExecutor, match="resume"):
+    with from_executor(Broken(), 1) as engine, pytest.raises(BrokenExecutor, match="resume"):
         list(completed(range(3), doubled, engine))
 
 

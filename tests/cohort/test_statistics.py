@@ -73,9 +73,9 @@ def test_known_modes_are_found(place):
     truth = np.array([one - other for one, other in steps])
     angles = np.degrees(subspace_angles(truth.T, found.pca.components_[:4].T))
     assert angles.max() < 5
-    assert found.shares[:4].sum() > 0.999  # all the variance lies in as many modes as were drawn
+    assert found.variance_ratios[:4].sum() > 0.999  # all the variance lies in as many modes as were drawn
     assert found.modes_for(0.95) <= 4
-    assert found.shares[3] > 100 * found.shares[4]
+    assert found.variance_ratios[3] > 100 * found.variance_ratios[4]
 
 
 def test_rows_are_as_far_apart_as_surfaces():
@@ -149,7 +149,7 @@ def test_two_walls_share_a_box():
     walls = [HEART.model(t) for t in np.linspace(0, 0.5, 6)]
     found = shape_modes(walls)
     assert set(found.mean.surfaces) == {"endo", "epi"}
-    assert found.shares[0] > 0.95  # one motion
+    assert found.variance_ratios[0] > 0.95  # one motion
     volumes = [[one.volume(name) for name in ("endo", "epi")] for one in found.reconstruct(found.scores(walls))]
     assert np.allclose(volumes, [[one.volume(name) for name in ("endo", "epi")] for one in walls], rtol=2e-3)
 
@@ -172,5 +172,5 @@ def test_what_cannot_be_compared_is_refused():
         CorrespondingShapes().fit([replace(one, surfaces={"endo": toroid})])
     with pytest.raises(OptionError, match="modes=9"):
         shape_modes([one, model(np.ones(4))], modes=9)
-    with pytest.raises(OptionError, match="share"):
+    with pytest.raises(OptionError, match="fraction"):
         shape_modes([one, model(np.ones(4))]).modes_for(1.5)

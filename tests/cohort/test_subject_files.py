@@ -55,7 +55,7 @@ def test_a_moving_label_image_becomes_a_model_of_both_walls(one, tmp_path):
     assert volumes["volume endo", 0][1] == "mm^3"
     share = volumes["volume endo", 1][0] / volumes["volume endo", 0][0]
     assert volumes["ejection fraction", None][0] == pytest.approx(100 * (1 - share), abs=0.5)
-    assert found.numbers.superquadrics.shape == (2, 2, 11)
+    assert found.parameters.superquadrics.shape == (2, 2, 11)
 
 
 def test_a_header_that_contradicts_itself_is_read_as_the_row_says(one, tmp_path):
@@ -80,7 +80,7 @@ def test_files_for_each_wall(one, tmp_path):
         for frame in range(2):
             np.save(tmp_path / f"{name}{frame}.npy", HEART.surface_points(name, 0.4 * frame, 60))
     found = one("a,,epi=epi*.npy;endo=endo*.npy", shared=layout(surfaces=("epi", "endo")))
-    assert found.failure is None and found.numbers.control_points.shape == (2, 3, 3, 3, 3)
+    assert found.failure is None and found.parameters.control_points.shape == (2, 3, 3, 3, 3)
     (tmp_path / "epi1.npy").unlink()
     again = one("a,,epi=epi*.npy;endo=endo*.npy", shared=layout(surfaces=("epi", "endo")))
     assert again.failure.kind == "InputError" and "as many files" in again.failure.error
@@ -91,7 +91,7 @@ def test_one_frame_is_fitted_and_marks_are_kept(one, tmp_path):
     mesh = HEART.model(0.0).mesh("endo", 4)
     write_mesh(mesh, tmp_path / "a.ply", "RAS", "mm")
     found = one("a,a.ply,", shared=layout(space="LPS", unit="mm"))
-    assert found.failure is None and found.numbers.time.tolist() == [0]
+    assert found.failure is None and found.parameters.time.tolist() == [0]
     model = load(tmp_path / "out" / "subjects" / "a" / "model.json")
     assert model.space == "LPS"
     assert np.abs(model.distance(mesh.vertices * [-1, -1, 1])).max() < 2  # brought to the frame of the cohort
@@ -160,7 +160,7 @@ def test_a_damaged_layout_is_refused(tmp_path):
 def test_shares_cover_every_block_once(subjects, parts):
     block = max(1, min(100, -(-subjects // parts)))
     shared = layout(subjects=subjects, block=block)
-    blocks = [each for part in range(1, parts + 1) for each in shared.share(part, parts)]
+    blocks = [each for part in range(1, parts + 1) for each in shared.blocks_of(part, parts)]
     assert blocks == list(range(shared.blocks))
     assert sum(len(shared.members(each)) for each in blocks) == subjects
 

@@ -52,7 +52,7 @@ def _engine(chosen: EngineChoice) -> Callable[[], AbstractContextManager[WorkerP
         raise OptionError("options --processes, --workers and --scheduler exclude each other; give one")
     if chosen.workers is None and chosen.scheduler is None:
         return partial(executors.processes, chosen.processes or executors.cores())
-    stores.needs("distributed")
+    stores.require_library("distributed")
     return partial(executors.cluster, chosen.scheduler, chosen.workers or 0)
 
 

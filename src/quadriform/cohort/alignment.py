@@ -1,9 +1,9 @@
-"""Models brought to one frame and onto one reference, so that their control points correspond.
+"""Corresponding control points: models in one coordinate frame, expressed over one reference.
 
-Each superquadric is seen as the symmetric matrix S = R diag(a) R^T, which carries the unit sphere onto its ellipsoid
-and does not know how its axes are called or turned about themselves. S S_ref^-1 carries the reference onto it, point by
-point; the model's own box carries these points on to its surface. Procrustes' method brings them to the mean of all,
-and least squares give the control points over the reference that do the same.
+Each superquadric is represented by the symmetric matrix S = R diag(a) R^T, which maps the unit sphere onto its
+ellipsoid and does not depend on the names of its axes, nor on rotations of an ellipsoid onto itself. S S_ref^-1 maps
+the reference onto it point by point, and the control box of the model maps these points onto its surface. Procrustes
+analysis aligns them to the mean of all models, and least squares give the control points over the reference.
 """
 
 from collections.abc import Sequence
@@ -24,18 +24,17 @@ from quadriform.shapes.superquadric import Superquadric
 
 CELLS = 8
 """Of the grid on each reference surface: 386 points."""
-HOLD = 1e-8
-"""Bending energy per square of displacement: enough for what the surface does not see, nothing for what it does."""
+BENDING_WEIGHT = 1e-8
+"""Of the bending energy beside the squared displacement: it determines only what the surface does not."""
 WEAK = 0.05
-"""Semi-axes that differ by a smaller share of their mean say nothing about the orientation."""
-ALIKE = 0.5
-"""Bodies lie alike in the world when the mean of their stretches is longer than wide by this share of what they are."""
+"""Semi-axes that differ by a smaller fraction of their mean do not determine the orientation."""
+SAME_ORIENTATION = 0.5
+"""Bodies have one orientation in the world when the mean of their matrices deviates from a ball's by this fraction of
+their own mean deviation."""
 STEPS = 20
 FAR = 0.25
-"""An orientation is given up only for one that leaves less than this share of the distance.
-
-Round bodies look alike from many sides; the nearest of these by chance is not the right one.
-"""
+"""An orientation is replaced only by one that leaves less than this fraction of the distance: round bodies are alike
+from many sides, and the nearest of these by chance is not the right one."""
 
 
 @dataclass(frozen=True)
@@ -45,126 +44,129 @@ class Reference:
     Attributes:
         surfaces: name -> ellipsoid.
         box: undeformed, around them.
-        doubt: of a length; axes whose lengths differ by less are not turned after the reference's.
+        uncertainty: of a semi-axis; axes whose lengths differ by less are not rotated to those of the reference.
     """
 
     surfaces: dict[str, Superquadric]
     box: ControlBox
-    doubt: float
+    uncertainty: float
 
     @cached_property
     def origins(self) -> Array:
-        """Even points (n, 3) of all surfaces, one surface after the other."""
+        """Evenly spread points (n, 3) of all surfaces, one surface after the other."""
         return np.concatenate([surface.grid(CELLS)[0] for surface in self.surfaces.values()])
 
     @cached_property
     def matrix(self) -> Array:
-        """From control points (k) to these points, (n, k)."""
+        """Matrix (n, k) from control points to these points (P5)."""
         return self.box.matrix(self.origins)
 
     @cached_property
     def gram(self) -> Array:
-        """Symmetric (k, k): the mean square of the points' displacements, and a trace of bending energy."""
+        """Symmetric (k, k): the mean square of the points' displacements, and a small bending energy."""
         shape = self.box.control_points.shape[:3]
-        held = Bending().matrix((shape[0], shape[1], shape[2]))
-        return self.matrix.T @ self.matrix / len(self.matrix) + HOLD * held
+        bending = Bending().matrix((shape[0], shape[1], shape[2]))
+        return self.matrix.T @ self.matrix / len(self.matrix) + BENDING_WEIGHT * bending
 
     @cached_property
     def root(self) -> Array:
-        """Lower triangle L (k, k) with L L^T the Gram matrix."""
+        """Cholesky factor L (k, k) with L L^T the Gram matrix."""
         return np.asarray(np.linalg.cholesky(self.gram), dtype=np.float64)
 
     def row(self, points: Array) -> Array:
-        """The numbers (3 k,) of a shape whose points (n, 3) correspond to the reference's.
+        """Return the features (3 k,) of a shape whose points (n, 3) correspond to those of the reference.
 
-        They are its control points' displacements in coordinates in which the distance of two shapes is the RMS
-        distance between their surfaces' points.
+        They are the displacements of its control points, in coordinates in which the distance of two shapes is the RMS
+        distance between the points of their surfaces.
         """
-        wanted = self.matrix.T @ (points - self.origins) / len(points)
-        moved: Array = cho_solve(cho_factor(self.gram), wanted)
-        return (self.root.T @ moved).ravel()
+        right_side = self.matrix.T @ (points - self.origins) / len(points)
+        displacements: Array = cho_solve(cho_factor(self.gram), right_side)
+        return (self.root.T @ displacements).ravel()
 
     def model(self, row: Array, space: str, unit: str) -> DeformableModel:
-        """The model of such numbers."""
-        moved = solve_triangular(self.root.T, np.reshape(row, (-1, 3)))
-        control = self.box.control_points + moved.reshape(self.box.control_points.shape)
+        """Return the model of such features."""
+        displacements = solve_triangular(self.root.T, np.reshape(row, (-1, 3)))
+        control = self.box.control_points + displacements.reshape(self.box.control_points.shape)
         return DeformableModel(self.surfaces, self.box.with_control_points(control), space, unit)
 
 
-def stretch(surface: Superquadric) -> Array:
-    """The symmetric matrix (3, 3) of a superquadric: it carries the unit sphere onto its ellipsoid."""
+def ellipsoid_matrix(surface: Superquadric) -> Array:
+    """Return the symmetric matrix (3, 3) that maps the unit sphere onto the ellipsoid of a superquadric."""
     return (surface.rotation * surface.semi_axes) @ surface.rotation.T
 
 
-def corresponding(model: DeformableModel, reference: Reference, turn: Array) -> Array:
-    """World points (n, 3) of a model's surfaces that correspond to the reference's own.
+def corresponding(model: DeformableModel, reference: Reference, rotation: Array) -> Array:
+    """Return the world points (n, 3) of a model's surfaces that correspond to the points of the reference.
 
     Args:
-        model: with the reference's surfaces.
-        reference: over which the points are taken.
-        turn: (3, 3) from the world to the frame of the reference, for directions.
+        model: with the surfaces of the reference.
+        reference: whose points are taken.
+        rotation: (3, 3) of directions from the world to the frame of the reference.
     """
     found = []
     for name, own in reference.surfaces.items():
         surface = model.surfaces[name]
-        sphere = (own.grid(CELLS)[0] - own.translation) @ np.linalg.solve(stretch(own), turn)
-        found.append(model.box.deform(surface.project(surface.translation + sphere @ stretch(surface))))
+        sphere = (own.grid(CELLS)[0] - own.translation) @ np.linalg.solve(ellipsoid_matrix(own), rotation)
+        found.append(model.box.deform(surface.project(surface.translation + sphere @ ellipsoid_matrix(surface))))
     return np.concatenate(found)
 
 
-def placed(points_world: Array, target: Array) -> Array:
-    """Points (n, 3) moved rigidly to where they are nearest to centred targets (n, 3) (Kabsch)."""
-    away = points_world - points_world.mean(axis=0)
-    u, _, vt = np.linalg.svd(target.T @ away)
-    u[:, -1] *= np.sign(np.linalg.det(u @ vt))
-    return away @ (u @ vt).T
+def aligned_rigidly(points_world: Array, target: Array) -> Array:
+    """Return points (n, 3) after the rigid motion to centred targets (n, 3) of least squares (Kabsch)."""
+    centred = _centred(points_world)
+    u, _, vt = np.linalg.svd(target.T @ centred)
+    u[:, -1] *= np.sign(np.linalg.det(u @ vt))  # no reflection
+    return centred @ (u @ vt).T
 
 
 def aligned(model: DeformableModel, reference: Reference, target: Array, in_world: bool) -> tuple[Array, Array]:
-    """Points (n, 3) of a model in the frame of the reference, and the turn (3, 3) from the world that says which.
+    """Return points (n, 3) of a model in the frame of the reference, and the rotation (3, 3) from the world to it.
 
     Args:
-        model: with the reference's surfaces.
-        reference: over which the points are taken.
-        target: (n, 3), centred, to which they are brought.
-        in_world: whether all models lie alike in the world; else the model's axes are laid along the reference's, by
-            their names if nothing speaks clearly for another of the 24 ways.
+        model: with the surfaces of the reference.
+        reference: whose points are taken.
+        target: (n, 3), centred, to which the points are aligned.
+        in_world: whether all models have one orientation in the world; else the axes of the model are aligned to those
+            of the reference, in their order unless another of the 24 rotations is clearly better.
     """
     name, own = next(iter(reference.surfaces.items()))
     axes = model.surfaces[name].rotation
-    starts = [np.eye(3)] if in_world else [own.rotation @ signed @ axes.T for signed in _cube_turns()]
+    starts = [np.eye(3)] if in_world else [own.rotation @ signed @ axes.T for signed in _cube_rotations()]
     chosen, least = (target, np.eye(3)), np.inf
     for start in starts:
-        turn = _along(stretch(model.surfaces[name]), stretch(own), start, reference.doubt)
-        points = placed(corresponding(model, reference, turn), target)
-        miss = float(np.linalg.norm(points - target))
-        if miss < FAR * least:
-            chosen, least = (points, turn), miss
+        matrix = ellipsoid_matrix(model.surfaces[name])
+        rotation = _rotation_to(matrix, ellipsoid_matrix(own), start, reference.uncertainty)
+        points = aligned_rigidly(corresponding(model, reference, rotation), target)
+        distance = float(np.linalg.norm(points - target))
+        if distance < FAR * least:
+            chosen, least = (points, rotation), distance
     return chosen
 
 
-def _along(matrix: Array, reference: Array, start: Array, doubt: float) -> Array:
-    """The turn next to a start that brings a stretch onto the reference's, as far as their axes tell (Gauss-Newton).
+def _rotation_to(matrix: Array, reference: Array, start: Array, uncertainty: float) -> Array:
+    """The rotation near a start that maps an ellipsoid matrix to the reference's, damped by the uncertainty.
 
-    Without doubt a heart, which is nearly round about its long axis, would be spun about it by its noise.
+    Gauss-Newton on rotation vectors. Without damping a heart, which is nearly round about its long axis, would be
+    rotated about it by its noise.
     """
-    weak = doubt**2
-    spins = np.cross(np.eye(3)[:, None], np.eye(3)).transpose(0, 2, 1)
-    turn, total = start, np.zeros(3)
+    damping = uncertainty**2
+    generators = np.cross(np.eye(3)[:, None], np.eye(3)).transpose(0, 2, 1)
+    rotation, total = start, np.zeros(3)
     for _ in range(STEPS):
-        now = turn @ matrix @ turn.T
-        slopes = np.array([(spin @ now - now @ spin).ravel() for spin in spins]).T
-        right = slopes.T @ (reference - now).ravel() - weak * total
-        step = np.linalg.solve(slopes.T @ slopes + weak * np.eye(3), right)
+        now = rotation @ matrix @ rotation.T
+        # derivative of exp(w) S exp(-w) by w: the commutator with each generator
+        jacobian = np.array([(generator @ now - now @ generator).ravel() for generator in generators]).T
+        right = jacobian.T @ (reference - now).ravel() - damping * total
+        step = np.linalg.solve(jacobian.T @ jacobian + damping * np.eye(3), right)
         total = total + step
-        turn = Rotation.from_rotvec(total).as_matrix() @ start
+        rotation = Rotation.from_rotvec(total).as_matrix() @ start
         if np.abs(step).max() < 1e-12:
             break
-    return turn
+    return rotation
 
 
-def _cube_turns() -> list[Array]:
-    """The 24 rotations that carry the coordinate axes onto each other."""
+def _cube_rotations() -> list[Array]:
+    """The 24 rotations that map the coordinate axes onto each other."""
     every = product(permutations(range(3)), product((1, -1), repeat=3))
     signed = [np.eye(3)[list(order)] * signs for order, signs in every]
     return [matrix for matrix in signed if np.linalg.det(matrix) > 0]
@@ -173,46 +175,48 @@ def _cube_turns() -> list[Array]:
 def reference_of(
     models: Sequence[DeformableModel], shape: tuple[int, int, int], passes: int
 ) -> tuple[Reference, Array, bool]:
-    """A reference for models, their mean points (n, 3) over it, and whether the models lie alike in the world.
+    """Return a reference for models, their mean points (n, 3), and whether they have one orientation in the world.
 
-    Its ellipsoids are the means of the models' own; orientations and means are found in turn. Models that lie
-    alike in the world begin as they lie, others from the first of them.
+    Its ellipsoids are the means of those of the models; orientations and means are computed alternately. Models with
+    one orientation start with it, others with that of the first.
 
     Args:
         models: one or more, with the same surfaces, all ellipsoids.
         shape: control points along each axis.
-        passes: how often.
+        passes: the number of alternations.
 
     Raises:
         InputError: the models have different surfaces.
     """
-    check_alike(models, tuple(models[0].surfaces))
-    in_world = _alike_in_world(models)
+    check_same_surfaces(models, tuple(models[0].surfaces))
+    in_world = _same_orientation(models)
     first = models if in_world else models[:1]
     reference = _mean_reference(first, [np.eye(3)] * len(first), shape)
     mean = np.mean([_centred(corresponding(model, reference, np.eye(3))) for model in first], axis=0)
     for _ in range(passes):
-        turns = [aligned(model, reference, mean, in_world)[1] for model in models]
-        reference = _mean_reference(models, turns, shape)
-        mean = np.mean([placed(corresponding(m, reference, turn), mean) for m, turn in zip(models, turns)], axis=0)
+        rotations = [aligned(model, reference, mean, in_world)[1] for model in models]
+        reference = _mean_reference(models, rotations, shape)
+        pairs = zip(models, rotations)
+        mean = np.mean([aligned_rigidly(corresponding(m, reference, rotation), mean) for m, rotation in pairs], axis=0)
     return reference, mean, in_world
 
 
-def _alike_in_world(models: Sequence[DeformableModel]) -> bool:
-    """Whether models lie alike, and not anyhow; balls do, for nothing speaks against it."""
+def _same_orientation(models: Sequence[DeformableModel]) -> bool:
+    """Whether models have one orientation in the world; balls have, for nothing contradicts it."""
     name = next(iter(models[0].surfaces))
-    each = np.array([stretch(model.surfaces[name]) for model in models])
-    longer = np.mean([_deviation(one) for one in each])
-    return bool(longer < WEAK * np.trace(each.mean(axis=0)) / 3 or _deviation(each.mean(axis=0)) > ALIKE * longer)
+    each = np.array([ellipsoid_matrix(model.surfaces[name]) for model in models])
+    mean = each.mean(axis=0)
+    deviation = np.mean([_deviation(one) for one in each])
+    return bool(deviation < WEAK * np.trace(mean) / 3 or _deviation(mean) > SAME_ORIENTATION * deviation)
 
 
 def _deviation(matrix: Array) -> float:
-    """How far a stretch is from a ball's."""
+    """The Frobenius norm of the difference from the matrix of a ball."""
     return float(np.linalg.norm(matrix - np.trace(matrix) / 3 * np.eye(3)))
 
 
-def check_alike(models: Sequence[DeformableModel], names: tuple[str, ...]) -> None:
-    """See that models have the same surfaces, and only ellipsoids.
+def check_same_surfaces(models: Sequence[DeformableModel], names: tuple[str, ...]) -> None:
+    """Check that models have the same surfaces, and only ellipsoids.
 
     Raises:
         InputError: one has not.
@@ -227,18 +231,18 @@ def _centred(points: Array) -> Array:
 
 
 def _mean_reference(
-    models: Sequence[DeformableModel], turns: Sequence[Array], shape: tuple[int, int, int]
+    models: Sequence[DeformableModel], rotations: Sequence[Array], shape: tuple[int, int, int]
 ) -> Reference:
-    surfaces, doubts = {}, []
+    surfaces, uncertainties = {}, []
     outer = next(iter(models[0].surfaces))
-    for name in models[0].surfaces:
-        each = np.array([turn @ stretch(model.surfaces[name]) @ turn.T for model, turn in zip(models, turns)])
-        mean, first = each.mean(axis=0), models[0].surfaces[name]
-        floor = WEAK * float(np.trace(mean)) / 3
-        axes = _along(np.diag(first.semi_axes), mean, turns[0] @ first.rotation, floor)
+    for name, first in models[0].surfaces.items():
+        each = np.array([r @ ellipsoid_matrix(m.surfaces[name]) @ r.T for m, r in zip(models, rotations)])
+        mean = each.mean(axis=0)
+        least = WEAK * float(np.trace(mean)) / 3
+        axes = _rotation_to(np.diag(first.semi_axes), mean, rotations[0] @ first.rotation, least)
         lengths = np.einsum("ji,njk,ki->ni", axes, each, axes)
-        doubts.append(max(floor, float(lengths.std(axis=0).max())))
-        gaps = [m.surfaces[name].translation - m.surfaces[outer].translation for m in models]
-        centre = np.mean([turn @ gap for turn, gap in zip(turns, gaps)], axis=0)
+        uncertainties.append(max(least, float(lengths.std(axis=0).max())))
+        offsets = [m.surfaces[name].translation - m.surfaces[outer].translation for m in models]
+        centre = np.mean([rotation @ offset for rotation, offset in zip(rotations, offsets)], axis=0)
         surfaces[name] = Superquadric("ellipsoid", lengths.mean(axis=0), rotation=axes, translation=centre)
-    return Reference(surfaces, common_box(surfaces, shape), doubts[0])
+    return Reference(surfaces, common_box(surfaces, shape), uncertainties[0])

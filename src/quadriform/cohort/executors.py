@@ -1,4 +1,4 @@
-"""The engines: processes of this machine, dask.distributed, or whatever executor the caller has."""
+"""Pools of workers: processes of this machine, dask.distributed, or an executor of the caller."""
 
 import logging
 import multiprocessing
@@ -14,111 +14,108 @@ from typing import Any
 from quadriform.cohort.scheduling import WorkerPool
 from quadriform.errors import InputError
 
-AHEAD = 3
-"""Units on the way for each worker: one at work, and the next ones at hand."""
+PENDING = 3
+"""Tasks submitted for each worker: one at work, and the next ones."""
 LOCAL = "127.0.0.1:0"
-"""Where a cluster of our own shows its status: any free port, and to this machine alone."""
-BUSY = {
+"""Address of the status page of a local cluster: any free port, for this machine only."""
+DASK_SETTINGS = {
     "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": 1 << 30,
     "distributed.nanny.pre-spawn-environ.MALLOC_MMAP_THRESHOLD_": 1 << 30,
     "distributed.worker.profile.enabled": False,
 }
-"""Workers for fits: they keep freed memory, for the next fit needs as much (by dask's own settings they give every
-array back at once, which takes its time), and nobody looks at them a hundred times a second."""
-GLANCE = 10.0
-"""Seconds after which the number of a cluster's workers is asked for again."""
+"""Workers keep freed memory, because the next fit uses as much (by default dask returns every array at once, which is
+slow), and are not sampled by a profiler."""
+REFRESH = 10.0
+"""Seconds after which the number of workers of a cluster is requested again."""
 
 
 def cores() -> int:
-    """The cores that this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class _GivenExecutor:
-    """An executor of the caller's."""
+    """An executor of the caller."""
 
     def __init__(self, executor: Executor, workers: int) -> None:
         self.executor, self.workers = executor, workers
 
     def max_pending(self) -> int:
-        return AHEAD * self.workers
+        return PENDING * self.workers
 
     def restart(self) -> None:
-        raise BrokenExecutor("the executor broke, and there is no other; resume the run")
+        raise BrokenExecutor("the executor is broken and cannot be replaced; resume the run")
 
 
-class _ProcessPool:
-    """Processes of this machine, begun anew when one of them dies."""
+class _ProcessPool(_GivenExecutor):
+    """Processes of this machine, replaced when one of them dies."""
 
     def __init__(self, workers: int) -> None:
-        self.workers = workers
-        self.executor: Executor = self._begun()
-
-    def _begun(self) -> Executor:
-        fresh = multiprocessing.get_context("spawn")  # a fork would copy the threads' locks as they are
-        return ProcessPoolExecutor(self.workers, mp_context=fresh, initializer=_in_a_worker)
-
-    def max_pending(self) -> int:
-        return AHEAD * self.workers
+        super().__init__(_new_pool(workers), workers)
 
     def restart(self) -> None:
         self.executor.shutdown(wait=True, cancel_futures=True)
-        self.executor = self._begun()
+        self.executor = _new_pool(self.workers)
+
+
+def _new_pool(workers: int) -> ProcessPoolExecutor:
+    spawn = multiprocessing.get_context("spawn")  # a fork would copy locks that threads have taken
+    return ProcessPoolExecutor(workers, mp_context=spawn, initializer=_initialise_worker)
 
 
 class _DaskCluster:
-    """Workers of dask.distributed; their number may change. A unit whose worker died is resubmitted by dask."""
+    """Workers of dask.distributed; their number may change. A task whose worker died is resubmitted by dask."""
 
     def __init__(self, client: Any) -> None:
         self.client = client
         self.executor: Executor = client.get_executor(pure=False)
-        self._workers, self._asked = 1, -GLANCE
+        self._workers, self._requested = 1, -REFRESH
 
     def max_pending(self) -> int:
-        if time.monotonic() - self._asked > GLANCE:
-            self._workers, self._asked = max(1, sum(self.client.nthreads().values())), time.monotonic()
-        return AHEAD * self._workers
+        if time.monotonic() - self._requested > REFRESH:
+            self._workers, self._requested = max(1, sum(self.client.nthreads().values())), time.monotonic()
+        return PENDING * self._workers
 
     def restart(self) -> None:
         raise BrokenExecutor("the cluster is gone; resume the run with another")
 
 
-def _in_a_worker() -> None:
-    """One thread a worker; an interrupt is for the driver; and no worker outlives it."""
+def _initialise_worker() -> None:
+    """One thread a worker; interrupts are handled by the parent; the worker ends with its parent."""
     os.environ["OMP_NUM_THREADS"] = "1"
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:
-        threading.Thread(target=_die_with, args=(parent,), daemon=True).start()
+        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 
 
-def _die_with(parent: Any) -> None:
+def _end_with(parent: Any) -> None:
     parent.join()
     os._exit(1)
 
 
 @contextmanager
 def from_executor(executor: Executor, workers: int) -> Iterator[WorkerPool]:
-    """Any executor with so many workers; it stays open."""
+    """Return a pool over any executor with this number of workers; it is not shut down."""
     yield _GivenExecutor(executor, workers)
 
 
 @contextmanager
 def processes(workers: int) -> Iterator[WorkerPool]:
-    """So many processes of this machine."""
-    engine = _ProcessPool(workers)
+    """Return a pool of processes of this machine."""
+    pool = _ProcessPool(workers)
     try:
-        yield engine
+        yield pool
     finally:
-        engine.executor.shutdown(wait=True, cancel_futures=True)
+        pool.executor.shutdown(wait=True, cancel_futures=True)
 
 
 @contextmanager
 def cluster(address: str | None, workers: int) -> Iterator[WorkerPool]:
-    """A cluster of dask.distributed: the one at an address, or a local one of so many workers.
+    """Return a cluster of dask.distributed: the one at an address, or a local one of this number of workers.
 
     Raises:
-        InputError: nobody answers at the address.
+        InputError: there is no scheduler at the address.
     """
     import dask
     from distributed import Client, LocalCluster
@@ -126,9 +123,9 @@ def cluster(address: str | None, workers: int) -> Iterator[WorkerPool]:
     if address is None:
         local = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": LOCAL}
         with (
-            dask.config.set(BUSY),
-            LocalCluster(**local, silence_logs=logging.ERROR) as begun,
-            Client(begun) as client,
+            dask.config.set(DASK_SETTINGS),
+            LocalCluster(**local, silence_logs=logging.ERROR) as started,
+            Client(started) as client,
         ):
             yield _DaskCluster(client)
         return

@@ -1,4 +1,4 @@
-"""The subjects without a result: one row each with the error and its kind."""
+"""The table of subjects without a result: one row each with the error and its kind."""
 
 import csv
 import io
@@ -16,7 +16,7 @@ HEADER = ("id", "error", "kind")
 
 
 def write_part(results: Path, block: int, outcomes: Sequence[Outcome]) -> None:
-    """The failures of a block; a block without any has no part, and loses one that an earlier run left.
+    """Write the failures of a block; a block without any has no part, and that of an earlier run is removed.
 
     Raises:
         OutputError: it cannot be written.
@@ -32,14 +32,14 @@ def write_part(results: Path, block: int, outcomes: Sequence[Outcome]) -> None:
 
 
 def parts(results: Path) -> list[Path]:
-    """The parts that are there, in order."""
+    """Return the existing parts, in order."""
     return sorted((results / PARTS).glob("*.csv"))
 
 
 def gather(results: Path) -> int:
-    """Write the one table of all parts that are there, and return its number of rows.
+    """Write the table of all existing parts, and return its number of rows.
 
-    Another process may end while this one writes: whoever writes last looks again, so that no row is missing.
+    Another process may write a part meanwhile: the parts are compared again at the end, so that no row is missing.
 
     Raises:
         OutputError: it cannot be written.
@@ -53,7 +53,7 @@ def gather(results: Path) -> int:
 
 
 def rows(results: Path) -> list[tuple[str, ...]]:
-    """The rows of the one table, without its header; empty where there is none."""
+    """Return the rows of the table, without its header; empty where there is none."""
     return _rows(results / TABLE)
 
 
@@ -70,7 +70,7 @@ def _rows(part: Path) -> list[tuple[str, ...]]:
         with open(part, encoding="utf-8", newline="") as stream:
             return [tuple(row) for row in csv.reader(stream)][1:]
     except FileNotFoundError:
-        return []  # its block was done again meanwhile, without failures
+        return []  # another process removed it: its block has no failures now
 
 
 def _encoded(rows: Sequence[Sequence[str]]) -> bytes:

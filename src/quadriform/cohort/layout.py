@@ -1,13 +1,12 @@
-"""What all results of a cohort share, settled once by whoever begins: sizes, surfaces, frame, unit, blocks of subjects.
+"""What all results of a cohort have in common, fixed by the first run: sizes, surfaces, space, unit and blocks.
 
-A block is as many subjects as one part of the store and of the table holds. It has one writer, so that several
-processes write into one store without a lock.
+A block is the subjects of one part of the store and of the table. It has one writer, so that several processes write
+into one store without a lock.
 """
 
 import json
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,7 @@ FORMAT = "quadriform-cohort"
 VERSION = 1
 LARGEST_BLOCK = 100
 CHUNK = 10
-"""Subjects of a block, and of what a reader of the store unpacks at once."""
+"""Largest number of subjects that a reader of the store expands at once."""
 
 
 @dataclass(frozen=True)
@@ -32,15 +31,15 @@ class Layout:
     """What the results of all subjects have in common.
 
     Attributes:
-        subjects: how many.
+        subjects: number of subjects.
         sha256: of their ids in order.
-        frames: the most that a subject has; others are filled up with "not a number".
+        frames: the largest number of frames of a subject; those of others are padded with NaN.
         surfaces: names in order.
         box: control points along each axis.
-        space: frame of the world.
+        space: "LPS", "RAS" or "unknown".
         unit: of lengths.
-        block: subjects a block.
-        chunk: subjects a chunk of a block.
+        block: subjects in a block.
+        chunk: subjects in a chunk of a block.
     """
 
     subjects: int
@@ -55,29 +54,29 @@ class Layout:
 
     @property
     def blocks(self) -> int:
-        """How many blocks."""
+        """Number of blocks."""
         return -(-self.subjects // self.block)
 
     def members(self, block: int) -> range:
-        """The numbers of the subjects of a block."""
+        """Return the numbers of the subjects of a block."""
         return range(block * self.block, min((block + 1) * self.block, self.subjects))
 
-    def share(self, part: int, parts: int) -> range:
-        """The blocks of part 1, 2 ... of several, all of about the same size."""
+    def blocks_of(self, part: int, parts: int) -> range:
+        """Return the blocks of part 1, 2 ... of several, all of about the same size."""
         return range((part - 1) * self.blocks // parts, part * self.blocks // parts)
 
 
 def ensure_layout(folder: Path, manifest: Manifest, space: str | None, parts: int) -> Layout:
-    """The layout in the folder of the results, made where there is none yet; several processes get the same one.
+    """Return the layout in the folder of the results, which is written where there is none; all processes get the same.
 
     Args:
         folder: exists.
         manifest: the subjects.
-        space: frame of the world to write in, or None for that of the first subject.
-        parts: how many processes share the work, so that there is a block for each.
+        space: to write in, or None for that of the first subject.
+        parts: the number of processes, so that there is a block for each.
 
     Raises:
-        InputError: no subject can be read, or the folder holds the results of other subjects or of another box.
+        InputError: no subject can be read, or the folder has the results of other subjects or of another box.
     """
     path = folder / NAME
     if not path.exists():
@@ -85,21 +84,20 @@ def ensure_layout(folder: Path, manifest: Manifest, space: str | None, parts: in
     found = read_layout(folder)
     if (found.subjects, found.sha256, found.box) != (manifest.subjects, manifest.sha256, manifest.box):
         raise InputError(
-            f"{quoted(folder)}: holds the results of other subjects, or of another box; take another folder"
+            f"{quoted(folder)}: contains the results of other subjects, or of another box; choose another folder"
         )
     if space is not None and space != found.space:
-        raise OptionError(f"option --space={space!r}: {quoted(folder)} holds results in {found.space}")
+        raise OptionError(f"option --space={space!r}: {quoted(folder)} contains results in {found.space}")
     return found
 
 
 def _planned(manifest: Manifest, space: str | None, parts: int) -> Layout:
-    seen = list(islice(_summaries(manifest), 1))
-    if not seen:
+    first = next(_summaries(manifest), None)
+    if first is None:
         raise InputError(f"{quoted(manifest.path)}: no subject has files that can be read; paths are relative to it")
-    first = seen[0]
     frames = max(each.frames for each in _summaries(manifest))
     block = max(1, min(LARGEST_BLOCK, -(-manifest.subjects // parts)))
-    chunk = max(count for count in range(1, CHUNK + 1) if block % count == 0)  # whole chunks alone make a block
+    chunk = max(count for count in range(1, CHUNK + 1) if block % count == 0)  # Zarr: a shard has whole chunks
     return Layout(
         subjects=manifest.subjects,
         sha256=manifest.sha256,
@@ -114,7 +112,7 @@ def _planned(manifest: Manifest, space: str | None, parts: int) -> Layout:
 
 
 def _summaries(manifest: Manifest) -> Iterator[FileSummary]:
-    """What each subject's files show; those that show nothing fail later, and are then counted."""
+    """The summary of the files of each subject; those that cannot be read fail later, and are reported then."""
     for row in manifest.rows():
         try:
             yield inspect_files(row, manifest.folder)
@@ -128,7 +126,7 @@ def _encoded(layout: Layout) -> bytes:
 
 
 def read_layout(folder: Path) -> Layout:
-    """The layout of a folder of results.
+    """Return the layout of a folder of results.
 
     Raises:
         InputError, FileFormatError: there is none, or it is damaged.

@@ -1,4 +1,4 @@
-"""The list of subjects: a CSV with one row each, checked as a whole before any work, read a row at a time."""
+"""The list of subjects: a CSV with one row each, checked as a whole before any fit, read a row at a time."""
 
 import csv
 import hashlib
@@ -17,9 +17,9 @@ from quadriform.imaging.nifti_forms import AFFINES
 from quadriform.words import numbers
 
 ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
-"""What a folder can be called everywhere."""
+"""Names of folders that are valid on all systems."""
 STRATEGIES = ("cycle", "previous")
-"""Those that give one moving model."""
+"""Strategies of `track` that give one moving model."""
 READING = ("affine", "columns")
 """Options that go to the readers of files."""
 YES_NO = {"yes": True, "no": False}
@@ -32,11 +32,11 @@ class Row:
     """One subject.
 
     Attributes:
-        number: from 0, the place in the list.
-        id: its name; not shown where a row is printed.
+        number: position in the list, from 0.
+        id: its name; not part of the repr.
         input: files, patterns or a folder, relative to the folder of the list.
         surfaces: by name, in the order of the row; empty where the files name them or there is one.
-        options: how to read and fit or follow, those of the whole cohort included.
+        options: of reading and of fit or track, those of the whole cohort included.
     """
 
     number: int
@@ -47,7 +47,7 @@ class Row:
 
     @property
     def reading(self) -> dict[str, str | None]:
-        """How files are read: the transform of NIfTI headers, and the columns of tables and arrays."""
+        """Options of reading: the transform of NIfTI headers, and the columns of tables and arrays."""
         given = dict(self.options)
         return {name: given.get(name) for name in READING}
 
@@ -58,7 +58,7 @@ class Manifest:
 
     Attributes:
         path: of the CSV.
-        subjects: how many.
+        subjects: number of subjects.
         sha256: of the ids in their order.
         box: control points along each axis, the same for all.
         defaults: options of the whole cohort.
@@ -72,16 +72,16 @@ class Manifest:
 
     @property
     def folder(self) -> Path:
-        """To which the paths of the rows are relative."""
+        """The folder to which the paths of the rows are relative."""
         return self.path.absolute().parent
 
     def rows(self) -> Iterator[Row]:
-        """The subjects in order, one at a time: a list of any length takes no memory."""
+        """Return the subjects in order, read one at a time."""
         for number, (_, cells) in enumerate(_lines(self.path)):
             yield _row(number, cells, self.defaults)
 
 
-# --- words -------------------------------------------------------------------------------------------------------
+# --- options ------------------------------------------------------------------------------------------------------
 
 
 def _yes_no(text: str) -> bool:
@@ -124,20 +124,20 @@ OPTIONS: dict[str, Callable[[str], Any]] = {
     "affine": lambda text: choose(text, AFFINES, "affine"),
     "columns": str,
 }
-"""From the name of an option, a column of the list, to what reads its word."""
+"""Name of an option, which is a column of the list -> parser of its cells."""
 COLUMNS = ("id", "input", "surface", *OPTIONS)
 
 
 def option(name: str, text: str) -> Any:
-    """The value of an option.
+    """Return the value of an option from its text.
 
     Raises:
-        OptionError: an unknown name, or a word that it cannot have.
+        OptionError: an unknown name, or an invalid value.
     """
     choose(name, tuple(OPTIONS), "option")
     try:
         return OPTIONS[name](text)
-    except ValueError as error:  # an OptionError is one, too
+    except ValueError as error:  # OptionError is a ValueError
         raise OptionError(f"{name}={text!r}: {error}") from error
 
 
@@ -145,14 +145,14 @@ def option(name: str, text: str) -> Any:
 
 
 def read_manifest(path: Path, defaults: Mapping[str, Any]) -> Manifest:
-    """Check the whole list.
+    """Return the list of subjects after a check of all rows.
 
     Args:
         path: a CSV in UTF-8, with a header row: id, input and, where needed, surface and options by name.
-        defaults: options for all rows that do not say otherwise.
+        defaults: options for rows without their own.
 
     Raises:
-        InputError: faulty rows, every one named by its line.
+        InputError: faulty rows, each with its line number.
         FileFormatError: no such table.
     """
     faults: list[str] = []
@@ -168,7 +168,7 @@ def read_manifest(path: Path, defaults: Mapping[str, Any]) -> Manifest:
         except (OptionError, InputError) as error:
             faults.append(f"line {line}: {error}")
     if faults:
-        raise InputError(f"{quoted(path)}: {len(faults)} faulty rows, nothing was begun: {'; '.join(faults)}")
+        raise InputError(f"{quoted(path)}: {len(faults)} faulty rows, nothing was fitted: {'; '.join(faults)}")
     if box is None:
         raise FileFormatError(f"{quoted(path)}: expected a row for each subject under the header, found none")
     return Manifest(path, len(seen), digest.hexdigest(), box, dict(defaults))
@@ -194,7 +194,7 @@ def _lines(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
 def _check_header(header: list[str], path: Path) -> None:
     where = f"{quoted(path)}, header"
     if len(set(header)) < len(header):
-        raise FileFormatError(f"{where}: a column stands there twice: {', '.join(header)}")
+        raise FileFormatError(f"{where}: a column occurs twice: {', '.join(header)}")
     unknown = [name for name in header if name not in COLUMNS]
     if unknown or "id" not in header:
         found = f"the unknown {', '.join(map(repr, unknown))}" if unknown else "none called id"
@@ -202,7 +202,7 @@ def _check_header(header: list[str], path: Path) -> None:
 
 
 def _by_column(header: list[str], cells: list[str]) -> dict[str, str]:
-    if len(cells) != len(header):  # said of the row, among all faulty ones
+    if len(cells) != len(header):  # reported with the other faulty rows
         return {"": f"expected {len(header)} cells, found {len(cells)}"}
     return {name: cell.strip() for name, cell in zip(header, cells)}
 
@@ -237,7 +237,7 @@ def _surface(text: str) -> Surface:
 
 
 def is_label(rule: str) -> bool:
-    """Whether a surface's rule names labels of an image, not files."""
+    """Return whether the rule of a surface names labels of an image, not files."""
     return rule.startswith(("label:", "preset:"))
 
 
@@ -251,5 +251,5 @@ def _check_id(name: str, line: int, seen: dict[str, int]) -> None:
 
 def _common(box: tuple[int, int, int], first: tuple[int, int, int] | None) -> tuple[int, int, int]:
     if first is not None and box != first:
-        raise InputError(f"box {box}: expected {first} as in the rows before, for one store holds them all")
+        raise InputError(f"box {box}: expected {first} as in the rows before, for all results are in one store")
     return box

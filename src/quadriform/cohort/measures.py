@@ -1,4 +1,4 @@
-"""What is told of each subject beside its parameters: one number a row, with its unit."""
+"""The measures of a subject for the table: one number a row, with its unit."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,10 +12,12 @@ from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.record import ModelRecord
 
 WARNING = "warning "
-"""Before the kind of a warning, as a quantity with the value 1 and the sentence as its text."""
+"""Prefix of the kind of a warning; such a quantity has the value 1 and the sentence as its text."""
 NOTE = "note"
-"""A quantity with the value 1, for each note."""
+"""The quantity of a note, with the value 1."""
 LENGTHS = ("rms", "noise")
+OF_SUBJECTS = (WarningKind.BASE_MISSES, WarningKind.APEX_AMBIGUOUS)
+"""Warnings of measuring that depend on the subject; the others are the same for the whole cohort."""
 
 
 @dataclass(frozen=True)
@@ -23,10 +25,10 @@ class Measure:
     """One number of a subject.
 
     Attributes:
-        quantity: what it is.
-        frame: of which frame; None of the subject as a whole.
-        value: the number.
-        unit: of it; "1" for counts and ratios.
+        quantity: name.
+        frame: number of the frame; None for the whole subject.
+        value: in `unit`.
+        unit: "1" for counts and ratios.
         text: the sentence of a warning or a note; empty for numbers.
     """
 
@@ -44,14 +46,14 @@ def measures_of(
     about: Mapping[str, float],
     record: ModelRecord,
 ) -> tuple[Measure, ...]:
-    """All numbers of a subject.
+    """Return all measures of a subject.
 
     Args:
         models: one a frame.
         times: (F,) of the frames.
         frame_rms: (F,) RMS distance of the points of each frame.
         about: of the whole subject: points, rms, noise.
-        record: of the fit. A ventricle that cannot be measured is no warning: the measures are then not there.
+        record: of the fit. A ventricle that cannot be measured is no warning: its measures are left out.
     """
     unit = models[0].unit
     whole = dict(about) | {"parameters": models[0].n_parameters, "min det J": min(m.min_jacobian() for m in models)}
@@ -59,12 +61,12 @@ def measures_of(
     for number, (model, rms) in enumerate(zip(models, frame_rms)):
         rows.append(Measure("frame rms", number, float(rms), unit))
         rows += [Measure(f"volume {name}", number, model.volume(name), f"{unit}^3") for name in model.surfaces]
-    rows += _told(record.warnings) + [Measure(NOTE, None, 1.0, "1", note) for note in record.notes]
+    rows += _warning_rows(record.warnings) + [Measure(NOTE, None, 1.0, "1", note) for note in record.notes]
     return (*rows, *_of_the_heart(models, times))
 
 
 def _of_the_heart(models: Sequence[DeformableModel], times: Array) -> list[Measure]:
-    """Volumes, ejection fraction, mass and what else is observed of a ventricle; numbers that are no prior's word."""
+    """The observed measures of a ventricle, without those that are determined by the prior only."""
     if "endo" not in models[0].surfaces:
         return []
     try:
@@ -72,18 +74,14 @@ def _of_the_heart(models: Sequence[DeformableModel], times: Array) -> list[Measu
     except QuadriformError:
         return []
     rows = [Measure(row.quantity, None, row.value, row.unit) for row in found.rows if row.observed]
-    rows += _told({kind: text for kind, text in found.own_warnings.items() if kind in _OF_MEASURES})
+    rows += _warning_rows({kind: text for kind, text in found.own_warnings.items() if kind in OF_SUBJECTS})
     return [row for row in rows if np.isfinite(row.value)]
 
 
 def kinds_of(measures: Sequence[Measure]) -> tuple[str, ...]:
-    """The kinds of the warnings among the measures of a subject."""
+    """Return the kinds of the warnings among the measures of a subject."""
     return tuple(m.quantity.removeprefix(WARNING) for m in measures if m.quantity.startswith(WARNING))
 
 
-def _told(warnings: Warnings) -> list[Measure]:
+def _warning_rows(warnings: Warnings) -> list[Measure]:
     return [Measure(f"{WARNING}{kind}", None, 1.0, "1", text) for kind, text in warnings.items()]
-
-
-_OF_MEASURES = (WarningKind.BASE_MISSES, WarningKind.APEX_AMBIGUOUS)
-"""Of the measures' warnings those that are about a subject, and not the same for all of them."""

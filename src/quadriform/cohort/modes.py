@@ -1,4 +1,4 @@
-"""Mean and modes of a whole cohort: from a sample of it where it is large, and the scores of every subject."""
+"""Mean and modes of a cohort, from a sample of subjects where it is large, and the scores of every subject."""
 
 import io
 from collections.abc import Iterator
@@ -21,40 +21,40 @@ if TYPE_CHECKING:
 
 FOLDER = "modes"
 COUNT = 5
-"""Modes that are written and shown."""
-MOST_SHAPES = 500
-"""Subjects that the modes are made of, evenly from the list; more would say the same of the first few modes."""
-TOGETHER = 100
+"""Number of modes that are written and shown."""
+MAX_SHAPES = 500
+"""Number of subjects, evenly from the list, whose modes are computed; more do not change the first modes."""
+BATCH = 100
 
 
 @dataclass(frozen=True)
 class Modes:
-    """What the page shows of them.
+    """Mean and modes as the page shows them.
 
     Attributes:
         mean: the mean shape, about the origin.
         displacements: (M, l+1, m+1, n+1, 3), of its control points by one sigma of each mode.
         deviations: (M,) one sigma: RMS distance over the surface.
-        shares: (M,) of the variance.
-        subjects: how many they were made of.
+        variance_ratios: (M,) explained fractions of the variance.
+        subjects: number of subjects from which they were computed.
     """
 
     mean: DeformableModel
     displacements: Array
     deviations: Array
-    shares: Array
+    variance_ratios: Array
     subjects: int
 
 
 def write_modes(results: Path, layout: Layout) -> Modes | None:
-    """Write modes/mean.json, modes.npz and scores.parquet; None, and nothing written, with fewer than three models.
+    """Write modes/mean.json, modes.npz and scores.parquet, and return the modes; None for fewer than three models.
 
     Raises:
         OutputError: they cannot be written.
     """
     from quadriform.cohort.statistics import shape_modes
 
-    even = np.linspace(0, layout.subjects - 1, min(MOST_SHAPES, layout.subjects)).astype(int).tolist()
+    even = np.linspace(0, layout.subjects - 1, min(MAX_SHAPES, layout.subjects)).astype(int).tolist()
     sample = [model for _, model in models(results, layout, even)]
     if len(sample) < 3:
         return None
@@ -72,7 +72,7 @@ def _shown(found: "ShapeModes", subjects: int) -> Modes:
     mean = found.mean
     ends = found.reconstruct(np.eye(count))
     moved = np.array([end.box.control_points - mean.box.control_points for end in ends])
-    return Modes(mean, moved, found.deviations, found.shares, subjects)
+    return Modes(mean, moved, found.deviations, found.variance_ratios, subjects)
 
 
 def _arrays(modes: Modes) -> bytes:
@@ -82,13 +82,13 @@ def _arrays(modes: Modes) -> bytes:
         mean=modes.mean.box.control_points,
         displacements=modes.displacements,
         deviations=modes.deviations,
-        shares=modes.shares,
+        shares=modes.variance_ratios,
     )
     return stream.getvalue()
 
 
 def _scores(found: "ShapeModes", results: Path, layout: Layout) -> bytes:
-    """Subject, mode and score in sigmas, one a row."""
+    """A table with one row for each subject and mode; scores in standard deviations."""
     import pyarrow as pa
     from pyarrow import parquet
 
@@ -104,5 +104,5 @@ def _scores(found: "ShapeModes", results: Path, layout: Layout) -> bytes:
 
 def _in_parts(found: "ShapeModes", results: Path, layout: Layout) -> Iterator[tuple[list[str], Array]]:
     every = models(results, layout, range(layout.subjects))
-    while part := list(islice(every, TOGETHER)):
+    while part := list(islice(every, BATCH)):
         yield [name for name, _ in part], found.scores([model for _, model in part])

@@ -1,12 +1,15 @@
-"""What the table says of each subject, and of all together: read part by part, so that any cohort has room."""
+"""Summaries of each subject and of the cohort from the table of measures, which is read part by part."""
 
 import heapq
 from array import array
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import groupby
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from quadriform.cohort.measures import NOTE, WARNING
 from quadriform.cohort.stores import parts, read_measures
@@ -18,20 +21,20 @@ VOLUME = "volume "
 
 @dataclass(frozen=True, order=True)
 class SubjectSummary:
-    """One subject, in the order of trouble: warnings first, then distance.
+    """One subject; sorted by the number of warnings, then by distance.
 
     Attributes:
-        trouble: how many warnings.
+        n_warnings: number of warnings.
         rms: distance of its points to its model.
-        id: name.
+        id: of the subject.
         warnings: kind -> sentence.
         notes: sentences.
-        values: quantity -> number of the subject.
+        values: quantity -> value of the subject.
         volumes: surface -> smallest and largest over the frames.
-        frames: how many.
+        frames: number of frames.
     """
 
-    trouble: int
+    n_warnings: int
     rms: float
     id: str
     warnings: dict[str, str] = field(compare=False)
@@ -43,13 +46,13 @@ class SubjectSummary:
 
 @dataclass
 class Overview:
-    """All subjects together.
+    """All subjects of a cohort.
 
     Attributes:
-        worst: the most troubled ones, the worst first.
-        kinds: of warnings, how many subjects have each.
-        warned: subjects with any.
-        rms: of all.
+        worst: the first subjects in descending order.
+        kinds: kind of a warning -> number of subjects.
+        warned: number of subjects with warnings.
+        rms: of all subjects.
         units: of the quantities.
     """
 
@@ -61,43 +64,47 @@ class Overview:
 
 
 def overview(results: Path, most: int) -> Overview:
-    """Read the whole table once.
+    """Return the summary of the whole table.
 
     Args:
         results: folder.
-        most: how many subjects to keep.
+        most: number of subjects to keep.
     """
     found = Overview([], Counter(), 0, array("d"), {})
 
-    def told() -> Iterator[SubjectSummary]:
-        for verdict in _verdicts(results, found.units):
-            found.kinds.update(verdict.warnings.keys())
-            found.warned += bool(verdict.warnings)
-            found.rms.append(verdict.rms)
-            yield verdict
+    def counted() -> Iterator[SubjectSummary]:
+        for subject in _subjects(results, found.units):
+            found.kinds.update(subject.warnings.keys())
+            found.warned += bool(subject.warnings)
+            found.rms.append(subject.rms)
+            yield subject
 
-    found.worst = heapq.nlargest(most, told())
+    found.worst = heapq.nlargest(most, counted())  # keeps `most` subjects in memory
     return found
 
 
-def _verdicts(results: Path, units: dict[str, str]) -> Iterator[SubjectSummary]:
+def _subjects(results: Path, units: dict[str, str]) -> Iterator[SubjectSummary]:
     for part in parts(results):
         for name, rows in groupby(read_measures(part), key=lambda row: row["subject"]):
-            warnings, notes, values = {}, [], {}
-            volumes: dict[str, tuple[float, float]] = {}
-            frames = 0
+            subject = SubjectSummary(0, np.nan, name, {}, (), {}, {}, 0)
             for row in rows:
-                quantity, value = row["quantity"], row["value"]
-                units.setdefault(quantity, row["unit"])
-                if quantity.startswith(WARNING):
-                    warnings[quantity.removeprefix(WARNING)] = row.get("text") or ""
-                elif quantity == NOTE:
-                    notes.append(row.get("text") or "")
-                elif quantity.startswith(VOLUME) and row["frame"] is not None:
-                    surface = quantity.removeprefix(VOLUME)
-                    low, high = volumes.get(surface, (value, value))
-                    volumes[surface] = min(low, value), max(high, value)
-                    frames = max(frames, row["frame"] + 1)
-                elif row["frame"] is None:
-                    values[quantity] = value
-            yield SubjectSummary(len(warnings), values["rms"], name, warnings, tuple(notes), values, volumes, frames)
+                units.setdefault(row["quantity"], row["unit"])
+                subject = _with_row(subject, row)
+            yield replace(subject, n_warnings=len(subject.warnings), rms=subject.values["rms"])
+
+
+def _with_row(subject: SubjectSummary, row: dict[str, Any]) -> SubjectSummary:
+    """The summary with one row of the table more; its dictionaries are updated in place."""
+    quantity, value, frame = row["quantity"], row["value"], row["frame"]
+    if quantity.startswith(WARNING):
+        subject.warnings[quantity.removeprefix(WARNING)] = row.get("text") or ""
+    elif quantity == NOTE:
+        return replace(subject, notes=(*subject.notes, row.get("text") or ""))
+    elif quantity.startswith(VOLUME) and frame is not None:
+        surface = quantity.removeprefix(VOLUME)
+        low, high = subject.volumes.get(surface, (value, value))
+        subject.volumes[surface] = min(low, value), max(high, value)
+        return replace(subject, frames=max(subject.frames, frame + 1))
+    elif frame is None:
+        subject.values[quantity] = value
+    return subject

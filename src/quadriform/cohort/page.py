@@ -1,4 +1,4 @@
-"""The page of a cohort: verdict, mean and modes of shape in the viewer, and a table of subjects that sorts."""
+"""The page of a cohort: summary, mean and modes of shape in the viewer, and a sortable table of subjects."""
 
 import base64
 import json
@@ -21,19 +21,19 @@ from quadriform.report.viewer import Scene, viewer
 
 NAME = "cohort.html"
 MOST_SUBJECTS = 2000
-"""On the page: the most troubled ones. All are in the table of measures."""
+"""On the page: those with most warnings. All are in the table of measures."""
 MOST_FAILURES = 200
-LEAD = "Every subject's model lies in its folder beside this page; everything else on it is in this one file."
+LEAD = "The model of each subject is in its folder beside this page; everything else is in this one file."
 
 
 def write_page(results: Path, layout: Layout, modes: Modes | None) -> None:
-    """Write the page beside the results.
+    """Write the page into the folder of the results.
 
     Raises:
         InputError, OutputError: a part of the table cannot be read, or the page cannot be written.
     """
     found = overview(results, MOST_SUBJECTS)
-    parts = [_verdict(results, layout, found)]
+    parts = [_summary(results, layout, found)]
     if modes is not None:
         parts.append(_shape(modes, found.warned))
     parts += [_subjects(found, layout), _failed(results)]
@@ -41,12 +41,12 @@ def write_page(results: Path, layout: Layout, modes: Modes | None) -> None:
     write_bytes(results / NAME, page("Cohort", LEAD, parts, style), force=True)
 
 
-def _verdict(results: Path, layout: Layout, found: Overview) -> Section:
+def _summary(results: Path, layout: Layout, found: Overview) -> Section:
     done, failed = len(found.rms), len(failures.rows(results))
-    middle = f" The median RMS distance is {np.median(found.rms):.4g} {_unit(layout)}." if done else ""
+    median = f" The median RMS distance is {np.median(found.rms):.4g} {_unit(layout)}." if done else ""
     sentence = (
-        f"{done} of {layout.subjects} subjects have a model, {failed} failed; {found.warned} of the models carry "
-        f"warnings.{middle}"
+        f"{done} of {layout.subjects} subjects have a model, {failed} failed; {found.warned} of the models have "
+        f"warnings.{median}"
     )
     status = "warned" if failed or found.warned else "ok"
     body = Markup('<div class="verdict {}"><p>{}</p></div>').format(status, sentence)
@@ -66,12 +66,12 @@ def _unit(layout: Layout) -> str:
 def _shape(modes: Modes, warned: int) -> Section:
     unit = modes.mean.unit.replace("unknown", "units")
     words = [
-        f"one sigma moves the surface by {sigma:.3g} {unit} (RMS), {100 * share:.1f} % of the variance"
-        for sigma, share in zip(modes.deviations, modes.shares)
+        f"one sigma moves the surface by {sigma:.3g} {unit} (RMS), {100 * ratio:.1f} % of the variance"
+        for sigma, ratio in zip(modes.deviations, modes.variance_ratios)
     ]
     data = {
         "modes": base64.b64encode(np.ascontiguousarray(modes.displacements, dtype="<f4").tobytes()).decode(),
-        "variances": modes.shares.tolist(),
+        "variances": modes.variance_ratios.tolist(),
     }
     body = rendered(
         "cohort/modes.html.j2",
@@ -81,8 +81,8 @@ def _shape(modes: Modes, warned: int) -> Section:
         script=source("cohort/modes.js"),
     )
     text = (
-        f"Mean and principal modes of {modes.subjects} subjects in their first frame, brought to one frame and one "
-        "reference, so that control points correspond; place and orientation are taken away, size is not."
+        f"Mean and principal modes of {modes.subjects} subjects in their first frame, aligned over one reference, so "
+        "that control points correspond; position and orientation are removed, size is not."
     )
     text += " Models with warnings are among them." if warned else ""
     return Section("Shape", Markup('<p class="note">{}</p>').format(text) + body)
@@ -92,23 +92,19 @@ def _shape(modes: Modes, warned: int) -> Section:
 
 
 def _subjects(found: Overview, layout: Layout) -> Section:
-    shown = [name for name in SHOWN if any(name in verdict.values for verdict in found.worst)]
+    shown = [name for name in SHOWN if any(name in subject.values for subject in found.worst)]
     header = ["subject", "status", "warnings", "frames"]
     header += [f"{name} {_of(found, name)}".rstrip() for name in shown]
     header += [f"volume {name} {end} {_unit(layout)}^3" for name in layout.surfaces for end in ("from", "to")]
-    rows = [_row(verdict, shown, layout.surfaces) for verdict in found.worst]
+    rows = [_row(subject, shown, layout.surfaces) for subject in found.worst]
     numeric = [False, False, False, *[True] * (len(header) - 3)]
     body = rendered(
         "cohort/subjects.html.j2", header=header, rows=rows, numeric=numeric, script=source("cohort/subjects.js")
     )
-    left = len(found.rms) - len(found.worst)
-    if left:
-        body = (
-            Markup('<p class="note">{}</p>').format(
-                f"The {len(found.worst)} most troubled ones; the {left} others are in metrics/*.parquet."
-            )
-            + body
-        )
+    others = len(found.rms) - len(found.worst)
+    if others:
+        text = f"The {len(found.worst)} subjects with most warnings; the {others} others are in metrics/*.parquet."
+        body = Markup('<p class="note">{}</p>').format(text) + body
     return Section("Subjects", body)
 
 
@@ -116,17 +112,17 @@ def _of(found: Overview, quantity: str) -> str:
     return found.units.get(quantity, "").replace("unknown", "units").removeprefix("1")
 
 
-def _row(verdict: SubjectSummary, shown: Sequence[str], surfaces: Sequence[str]) -> dict[str, Any]:
-    status = "warned" if verdict.warnings else "ok"
-    cells: list[tuple[str, Any]] = [(str(verdict.frames), verdict.frames)]
-    cells += [_number(verdict.values.get(name)) for name in shown]
-    cells += [_number(end) for name in surfaces for end in verdict.volumes.get(name, (None, None))]
+def _row(subject: SubjectSummary, shown: Sequence[str], surfaces: Sequence[str]) -> dict[str, Any]:
+    status = "warned" if subject.warnings else "ok"
+    cells: list[tuple[str, Any]] = [(str(subject.frames), subject.frames)]
+    cells += [_number(subject.values.get(name)) for name in shown]
+    cells += [_number(end) for name in surfaces for end in subject.volumes.get(name, (None, None))]
     return {
-        "id": verdict.id,
-        "link": f"subjects/{quote(verdict.id)}/model.json",
+        "id": subject.id,
+        "link": f"subjects/{quote(subject.id)}/model.json",
         "status": status,
-        "warnings": verdict.warnings,
-        "notes": verdict.notes,
+        "warnings": subject.warnings,
+        "notes": subject.notes,
         "cells": cells,
     }
 

@@ -1,4 +1,4 @@
-"""A run: subjects of a share of the list go to an engine, and what comes back goes to the stores, block by block."""
+"""A run: subjects of one part of the list are processed by a pool, and their results stored block by block."""
 
 import time
 from collections import Counter
@@ -22,20 +22,20 @@ from quadriform.files.atomic import check_folder, make_folder
 from quadriform.files.reading import quoted
 
 OnOutcome = Callable[[Outcome, int, int], None]
-"""Called with each outcome, how many there are now, and how many there will be."""
+"""Called with each outcome, the number of outcomes so far, and the total."""
 
 
 @dataclass(frozen=True)
 class Choices:
-    """How a cohort is done.
+    """The options of a run.
 
     Attributes:
-        options: of all subjects that do not say otherwise, by the names of the list's columns.
-        shard: which part of how many, from 1.
-        resume: keep what is done and unchanged.
-        force: do everything again.
+        options: for subjects without their own, by the names of the list's columns.
+        shard: which part, from 1, of how many.
+        resume: keep results that are unchanged.
+        force: process all subjects again.
         strict: refuse results with warnings.
-        space: frame of the world to write in; None for that of the first subject.
+        space: to write in; None for that of the first subject.
     """
 
     options: Mapping[str, Any] = field(default_factory=dict)
@@ -55,16 +55,16 @@ class Choices:
 
 @dataclass(frozen=True)
 class Summary:
-    """What a run did.
+    """The result of a run.
 
     Attributes:
-        subjects: of its share.
-        counts: how many were "fitted", "kept" and "failed".
+        subjects: number of subjects of its part.
+        counts: numbers of "fitted", "kept" and "failed" subjects.
         complete: whether every block of the cohort is done, by this run or another.
         failed: rows of the table of failures, those of other runs included.
-        warned: how many of the subjects of its share have a model with warnings.
-        kinds: of warnings, how many of these subjects have each.
-        seconds: how long it took.
+        warned: number of subjects of its part that have a model with warnings.
+        kinds: kind of a warning -> number of these subjects.
+        seconds: duration.
         layout: of the results.
     """
 
@@ -83,28 +83,28 @@ def run(
     results: Path,
     engine: Callable[[], AbstractContextManager[WorkerPool]],
     choices: Choices,
-    told: OnOutcome = lambda _outcome, _done, _total: None,
+    report: OnOutcome = lambda _outcome, _done, _total: None,
 ) -> Summary:
-    """Do the subjects of a list, or of a share of it.
+    """Return the summary of a run over the subjects of a list, or of a part of it.
 
     Args:
         manifest: the list.
-        results: folder, made where it is missing.
-        engine: starts who does the work; called after everything was checked.
-        choices: how.
-        told: of each outcome.
+        results: folder, created where it is missing.
+        engine: starts the pool of workers; called after all checks.
+        choices: options.
+        report: called with each outcome.
 
     Raises:
         QuadriformError: the list is faulty or the results cannot be written; subjects that fail raise nothing.
     """
     begin = time.perf_counter()
     for library in ("zarr", "pyarrow", "sklearn"):
-        stores.needs(library)
+        stores.require_library(library)
     listed = read_manifest(manifest, choices.options)
     check_folder(results)
     make_folder(results)
     layout = ensure_layout(results, listed, choices.space, choices.shard[1])
-    blocks = layout.share(*choices.shard)
+    blocks = layout.blocks_of(*choices.shard)
     if not (choices.resume or choices.force):
         _refuse_done(results, listed, layout, blocks)
     stores.make_store(results, layout)
@@ -117,9 +117,11 @@ def run(
             for outcome in _stored(results, layout, _outcomes(tasks, started)):
                 counts[outcome.how] += 1
                 warned[kinds_of(outcome.measures)] += 1
-                told(outcome, counts.total(), total)
+                report(outcome, counts.total(), total)
     except BrokenExecutor as error:
-        raise OutputError(f"the workers are gone: {error}; what is done is kept, run again with --resume") from error
+        raise OutputError(
+            f"the workers are gone: {error}; finished results are kept, run again with --resume"
+        ) from error
     failed = failures.gather(results)
     complete = len(stores.parts(results)) == layout.blocks
     if complete:
@@ -141,30 +143,30 @@ def _outcomes(tasks: Iterator[Task], engine: WorkerPool) -> Iterator[Outcome]:
     for task, result in completed(tasks, work, engine):
         if isinstance(result, Outcome):
             yield result
-        else:  # the worker died of it, or the engine lost it
-            yield Outcome(task.row.number, task.row.id, FAILED, failure=Failure.lost(result))
+        else:  # the worker died
+            yield Outcome(task.row.number, task.row.id, FAILED, failure=Failure.of_worker(result))
 
 
 def _stored(results: Path, layout: Layout, outcomes: Iterator[Outcome]) -> Iterator[Outcome]:
-    """The outcomes, each passed on; a block is written when its last one is there, and forgotten."""
-    held: dict[int, dict[int, Outcome]] = {}
+    """The same outcomes; a block is written after its last one, and then released from memory."""
+    blocks: dict[int, dict[int, Outcome]] = {}
     for outcome in outcomes:
         block = outcome.number // layout.block
-        mine = held.setdefault(block, {})
+        mine = blocks.setdefault(block, {})
         mine[outcome.number] = outcome
         if len(mine) == len(layout.members(block)):
             ordered = [mine[number] for number in layout.members(block)]
             stores.write_parameters(results, layout, block, ordered)
             failures.write_part(results, block, ordered)
-            stores.write_measures(results, block, ordered)  # the last: the block is done
-            del held[block]
+            stores.write_measures(results, block, ordered)  # the last one marks the block as done
+            del blocks[block]
         yield outcome
 
 
 def _refuse_done(results: Path, listed: Manifest, layout: Layout, blocks: range) -> None:
-    """Refuse a share of which something is done already; a list of any length is looked through one by one."""
+    """Refuse a part of which a subject has results already."""
     for row in listed.rows():
         if row.number // layout.block in blocks and (subject_folder(results, row.id) / MODEL).exists():
             raise OutputError(
-                f"{quoted(results)}: holds results of these subjects already; --resume goes on, --force does all again"
+                f"{quoted(results)}: contains results of these subjects; --resume continues, --force replaces them"
             )

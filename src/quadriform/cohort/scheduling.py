@@ -1,4 +1,4 @@
-"""Units of work over any executor: a bounded number on the way, and none lost when a worker dies."""
+"""Tasks over any executor: a bounded number submitted at a time, and none lost when a worker dies."""
 
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
@@ -10,32 +10,32 @@ R = TypeVar("R")
 
 
 class WorkerPool(Protocol):
-    """Who does the work.
+    """An executor and its capacity.
 
     Attributes:
-        executor: to which units are given.
+        executor: to which tasks are submitted.
     """
 
     executor: Executor
 
     def max_pending(self) -> int:
-        """How many units to have on the way: enough that no worker waits, few enough for memory."""
+        """Return the number of tasks to have submitted: enough that no worker waits, few enough for memory."""
 
     def restart(self) -> None:
-        """A fresh executor in place of one that broke.
+        """Replace a broken executor.
 
         Raises:
-            BrokenExecutor: there is none to be had.
+            BrokenExecutor: it cannot be replaced.
         """
 
 
 def completed(tasks: Iterable[T], work: Callable[[T], R], engine: WorkerPool) -> Iterator[tuple[T, R | BaseException]]:
-    """Each task with its result, or with the error of the engine, as they are ready.
+    """Return each task with its result, or with the error of the executor, in the order of completion.
 
     Args:
-        tasks: taken one by one, as there is room.
-        work: a function of a module, that workers can find by its name.
-        engine: who does it.
+        tasks: read one by one when there is capacity.
+        work: a function of a module, which workers import by its name.
+        engine: the pool of workers.
     """
     source = iter(tasks)
     waiting: dict[Future[R], T] = {}
@@ -59,7 +59,7 @@ def completed(tasks: Iterable[T], work: Callable[[T], R], engine: WorkerPool) ->
 
 
 def _fill(waiting: dict[Future[R], T], source: Iterator[T], work: Callable[[T], R], engine: WorkerPool) -> list[T]:
-    """Give out tasks while there is room; those that a broken executor refuses come back."""
+    """Submit tasks up to the capacity; returns those that a broken executor refuses."""
     for task in islice(source, max(0, engine.max_pending() - len(waiting))):
         try:
             waiting[engine.executor.submit(work, task)] = task
@@ -69,7 +69,7 @@ def _fill(waiting: dict[Future[R], T], source: Iterator[T], work: Callable[[T], 
 
 
 def _one_by_one(suspects: list[T], work: Callable[[T], R], engine: WorkerPool) -> Iterator[tuple[T, R | BaseException]]:
-    """Units that were on the way when a worker died, each alone: the one that kills its worker again is the culprit."""
+    """Tasks that were submitted when a worker died, each alone: one that ends its worker again is the cause."""
     for task in suspects:
         try:
             yield task, engine.executor.submit(work, task).result()

@@ -1,19 +1,20 @@
-"""Statistics of shape: mean, principal modes, scores, and shapes from a few numbers, with scikit-learn's PCA.
+"""Statistics of shape: mean, principal modes, scores, and shapes of given scores, with scikit-learn's PCA.
 
-`CorrespondingShapes` is a transformer of scikit-learn: it turns a list of models or of clouds into a matrix, and stands
-at the head of any of its pipelines.
+`CorrespondingShapes` is a transformer of scikit-learn, the first step of a pipeline: it converts a list of models or of
+clouds to a matrix.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
+from warnings import warn
 
 import numpy as np
 from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.decomposition import PCA
 from sklearn.utils.validation import check_is_fitted
 
-from quadriform.cohort.alignment import aligned, check_alike, reference_of
+from quadriform.cohort.alignment import aligned, check_same_surfaces, reference_of
 from quadriform.errors import InputError, OptionError
 from quadriform.fitting.fit import fit
 from quadriform.fitting.options import check_box
@@ -26,21 +27,21 @@ Shape = Any
 
 
 class CorrespondingShapes(TransformerMixin, BaseEstimator):  # type: ignore[misc]
-    """Shapes as rows of numbers that correspond: control points over one reference, in one frame.
+    """Shapes as rows of corresponding features: control points over one reference, in one coordinate frame.
 
-    A row has three numbers a control point, 375 in 5 x 5 x 5. The distance between two rows is the RMS distance between
-    corresponding points of two surfaces, in the unit of the data. Place and orientation are taken away, size is not.
+    A row has three features for each control point, 375 for 5 x 5 x 5. The distance of two rows is the RMS distance of
+    corresponding points of two surfaces, in the unit of the data. Position and orientation are removed, size is not.
 
     Args:
         box: control points along each axis of the reference.
-        passes: how often poses and mean are found in turn.
+        passes: number of alternations of poses and mean.
 
     Attributes:
         reference_: ellipsoids and box over which shapes are expressed.
         mean_points_: (n, 3), the mean of the training shapes over the reference's points.
-        in_world_: whether the training shapes lie alike in the world, as images of patients do; else they were turned
-            by the axes of their superquadrics.
-        space_: frame of the training models.
+        in_world_: whether the training shapes have one orientation in the world, as images of patients do; else they
+            were rotated by the axes of their superquadrics.
+        space_: of the training models.
         unit_: of their lengths.
     """
 
@@ -49,7 +50,7 @@ class CorrespondingShapes(TransformerMixin, BaseEstimator):  # type: ignore[misc
         self.passes = passes
 
     def fit(self, X: Sequence[Shape], y: object = None) -> "CorrespondingShapes":
-        """Find reference and mean of one or more shapes.
+        """Compute reference and mean of one or more shapes, and return self.
 
         Raises:
             InputError: no shapes, or shapes with different surfaces.
@@ -61,14 +62,14 @@ class CorrespondingShapes(TransformerMixin, BaseEstimator):  # type: ignore[misc
         return self
 
     def transform(self, X: Sequence[Shape]) -> Array:
-        """Rows (len(X), 3 k) of shapes, each for itself.
+        """Return rows (len(X), 3 k) of shapes, each independent of the others.
 
         Raises:
             InputError: shapes with other surfaces than those of the training.
         """
         check_is_fitted(self)
         models = self._models(X)
-        check_alike(models, tuple(self.reference_.surfaces))
+        check_same_surfaces(models, tuple(self.reference_.surfaces))
         rows = []
         for model in models:
             points, _ = aligned(model, self.reference_, self.mean_points_, self.in_world_)
@@ -76,12 +77,12 @@ class CorrespondingShapes(TransformerMixin, BaseEstimator):  # type: ignore[misc
         return np.array(rows)
 
     def inverse_transform(self, X: Array) -> list[DeformableModel]:
-        """Models of rows (n, 3 k), about the origin."""
+        """Return models of rows (n, 3 k), about the origin."""
         check_is_fitted(self)
         return [self.reference_.model(row, space=self.space_, unit=self.unit_) for row in np.atleast_2d(X)]
 
     def get_feature_names_out(self, input_features: object = None) -> Any:
-        """Names of the columns, as scikit-learn asks for them."""
+        """Return the names of the columns (scikit-learn's interface)."""
         check_is_fitted(self)
         count = self.reference_.box.control_points.size
         return np.array([f"control{number // 3}_{'xyz'[number % 3]}" for number in range(count)], dtype=object)
@@ -106,7 +107,7 @@ class ShapeModes:
     """Mean and principal modes of shapes.
 
     Attributes:
-        shapes: how models become rows.
+        shapes: transformer of models to rows.
         pca: of the rows.
     """
 
@@ -124,38 +125,46 @@ class ShapeModes:
         return np.sqrt(self.pca.explained_variance_)
 
     @property
-    def shares(self) -> Array:
-        """(M,) the share of each mode in the variance."""
+    def variance_ratios(self) -> Array:
+        """(M,) the explained fraction of the variance of each mode."""
         return self.pca.explained_variance_ratio_
 
-    def modes_for(self, share: float) -> int:
-        """How many modes hold a share of the variance.
+    @property
+    def shares(self) -> Array:
+        """The name of `variance_ratios` in earlier versions."""
+        warn("ShapeModes.shares is named variance_ratios; shares will be removed", DeprecationWarning, stacklevel=2)
+        return self.variance_ratios
+
+    def modes_for(self, fraction: float) -> int:
+        """Return the number of modes that explain a fraction of the variance.
 
         Raises:
-            OptionError: all that there are hold less.
+            OptionError: all modes together explain less.
         """
-        held = np.cumsum(self.shares)
-        if not 0 < share <= held[-1] + 1e-12:
-            raise OptionError(f"share={share}: expected a number in (0, {held[-1]:.4g}], what {len(held)} modes hold")
-        return int(np.searchsorted(held, share - 1e-12)) + 1
+        total = np.cumsum(self.variance_ratios)
+        if not 0 < fraction <= total[-1] + 1e-12:
+            raise OptionError(
+                f"fraction={fraction}: expected a number in (0, {total[-1]:.4g}], that of all {len(total)} modes"
+            )
+        return int(np.searchsorted(total, fraction - 1e-12)) + 1
 
     def scores(self, shapes: Sequence[Shape]) -> Array:
-        """(n, M) how far each shape lies along each mode, in sigmas."""
+        """Return (n, M) scores of each shape along each mode, in standard deviations."""
         return self.pca.transform(self.shapes.transform(shapes)) / self.deviations
 
     def reconstruct(self, scores: Array) -> list[DeformableModel]:
-        """Models from scores (n, k) along the first k modes."""
+        """Return models of scores (n, k) along the first k modes."""
         given = np.atleast_2d(scores)
         along = (given * self.deviations[: given.shape[1]]) @ self.pca.components_[: given.shape[1]]
         return self.shapes.inverse_transform(self.pca.mean_ + along)
 
 
 def shape_modes(shapes: Sequence[Shape], modes: int | None = None, box: tuple[int, int, int] = (5, 5, 5)) -> ShapeModes:
-    """Mean and principal modes of two or more shapes.
+    """Return mean and principal modes of two or more shapes.
 
     Args:
         shapes: models, moving models (their first frames), clouds (n, 3), or clouds by name.
-        modes: how many; all unless given.
+        modes: number of modes; all unless given.
         box: control points along each axis of the reference.
 
     Raises:

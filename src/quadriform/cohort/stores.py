@@ -1,7 +1,7 @@
-"""The results of all subjects in stores that others read: parameters in Zarr, measures in Parquet.
+"""The results of all subjects in standard stores: parameters in Zarr, measures in Parquet.
 
-Both come in parts, one a block of subjects, each written once and by one process: a shard of every Zarr array, a file
-of the table. Models, one file a subject, are the source of truth; all of this can be made from them again.
+Both have one part for each block of subjects, written once and by one process: a shard of every Zarr array, a file of
+the table. The models, one file a subject, are the source of truth; all of this can be computed from them again.
 """
 
 import io
@@ -19,7 +19,7 @@ import numpy as np
 
 from quadriform import __version__
 from quadriform.cohort.layout import Layout
-from quadriform.cohort.subject import Numbers, Outcome
+from quadriform.cohort.subject import Outcome, Parameters
 from quadriform.errors import InputError, OutputError
 from quadriform.files.atomic import make_folder, write_bytes
 from quadriform.files.reading import quoted
@@ -36,12 +36,12 @@ STORE, TABLE = "parameters.zarr", "metrics"
 SUPERQUADRIC = ("a1", "a2", "a3", "e1", "e2", "phi", "theta", "psi", "tx", "ty", "tz")
 AXES = ("x", "y", "z")
 SIDES = ("s", "t", "u")
-QUIET = threading.Lock()
-"""Warnings are silenced for the whole process: two threads that do it at once give them back in the wrong order."""
+WARNINGS_LOCK = threading.Lock()
+"""Filters of warnings are global: two threads that change them at once restore them in the wrong order."""
 
 
-def needs(library: str) -> None:
-    """See that a library of the extra is there, before any work.
+def require_library(library: str) -> None:
+    """Check that a library of an extra is installed.
 
     Raises:
         InputError: it is not installed; the message has the command that does it.
@@ -57,10 +57,10 @@ def needs(library: str) -> None:
 
 
 def make_store(results: Path, layout: Layout) -> None:
-    """The empty store, unless it is there; it appears as a whole, and of several processes one makes it.
+    """Create the empty store, unless it exists: under another name, then renamed, by one process of several.
 
     Raises:
-        OutputError: it cannot be made.
+        OutputError: it cannot be created.
     """
     target = results / STORE
     if target.exists():
@@ -76,7 +76,7 @@ def make_store(results: Path, layout: Layout) -> None:
         finally:
             shutil.rmtree(draft, ignore_errors=True)
     except OSError as error:
-        raise OutputError(f"{quoted(target)}: cannot be made: {error.strerror}") from error
+        raise OutputError(f"{quoted(target)}: cannot be created: {error.strerror}") from error
 
 
 def _create(path: Path, layout: Layout) -> None:
@@ -100,7 +100,7 @@ def _create(path: Path, layout: Layout) -> None:
     for dim, names in (("surface", layout.surfaces), ("parameter", SUPERQUADRIC), ("axis", AXES), ("side", SIDES)):
         array = root.create_array(dim, shape=(len(names),), dtype="string", dimension_names=(dim,), compressors=None)
         array[:] = np.array(names, dtype=np.dtypes.StringDType())
-    with QUIET, warnings.catch_warnings():  # zarr warns that others may not know it yet; xarray looks for it first
+    with WARNINGS_LOCK, warnings.catch_warnings():  # consolidated metadata is not in Zarr 3's standard; xarray uses it
         warnings.simplefilter("ignore")
         zarr.consolidate_metadata(path)
 
@@ -129,7 +129,7 @@ def _add(
 
 
 def write_parameters(results: Path, layout: Layout, block: int, outcomes: Sequence[Outcome]) -> None:
-    """The shard of a block in every array; subjects without a result are "not a number".
+    """Write the shard of a block in every array; subjects without a result are NaN.
 
     Args:
         results: folder.
@@ -147,13 +147,13 @@ def write_parameters(results: Path, layout: Layout, block: int, outcomes: Sequen
     try:
         root = zarr.open_group(results / STORE, mode="r+")
         root["subject"][where] = np.array([each.id for each in outcomes], dtype=np.dtypes.StringDType())  # type: ignore[index]
-        for name in Numbers.__dataclass_fields__:
+        for name in Parameters.__dataclass_fields__:
             array: Any = root[name]
             values = np.full((len(members), *array.shape[1:]), np.nan)
-            for place, each in enumerate(outcomes):
-                if each.numbers is not None:
-                    own = getattr(each.numbers, name)
-                    values[place, : len(own)] = own
+            for at, each in enumerate(outcomes):
+                if each.parameters is not None:
+                    own = getattr(each.parameters, name)
+                    values[at, : len(own)] = own
             array[where] = values
     except OSError as error:
         raise OutputError(f"{quoted(results / STORE)}: writing failed: {error.strerror}") from error
@@ -162,13 +162,13 @@ def write_parameters(results: Path, layout: Layout, block: int, outcomes: Sequen
 def models(
     results: Path, layout: Layout, subjects: Iterable[int], frame: int = 0
 ) -> Iterator[tuple[str, DeformableModel]]:
-    """Ids and models of subjects, from the store, each in one frame; those without a result are left out.
+    """Return ids and models of subjects from the store, in one frame each, without subjects that have no result.
 
     Args:
         results: folder.
         layout: of the cohort.
-        subjects: their numbers, in order; neighbours are read together.
-        frame: which.
+        subjects: their numbers, in order; subjects of one chunk are read together.
+        frame: number of the frame.
 
     Raises:
         InputError: there is no store, or no such frame.
@@ -185,12 +185,12 @@ def models(
     names: Any = root["subject"]
     for chunk, numbers in groupby(subjects, key=lambda number: number // layout.chunk):
         where = slice(chunk * layout.chunk, (chunk + 1) * layout.chunk)
-        ids, held = names[where], {name: array[where, frame] for name, array in arrays.items()}
-        for place in (number - where.start for number in numbers):
-            if np.isfinite(held["origin"][place]).all():
-                box = ControlBox(*(held[name][place] for name in ("origin", "edges", "control_points")))
-                surfaces = {name: _ellipsoid(row) for name, row in zip(layout.surfaces, held["superquadrics"][place])}
-                yield str(ids[place]), DeformableModel(surfaces, box, layout.space, layout.unit)
+        ids, values = names[where], {name: array[where, frame] for name, array in arrays.items()}
+        for at in (number - where.start for number in numbers):
+            if np.isfinite(values["origin"][at]).all():
+                box = ControlBox(*(values[name][at] for name in ("origin", "edges", "control_points")))
+                surfaces = {name: _ellipsoid(row) for name, row in zip(layout.surfaces, values["superquadrics"][at])}
+                yield str(ids[at]), DeformableModel(surfaces, box, layout.space, layout.unit)
 
 
 def _ellipsoid(row: Array) -> Superquadric:
@@ -201,15 +201,15 @@ def _ellipsoid(row: Array) -> Superquadric:
 
 
 def part_name(block: int, suffix: str) -> str:
-    """File name of the part of a block."""
+    """Return the file name of the part of a block."""
     return f"{block:06d}{suffix}"
 
 
 def write_measures(results: Path, block: int, outcomes: Sequence[Outcome]) -> None:
-    """The part of a block in the table: one number a row.
+    """Write the part of a block in the table, one number a row.
 
     Raises:
-        OutputError: it cannot be written; what stood there is untouched.
+        OutputError: it cannot be written; an earlier part is unchanged.
     """
     from pyarrow import parquet
 
@@ -236,12 +236,12 @@ def _table(outcomes: Sequence[Outcome]) -> "pyarrow.Table":
 
 
 def parts(results: Path) -> list[Path]:
-    """The parts of the table that are there, in order."""
+    """Return the existing parts of the table, in order."""
     return sorted((results / TABLE).glob("*.parquet"))
 
 
 def read_measures(part: Path) -> Iterator[dict[str, Any]]:
-    """The rows of a part: subject, frame, quantity, value, unit and text (not in parts that older versions wrote).
+    """Return the rows of a part: subject, frame, quantity, value, unit and text (not in parts of older versions).
 
     Raises:
         InputError: the file is missing or damaged.

@@ -1,7 +1,7 @@
-"""The unit of work: one subject is read, fitted or followed, measured and written; doing it twice is doing it once.
+"""The task of a worker: one subject is read, fitted or tracked, measured and written; repeating it changes nothing.
 
-A subject's folder holds `model.json`, which is the source of truth, and `record.json` with what the model does not
-tell: its measures, its warnings, and the key by which a later run knows that nothing has changed since.
+The folder of a subject contains `model.json`, which is the source of truth, and `record.json` with its measures, its
+warnings, and a hash of the input by which a later run detects changes.
 """
 
 import hashlib
@@ -37,15 +37,14 @@ from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
 from quadriform.shapes.record import ModelRecord, remarks
-from quadriform.shapes.spaces import rotation_between
 
 MODEL, RECORD = "model.json", "record.json"
 FORMAT = "quadriform-cohort-record"
 VERSION = 2
-"""Since 2 with the sentences of warnings, and with notes; subjects with older records are done again."""
+"""Since 2 with the sentences of warnings, and with notes; subjects with older records are processed again."""
 ONE_FRAME = ("method", "iterations")
 SEVERAL_FRAMES = ("strategy", "period", "shift_slices")
-"""Options that only subjects of one frame, or of several, can have."""
+"""Options that apply only to subjects of one frame, or of several."""
 FITTED, KEPT, FAILED = "fitted", "kept", "failed"
 AnyModel = DeformableModel | MovingModel
 FitOrTrack = TypeVar("FitOrTrack", Fit, Track)
@@ -53,14 +52,14 @@ FitOrTrack = TypeVar("FitOrTrack", Fit, Track)
 
 @dataclass(frozen=True)
 class Task:
-    """What a worker is sent.
+    """The arguments of a worker.
 
     Attributes:
         row: of the list.
         folder: to which its paths are relative.
-        results: where the subject's folder is made.
+        results: in which the subject's folder is created.
         layout: of the cohort.
-        resume: keep what an earlier run left, when nothing has changed since.
+        resume: keep the result of an earlier run when nothing has changed since.
         strict: refuse a result with warnings.
     """
 
@@ -73,16 +72,16 @@ class Task:
 
     @property
     def target(self) -> Path:
-        """The subject's own folder."""
+        """The folder of the subject."""
         return subject_folder(self.results, self.row.id)
 
 
 @dataclass(frozen=True)
-class Numbers:
+class Parameters:
     """The parameters of a subject, (F, ...) over its frames.
 
     Attributes:
-        superquadrics: (F, S, 11), surfaces in the order of the layout, numbers as `Superquadric.parameters`.
+        superquadrics: (F, S, 11), surfaces in the order of the layout, values as `Superquadric.parameters`.
         origin: (F, 3), corner of the undeformed box.
         edges: (F, 3, 3), its sides.
         control_points: (F, l+1, m+1, n+1, 3).
@@ -110,49 +109,49 @@ class Failure:
 
     @classmethod
     def of(cls, error: BaseException, folder: Path) -> "Failure":
-        """From what was raised, in one line; paths are those of the list, as everywhere in the results."""
+        """Return the failure of an exception, in one line; paths are relative to the list, as in all results."""
         text = str(error) if isinstance(error, QuadriformError) else f"internal error: {error!r}"
         return cls(type(error).__name__, " ".join(text.replace(f"{folder}{os.sep}", "").split()))
 
     @classmethod
-    def lost(cls, error: BaseException) -> "Failure":
-        """From what an engine says of a unit that never came back; it may name the unit, and is left out."""
-        return cls(type(error).__name__, "no result came back; the worker may have died of this subject")
+    def of_worker(cls, error: BaseException) -> "Failure":
+        """Return the failure of a task without a result; the text of the executor may contain the id."""
+        return cls(type(error).__name__, "no result was returned; the worker may have died of this subject")
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What comes back from a worker: numbers and measures, or a failure.
+    """The result of a worker: parameters and measures, or a failure.
 
     Attributes:
         number: of the subject in the list.
         id: its name.
         how: "fitted", "kept" from an earlier run, or "failed".
-        numbers: None when it failed.
-        measures: likewise empty.
-        failure: None when it did not.
+        parameters: None when it failed.
+        measures: empty when it failed.
+        failure: None when it did not fail.
     """
 
     number: int
     id: str = field(repr=False)
     how: str
-    numbers: Numbers | None = field(default=None, repr=False)
+    parameters: Parameters | None = field(default=None, repr=False)
     measures: tuple[Measure, ...] = field(default=(), repr=False)
     failure: Failure | None = field(default=None, repr=False)
 
 
 def subject_folder(results: Path, name: str) -> Path:
-    """Where the results of a subject lie."""
+    """Return the folder of the results of a subject."""
     return results / "subjects" / name
 
 
 def work(task: Task) -> Outcome:
-    """Do one subject; every error becomes a row of the table of failures, none is raised.
+    """Return the outcome of one subject; errors are rows of the table of failures and are not raised.
 
-    What a worker raises is printed by some engines together with its arguments, and a subject's id with them.
+    Some executors print what a worker raises together with its arguments, which contain the id of the subject.
     """
     try:
-        with threadpool_limits(1):  # one subject a core: threads that share tiny matrices only wait for each other
+        with threadpool_limits(1):  # one subject a core: threads are no faster on small matrices
             return _work(task)
     except Exception as error:
         return Outcome(task.row.number, task.row.id, FAILED, failure=Failure.of(error, task.folder))
@@ -160,54 +159,52 @@ def work(task: Task) -> Outcome:
 
 def _work(task: Task) -> Outcome:
     files = [path for many in files_by_surface(task.row, task.folder).values() for path in many]
-    key = _key(task, [file for path in files for file in files_of(path)])
+    key = _input_hash(task, [file for path in files for file in files_of(path)])
     kept = _kept(task, key) if task.resume else None
     if kept is not None:
         return kept
-    _remove(task)  # it is out of date: if this fails, it would be taken for this one's
+    _remove(task)  # otherwise an outdated result would remain if this task fails
     frames, read = read_subject(task.row, task.folder)
     frames.notes = list(without_folders(frames.notes, files))
-    model, measures = _modelled(frames, task)
+    model, measures = _fitted_or_tracked(frames, task)
     if task.strict and model.warnings:
         raise FitError("refused for its warnings: " + "; ".join(map(str, remarks(model.warnings))))
     record = replace(model.record, title=task.row.id, sources=input_files(files_by_surface(task.row, task.folder)))
     model = replace(model, input_sha256=sha256_of(read[0], *read[1:]), record=record)
-    numbers = parameters_of(model, task.layout)
+    parameters = parameters_of(model, task.layout)
     make_folder(task.target)
     write_bytes(task.target / RECORD, _record(key, measures, model.record), force=True)
-    save(model, task.target / MODEL, force=True)  # the last: where it lies, the subject is done
-    return Outcome(task.row.number, task.row.id, FITTED, numbers, measures)
+    save(model, task.target / MODEL, force=True)  # the last file marks the subject as done
+    return Outcome(task.row.number, task.row.id, FITTED, parameters, measures)
 
 
 # --- model -------------------------------------------------------------------------------------------------------
 
 
-def _modelled(frames: FrameSeries, task: Task) -> tuple[AnyModel, tuple[Measure, ...]]:
+def _fitted_or_tracked(frames: FrameSeries, task: Task) -> tuple[AnyModel, tuple[Measure, ...]]:
     options = {name: value for name, value in task.row.options if name not in READING}
     several = len(frames.clouds) > 1
-    unfit = [name for name in (ONE_FRAME if several else SEVERAL_FRAMES) if name in options]
-    for name in unfit:
-        del options[name]  # of the whole cohort, where subjects of one frame and of several are together
-    make = _followed if several else _fitted
-    return make(frames, task, options)
+    for name in ONE_FRAME if several else SEVERAL_FRAMES:
+        options.pop(name, None)  # an option of the cohort that does not apply to this subject
+    return (_tracked if several else _fitted)(frames, task, options)
 
 
 def _fitted(frames: FrameSeries, task: Task, options: dict[str, Any]) -> tuple[AnyModel, tuple[Measure, ...]]:
     clouds = frames.clouds[0]
     found = _with_reading(fit(clouds[ALONE] if clouds.keys() == {ALONE} else clouds, **options), frames)
-    model = _marked(found.model, frames, task.layout)
+    model = _with_metadata(found.model, frames, task.layout)
     about = {"points": found.n_points, "rms": found.rms, "noise": found.noise}
     return model, measures_of([model], np.zeros(1), [found.rms], about, model.record)
 
 
-def _followed(frames: FrameSeries, task: Task, options: dict[str, Any]) -> tuple[AnyModel, tuple[Measure, ...]]:
+def _tracked(frames: FrameSeries, task: Task, options: dict[str, Any]) -> tuple[AnyModel, tuple[Measure, ...]]:
     if options.pop("shift_slices", False):
         keep_slices(frames)
         options["slices"] = frames.slices
     found = _with_reading(track(frames.clouds, **frames.with_times(options)), frames)
     if found.moving is None:
         raise InputError("expected a strategy that gives one moving model")
-    model = _marked(found.moving, frames, task.layout)
+    model = _with_metadata(found.moving, frames, task.layout)
     count = sum(len(values) for frame in found.residuals for values in frame.values())
     about = {"points": count, "rms": found.rms, "noise": found.noise}
     models = [model.at(time) for time in found.times]
@@ -215,29 +212,26 @@ def _followed(frames: FrameSeries, task: Task, options: dict[str, Any]) -> tuple
 
 
 def _with_reading(found: FitOrTrack, frames: FrameSeries) -> FitOrTrack:
-    """The same with the warnings and notes of reading the files before its own."""
+    """The same result with the warnings and notes of reading before its own."""
     warnings = join_warnings(frames.warnings, found.warnings)
     return replace(found, warnings=warnings, notes=(*frames.notes, *found.notes))
 
 
-def _marked(model: Any, frames: FrameSeries, layout: Layout) -> Any:
-    """The model with its marks, in the frame of the cohort.
+def _with_metadata(model: Any, frames: FrameSeries, layout: Layout) -> Any:
+    """The model with its space and unit, transformed to the space of the cohort.
 
     Raises:
-        InputError: in another unit, or in a frame that cannot be brought to that of the cohort.
+        InputError: in another unit, or in a space that cannot be transformed to that of the cohort.
     """
     space, unit = frames.space_and_unit
     if unit != layout.unit:
         raise InputError(f"lengths in {unit}; expected {layout.unit} as in the rest of the cohort")
-    marked = replace(model, space=space, unit=unit)
-    if space == layout.space:
-        return marked
-    rotation_between(space, layout.space)  # refuses the unknown
-    return marked.in_space(layout.space)
+    model = replace(model, space=space, unit=unit)
+    return model if space == layout.space else model.in_space(layout.space)
 
 
-def parameters_of(model: AnyModel, layout: Layout) -> Numbers:
-    """The parameters of a model, in the order of the cohort.
+def parameters_of(model: AnyModel, layout: Layout) -> Parameters:
+    """Return the parameters of a model, in the order of the cohort.
 
     Raises:
         InputError: other surfaces, another box, or more frames than the store has.
@@ -252,7 +246,7 @@ def parameters_of(model: AnyModel, layout: Layout) -> Numbers:
     shape = models[0].box.control_points.shape[:3]
     if shape != layout.box or any(surface.kind != "ellipsoid" for surface in model.surfaces.values()):
         raise InputError(f"box {shape}; expected {layout.box} around ellipsoids, as in the rest of the cohort")
-    return Numbers(
+    return Parameters(
         superquadrics=np.array([[m.surfaces[name].parameters for name in layout.surfaces] for m in models]),
         origin=np.array([m.box.origin for m in models]),
         edges=np.array([m.box.edges for m in models]),
@@ -264,8 +258,8 @@ def parameters_of(model: AnyModel, layout: Layout) -> Numbers:
 # --- record ------------------------------------------------------------------------------------------------------
 
 
-def _key(task: Task, files: list[Path]) -> str:
-    """A hash of all that the result depends on: options, version, and name, size and time of each file."""
+def _input_hash(task: Task, files: list[Path]) -> str:
+    """A hash of everything that determines the result: options, version, and name, size and time of each file."""
     row, layout = task.row, task.layout
     about = [repr(part) for part in (__version__, row.options, row.surfaces, layout.space, layout.unit, task.strict)]
     for file in files:
@@ -291,7 +285,7 @@ def _record(key: str, measures: tuple[Measure, ...], fit: ModelRecord) -> bytes:
 
 
 def _kept(task: Task, key: str) -> Outcome | None:
-    """What an earlier run left of the same work; None when there is nothing, or it cannot be used."""
+    """The outcome of an earlier run of the same task; None when there is none, or it cannot be used."""
     try:
         record = Field(_document(task.target / RECORD), "", "record")
         if record.member("version").whole() != VERSION or record.member("key").text() != key:
@@ -317,7 +311,7 @@ def _measures(field: Field) -> Iterator[Measure]:
 
 
 def _remove(task: Task) -> None:
-    """The model before its record: never a model with the record of another run."""
+    """Remove the model before its record: never a model with the record of another run."""
     for name in (MODEL, RECORD):
         try:
             (task.target / name).unlink(missing_ok=True)
