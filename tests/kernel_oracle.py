@@ -6,7 +6,7 @@ from quadriform.fitting.superquadric.batch import AXES, HOLE, POWERS, SHIFT, TUR
 from quadriform.shapes import bernstein
 from quadriform.shapes.kinds import KINDS
 
-LONGEST, KICK, SURE, SETTLED, DIFFERENCE, FLATTEST = 0.2, 0.01, 1e-6, 1e-8, 1e-6, 1e-3
+LONGEST, KICK, SURE, CONVERGED, DIFFERENCE, FLATTEST = 0.2, 0.01, 1e-6, 1e-8, 1e-6, 1e-3
 
 
 def carried(box, points):
@@ -34,57 +34,57 @@ def tangent_frames(surface, origins):
     return np.stack([first, np.cross(normal, first)], axis=2)
 
 
-def update_foot_points(surface, box, targets, origins, slides):
+def update_foot_points(surface, box, targets, origins, steps_allowed):
     origins = origins.copy()
     points, damping = carried(box, origins), np.full(len(origins), 1e-9)
-    for _ in range(slides):
-        gap = targets - points
-        trial = surface.project(origins + _flat_step(surface, box, origins, gap, damping))
-        there = carried(box, trial)
-        closer = ((targets - there) ** 2).sum(axis=1) <= (gap**2).sum(axis=1)
-        origins[closer], points[closer] = trial[closer], there[closer]
+    for _ in range(steps_allowed):
+        residual = targets - points
+        trial = surface.project(origins + _flat_step(surface, box, origins, residual, damping))
+        moved = carried(box, trial)
+        closer = ((targets - moved) ** 2).sum(axis=1) <= (residual**2).sum(axis=1)
+        origins[closer], points[closer] = trial[closer], moved[closer]
         damping = np.where(closer, 0.1 * damping, np.maximum(10 * damping, 1.0))
     return origins
 
 
-def _flat_step(surface, box, origins, gap, damping):
+def _flat_step(surface, box, origins, residual, damping):
     frame = tangent_frames(surface, origins)
     tangents = jacobian(box, origins) @ frame
     gram = np.einsum("nia,nib->nab", tangents, tangents)
     slack = (damping + 1e-12) * np.trace(gram, axis1=1, axis2=2) + 1e-300
-    pull = np.einsum("nia,ni->na", tangents, gap)
+    pull = np.einsum("nia,ni->na", tangents, residual)
     steps = np.linalg.solve(gram + slack[:, None, None] * np.eye(2), pull[:, :, None])[:, :, 0]
     move = np.einsum("nia,na->ni", frame, steps)
     reach = LONGEST * np.linalg.norm(box.edges)
     return move * np.minimum(1, reach / np.maximum(np.linalg.norm(move, axis=1), 1e-300))[:, None]
 
 
-def slide(surface, box, targets, origins, slides):
+def converge_foot_points(surface, box, targets, origins, steps_allowed):
     """Origins, points, least curvature and its direction."""
     origins, reach = origins.copy(), float(np.linalg.norm(box.edges))
     points = carried(box, origins)
     damping, least, weak = np.full(len(origins), 1e-6), np.ones(len(origins)), np.zeros_like(origins)
     active = np.arange(len(origins))
-    for _ in range(slides):
-        gap = targets[active] - points[active]
+    for _ in range(steps_allowed):
+        residual = targets[active] - points[active]
         move, promised, least[active], weak[active] = _newton_step(
-            surface, box, origins[active], gap, damping[active], reach
+            surface, box, origins[active], residual, damping[active], reach
         )
         trial = surface.project(origins[active] + move)
         way = carried(box, trial) - points[active]
-        gained, length = np.einsum("ij,ij->i", way, 2 * gap - way), np.linalg.norm(move, axis=1)
+        gained, length = np.einsum("ij,ij->i", way, 2 * residual - way), np.linalg.norm(move, axis=1)
         closer = (gained > 0) | (length < SURE * reach)
         good = active[closer]
         origins[good], points[good] = trial[closer], points[good] + way[closer]
         poor = gained < 0.25 * promised
         damping[active] = np.where(poor, 10 * np.maximum(damping[active], 1e-2), 0.1 * damping[active])
-        active = active[(length > SETTLED * reach) & (damping[active] < 1e8)]
+        active = active[(length > CONVERGED * reach) & (damping[active] < 1e8)]
         if not len(active):
             break
     return origins, points, least, weak
 
 
-def _newton_step(surface, box, origins, gap, damping, reach):
+def _newton_step(surface, box, origins, residual, damping, reach):
     frame = tangent_frames(surface, origins)
     tangents = jacobian(box, origins) @ frame
     gram = np.einsum("nia,nib->nab", tangents, tangents)
@@ -93,10 +93,10 @@ def _newton_step(surface, box, origins, gap, damping, reach):
     normal, h = unit(np.cross(tangents[:, :, 0], tangents[:, :, 1])), DIFFERENCE * reach
     ahead = np.stack([normals(surface, box, origins + h * ways[:, :, b]) for b in range(2)], axis=2)
     shape = np.einsum("nia,nib->nab", tangents, (ahead - normal[:, :, None]) / h)
-    height = np.einsum("ni,ni->n", gap, normal)
+    height = np.einsum("ni,ni->n", residual, normal)
     hessian = np.eye(2) + height[:, None, None] * (shape + shape.transpose(0, 2, 1)) / 2
     curvature, axes = np.linalg.eigh(hessian)
-    pull, size = np.einsum("nab,nia,ni->nb", axes, tangents, gap), np.abs(curvature)
+    pull, size = np.einsum("nab,nia,ni->nb", axes, tangents, residual), np.abs(curvature)
     pushed = np.where(curvature < 0, np.copysign(np.maximum(np.abs(pull), KICK * reach * size), pull), pull)
     along = pushed / (np.maximum(size, 1e-6) + damping[:, None])
     move = np.einsum("nia,nab,nb->ni", ways, axes, along)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from quadriform.fitting.superquadric.batch import Candidates, distances
-from quadriform.shapes.closest import SLIDES, _slide, surface_points, update_foot_points
+from quadriform.shapes.closest import MAX_STEPS, _converge, surface_points, update_foot_points
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superquadric import Superquadric
 from quadriform.shapes.threads import WORTH, threads_for
@@ -70,8 +70,8 @@ def test_converged_foot_points(surface, rng):
     box = deformed(surface)
     targets, origins = pulled(surface, box, rng)
     ours, (there, points, least, weak) = (
-        _slide(surface, box, targets, origins),
-        oracle.slide(surface, box, targets, origins, SLIDES),
+        _converge(surface, box, targets, origins),
+        oracle.converge_foot_points(surface, box, targets, origins, MAX_STEPS),
     )
     same = np.abs(ours.origins - there).max(axis=1) < 1e-6
     assert same.mean() > 0.97

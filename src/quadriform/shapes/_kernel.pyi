@@ -22,10 +22,10 @@ class Surface:
 def deform(box: Box, points: Array, carried: Array, threads: int) -> None: ...
 def jacobian(box: Box, points: Array, result: Array, threads: int) -> None: ...
 def normals(box: Box, surface: Surface, origins: Array, points: Array, normals: Array, threads: int) -> None: ...
-def settle(
-    box: Box, surface: Surface, diagonal: float, targets: Array, origins: Array, slides: int, threads: int
+def update_foot_points(
+    box: Box, surface: Surface, diagonal: float, targets: Array, origins: Array, steps: int, threads: int
 ) -> None: ...
-def slide(
+def converge_foot_points(
     box: Box,
     surface: Surface,
     diagonal: float,
@@ -34,7 +34,7 @@ def slide(
     points: Array,
     least: Array,
     weak: Array,
-    slides: int,
+    steps: int,
     threads: int,
 ) -> None: ...
 def distances(

@@ -1,4 +1,4 @@
-"""Where a search for the nearest surface point has to begin: a net over the surface that knows how coarse it is."""
+"""Starts of a search for the nearest surface point: a grid over the surface with bounds on what lies between."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -15,8 +15,8 @@ from quadriform.shapes.superquadric import Superquadric
 from quadriform.shapes.threads import threads_for
 
 RESOLUTION = 32
-FEW = 20
-"""Vertices that are looked at first; targets for which more of them may qualify are compared with all."""
+NEAREST = 20
+"""Vertices that are compared first; targets for which more of them may qualify are compared with all."""
 MOST = 24
 """Starts of one target; only near the centre of a sphere are there more, all as good as each other."""
 SAFETY = 1.5
@@ -29,16 +29,16 @@ Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
-class Net:
-    """Vertices of a deformed surface and what they stand for.
+class CandidateIndex:
+    """Vertices of a deformed surface, and how far the surface within their cells may be from them.
 
     Attributes:
         origins: (n, 3), before deformation.
         points: (n, 3), after.
         around: (k, n), for each the vertices of the adjoining cells that face nearly the same way, padded with the
             vertex itself: across an edge there may be a second minimum.
-        cell: (n,), the farthest that a surface point of its own cell can be.
-        curvature: (n,), how strongly the surface bends within it, 1 / radius.
+        cell: (n,), the largest distance of a surface point of its own cell.
+        curvature: (n,), the largest of the surface within the cell, 1 / radius.
     """
 
     origins: Array
@@ -48,19 +48,19 @@ class Net:
     curvature: Array
 
     @classmethod
-    def of(cls, superquadric: Superquadric, box: ControlBox) -> "Net":
-        """The net of a surface carried by a box."""
+    def of(cls, superquadric: Superquadric, box: ControlBox) -> "CandidateIndex":
+        """The index of a surface in a control box."""
         origins, quads = superquadric.grid(RESOLUTION)
         points = box.deform(origins)
         around = _neighbours(superquadric.kind)
-        places, normals = np.ascontiguousarray(points.T), np.ascontiguousarray(_vertex_normals(points, quads).T)
-        chords = np.take(places, around, axis=1) - places[:, None]  # coordinate, neighbour, vertex
+        positions, normals = np.ascontiguousarray(points.T), np.ascontiguousarray(_vertex_normals(points, quads).T)
+        chords = np.take(positions, around, axis=1) - positions[:, None]  # coordinate, neighbour, vertex
         squared = np.einsum("ikn,ikn->kn", chords, chords)
         sag = np.abs(np.einsum("ikn,in->kn", chords, normals))
         alike = np.einsum("ikn,in->kn", np.take(normals, around, axis=1), normals) > SAME_FACE
-        bend = (2 * sag / np.maximum(squared, 1e-300)).max(axis=0)
+        curvature = (2 * sag / np.maximum(squared, 1e-300)).max(axis=0)
         around = np.where(alike, around, np.arange(len(points)))
-        return cls(origins, points, around, 1.1 * np.sqrt(squared.max(axis=0)) / 2, SAFETY * bend)
+        return cls(origins, points, around, 1.1 * np.sqrt(squared.max(axis=0)) / 2, SAFETY * curvature)
 
     @property
     def _slack(self) -> Array:
@@ -74,23 +74,23 @@ class Net:
     def starts(self, targets: Array) -> tuple[Index, Index]:
         """Pairs (target, vertex) to search from, sorted; the nearest vertex of each target is among them."""
         n, slack = len(self.points), self._slack
-        distance, vertex = cKDTree(self.points).query(targets, k=FEW, workers=threads_for(len(targets)))
+        distance, vertex = cKDTree(self.points).query(targets, k=NEAREST, workers=threads_for(len(targets)))
         nearest = distance[:, :1]
         room = distance**2 - nearest**2
         owner, column = np.nonzero(room <= self.cell[vertex] ** 2 + nearest * slack[vertex])
-        crowded = np.flatnonzero(room[:, -1] <= self.cell.max() ** 2 + nearest[:, 0] * slack.max())
-        codes = [owner * n + vertex[owner, column], *self._among_all(crowded, targets, nearest[:, 0])]
+        ambiguous = np.flatnonzero(room[:, -1] <= self.cell.max() ** 2 + nearest[:, 0] * slack.max())
+        codes = [owner * n + vertex[owner, column], *self._among_all(ambiguous, targets, nearest[:, 0])]
         return self._local_minima(targets, *np.divmod(sorted_unique(np.concatenate(codes)), n))
 
-    def _among_all(self, crowded: Index, targets: Array, nearest: Array) -> list[Index]:
-        """For crowded targets all vertices that qualify, as target * n + vertex."""
+    def _among_all(self, ambiguous: Index, targets: Array, nearest: Array) -> list[Index]:
+        """For ambiguous targets all vertices that qualify, as target * n + vertex."""
         centre, n = self.points.mean(axis=0), len(self.points)
         points = self.points - centre
         columns = np.column_stack([-2 * points, -self._slack]).T
         fixed = (points**2).sum(axis=1) - self.cell**2
         codes = []
-        for start in range(0, len(crowded), BLOCK):
-            part = crowded[start : start + BLOCK]
+        for start in range(0, len(ambiguous), BLOCK):
+            part = ambiguous[start : start + BLOCK]
             x, d = targets[part] - centre, nearest[part]
             excess = np.column_stack([x, d]) @ columns
             excess += fixed
@@ -124,9 +124,9 @@ def _neighbours(kind: str) -> Index:
     n = len(vertices)
     pairs = np.concatenate([quads[:, [i, j]] for i in range(4) for j in range(4) if i != j])
     one, other = np.divmod(sorted_unique(pairs[:, 0] * n + pairs[:, 1]), n)
-    place = np.arange(len(one)) - np.searchsorted(one, np.arange(n))[one]
-    table = np.tile(np.arange(n), (int(place.max()) + 1, 1))
-    table[place, one] = other
+    rank = np.arange(len(one)) - np.searchsorted(one, np.arange(n))[one]  # of each pair among those of its vertex
+    table = np.tile(np.arange(n), (int(rank.max()) + 1, 1))
+    table[rank, one] = other
     return table
 
 

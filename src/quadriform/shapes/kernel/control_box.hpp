@@ -32,13 +32,13 @@ struct Basis {
     struct Four { // on the heap, where no alignment is promised
         Loose of;
     };
-    std::vector<Four> value[3], slope[3], up, down;
+    std::vector<Four> value[3], derivative[3], up, down;
 
     explicit Basis(const Box &box) {
         int most = 0;
         for (int a = 0; a < 3; ++a) {
             value[a].resize(box.count[a]);
-            slope[a].resize(box.count[a]);
+            derivative[a].resize(box.count[a]);
             most = std::max(most, box.count[a]);
         }
         up.resize(most);
@@ -61,7 +61,7 @@ struct Basis {
                 difference += box.lower[axis][i - 1] * up[i - 1].of * down[degree - i].of;
             if (i < degree)
                 difference -= box.lower[axis][i] * up[i].of * down[degree - 1 - i].of;
-            slope[axis][i].of = degree * difference;
+            derivative[axis][i].of = degree * difference;
         }
     }
 };
@@ -89,17 +89,17 @@ INLINED void evaluate(const Box &box, Basis &basis, const Lanes3 &point, Lanes3 
             for (int k = 0; k < box.count[2]; ++k, control += 3) {
                 add(line, control, basis.value[2][k].of);
                 if (GRADIENT)
-                    add(line_u, control, basis.slope[2][k].of);
+                    add(line_u, control, basis.derivative[2][k].of);
             }
             add(row, line, basis.value[1][j].of);
             if (GRADIENT)
-                add(row_t, line, basis.slope[1][j].of);
+                add(row_t, line, basis.derivative[1][j].of);
             if (GRADIENT)
                 add(row_u, line_u, basis.value[1][j].of);
         }
         add(sum, row, basis.value[0][i].of); // P19
         if (GRADIENT)
-            add(by_s, row, basis.slope[0][i].of);
+            add(by_s, row, basis.derivative[0][i].of);
         if (GRADIENT)
             add(by_t, row_t, basis.value[0][i].of);
         if (GRADIENT)

@@ -1,25 +1,25 @@
-// Signed first-order distances of points to superquadrics and their derivatives; what fitting/superquadric/batch.py
-// says.
+// Signed first-order distances of points to superquadrics and their derivatives, as fitting/superquadric/batch.py
+// describes them.
 #pragma once
 
 #include "superquadric.hpp"
 
 namespace quadriform {
 
-constexpr double FLATTEST = 1e-3; // least slope of F, in units of one over the longest semi-axis
+constexpr double FLATTEST = 1e-3; // least gradient of F, in units of one over the longest semi-axis
 
-struct Felt {
-    Slopes at;
+struct Evaluated {
+    Derivatives at;
     Lanes3 scaled, by_local;
     Lane steepness;
 };
 
-INLINED Felt felt(const Surface &surface, const Lanes3 &local) {
-    Felt result;
+INLINED Evaluated evaluated(const Surface &surface, const Lanes3 &local) {
+    Evaluated result;
     Lane squared{};
     for (int a = 0; a < 3; ++a)
         result.scaled[a] = local[a] / surface.axes[a];
-    result.at = surface.slopes(result.scaled);
+    result.at = surface.derivatives(result.scaled);
     for (int a = 0; a < 3; ++a) {
         result.by_local[a] = result.at.by_point[a] / surface.axes[a];
         squared += result.by_local[a] * result.by_local[a];
@@ -29,27 +29,27 @@ INLINED Felt felt(const Surface &surface, const Lanes3 &local) {
     return result;
 }
 
-// Derivatives by log axes, exponents, a turn and a shift in the surface's own frame, log(hole - 1).
+// Derivatives by log axes, exponents, a rotation and a shift in the surface's own frame, log(hole - 1).
 INLINED Lane distance(const Surface &surface, const Lanes3 &point, Lane (&derivative)[12]) {
     Lanes3 local, foot, normal;
     surface.to_local(point, local);
-    const Felt here = felt(surface, local);
-    const Lane result = (here.at.value - 1) / here.steepness; // P4
+    const Evaluated at_point = evaluated(surface, local);
+    const Lane result = (at_point.at.value - 1) / at_point.steepness; // P4
     for (int a = 0; a < 3; ++a)
-        foot[a] = local[a] - result * here.by_local[a] / here.steepness;
-    const Felt there = felt(surface, foot);
+        foot[a] = local[a] - result * at_point.by_local[a] / at_point.steepness;
+    const Evaluated at_foot = evaluated(surface, foot);
     for (int a = 0; a < 3; ++a) {
-        normal[a] = there.by_local[a] / there.steepness;
-        derivative[a] = -there.scaled[a] * there.at.by_point[a] / there.steepness;
+        normal[a] = at_foot.by_local[a] / at_foot.steepness;
+        derivative[a] = -at_foot.scaled[a] * at_foot.at.by_point[a] / at_foot.steepness;
         derivative[8 + a] = -normal[a];
     }
     for (int a = 0; a < 2; ++a)
-        derivative[3 + a] = there.at.by_exponents[a] / there.steepness;
+        derivative[3 + a] = at_foot.at.by_exponents[a] / at_foot.steepness;
     for (int a = 0; a < 3; ++a) {
         const int b = (a + 1) % 3, c = (a + 2) % 3;
         derivative[5 + a] = normal[b] * foot[c] - normal[c] * foot[b];
     }
-    derivative[11] = there.at.by_hole / there.steepness * (surface.hole - 1);
+    derivative[11] = at_foot.at.by_hole / at_foot.steepness * (surface.hole - 1);
     return result;
 }
 

@@ -1,5 +1,5 @@
-// Exponential, logarithm and square root of a few numbers at once: libraries take them one by one, at ten times the
-// price. Relative errors are a few units in the last place.
+// Exponential, logarithm and square root of four numbers at once: libraries take them one by one, at ten times the
+// cost. Relative errors are a few units in the last place.
 #pragma once
 
 #include <cmath>

@@ -74,14 +74,14 @@ WIDEST_REGISTERS
 static void normals_block(const Box &box, const Surface &surface, const double *origins, double *points,
                           double *normals, std::size_t start, std::size_t stop, std::size_t n) {
     Basis basis(box);
-    Place place;
+    SurfacePoint current;
     Lanes3 origin, normal;
     for (std::size_t first = start; first < stop; first += LANES) {
         load(origins, first, n, origin);
-        place.at(box, surface, basis, origin);
+        current.at(box, surface, basis, origin);
         for (int w = 0; w < LANES; ++w)
-            put(place.normal(w), normal, w);
-        store(place.carried, first, n, points), store(normal, first, n, normals);
+            put(current.normal(w), normal, w);
+        store(current.carried, first, n, points), store(normal, first, n, normals);
     }
 }
 
@@ -103,20 +103,20 @@ static void normals(const Box &box, const Surface &surface, In origins, Out poin
     });
 }
 
-static void settle(const Box &box, const Surface &surface, double diagonal, In targets, Out origins, int slides,
-                   int threads) {
+static void update_foot_points(const Box &box, const Surface &surface, double diagonal, In targets, Out origins,
+                               int steps, int threads) {
     const std::size_t n = targets.shape(0);
     in_blocks(n, threads, [&](std::size_t i, std::size_t j) {
-        settle_block(box, surface, diagonal, targets.data(), origins.data(), i, j, n, slides);
+        update_block(box, surface, diagonal, targets.data(), origins.data(), i, j, n, steps);
     });
 }
 
-static void slide(const Box &box, const Surface &surface, double diagonal, In targets, Out origins, Out points,
-                  Out least, Out weak, int slides, int threads) {
+static void converge_foot_points(const Box &box, const Surface &surface, double diagonal, In targets, Out origins,
+                                 Out points, Out least, Out weak, int steps, int threads) {
     const std::size_t n = targets.shape(0);
     in_blocks(n, threads, [&](std::size_t i, std::size_t j) {
-        slide_block(box, surface, diagonal, targets.data(), origins.data(), points.data(), least.data(), weak.data(), i,
-                    j, n, slides);
+        converge_block(box, surface, diagonal, targets.data(), origins.data(), points.data(), least.data(), weak.data(),
+                       i, j, n, steps);
     });
 }
 
@@ -135,15 +135,15 @@ static void distances(Codes kind, In axes, In exponents, In rotations, In transl
 }
 
 NB_MODULE(_kernel, m) {
-    using Free = nb::call_guard<nb::gil_scoped_release>;
+    using NoLock = nb::call_guard<nb::gil_scoped_release>;
     nb::class_<Box>(m, "Box").def("__init__", [](Box *at, In o, In l, In c) { new (at) Box(make_box(o, l, c)); });
     nb::class_<Surface>(m, "Surface").def("__init__", [](Surface *at, Codes k, In a, In e, In r, In t, double h) {
         new (at) Surface(make_surface(k, a, e, r, t, h));
     });
-    m.def("deform", &deform, Free());
-    m.def("jacobian", &jacobian, Free());
-    m.def("normals", &normals, Free());
-    m.def("settle", &settle, Free());
-    m.def("slide", &slide, Free());
-    m.def("distances", &distances, Free());
+    m.def("deform", &deform, NoLock());
+    m.def("jacobian", &jacobian, NoLock());
+    m.def("normals", &normals, NoLock());
+    m.def("update_foot_points", &update_foot_points, NoLock());
+    m.def("converge_foot_points", &converge_foot_points, NoLock());
+    m.def("distances", &distances, NoLock());
 }

@@ -1,4 +1,4 @@
-// Superquadrics in their own frame, divided by the semi-axes: F, its derivatives, and the way onto the surface.
+// Superquadrics in their own frame, divided by the semi-axes: F, its derivatives, and the projection onto the surface.
 // The formulas are those of superellipse.py; which norm is taken of what is data: `Kind.codes` of kinds.py.
 #pragma once
 
@@ -14,10 +14,10 @@ struct Norm {
     Lane value, by_u, by_v, by_exponent;
 };
 
-// Of the norm by u, whose share of the norm it is; at u = 0, where it may have an edge, none to either side.
-INLINED Lane slope(Lane value, Lane share, Lane u) {
+// Derivative of the norm by u, whose term is this fraction of its sum; zero at u = 0, where it may have an edge.
+INLINED Lane by_term(Lane value, Lane fraction, Lane u) {
     const auto aside = size(u) > EDGE * value;
-    return aside ? value * share / (aside ? u : constant(1)) : Lane{};
+    return aside ? value * fraction / (aside ? u : constant(1)) : Lane{};
 }
 
 INLINED Norm norm(Lane u, Lane v, double exponent) { // P10
@@ -25,12 +25,12 @@ INLINED Norm norm(Lane u, Lane v, double exponent) { // P10
     const Lane size_u = most(size(u), constant(TINY)), size_v = most(size(v), constant(TINY));
     const auto u_leads = size_u > size_v;
     const Lane larger = u_leads ? size_u : size_v, smaller = u_leads ? size_v : size_u;
-    const Lane gap = k * logarithm(most(smaller / larger, constant(TINY))),
-               ratio = exponential(gap); // of the two terms
+    const Lane log_ratio = k * logarithm(most(smaller / larger, constant(TINY))),
+               ratio = exponential(log_ratio); // of the two terms
     const Lane excess = logarithm(1 + ratio), value = larger * exponential(excess / k);
     const Lane large = 1 / (1 + ratio), small = ratio * large;
     const Lane p = u_leads ? large : small, q = u_leads ? small : large;
-    return {value, slope(value, p, u), slope(value, q, v), value * (excess - gap * small) / 2};
+    return {value, by_term(value, p, u), by_term(value, q, v), value * (excess - log_ratio * small) / 2};
 }
 
 // Terms of F in the order of TERMS in kinds.py: coordinates, the constant 1, the inner and the outer norm.
@@ -44,12 +44,12 @@ struct Kind {
     int over, under, powers[3];
 };
 
-struct Slopes {
+struct Derivatives {
     Lane value, by_point[3], by_exponents[2], by_hole;
 };
 
 // By a term itself: a coordinate has a unit gradient, the inner norm the one that is given.
-INLINED void add(Slopes &sum, Lane by, int term, const Slopes &inner) {
+INLINED void add(Derivatives &sum, Lane by, int term, const Derivatives &inner) {
     if (term < ONE) {
         sum.by_point[term] += by;
     } else if (term == INNER) {
@@ -66,26 +66,26 @@ struct Surface {
     double axes[3], exponents[2], rotation[3][3], translation[3], hole;
 
     // A norm of two terms with its derivatives, by the chain rule.
-    INLINED Slopes norm_of(const Kind::Taken &taken, const Lane (&terms)[5], const Slopes &inner) const {
+    INLINED Derivatives norm_of(const Kind::Taken &taken, const Lane (&terms)[5], const Derivatives &inner) const {
         const Norm n = norm(terms[taken.u], terms[taken.v], exponents[taken.exponent]);
-        Slopes result{n.value, {}, {}, Lane{}};
+        Derivatives result{n.value, {}, {}, Lane{}};
         add(result, n.by_u, taken.u, inner), add(result, n.by_v, taken.v, inner);
         result.by_exponents[taken.exponent] += n.by_exponent;
         return result;
     }
 
-    INLINED Slopes slopes(const Lanes3 &q) const { // P1
+    INLINED Derivatives derivatives(const Lanes3 &q) const { // P1
         Lane terms[5] = {q[0], q[1], q[2], constant(1), Lane{}};
-        Slopes inner = norm_of(kind.inner, terms, Slopes{});
+        Derivatives inner = norm_of(kind.inner, terms, Derivatives{});
         inner.value -= hole, inner.by_hole = constant(hole > 0 ? -1 : 0);
         terms[INNER] = inner.value;
-        const Slopes outer = norm_of(kind.outer, terms, inner);
-        Slopes f = kind.over == INNER ? inner : outer;
+        const Derivatives outer = norm_of(kind.outer, terms, inner);
+        Derivatives f = kind.over == INNER ? inner : outer;
         if (kind.under == ONE)
             return f;
-        Slopes below = outer;
+        Derivatives below = outer;
         if (kind.under == X) {
-            below = Slopes{most(size(q[0]), constant(LEAST_X)), {}, {}, Lane{}};
+            below = Derivatives{most(size(q[0]), constant(LEAST_X)), {}, {}, Lane{}};
             below.by_point[0] = q[0] < 0 ? constant(-1) : constant(1);
         }
         f.value /= below.value;
@@ -125,7 +125,7 @@ struct Surface {
             q[a] /= axes[a];
     }
 
-    INLINED void turned(const Slopes &at, Lanes3 &gradient) const {
+    INLINED void gradient_in_world(const Derivatives &at, Lanes3 &gradient) const {
         for (int a = 0; a < 3; ++a) {
             gradient[a] = Lane{};
             for (int b = 0; b < 3; ++b)
@@ -137,23 +137,23 @@ struct Surface {
     INLINED void gradient(const Lanes3 &points, Lanes3 &result) const {
         Lanes3 q;
         scaled(points, q);
-        turned(slopes(q), result);
+        gradient_in_world(derivatives(q), result);
     }
 
     // Points onto the surface, and the gradient there; along a ray from the centre it is the same.
     INLINED void onto(Lanes3 &points, Lanes3 &gradient) const {
         Lanes3 q;
         scaled(points, q);
-        Slopes at = slopes(q);
+        Derivatives at = derivatives(q);
         project(q, at.value);
         if (!radial())
-            at = slopes(q);
+            at = derivatives(q);
         for (int a = 0; a < 3; ++a) {
             points[a] = constant(translation[a]);
             for (int b = 0; b < 3; ++b)
                 points[a] += rotation[a][b] * axes[b] * q[b];
         }
-        turned(at, gradient);
+        gradient_in_world(at, gradient);
     }
 };
 
