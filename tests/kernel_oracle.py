@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from quadriform.fitting.superquadric.batch import AXES, HOLE, POWERS, SHIFT, TURN
+from quadriform.fitting.superquadric.batch import AXES, HOLE, POWERS, ROTATION, SHIFT
 from quadriform.shapes import bernstein
 from quadriform.shapes.kinds import KINDS
 
@@ -127,7 +127,11 @@ def _distance(candidates, index, points):
     at, by_local, steep = felt(foot)
     slopes, normal = np.empty((candidates.n_parameters, len(points))), by_local / steep[:, None]
     slopes[AXES] = (-foot / axes * at.point / steep[:, None]).T
-    slopes[POWERS], slopes[TURN], slopes[SHIFT] = (at.exponents / steep[:, None]).T, np.cross(normal, foot).T, -normal.T
+    slopes[POWERS], slopes[ROTATION], slopes[SHIFT] = (
+        (at.exponents / steep[:, None]).T,
+        np.cross(normal, foot).T,
+        -normal.T,
+    )
     if candidates.kind == "toroid":
         slopes[HOLE] = at.hole / steep * (hole - 1)
     return distance, slopes

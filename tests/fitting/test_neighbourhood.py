@@ -5,7 +5,7 @@ import pytest
 from clouds_made import cup, random_directions
 from shapes_made import even_directions, turned
 
-from quadriform.fitting.neighbourhood import Neighbourhood, crowded, has_edge, is_surface, oriented
+from quadriform.fitting.neighbourhood import Neighbourhood, dense_points, has_edge, is_surface, oriented
 
 SPHERE = even_directions(1500)
 T = np.linspace(0, 2 * np.pi, 400, endpoint=False)
@@ -114,7 +114,7 @@ def test_strangers_are_alone():
     """A hundred scattered through twenty-seven times the room of a sphere of 900."""
     strangers = np.random.default_rng(2).uniform(-3, 3, (100, 3))
     strangers = strangers[np.abs(np.linalg.norm(strangers, axis=1) - 1) > 0.5]
-    near = crowded(np.concatenate([even_directions(900), strangers]))
+    near = dense_points(np.concatenate([even_directions(900), strangers]))
     assert near[:900].all()
     assert near[900:].mean() < 0.1
 

@@ -105,12 +105,12 @@ def test_a_loop_is_the_plane_through_it():
     ring = ring + 12 * (np.cos(t)[:, None] * first + np.sin(t)[:, None] * np.cross(direction, first))
     plane = (CLOUD.mean(axis=0) + 30 * direction, 7 * direction)
     for base in (ring, ring[::-1], plane):
-        point, way = TangentOptions(base=base).beyond({"surface": CLOUD}, frame)
+        point, way = TangentOptions(base=base).half_space({"surface": CLOUD}, frame)
         np.testing.assert_allclose(way, direction, atol=1e-12)
         np.testing.assert_allclose(frame.to_world(point), plane[0], atol=1e-9)
-    below = TangentOptions(base=2 * CLOUD.mean(axis=0) - ring).beyond({"surface": CLOUD}, frame)
+    below = TangentOptions(base=2 * CLOUD.mean(axis=0) - ring).half_space({"surface": CLOUD}, frame)
     np.testing.assert_allclose(below[1], -direction, atol=1e-12)
-    assert TangentOptions().beyond({"surface": CLOUD}, frame) is None
+    assert TangentOptions().half_space({"surface": CLOUD}, frame) is None
 
 
 def test_a_box_to_go_on_from_is_not_the_papers():

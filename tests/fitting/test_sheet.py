@@ -15,8 +15,8 @@ BALL = Superquadric("ellipsoid", (1.0, 1.0, 1.0), (1.0, 1.0), np.eye(3), (0.0, 0
 CLOUD = Frame.of(lumpy(900)).to_local(lumpy(900))
 
 
-def sheet(points=CLOUD, weights=None, beyond=None):
-    return Sheet(BALL, points, np.ones(len(points)) if weights is None else weights, beyond)
+def sheet(points=CLOUD, weights=None, half_space=None):
+    return Sheet(BALL, points, np.ones(len(points)) if weights is None else weights, half_space)
 
 
 @pytest.mark.parametrize("robust", [False, True])
@@ -44,20 +44,20 @@ def test_those_alone_are_left_out_only_when_asked(rng):
     assert (np.linalg.norm(both.thinned(500, False).points, axis=1) > 2.5).any()
 
 
-@pytest.mark.parametrize("share", [0.0, 0.1, 0.3])
-def test_the_share_of_strangers_is_found(share, rng):
+@pytest.mark.parametrize("outlier_ratio", [0.0, 0.1, 0.3])
+def test_the_ratio_of_outliers_is_found(outlier_ratio, rng):
     n, sigma = 4000, 0.02
     distances = np.abs(rng.normal(0, sigma, n))
-    stranger = np.arange(n) < share * n
+    stranger = np.arange(n) < outlier_ratio * n
     distances[stranger] = rng.uniform(0, 2, stranger.sum())
     one = sheet(rng.normal(size=(n, 3)))
     one.weigh(distances, sigma)
-    assert one.inliers.mean() == pytest.approx(1 - share, abs=0.015)
+    assert one.inliers.mean() == pytest.approx(1 - outlier_ratio, abs=0.015)
     assert (one.inliers[distances > 6 * sigma] < 0.05).all()
     assert (one.inliers[distances < sigma] > 0.9).all()
 
 
-def test_weights_count_in_the_share(rng):
+def test_weights_count_in_the_inlier_ratio(rng):
     """Strangers that count ten times as much make an uncertain point more of a stranger."""
     distances = np.concatenate([np.abs(rng.normal(0, 0.02, 900)), rng.uniform(0.2, 2, 100)])
     plain, heavy = sheet(rng.normal(size=(1000, 3))), sheet(rng.normal(size=(1000, 3)))
@@ -73,7 +73,7 @@ def test_half_of_a_sphere_is_covered_only_with_its_base():
     half = half[half[:, 2] < 0]
     assert sheet(even_directions(800)).is_covered()
     assert not sheet(half).is_covered()
-    based = sheet(half, beyond=(np.zeros(3), np.array([0.0, 0.0, 1.0])))
+    based = sheet(half, half_space=(np.zeros(3), np.array([0.0, 0.0, 1.0])))
     assert based.is_covered()
     np.testing.assert_array_equal(based.missing(np.array([[0, 0, 0.1], [5, 0, -0.1]])), [True, False])
     assert not sheet(half).missing(half).any()
@@ -146,10 +146,10 @@ def test_toroids_are_matched_too():
     assert np.linalg.norm(found - grid, axis=1).max() < 0.15 * np.linalg.norm(np.ptp(grid, axis=0))
 
 
-def test_the_share_of_inliers_stays_below_one(rng):
+def test_the_inlier_ratio_stays_below_one(rng):
     """Where all points are inliers a later stranger is still told from them."""
     found = sheet()
     found.weigh(np.abs(rng.normal(size=len(CLOUD))) * 1e-3, noise=1e-3)
-    assert 0.9 < found.share < 1
+    assert 0.9 < found.inlier_ratio < 1
     assert found.probabilities(np.array([1.0]), 1e-3)[0] < 1e-3
     assert found.probabilities(np.array([1e-4]), 1e-3)[0] > 0.9

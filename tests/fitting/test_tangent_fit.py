@@ -83,10 +83,10 @@ def test_the_uncertainty_is_what_it_says(fitted):
 
 def test_the_uncertainty_is_the_spread_of_the_finer_posterior_about_the_fit(refined, rng):
     """Finer boxes drawn around the fit: their surfaces lie along the normal as far away as was said."""
-    foot, finer = refined.model.foot_points(EGG[::100]), refined.finer
-    spread = np.linalg.cholesky(finer._solution.covariance()) * finer.noise / finer._solution.noise
-    draws = finer.shift[:, None] + spread @ rng.normal(size=(len(finer.shift), 2000))
-    rows = refined.model.box.elevate(finer.degrees).matrix(foot.origins)[:, :, None] * foot.normals[:, None, :]
+    foot, enriched = refined.model.foot_points(EGG[::100]), refined.enriched
+    spread = np.linalg.cholesky(enriched._solution.covariance()) * enriched.noise / enriched._solution.noise
+    draws = enriched.shift[:, None] + spread @ rng.normal(size=(len(enriched.shift), 2000))
+    rows = refined.model.box.elevate(enriched.degrees).matrix(foot.origins)[:, :, None] * foot.normals[:, None, :]
     off = rows.reshape(len(rows), -1) @ draws
     np.testing.assert_allclose(np.sqrt((off**2).mean(axis=1)), refined.uncertainty(EGG[::100]), rtol=0.1)
 

@@ -14,16 +14,17 @@ from numpy.typing import NDArray
 from quadriform.points import Array, Frame
 
 EQUAL = 1e-9
-"""Values that differ by less than this share of their size are equal, but for rounding."""
+"""Values that differ by less than this fraction of their size are equal, but for rounding."""
 OPEN = 1e-7
-"""Eigenvalues nearer to each other than this share of the largest leave their axes open."""
-TELLS = 1e-6
-"""A moment above this share of what it could be tells a direction."""
+"""Eigenvalues nearer to each other than this fraction of the largest leave their axes open."""
+DETERMINES = 1e-6
+"""A moment above this fraction of the largest possible one determines a direction."""
 FOLDS = range(1, 7)
-"""Symmetries about an axis that are looked for: whole turns, halves, ... sixths."""
+"""Symmetries about an axis that are looked for: by 360 degrees, 180, ... 60."""
 SWEEPS = 30
 SADDLE = np.radians([20.0, 35.0, 50.0])
-"""Turns about the three axes that lead away from a frame where fourth moments are stationary without being extreme."""
+"""Rotations about the three axes that lead away from a frame where fourth moments are stationary without being
+extreme."""
 DECIMALS = 9
 """Distances that agree to so many decimals, the largest being 1, are equal: but for rounding they would be."""
 
@@ -104,7 +105,7 @@ class Centred:
 def canonical_order(points: Array) -> NDArray[np.int64]:
     """Indices of points (n, 3) by their distance from the origin; the equally far by how far to the heavier side.
 
-    So it turns and scales with the points and does not see in what order they come, on the lattices of images either.
+    So it rotates and scales with the points and does not depend on their order, on the lattices of images either.
     Of clouds whose symmetry leaves no heavier side the coordinates decide.
     """
     far = np.linalg.norm(points, axis=1)
@@ -134,8 +135,8 @@ def best_first(values: Array) -> NDArray[np.int64]:
     values = np.nan_to_num(values, nan=-np.inf)  # infinite ones become the largest numbers
     order = np.argsort(-values, kind="stable")
     falling = values[order]
-    apart = falling[:-1] / 2 - falling[1:] / 2 > EQUAL * np.maximum(np.abs(falling[1:]), 1.0)
-    group = np.concatenate([[0], np.cumsum(apart)])
+    differ = falling[:-1] / 2 - falling[1:] / 2 > EQUAL * np.maximum(np.abs(falling[1:]), 1.0)
+    group = np.concatenate([[0], np.cumsum(differ)])
     return order[np.lexsort((order, group))]
 
 
@@ -149,7 +150,8 @@ def canonical_axes(values: Array, axes: Array, points: Array) -> Array:
     """Principal axes (3, 3), columns, that do not depend on rounding.
 
     Where eigenvalues differ these are the given ones. Equal eigenvalues leave their axes open: there moments of higher
-    order tell them, which turn with the points; where these are isotropic too, the axes nearest to the coordinates'.
+    order determine them, which rotate with the points; where these are isotropic too, the axes nearest to the
+    coordinates'.
 
     Args:
         values: (3,) eigenvalues, in order.
@@ -165,16 +167,16 @@ def canonical_axes(values: Array, axes: Array, points: Array) -> Array:
     far = (points**2).sum(axis=1)
     fourth = (far[:, None] * points).T @ points
     spread, other = np.linalg.eigh(fourth)
-    if (np.diff(spread) > TELLS * spread[-1]).any():
-        apart = np.diff(spread) > TELLS * spread[-1]
-        return other if apart.all() else _around(other[:, 2 if apart[1] else 0], 2 if apart[1] else 0, points)
+    if (np.diff(spread) > DETERMINES * spread[-1]).any():
+        differ = np.diff(spread) > DETERMINES * spread[-1]
+        return other if differ.all() else _around(other[:, 2 if differ[1] else 0], 2 if differ[1] else 0, points)
     return _of_fourth_moments(points, float((far**2).sum()))
 
 
 def _around(axis: Array, index: int, points: Array) -> Array:
-    """Axes (3, 3) with a given one in its index; the others by the first symmetry about it that the points have."""
-    axis = axis * np.sign(axis[np.argmax(np.abs(axis) > np.abs(axis).max() - TELLS)])
-    beside = np.eye(3)[np.argmax(np.abs(axis) < np.abs(axis).min() + TELLS)]
+    """Axes (3, 3) with a given one at its index; the others by the first symmetry about it that the points have."""
+    axis = axis * np.sign(axis[np.argmax(np.abs(axis) > np.abs(axis).max() - DETERMINES)])
+    beside = np.eye(3)[np.argmax(np.abs(axis) < np.abs(axis).min() + DETERMINES)]
     first = beside - (beside @ axis) * axis
     first /= np.linalg.norm(first)
     second = np.cross(axis, first)
@@ -183,7 +185,7 @@ def _around(axis: Array, index: int, points: Array) -> Array:
     for fold in FOLDS:
         weights = far ** (4 if fold < 3 else 0)
         moment, most = (weights * plane**fold).sum(), (weights * np.abs(plane) ** fold).sum()
-        if np.abs(moment) > TELLS * most:
+        if np.abs(moment) > DETERMINES * most:
             moment = -moment if fold == 4 else moment  # of a square the axes are its sides, not its diagonals
             angle = _nearest_to_zero(float(np.angle(moment)) / fold, fold)
             first = np.cos(angle) * first + np.sin(angle) * second
@@ -195,28 +197,28 @@ def _around(axis: Array, index: int, points: Array) -> Array:
 def _nearest_to_zero(angle: float, fold: int) -> float:
     """One of the equivalent angles: rounding does not choose between the two ends of their range."""
     step = 2 * np.pi / fold
-    return angle - step if angle > step / 2 - TELLS else angle
+    return angle - step if angle > step / 2 - DETERMINES else angle
 
 
 def _of_fourth_moments(points: Array, most: float) -> Array:
-    """The frame (3, 3) whose sum of fourth moments is farthest from that of an isotropic cloud, by Jacobi's turns.
+    """The frame (3, 3) whose sum of fourth moments is farthest from that of an isotropic cloud, by Jacobi's rotations.
 
     In a plane that sum is a constant and the real part of a moment of (x + i y)^4: its extreme is known at once.
     """
     even = 3 / 5 * most
     found = []
-    for begin in (np.eye(3), _turned()):
+    for begin in (np.eye(3), _rotated()):
         for sign in (1.0, -1.0):
             frame = _extreme(points, begin, sign, most)
             found.append((frame, abs(float(((points @ frame) ** 4).sum()) - even)))
     frame, strength = found[best_first(np.array([each[1] for each in found]) / most)[0]]
-    return frame if strength > TELLS * most else np.eye(3)
+    return frame if strength > DETERMINES * most else np.eye(3)
 
 
 def _extreme(points: Array, frame: Array, sign: float, most: float) -> Array:
     """The frame (3, 3), reached from a given one, whose sum of fourth moments is largest (sign 1) or least (-1)."""
     for _ in range(SWEEPS):
-        turned = 0.0
+        largest = 0.0
         for i, j in combinations(range(3), 2):
             local = points @ frame
             moment = sign * ((local[:, i] + 1j * local[:, j]) ** 4).sum()
@@ -224,13 +226,13 @@ def _extreme(points: Array, frame: Array, sign: float, most: float) -> Array:
             c, s = np.cos(angle), np.sin(angle)
             frame = frame.copy()
             frame[:, [i, j]] = frame[:, [i, j]] @ np.array([[c, -s], [s, c]])
-            turned = max(turned, abs(angle))
-        if turned < 1e-14:
+            largest = max(largest, abs(angle))
+        if largest < 1e-14:
             break
     return frame
 
 
-def _turned() -> Array:
+def _rotated() -> Array:
     """A frame off all symmetries of the coordinate axes."""
     frame = np.eye(3)
     for (i, j), angle in zip(combinations(range(3), 2), SADDLE):

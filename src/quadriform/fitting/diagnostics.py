@@ -48,7 +48,7 @@ half the cloud's diagonal."""
 FAR, COARSE = 100, 1e-3
 """A cloud this many half-diagonals from the origin, on a decimal grid this coarse, was written with too few digits."""
 TYPE_POINTS = 10_000
-"""Points whose values tell the type they had."""
+"""Points whose values show the type they had."""
 
 
 def named_texts(found: Mapping[str, Warnings]) -> Warnings:
@@ -72,7 +72,7 @@ def model_warnings(
 def _of_surface(result: Result, name: str, cloud: Array, residuals: Array, inliers: Array) -> Warnings:
     counted = np.ones(len(cloud), dtype=bool) if result.counted is None else result.counted[name]
     kept, surface = inliers >= INLIER, result.model.surfaces[name]
-    coverage = partial_coverage(surface, cloud[kept], result.beyond)
+    coverage = partial_coverage(surface, cloud[kept], result.half_space)
     if (result.covered and kept.any()) or not coverage:
         coverage = _ends(name in result.ends)
     return (
@@ -84,7 +84,7 @@ def _of_surface(result: Result, name: str, cloud: Array, residuals: Array, inlie
 
 
 def outliers(inliers: Array, counted: NDArray[np.bool_] | None = None) -> Warnings:
-    """OUTLIERS where points (n,) that count, all unless said, are not of the surface."""
+    """OUTLIERS where points (n,) that count, all by default, are not of the surface."""
     found = np.flatnonzero((inliers < INLIER) & (True if counted is None else counted))
     if not len(found):
         return {}
@@ -148,11 +148,11 @@ def at_bound(found: Superquadric, longest: float) -> Warnings:
     return {WarningKind.AT_BOUND: " and ".join(parts) + ": the data does not determine them"} if parts else {}
 
 
-def partial_coverage(superquadric: Superquadric, points: Array, beyond: HalfSpace | None = None) -> Warnings:
+def partial_coverage(superquadric: Superquadric, points: Array, half_space: HalfSpace | None = None) -> Warnings:
     """PARTIAL_COVERAGE where inliers (n, 3) cover too few directions from the centre of a superellipsoid."""
     if not len(points):
         return {WarningKind.PARTIAL_COVERAGE: "no point is near the surface"}
-    covered = covered_fraction(superquadric, points, beyond) if superquadric.kind == "ellipsoid" else 1.0
+    covered = covered_fraction(superquadric, points, half_space) if superquadric.kind == "ellipsoid" else 1.0
     if covered >= COVERED:
         return {}
     text = (
@@ -244,13 +244,15 @@ def coverages(result: Result, clouds: Mapping[str, Array], inliers: Mapping[str,
     """Fraction [0, 1] of the directions from the centre that have inliers, of each superellipsoid, by its name."""
     kept = {name: cloud[inliers[name] >= INLIER] for name, cloud in clouds.items()}
     bodies = {name: body for name, body in result.model.surfaces.items() if body.kind == "ellipsoid"}
-    return {n: covered_fraction(body, kept[n], result.beyond) if len(kept[n]) else 0.0 for n, body in bodies.items()}
+    return {
+        n: covered_fraction(body, kept[n], result.half_space) if len(kept[n]) else 0.0 for n, body in bodies.items()
+    }
 
 
-def covered_fraction(superquadric: Superquadric, points: Array, beyond: HalfSpace | None = None) -> float:
+def covered_fraction(superquadric: Superquadric, points: Array, half_space: HalfSpace | None = None) -> float:
     """Fraction [0, 1] of even cells of the sphere, seen from the centre in units of the semi-axes, that have points.
 
-    Cells whose surface point lies in the half-space `beyond` (point, direction), where no data is expected, do not
+    Cells whose surface point lies in the half-space (point, direction), where no data is expected, do not
     count.
     """
     resolution = int(np.clip(np.sqrt(len(points) / PER_CELL / 6), 2, 8)) // 2 * 2
@@ -259,8 +261,8 @@ def covered_fraction(superquadric: Superquadric, points: Array, beyond: HalfSpac
     directions = scaled / np.maximum(np.linalg.norm(scaled, axis=1, keepdims=True), 1e-300)
     seen = np.zeros(len(cells), dtype=bool)
     seen[cKDTree(cells).query(directions)[1]] = True
-    if beyond is not None:
-        at, direction = beyond
+    if half_space is not None:
+        at, direction = half_space
         seen = seen[(superquadric.surface(cells) - at) @ direction <= 0]
     return float(seen.mean()) if len(seen) else 0.0
 

@@ -67,7 +67,7 @@ def fit(
 ) -> Fit:
     """Fit a superquadric, and refine it by a free-form deformation.
 
-    `quadriform.fit` says what the options are; here `points` are arrays or meshes in memory. More than 50,000 points
+    `quadriform.fit` describes the options; here `points` are arrays or meshes in memory. More than 50,000 points
     are fitted to a sample first, then to all of them, a part at a time.
 
     Raises:
@@ -213,7 +213,7 @@ def _refined(
         centred.points,
         centred.weights,
         options,
-        options.beyond(clouds.points, frame),
+        options.half_space(clouds.points, frame),
         None if options.max_error is None else options.max_error / frame.scale,
         kind,
         progress,
@@ -252,5 +252,5 @@ def _in_world(result: Result, clouds: Mapping[str, Array], frame: Frame) -> Fit:
         noise=frame.scale * noise,
         inliers=unnamed(inliers),
         covariance=None if result.covariance is None else frame.scale**2 * result.covariance,
-        finer=None if result.finer is None else replace(result.finer, scale=frame.scale),
+        enriched=None if result.enriched is None else replace(result.enriched, scale=frame.scale),
     )

@@ -11,11 +11,12 @@ DEPTH = 2.0
 """Outliers are uniform over this depth, in RMS radii of the cloud: about its diameter."""
 LEAST_SIGMA = 1e-9
 """Noise-free data would drive sigma to zero; this is rounding's place."""
-LEAST_SHARE, LARGEST_SHARE = 0.02, 0.999
+LEAST_RATIO, LARGEST_RATIO = 0.02, 0.999
 FEWEST = 10
 """Means are taken of no fewer."""
-COOLING, COLDEST = 0.75, 0.02
-"""A cooling step takes sigma down to this share of itself, and no further than this share of the candidate's size."""
+ANNEALING, LEAST_ANNEALED = 0.75, 0.02
+"""An annealing step takes sigma down to this fraction of itself, but not below this fraction of the candidate's
+size."""
 
 
 @dataclass(frozen=True)
@@ -23,30 +24,30 @@ class Mixture:
     """The mixture of M candidates.
 
     Attributes:
-        share: (M,) of inliers, in (0, 1).
+        inlier_ratio: (M,), in (0, 1).
         sigma: (M,) standard deviation of the inliers' distances.
     """
 
-    share: Array
+    inlier_ratio: Array
     sigma: Array
 
     def take(self, index: NDArray[np.int64]) -> "Mixture":
         """The chosen ones."""
-        return Mixture(self.share[index], self.sigma[index])
+        return Mixture(self.inlier_ratio[index], self.sigma[index])
 
     def joined(self, others: "Mixture") -> "Mixture":
         """These and the others."""
-        return Mixture(np.append(self.share, others.share), np.append(self.sigma, others.sigma))
+        return Mixture(np.append(self.inlier_ratio, others.inlier_ratio), np.append(self.sigma, others.sigma))
 
     def coordinates(self) -> Array:
         """Unbounded numbers (2,) of one candidate's mixture."""
-        return np.array([np.log(self.share[0] / (1 - self.share[0])), np.log(self.sigma[0])])
+        return np.array([np.log(self.inlier_ratio[0] / (1 - self.inlier_ratio[0])), np.log(self.sigma[0])])
 
     @classmethod
     def at(cls, coordinates: Array) -> "Mixture":
         """The mixture at such numbers."""
-        share = np.clip(1 / (1 + np.exp(-coordinates[:1])), LEAST_SHARE, LARGEST_SHARE)
-        return cls(share, np.maximum(np.exp(coordinates[1:]), LEAST_SIGMA))
+        inlier_ratio = np.clip(1 / (1 + np.exp(-coordinates[:1])), LEAST_RATIO, LARGEST_RATIO)
+        return cls(inlier_ratio, np.maximum(np.exp(coordinates[1:]), LEAST_SIGMA))
 
     def densities(self, distances: Array, odds: Array | float = 0.0) -> tuple[Array, Array]:
         """Probability to be an inlier and log density of distances (M, m), both (M, m).
@@ -56,48 +57,50 @@ class Mixture:
             odds: (m,) log odds to be an inlier that something else than the distance gives.
         """
         sigma = self.sigma[:, None]
-        inlier = np.log(self.share / (np.sqrt(2 * np.pi) * self.sigma))[:, None] - (distances / sigma) ** 2 / 2 + odds
-        outlier = np.log((1 - self.share) / DEPTH)[:, None]
-        gap = inlier - outlier
-        both = np.log1p(np.exp(-np.abs(gap)))
+        inlier = (
+            np.log(self.inlier_ratio / (np.sqrt(2 * np.pi) * self.sigma))[:, None] - (distances / sigma) ** 2 / 2 + odds
+        )
+        outlier = np.log((1 - self.inlier_ratio) / DEPTH)[:, None]
+        difference = inlier - outlier
+        both = np.log1p(np.exp(-np.abs(difference)))
         total = np.maximum(inlier, outlier) + both
         return np.exp(inlier - total), total
 
 
 def estimated(distances: Array, inliers: Array, weights: Array, n_parameters: int) -> Mixture:
-    """Share and sigma by one EM step; sigma with the degrees of freedom that the parameters leave."""
+    """Inlier ratio and sigma by one EM step; sigma with the degrees of freedom that the parameters leave."""
     weighted = weights * inliers
     count, total = (weighted.sum(axis=1), np.broadcast_to(weights, inliers.shape).sum(axis=1))
     freedom = np.maximum(count - n_parameters, 0.2 * count)  # a few points met exactly must not look noise-free
     sigma = np.sqrt((weighted * distances**2).sum(axis=1) / np.maximum(freedom, 1e-300))
-    share = np.clip((count + 1) / (total + 1.5), LEAST_SHARE, LARGEST_SHARE)
-    return Mixture(share, np.maximum(sigma, LEAST_SIGMA))
+    inlier_ratio = np.clip((count + 1) / (total + 1.5), LEAST_RATIO, LARGEST_RATIO)
+    return Mixture(inlier_ratio, np.maximum(sigma, LEAST_SIGMA))
 
 
 def everyone(distances: Array, weights: Array) -> Mixture:
     """Nearly all weighted points as inliers, sigma their RMS distance."""
     total = np.broadcast_to(weights, distances.shape).sum(axis=1)
     sigma = np.sqrt((weights * distances**2).sum(axis=1) / total)
-    return Mixture(np.full(len(sigma), LARGEST_SHARE), np.maximum(sigma, LEAST_SIGMA))
+    return Mixture(np.full(len(sigma), LARGEST_RATIO), np.maximum(sigma, LEAST_SIGMA))
 
 
-def cooled(mixture: Mixture, sizes: Array) -> Mixture:
-    """A smaller sigma whatever the data says, so that a surface between two bodies must choose one of them.
+def annealed(mixture: Mixture, sizes: Array) -> Mixture:
+    """A smaller sigma whatever the data suggests, so that a surface between two bodies must choose one of them.
 
     Args:
         mixture: of M candidates.
         sizes: (M,) of the candidates at the start.
     """
-    return Mixture(np.full(len(sizes), 0.6), np.maximum(mixture.sigma * COOLING, COLDEST * sizes))
+    return Mixture(np.full(len(sizes), 0.6), np.maximum(mixture.sigma * ANNEALING, LEAST_ANNEALED * sizes))
 
 
-def crowding_odds(reach: Array, inliers: Array) -> Array:
-    """Log odds (n,) of each point to be an inlier by how near its neighbours are: strays are lonely.
+def density_odds(reach: Array, inliers: Array) -> Array:
+    """Log odds (n,) of each point to be an inlier by how near its neighbours are: outliers are isolated.
 
-    Without them a surface gains by bending, where nothing was measured, to the strays that happen to lie there. They
-    speak against points only: a stray beside the surface has neighbours too. The log distance is taken as normal around
-    one mean for inliers and another for outliers, with one variance; where inliers are not the more crowded ones, or
-    either kind has too few to tell, nothing is said.
+    Without them a surface gains by bending, where nothing was measured, to outliers that happen to lie there. They
+    lower odds only: an outlier beside the surface has neighbours too. The log distance is taken as normal around
+    one mean for inliers and another for outliers, with one variance; where inliers are not the denser ones, or
+    either kind has too few points, the odds are even.
 
     Args:
         reach: (n,) distance of each point to its last near neighbour.
@@ -106,7 +109,7 @@ def crowding_odds(reach: Array, inliers: Array) -> Array:
     outliers = 1 - inliers
     if outliers.sum() < FEWEST or inliers.sum() < FEWEST:
         return np.zeros(len(reach))
-    crowd = np.log(np.maximum(reach, 1e-300))
-    near, far = (crowd @ inliers) / inliers.sum(), (crowd @ outliers) / outliers.sum()
-    variance = (inliers @ (crowd - near) ** 2 + outliers @ (crowd - far) ** 2) / len(crowd)
-    return np.minimum(max(far - near, 0.0) / variance * ((near + far) / 2 - crowd), 0)
+    distance = np.log(np.maximum(reach, 1e-300))
+    near, far = (distance @ inliers) / inliers.sum(), (distance @ outliers) / outliers.sum()
+    variance = (inliers @ (distance - near) ** 2 + outliers @ (distance - far) ** 2) / len(distance)
+    return np.minimum(max(far - near, 0.0) / variance * ((near + far) / 2 - distance), 0)

@@ -1,4 +1,4 @@
-"""What the neighbours of each point tell: which way the cloud faces, where it runs, who is alone, whether it ends."""
+"""What neighbours determine: normals, the direction of curves, isolated points, edges, independent points."""
 
 from dataclasses import dataclass
 
@@ -17,16 +17,17 @@ SURFACE = 0.4
 """Most points on a surface are flatter than this; in a filled volume they are not."""
 EVEN = 0.25
 """Flatness that 12 neighbours on an evenly sampled surface have at least; a curve has less."""
-CROWD, LONELY = 10, 3.0
+DENSE_RANK, ISOLATED_RATIO = 10, 3.0
 """A point is alone when its tenth neighbour is farther than three times the usual."""
 TIE, TIED = 1e-6, 12
-"""Distances that differ by this share are equal, but for rounding; so many neighbours more are looked at for them."""
+"""Distances that differ by this fraction are equal, but for rounding; so many more neighbours are compared for them."""
 DISAGREE = 0.05
 """Given normals of which more pairs of neighbours face opposite ways have arbitrary signs."""
-AROUND, EDGE_GAP, EDGES = 20, np.radians(150), 0.01
-"""At an edge 20 neighbours leave a gap of 150 degrees; of a closed surface less than one point in a hundred does."""
-FACES_APART, ABOVE_NOISE, SMOOTHEST = 0.05, 4.0, 0.1
-"""Two faces meet where heights differ from a smooth surface by more than the first, a share of the neighbours' RMS
+AROUND, EDGE_ANGLE, EDGES = 20, np.radians(150), 0.01
+"""At an edge 20 neighbours leave an angle of 150 degrees empty; of a closed surface less than one point in a hundred
+does."""
+FACES_DISTANCE, ABOVE_NOISE, SMOOTHEST = 0.05, 4.0, 0.1
+"""Two faces meet where heights differ from a smooth surface by more than the first, a fraction of the neighbours' RMS
 distance, and by more than the second times the noise: what they differ by at the smoothest tenth of the points."""
 ISOLATED = np.sqrt(2.0)
 """Points whose neighbours are this many times farther away than those of the median point are not on a surface of the
@@ -65,7 +66,7 @@ class Neighbourhood:
         return Neighbourhood(self.along[index], self.normals[index], self.flatness[index])
 
     def alone_across(self) -> Array:
-        """How little the data says across the line it runs along, (n,): 0 on a surface, 1 on a curve."""
+        """How little the data determines across the line it runs along, (n,): 0 on a surface, 1 on a curve."""
         return np.clip(1 - self.flatness / EVEN, 0, 1) ** 2
 
 
@@ -84,7 +85,7 @@ def outward_normals(points: Array, given: Array) -> Array:
 
 
 def oriented(points: Array, normals: Array) -> Array:
-    """The normals (n, 3) turned to agree with their neighbours, outwards (after Hoppe et al. 1992).
+    """The normals (n, 3) with signs that agree with their neighbours, outwards (after Hoppe et al. 1992).
 
     Signs are carried along the flattest paths; an edge straight through a thin wall, along the normals, is no path.
     The outermost point of each connected part faces outwards.
@@ -108,22 +109,22 @@ def oriented(points: Array, normals: Array) -> Array:
 
 def _flattest_paths(points: Array, normals: Array) -> coo_matrix:
     near, counts = nearest(points, points, NEIGHBOURS)
-    rows, place = counts[:, 1:].nonzero()
-    columns = near[rows, place + 1]
+    rows, rank = counts[:, 1:].nonzero()
+    columns = near[rows, rank + 1]
     edge = points[columns] - points[rows]
     edge /= np.maximum(np.linalg.norm(edge, axis=1, keepdims=True), 1e-300)
     through = [np.einsum("ij,ij->i", edge, normals[end]) ** 2 for end in (rows, columns)]
-    turn = 1 - np.abs(np.einsum("ij,ij->i", normals[rows], normals[columns]))
-    cost = turn + np.maximum(*through) + 1e-6  # zero would mean no edge
+    deviation = 1 - np.abs(np.einsum("ij,ij->i", normals[rows], normals[columns]))
+    cost = deviation + np.maximum(*through) + 1e-6  # zero would mean no edge
     graph = coo_matrix((cost, (rows, columns)), shape=(len(points),) * 2).tocsr()
     tree = minimum_spanning_tree(graph.maximum(graph.T))
     return tree + tree.T
 
 
-def crowded(points: Array) -> NDArray[np.bool_]:
-    """Which points (n,) have neighbours as near as most do; strangers scattered through space have not."""
-    reach = cKDTree(points).query(points, k=[min(CROWD, len(points))], workers=threads_for(len(points)))[0][:, 0]
-    return reach <= LONELY * np.median(reach)
+def dense_points(points: Array) -> NDArray[np.bool_]:
+    """Which points (n,) have neighbours as near as most do; outliers scattered through space have not."""
+    reach = cKDTree(points).query(points, k=[min(DENSE_RANK, len(points))], workers=threads_for(len(points)))[0][:, 0]
+    return reach <= ISOLATED_RATIO * np.median(reach)
 
 
 def is_surface(neighbourhood: Neighbourhood) -> bool:
@@ -132,10 +133,10 @@ def is_surface(neighbourhood: Neighbourhood) -> bool:
 
 
 def has_edge(points: Array, neighbourhood: Neighbourhood) -> bool:
-    """Whether a sampled surface ends somewhere: its last points see a wide gap in their tangent plane.
+    """Whether a sampled surface ends somewhere: its last points have a wide empty angle in their tangent plane.
 
-    Beside a crease of less than a right angle, such as the rim of a cone, points see such a gap too, because both
-    faces lie on the same side of it; these do not count, for the surface goes on there.
+    Beside a crease of less than a right angle, such as the rim of a cone, points have such an empty angle too, because
+    both faces lie on the same side of it; these do not count, for the surface goes on there.
     """
     near, counts = nearest(points, points, AROUND + 1)
     offset, counts = points[near[:, 1:]] - points[:, None, :], counts[:, 1:]
@@ -144,10 +145,10 @@ def has_edge(points: Array, neighbourhood: Neighbourhood) -> bool:
     angle = np.arctan2(across, along)
     angle = np.sort(np.where(counts, angle, angle[:, :1]), axis=1)
     around = np.concatenate([angle, angle[:, :1] + 2 * np.pi], axis=1)
-    gap = np.diff(around, axis=1).max(axis=1) > EDGE_GAP
-    if gap.mean() < EDGES:
+    wide = np.diff(around, axis=1).max(axis=1) > EDGE_ANGLE
+    if wide.mean() < EDGES:
         return False
-    return bool((gap & ~_creased(along, across, height, counts)).mean() >= EDGES)
+    return bool((wide & ~_creased(along, across, height, counts)).mean() >= EDGES)
 
 
 def _creased(along: Array, across: Array, height: Array, counts: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -165,7 +166,7 @@ def _creased(along: Array, across: Array, height: Array, counts: NDArray[np.bool
     left = np.abs(z - np.einsum("nkj,nj->nk", basis, np.einsum("nkj,nk->nj", basis, z)))
     left = np.sort(np.where(counts, left, np.inf), axis=1)
     middle = left[np.arange(len(left)), count // 2]  # the median: one outlier among the neighbours is no second face
-    return dense & (middle > np.maximum(FACES_APART, ABOVE_NOISE * np.quantile(middle, SMOOTHEST)))
+    return dense & (middle > np.maximum(FACES_DISTANCE, ABOVE_NOISE * np.quantile(middle, SMOOTHEST)))
 
 
 def nearest(among: Array, of: Array, count: int) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
@@ -183,10 +184,10 @@ def nearest(among: Array, of: Array, count: int) -> tuple[NDArray[np.int64], NDA
 def effective_fraction(feet: Array, deviations: Array, weights: Array) -> float:
     """Effective number of independent points over the number of points, in (0, 1].
 
-    Points of a contour were drawn in one stroke, those of an isosurface share voxels: their errors, and the misfit of
-    any small model, are correlated. n points whose deviations correlate by c_k with those of their k-th neighbours
-    count for n / (1 + sum of c_k); the sum, in pairs, ends where the correlation is lost (the initial positive sequence
-    of Geyer, Statistical Science 7(4), 1992). Counted as n they would outweigh the regulariser.
+    Points of a contour were drawn in one stroke, those of an isosurface have voxels in common: their errors, and the
+    misfit of any small model, are correlated. n points whose deviations correlate by c_k with those of their k-th
+    neighbours count for n / (1 + sum of c_k); the sum, in pairs, ends where the correlation is lost (the initial
+    positive sequence of Geyer, Statistical Science 7(4), 1992). Counted as n they would outweigh the regulariser.
 
     Args:
         feet: (n, 3), foot points on the fitted surface: neighbours in space would be chosen by their deviations.

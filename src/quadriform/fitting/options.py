@@ -46,7 +46,7 @@ class PaperOptions:
 
     Attributes:
         box: control points along each axis.
-        regularity: "svd", P7 by SVD (3.2.3), truncated where `strength` says so (P8); "springs-paper", P9 as printed;
+        regularity: "svd", P7 by SVD (3.2.3), truncated by `strength` (P8); "springs-paper", P9 as printed;
             and three variations of ours: "springs" and a regulariser object, both on the displacement P - P0, and
             "svd-position", the SVD on P in place of its step.
         strength: for "svd" how many singular values are used (>= 1), or the fraction of the largest above which they
@@ -85,7 +85,7 @@ class TangentOptions:
         box: control points along each axis, or "auto": the smallest that reaches `max_error`.
         regularity: "bending", "springs", or a regulariser of one's own, on the displacement of the control points.
         strength: alpha per data point, or "auto": that of the largest evidence.
-        robust: whether strangers are told from inliers.
+        robust: whether outliers are detected and down-weighted.
         base: where the data ends on purpose: a plane (point, direction to the missing side), or a loop (m, 3) of
             points along the edge; None when the surface should be covered.
         max_error: RMS distance to the inliers that box="auto" must reach, in the unit of the points.
@@ -110,7 +110,7 @@ class TangentOptions:
         if self.max_error is not None:
             check_number(self.max_error, "max_error", 0)
 
-    def beyond(self, clouds: Mapping[str, Array], frame: Frame) -> tuple[Array, Array] | None:
+    def half_space(self, clouds: Mapping[str, Array], frame: Frame) -> tuple[Array, Array] | None:
         """The base as a half-space (point, unit direction) in the centred, scaled frame.
 
         Raises:

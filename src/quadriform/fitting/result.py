@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quadriform.errors import FitError, OptionError, Warnings
-from quadriform.fitting.least_squares.uncertainty import FinerBox
+from quadriform.fitting.least_squares.uncertainty import EnrichedBox
 from quadriform.points import Array
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
@@ -25,10 +25,10 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class Iteration:
-    """One turn of the two-step iteration; lengths in the unit of the data.
+    """One iteration of the two steps; lengths in the unit of the data.
 
     Attributes:
-        error: RMS distance between the model points after the step and where they were wanted.
+        error: RMS distance between the model points after the step and their targets.
         box_motion: RMS motion of the control points in this step, |P_{n+1} - P_n|.
         box_displacement: RMS distance of the control points from the undeformed box, |P_{n+1} - P_0|.
         surface_motion: RMS motion of the model points in this step, |X_{n+1} - X_n|: the stop test.
@@ -54,8 +54,8 @@ class SuperquadricFit:
         warnings: kind -> sentence.
         rank: of the derivatives at the answer; below 11 (12 for the toroid) the points do not determine it.
         condition: largest over smallest singular value of the same, lengths in units of the cloud's RMS radius.
-        covariance: (11, 11) or (12, 12), in the order a1 a2 a3, e1 e2, turns about the object's own three axes
-            (radians), tx ty tz, hole radius; unit of the data; zero for what was held fixed.
+        covariance: (11, 11) or (12, 12), in the order a1 a2 a3, e1 e2, rotations about the object's own three axes
+            (radians), tx ty tz, hole radius; unit of the data; zero for what was fixed.
         inliers: (n,) probability of each point to be of the surface, 0 for points of weight 0.
         noise: standard deviation of the inliers' distances, in the unit of the data.
         history: the criterion after each iteration.
@@ -98,12 +98,12 @@ class Fit:
             mapping from their names.
         superquadric_residuals: the same for the superquadric(s) before refinement.
         history: one record for each iteration.
-        strength: how strongly the box was held, as `refine` takes it.
+        strength: of the regularisation, as `refine` takes it.
         noise: standard deviation of the points along the normal, in their unit; for the paper's method their RMS.
         inliers: probability of each point to be of its surface, (n,) or a mapping; all one where none was estimated.
         covariance: posterior covariance (3 k, 3 k) of the k control points, coordinates of a point together, in
             squared units; None for the paper's method, which has no such thing.
-        finer: what more control points would say of the same data, for `uncertainty`; None for the paper's method.
+        enriched: the same data with more control points, for `uncertainty`; None for the paper's method.
         notes: remarks that leave the status "ok", one sentence each.
     """
 
@@ -116,7 +116,7 @@ class Fit:
     noise: float
     inliers: Array | dict[str, Array]
     covariance: Array | None = None
-    finer: FinerBox | None = None
+    enriched: EnrichedBox | None = None
     notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
@@ -139,10 +139,10 @@ class Fit:
         Raises:
             OptionError: the fit has no covariance (method="paper").
         """
-        if self.finer is None:
+        if self.enriched is None:
             raise OptionError("uncertainty: method='paper' estimates none; use method='tangent'")
         foot = self.model.foot_points(points, surface)
-        return self.finer.deviation(self.model.box, foot.origins, foot.normals)
+        return self.enriched.deviation(self.model.box, foot.origins, foot.normals)
 
     @property
     def status(self) -> str:
@@ -151,7 +151,7 @@ class Fit:
 
     @property
     def iterations(self) -> int:
-        """How many turns of the two-step iteration were made."""
+        """How many iterations were made."""
         return len(self.history)
 
     @property
@@ -178,7 +178,7 @@ class Fit:
         """Return itself when the status is "ok".
 
         Raises:
-            FitError: there are warnings; the message holds them.
+            FitError: there are warnings; the message has them.
         """
         if self.warnings:
             raise FitError("; ".join(f"{kind}: {text}" for kind, text in self.warnings.items()))
@@ -195,10 +195,10 @@ class Result:
         strength: that was used.
         noise: standard deviation along the normal; None where none is estimated.
         covariance: of the control points, or None.
-        finer: what a box with more control points says, or None.
+        enriched: the same data in a box with more control points, or None.
         inliers: name -> probabilities, or None.
         warnings: about the refinement itself.
-        beyond: half-space where no data is expected.
+        half_space: where no data is expected.
         covered: whether the data was seen to sample closed surfaces, whatever directions it lies in.
         ends: names of surfaces whose data stops at an edge.
         counted: name -> which points have a weight, or None for all.
@@ -209,10 +209,10 @@ class Result:
     strength: float
     noise: float | None = None
     covariance: Array | None = None
-    finer: FinerBox | None = None
+    enriched: EnrichedBox | None = None
     inliers: dict[str, Array] | None = None
     warnings: Warnings = field(default_factory=dict)
-    beyond: HalfSpace | None = None
+    half_space: HalfSpace | None = None
     covered: bool = False
     ends: tuple[str, ...] = ()
     counted: dict[str, NDArray[np.bool_]] | None = None

@@ -60,7 +60,7 @@ def _page(thing: Shown) -> bytes:
 def _parts(thing: Shown) -> tuple[DeformableModel | MovingModel, Scene, list[tuple[str, str]]]:
     if isinstance(thing, Fit):
         rows = [("points", str(thing.n_points))]
-        fields = [] if thing.finer is None else [uncertainty_field(thing)]
+        fields = [] if thing.enriched is None else [uncertainty_field(thing)]
         return thing.model, Scene(errors=[thing.rms], fields=fields), rows
     if isinstance(thing, Track):
         if thing.moving is None:

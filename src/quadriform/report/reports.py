@@ -70,7 +70,7 @@ def _fit_scene(fit: Fit, clouds: Clouds, residuals: Clouds, title: str) -> Scene
     each = {name: [cloud] for name, cloud in clouds.items()}
     signed = {name: [values] for name, values in residuals.items()}
     fields = [residual_field([fit.model], each, signed)]
-    if fit.finer is not None:
+    if fit.enriched is not None:
         fields.append(uncertainty_field(fit))
     fields += _thickness([fit.model])
     return Scene(title, each, signed, [fit.rms], fields, _cavity(fit.model))
@@ -171,7 +171,7 @@ def _fit_words(fit: Fit) -> str:
     box = " x ".join(str(count) for count in model.box.control_points.shape[:3])
     how = (
         "the two-step iteration of the original"
-        if fit.finer is None
+        if fit.enriched is None
         else "tangent distance, with the foot points updated"
     )
     return (

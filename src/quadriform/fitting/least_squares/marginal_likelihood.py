@@ -1,7 +1,8 @@
 """The strength of the regularisation and the noise of the data, both by the evidence of the data itself (REML).
 
 Everything is solved in the eigenvectors of the regulariser. There the strength adds to the diagonal alone, so that even
-a very large one does not drown what the data says of the displacements that the regulariser leaves free.
+a very large one does not drown in rounding what the data determines of the displacements that the regulariser leaves
+free.
 """
 
 from copy import copy
@@ -28,12 +29,12 @@ STEPS, ROUNDING = 8, 1e-6
 BESIDE = 0.03
 """From round to round a step that is shorter than this will do: the rounds that follow shorten it."""
 FLAT = 0.02
-"""A criterion that changes by less than this per unit of the logarithm tells strengths no further apart: data without
-any sign of bending asks for ever stronger regularisation, down to the rounding of the criterion."""
+"""A criterion that changes by less than this per unit of the logarithm does not distinguish strengths: the evidence of
+data without any sign of bending grows with the regularisation, down to the rounding of the criterion."""
 NOISE_FLOOR = 1e-9
 """Of the cloud's RMS radius: no data is more exact than that."""
-AT_REST = 1e-12
-"""Weight, relative to the data's largest, that keeps displacements free of cost at rest where no point determines
+NULL_SPACE_WEIGHT = 1e-12
+"""Weight, relative to the data's largest, that keeps displacements free of cost at zero where no point determines
 them."""
 
 
@@ -48,8 +49,8 @@ class Solution:
         criterion: minus twice the log evidence, up to a constant.
         factor: lower Cholesky factor (3 k, 3 k) of A + lambda K between the eigenvectors of K.
         vectors: (k, k), these eigenvectors as columns, for one coordinate.
-        share: how many independent points each point was taken for.
-        bend: second derivative of the criterion by the logarithm of the strength, where it was sought.
+        effective_fraction: how many independent points each point was taken for.
+        curvature: second derivative of the criterion by the logarithm of the strength, where it was sought.
     """
 
     displacement: Array
@@ -58,13 +59,13 @@ class Solution:
     criterion: float
     factor: Array
     vectors: Array
-    share: float = 1.0
-    bend: float = 0.0
+    effective_fraction: float = 1.0
+    curvature: float = 0.0
 
     @property
     def independent_noise(self) -> float:
-        """The noise that independent points, as many as there are, would have to tell no more than these do."""
-        return float(self.noise / np.sqrt(self.share))
+        """The noise at which as many independent points would determine no more than these do."""
+        return float(self.noise / np.sqrt(self.effective_fraction))
 
     @property
     def condition(self) -> float:
@@ -85,8 +86,8 @@ class Solution:
 
     def _halved(self, rows: Array) -> Array:
         """Columns (3 k, n) whose squares sum up to the variances of linear functions for noise one."""
-        turned = np.einsum("nki,kj->jin", rows.reshape(len(rows), -1, 3), self.vectors, optimize=True)
-        halved: Array = solve_triangular(self.factor, turned.reshape(len(self.factor), -1), lower=True)
+        rotated = np.einsum("nki,kj->jin", rows.reshape(len(rows), -1, 3), self.vectors, optimize=True)
+        halved: Array = solve_triangular(self.factor, rotated.reshape(len(self.factor), -1), lower=True)
         return halved
 
 
@@ -97,18 +98,20 @@ class Evidence:
         equations: of the data.
         penalty: (k, k), K of the regulariser for one coordinate.
         count: number of residual rows, the sum of the weights.
-        share: of them that are independent.
+        effective_fraction: of them, as independent points.
 
     Raises:
         OptionError: K has negative eigenvalues.
     """
 
-    def __init__(self, equations: NormalEquations, penalty: Array, count: float, share: float = 1.0) -> None:
+    def __init__(
+        self, equations: NormalEquations, penalty: Array, count: float, effective_fraction: float = 1.0
+    ) -> None:
         self.equations = equations
         self.values, self.vectors = spectrum(penalty.tobytes())
-        self.count, self.share = count, share
+        self.count, self.effective_fraction = count, effective_fraction
         self.rank = 3 * int(np.count_nonzero(self.values))
-        self.free = 3 * len(self.values) - self.rank
+        self.null_dimension = 3 * len(self.values) - self.rank
 
     def plus(self, equations: NormalEquations) -> "Evidence":
         """The same with something else to be met."""
@@ -120,10 +123,10 @@ class Evidence:
     @cached_property
     def _data(self) -> tuple[Array, Array]:
         """The data's matrix (3 k, 3 k) and right side (3 k,) between the eigenvectors of the regulariser."""
-        turned = self.equations.between(self.vectors)
-        free = np.flatnonzero(np.repeat(self.values == 0, 3))
-        turned.matrix[free, free] += AT_REST * np.abs(turned.matrix.diagonal()).max()
-        return turned.matrix, turned.right
+        rotated = self.equations.between(self.vectors)
+        null_dimension = np.flatnonzero(np.repeat(self.values == 0, 3))
+        rotated.matrix[null_dimension, null_dimension] += NULL_SPACE_WEIGHT * np.abs(rotated.matrix.diagonal()).max()
+        return rotated.matrix, rotated.right
 
     def cost(self, displacement: Array, strength: float) -> float:
         """The sum at a displacement: squares of residuals, and the regulariser's part."""
@@ -131,27 +134,27 @@ class Evidence:
         data = float(p @ (equations.matrix @ p) - 2 * equations.right @ p + equations.constant)
         return data + strength * self.count * self._energy(self.vectors.T @ p.reshape(-1, 3))
 
-    def _energy(self, turned: Array) -> float:
-        """What the regulariser says of displacements (k, 3) between its eigenvectors."""
-        return float(self.values @ (turned**2).sum(axis=1))
+    def _energy(self, rotated: Array) -> float:
+        """The regulariser's energy of displacements (k, 3) between its eigenvectors."""
+        return float(self.values @ (rotated**2).sum(axis=1))
 
     def solve(self, strength: float) -> Solution | None:
         """The displacement at one strength; None where it leaves control points undetermined."""
-        held = strength * self.count
+        weight = strength * self.count
         matrix, right = self._data
-        matrix = matrix + np.diag(held * np.repeat(self.values, 3))
+        matrix = matrix + np.diag(weight * np.repeat(self.values, 3))
         factor = cholesky_factor(matrix)
         if factor is None:
             return None
-        turned = cho_solve((factor, True), right)
-        rows = max(self.count - self.free, 1.0)
-        misfit = self.equations.constant - right @ turned  # RSS + lambda p' K p
+        rotated = cho_solve((factor, True), right)
+        rows = max(self.count - self.null_dimension, 1.0)
+        misfit = self.equations.constant - right @ rotated  # RSS + lambda p' K p
         variance = max(float(misfit) / rows, NOISE_FLOOR**2)
         log_determinant = 2 * np.log(np.diag(factor)).sum()
-        independent = max(self.share * self.count - self.free, 1.0)
-        criterion = independent * np.log(variance) + log_determinant - self.rank * np.log(max(held, 1e-300))
-        displacement, noise = self.vectors @ turned.reshape(-1, 3), float(np.sqrt(variance))
-        return Solution(displacement, strength, noise, float(criterion), factor, self.vectors, self.share)
+        independent = max(self.effective_fraction * self.count - self.null_dimension, 1.0)
+        criterion = independent * np.log(variance) + log_determinant - self.rank * np.log(max(weight, 1e-300))
+        displacement, noise = self.vectors @ rotated.reshape(-1, 3), float(np.sqrt(variance))
+        return Solution(displacement, strength, noise, float(criterion), factor, self.vectors, self.effective_fraction)
 
     def select(self, strength: float | None, before: Solution | float | None) -> Solution:
         """The solution at a given strength; without one, or where it leaves control points undetermined, at the best.
@@ -196,21 +199,21 @@ class Evidence:
             DegenerateError: no strength determines the control points.
         """
         x = float(np.log(before.strength))
-        slope = self._slope(x)
-        if before.bend <= 0 or slope is None:
+        derivative = self._derivative(x)
+        if before.curvature <= 0 or derivative is None:
             return self.best(before.strength)
-        step = x - slope / before.bend
-        root: tuple[float, float] | None = (step, before.bend)
+        step = x - derivative / before.curvature
+        root: tuple[float, float] | None = (step, before.curvature)
         if abs(step - x) >= BESIDE:
-            root = self._root(x, step, _nearby(before.strength), BESIDE, slope)
+            root = self._root(x, step, _nearby(before.strength), BESIDE, derivative)
         return self.best(before.strength) if root is None else self._determined(*root)
 
-    def _determined(self, x: float, bend: float) -> Solution:
+    def _determined(self, x: float, curvature: float) -> Solution:
         """The solution at the logarithm of a strength, or at the nearest larger one that determines it."""
-        for harder in (1.0, *np.geomspace(10, WIDEST[1] / WIDEST[0], 16)):
-            found = self.solve(float(harder * np.exp(x)))
+        for factor_of_strength in (1.0, *np.geomspace(10, WIDEST[1] / WIDEST[0], 16)):
+            found = self.solve(float(factor_of_strength * np.exp(x)))
             if found is not None:
-                return replace(found, bend=bend if harder == 1 else 0.0)
+                return replace(found, curvature=curvature if factor_of_strength == 1 else 0.0)
         raise DegenerateError(
             "points: those that count leave even shifts of the control points undetermined; expected a cloud with an "
             "extent in three dimensions that is not made of outliers alone"
@@ -234,43 +237,43 @@ class Evidence:
         return float(found.x)
 
     def _root(
-        self, one: float, other: float, within: tuple[float, float], enough: float, slope: float | None = None
+        self, one: float, other: float, within: tuple[float, float], enough: float, derivative: float | None = None
     ) -> tuple[float, float] | None:
         """Where the criterion is least, by secant steps on its slope until one is short enough, and its bend there.
 
         The first place with bend zero where the criterion is flat; None where the steps leave the range, climb, or
         come to where control points are undetermined. `slope` is the one at `one`, where it is known.
         """
-        slopes = self._slope(one) if slope is None else slope, self._slope(other)
-        if all(each is not None and abs(each) < FLAT for each in slopes):
+        derivatives = self._derivative(one) if derivative is None else derivative, self._derivative(other)
+        if all(each is not None and abs(each) < FLAT for each in derivatives):
             return one, 0.0
         for _ in range(STEPS):
-            if slopes[0] is None or slopes[1] is None:
+            if derivatives[0] is None or derivatives[1] is None:
                 return None
-            if (slopes[1] - slopes[0]) * (other - one) <= 0:
+            if (derivatives[1] - derivatives[0]) * (other - one) <= 0:
                 return None
-            bend = (slopes[1] - slopes[0]) / (other - one)
-            step = other - slopes[1] / bend
+            curvature = (derivatives[1] - derivatives[0]) / (other - one)
+            step = other - derivatives[1] / curvature
             if not within[0] <= step <= within[1]:
                 return None
             if abs(step - other) < enough:
-                return step, bend
-            one, other, slopes = other, step, (slopes[1], self._slope(step))
+                return step, curvature
+            one, other, derivatives = other, step, (derivatives[1], self._derivative(step))
         return None
 
-    def _slope(self, x: float) -> float | None:
+    def _derivative(self, x: float) -> float | None:
         """Derivative of the criterion by the logarithm of the strength."""
         solution = self.solve(float(np.exp(x)))
         if solution is None:
             return None
-        held = solution.strength * self.count
-        misfit = max(self.count - self.free, 1.0) * solution.noise**2
-        independent = max(self.share * self.count - self.free, 1.0)
+        weight = solution.strength * self.count
+        misfit = max(self.count - self.null_dimension, 1.0) * solution.noise**2
+        independent = max(self.effective_fraction * self.count - self.null_dimension, 1.0)
         energy = self._energy(self.vectors.T @ solution.displacement)
-        costly = solution.factor[self.free :, self.free :]
+        costly = solution.factor[self.null_dimension :, self.null_dimension :]
         inverse = solve_triangular(costly, np.eye(self.rank), lower=True)
-        traced = np.repeat(self.values, 3)[self.free :] @ (inverse**2).sum(axis=0)
-        return float(held * (independent * energy / misfit + traced) - self.rank)
+        traced = np.repeat(self.values, 3)[self.null_dimension :] @ (inverse**2).sum(axis=0)
+        return float(weight * (independent * energy / misfit + traced) - self.rank)
 
     def _criterion(self, strength: float) -> float:
         solution = self.solve(strength)

@@ -32,9 +32,9 @@ class NormalEquations:
     constant: float
 
     @classmethod
-    def of_rows(cls, rows: Array, wanted: Array, weight: float) -> "NormalEquations":
+    def of_rows(cls, rows: Array, target: Array, weight: float) -> "NormalEquations":
         """Of weight |rows p - wanted|^2, with rows (n, 3 k) and wanted (n,)."""
-        return cls(weight * rows.T @ rows, weight * rows.T @ wanted, float(weight * wanted @ wanted))
+        return cls(weight * rows.T @ rows, weight * rows.T @ target, float(weight * target @ target))
 
     def __add__(self, other: "NormalEquations") -> "NormalEquations":
         return NormalEquations(self.matrix + other.matrix, self.right + other.right, self.constant + other.constant)
@@ -56,11 +56,11 @@ def normal_equations(local: Array, metric: Array, residual: Array, degrees: tupl
         residual: (n, 3) what the displacement of each should be.
         degrees: of the box.
     """
-    pulled = np.einsum("nij,nj->ni", metric, residual)
+    weighted = np.einsum("nij,nj->ni", metric, residual)
     weights = np.stack([metric[:, a, b] for a, b in PAIRS], axis=1)
     doubled = (2 * degrees[0], 2 * degrees[1], 2 * degrees[2])
     moments = _sums(local, weights, doubled)
-    right = _sums(local, pulled, degrees)
+    right = _sums(local, weighted, degrees)
     index, factor = _doubling(degrees)
     k = len(index)
     matrix = np.empty((k, 3, k, 3))
@@ -68,7 +68,7 @@ def normal_equations(local: Array, metric: Array, residual: Array, degrees: tupl
         matrix[:, a, :, b] = moments[index, pair] * factor
         matrix[:, b, :, a] = matrix[:, a, :, b]
     return NormalEquations(
-        matrix.reshape(3 * k, 3 * k), right.reshape(-1), float(np.einsum("ni,ni->", residual, pulled))
+        matrix.reshape(3 * k, 3 * k), right.reshape(-1), float(np.einsum("ni,ni->", residual, weighted))
     )
 
 

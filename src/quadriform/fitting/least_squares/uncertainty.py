@@ -1,7 +1,7 @@
-"""How far the true surface may be from the fitted one: what noise and gaps leave open, and what the box cannot say.
+"""How far the true surface may be from the fitted one: by noise, by missing data, and by too few control points.
 
-The covariance of the control points knows only the noise. A box with two more control points a side, held by the same
-regulariser at its own strength of largest evidence, sees what the smaller one smooths away: its surface lies beside
+The covariance of the control points contains only the noise. A box with two more control points a side, with the same
+regulariser at its own strength of largest evidence, shows what the smaller one smooths away: its surface lies beside
 the fitted one by a shift, with a variance of its own, and the expected square of the error is the sum of both.
 """
 
@@ -17,7 +17,7 @@ from quadriform.shapes.control_box import ControlBox
 
 
 @dataclass(frozen=True)
-class FinerBox:
+class EnrichedBox:
     """The same data seen by a finer box, which is solved for when it is asked for: a fit alone has no need of it.
 
     Attributes:

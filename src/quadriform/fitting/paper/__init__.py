@@ -1,1 +1,1 @@
-"""The refinement of the paper to the letter: displacements, then control points, in turn (paper 3.2, 3.3)."""
+"""The refinement of the paper to the letter: displacements, then control points, alternately (paper 3.2, 3.3)."""

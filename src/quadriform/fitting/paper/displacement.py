@@ -7,7 +7,7 @@ from quadriform.points import Array
 
 NEIGHBOURS = 4
 TIE = 1e-9
-"""Distances that differ by less than this share are equal."""
+"""Distances that differ by less than this fraction are equal."""
 
 
 def data_to_model(model_points: Array, data: Array, neighbours: int = NEIGHBOURS) -> Array:

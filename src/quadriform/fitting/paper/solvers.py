@@ -35,7 +35,7 @@ def truncated_svd(b: Array, strength: float | None) -> tuple[Array, int]:
 
 
 def _asked(singular: Array, strength: float | None) -> int:
-    """How many of the singular values a strength asks for, at least one."""
+    """How many singular values a strength selects, at least one."""
     if strength is None:
         return len(singular)
     number = check_number(strength, "strength", 0, len(singular))

@@ -41,10 +41,10 @@ def two_step(
     match = data_to_model if options.matching == "data-to-model" else model_to_data
     rest = box.control_points.reshape(-1, 3)
     control, history = rest, []
-    for turn in range(options.iterations):
+    for iteration in range(options.iterations):
         surface = b @ control
-        wanted = [match(part, clouds[name]) for name, part in zip(samples, np.split(surface, ends))]
-        displacement = np.concatenate(wanted)  # P6; the union of section 3.4.2
+        targets = [match(part, clouds[name]) for name, part in zip(samples, np.split(surface, ends))]
+        displacement = np.concatenate(targets)  # P6; the union of section 3.4.2
         step = solve(displacement, control, rest)  # P7
         control = control + step  # section 3.3
         moved = b @ step
@@ -57,7 +57,7 @@ def two_step(
             )
         )
         if progress is not None:
-            progress(turn + 1, options.iterations)
+            progress(iteration + 1, options.iterations)
         if options.tolerance is not None and history[-1].surface_motion < options.tolerance:
             break  # section 3.3, the stop test
     return box.with_control_points(control), tuple(history), strength

@@ -20,7 +20,7 @@ from quadriform.fitting.inputs import points_sha256
 from quadriform.fitting.least_squares.marginal_likelihood import Evidence, Solution
 from quadriform.fitting.least_squares.normal_equations import NormalEquations, normal_equations
 from quadriform.fitting.least_squares.regularisers import Regulariser
-from quadriform.fitting.least_squares.uncertainty import FinerBox
+from quadriform.fitting.least_squares.uncertainty import EnrichedBox
 from quadriform.fitting.options import TangentOptions, check_strength
 from quadriform.fitting.refinement.point_to_plane import data_rows, evidence_from, moved, record
 from quadriform.fitting.refinement.surface_data import Sheet
@@ -170,13 +170,13 @@ def _rounds(points: _All, found: Fit, box: ControlBox, options: TangentOptions) 
     """
     strength, scale = check_strength(options.strength), points.frame.scale
     noise, history = found.noise / scale, list(found.history)
-    share = 1.0 if found.finer is None else found.finer.evidence.share
+    effective_fraction = 1.0 if found.enriched is None else found.enriched.evidence.effective_fraction
     solutions = list[Solution]()
     probes = np.concatenate([surface.sheet.superquadric.grid(8)[0] for surface in points.surfaces])
     for _ in range(ROUNDS):
         points.settled(box, noise)
         equations, count = points.sums(box, box, noise)
-        evidence = evidence_from(equations, box, options.regularity, count, share)
+        evidence = evidence_from(equations, box, options.regularity, count, effective_fraction)
         first = evidence.select(strength, solutions[-1] if solutions else found.strength)
         after = _unfolded(points, evidence, box, first) if strength in (None, first.strength) else None
         if after is None:
@@ -193,7 +193,7 @@ def _rounds(points: _All, found: Fit, box: ControlBox, options: TangentOptions) 
         strength=solution.strength,
         noise=scale * noise,
         covariance=scale**2 * solution.covariance(),
-        finer=_finer(points, found, box, noise, solution, options.regularity),
+        enriched=_enriched(points, found, box, noise, solution, options.regularity),
     )
 
 
@@ -228,21 +228,21 @@ def _unfolded(points: _All, evidence: Evidence, box: ControlBox, solution: Solut
         state = _Solved(moved(box, first), first)
         found = remove_folds(_Linear(evidence), state, penalty, first.strength, surfaces, ACCEPTED * solution.noise)
         if found is not None:
-            return replace(found, solution=replace(found.solution, bend=solution.bend))
+            return replace(found, solution=replace(found.solution, curvature=solution.curvature))
     return None
 
 
-def _finer(
+def _enriched(
     points: _All, found: Fit, box: ControlBox, noise: float, solution: Solution, regularity: str | Regulariser
-) -> FinerBox | None:
+) -> EnrichedBox | None:
     """What a finer box says of all points."""
-    if found.finer is None:
+    if found.enriched is None:
         return None
-    raised = box.elevate(found.finer.degrees)
+    raised = box.elevate(found.enriched.degrees)
     points.settled(box, noise)
     equations, count = points.sums(box, raised, noise)
-    evidence = evidence_from(equations, raised, regularity, count, solution.share)
-    return FinerBox(raised, evidence, solution.strength, points.frame.scale)
+    evidence = evidence_from(equations, raised, regularity, count, solution.effective_fraction)
+    return EnrichedBox(raised, evidence, solution.strength, points.frame.scale)
 
 
 def _with_arrays(points: _All, fit: Fit) -> Fit:

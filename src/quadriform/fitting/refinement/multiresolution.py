@@ -83,7 +83,7 @@ class Rounds:
         probes: (n, 3) points of all surfaces before deformation, to tell their motion by.
         regularity: name or object.
         strength: alpha per data point; None for the evidence's.
-        robust: whether strangers are told from inliers.
+        robust: whether outliers are detected and down-weighted.
         progress: called after each round with (done, about how many).
     """
 
@@ -100,7 +100,7 @@ class Rounds:
         self.probes, self.progress = probes, progress or (lambda done, total: None)
         self.history: list[Iteration] = []
         self.near: Solution | None = None
-        self.share = 1.0
+        self.effective_fraction = 1.0
 
     @property
     def ladder(self) -> list[tuple[int, int, int]]:
@@ -161,7 +161,7 @@ class Rounds:
         Raises:
             OptionError: the strength that the user gave leaves control points undetermined in the last round.
         """
-        self.near, self.share = coarse.solution, 1.0
+        self.near, self.effective_fraction = coarse.solution, 1.0
         box, noise = coarse.box, None
         if max(len(sheet.points) for sheet in sheets) > MEDIUM_POINTS:
             some = [sheet.thinned(MEDIUM_POINTS, robust=False) for sheet in sheets]
@@ -185,8 +185,8 @@ class Rounds:
 
         Only now: before the surface rests, what is left over is alike everywhere.
         """
-        self.share = independent_of(sheets, box)
-        for _ in range(LAST_ROUNDS if self.share < 1 else 0):
+        self.effective_fraction = independent_of(sheets, box)
+        for _ in range(LAST_ROUNDS if self.effective_fraction < 1 else 0):
             self._slide(box, sheets)
             box, solution = self._step(box, sheets, [None] * len(sheets))
         return box, solution
@@ -214,7 +214,7 @@ class Rounds:
         """
         box, sheets = state.box, state.sheets
         self._slide(box, sheets)
-        evidence = evidence_of(sheets, [None] * len(sheets), box, self.regularity, self.share)
+        evidence = evidence_of(sheets, [None] * len(sheets), box, self.regularity, self.effective_fraction)
         solution = evidence.plus(penalty.equations(box)).solve(strength)
         if solution is None:
             return None
@@ -265,7 +265,7 @@ class Rounds:
     def _step(
         self, box: ControlBox, sheets: Sequence[Sheet], pulls: Sequence[Pull | None]
     ) -> tuple[ControlBox, Solution]:
-        evidence = evidence_of(sheets, pulls, box, self.regularity, self.share)
+        evidence = evidence_of(sheets, pulls, box, self.regularity, self.effective_fraction)
         solution = self.near = evidence.select(self.strength, self.near)
         after = moved(box, solution)
         self._note(box, after, solution)

@@ -85,7 +85,7 @@ def evidence_of(
     pulls: Sequence[Pull | None],
     box: ControlBox,
     regularity: str | Regulariser,
-    share: float = 1.0,
+    effective_fraction: float = 1.0,
 ) -> Evidence:
     """The linear problem of one round as a function of the strength; `share` of the points are independent."""
     rows = [data_rows(sheet, box) for sheet in sheets]
@@ -94,15 +94,15 @@ def evidence_of(
     metric = np.concatenate([r.metric for r in rows])
     equations = normal_equations(box.local(origins), metric, targets - origins, box.degrees)
     count = sum(float((sheet.weights * sheet.inliers).sum()) for sheet in sheets)
-    return evidence_from(equations, box, regularity, count, share)
+    return evidence_from(equations, box, regularity, count, effective_fraction)
 
 
 def evidence_from(
-    equations: NormalEquations, box: ControlBox, regularity: str | Regulariser, count: float, share: float
+    equations: NormalEquations, box: ControlBox, regularity: str | Regulariser, count: float, effective_fraction: float
 ) -> Evidence:
     """The same from normal equations that are summed up already, of rows whose weights sum up to `count`."""
     l, m, n, _ = box.control_points.shape
-    return Evidence(equations, penalty_matrix(regularity, (l, m, n)), count, share)
+    return Evidence(equations, penalty_matrix(regularity, (l, m, n)), count, effective_fraction)
 
 
 def independent_of(sheets: Sequence[Sheet], box: ControlBox) -> float:

@@ -11,7 +11,7 @@ from quadriform.fitting.cloud import best_first
 from quadriform.fitting.diagnostics import POOR, folding, ill_conditioned, max_error_missed
 from quadriform.fitting.least_squares.marginal_likelihood import Solution
 from quadriform.fitting.least_squares.regularisers import Regulariser
-from quadriform.fitting.least_squares.uncertainty import FinerBox
+from quadriform.fitting.least_squares.uncertainty import EnrichedBox
 from quadriform.fitting.options import TangentOptions, check_box, check_strength
 from quadriform.fitting.refinement.multiresolution import FIRST_POINTS, Refined, Rounds, coarse_unfolded
 from quadriform.fitting.refinement.point_to_plane import evidence_of
@@ -38,7 +38,7 @@ class _Task:
     clouds: Mapping[str, Array]
     weights: Mapping[str, Array]
     options: TangentOptions
-    beyond: HalfSpace | None
+    half_space: HalfSpace | None
     progress: Progress | None
     start: ControlBox | None
     normals: Mapping[str, Array]
@@ -50,7 +50,7 @@ class _Task:
         for name, cloud in self.clouds.items():
             there = self.weights[name] > 0
             facing = self.normals[name][there] if name in self.normals else None
-            result.append(Sheet(Superquadric(), cloud[there], self.weights[name][there], self.beyond, facing))
+            result.append(Sheet(Superquadric(), cloud[there], self.weights[name][there], self.half_space, facing))
         return result
 
     @cached_property
@@ -78,7 +78,7 @@ def fit_tangent(
     clouds: dict[str, Array],
     weights: dict[str, Array],
     options: TangentOptions,
-    beyond: HalfSpace | None,
+    half_space: HalfSpace | None,
     max_error: float | None,
     kind: str | None,
     progress: Progress | None,
@@ -92,14 +92,14 @@ def fit_tangent(
         clouds: name -> (n, 3) points.
         weights: name -> (n,).
         options: the choices.
-        beyond: half-space where no data is expected.
+        half_space: where no data is expected.
         max_error: RMS distance that box="auto" must reach.
         kind: other starts of this kind may take the place of the given ones; None keeps them.
         progress: called after each round.
         start: a deformed box to go on from; its number of control points goes before that of the options.
         normals: name -> (n, 3) unit or zero, of the clouds that were given some.
     """
-    task = _Task(clouds, weights, options, beyond, progress, start, normals or {})
+    task = _Task(clouds, weights, options, half_space, progress, start, normals or {})
     starts = [surfaces] if kind is None else candidates(clouds, surfaces, kind)
     if start is not None:
         return _best_start(task, starts, check_box(start.control_points.shape[:3]))
@@ -224,11 +224,11 @@ def _result(task: _Task, trial: _Trial, refined: Refined, warnings: Warnings) ->
         strength=refined.solution.strength,
         noise=refined.solution.noise,
         covariance=refined.solution.covariance(),
-        finer=_finer(refined, task.options.regularity),
+        enriched=_enriched(refined, task.options.regularity),
         inliers=_all_inliers(task, refined),
         warnings=warnings | ill_conditioned(model, refined.solution),
-        beyond=task.beyond,
-        covered=trial.coarse.covered and task.beyond is None,
+        half_space=task.half_space,
+        covered=trial.coarse.covered and task.half_space is None,
         ends=tuple(name for name, sheet in zip(task.clouds, trial.coarse.sheets) if sheet.ends()),
     )
 
@@ -242,9 +242,11 @@ def _all_inliers(task: _Task, refined: Refined) -> dict[str, Array]:
     return result
 
 
-def _finer(refined: Refined, regularity: str | Regulariser) -> FinerBox:
+def _enriched(refined: Refined, regularity: str | Regulariser) -> EnrichedBox:
     """The same foot points in a finer box, held at its own strength of largest evidence."""
     l, m, n = refined.box.degrees
-    finer = refined.box.elevate((l + MORE, m + MORE, n + MORE))
-    evidence = evidence_of(refined.sheets, [None] * len(refined.sheets), finer, regularity, refined.solution.share)
-    return FinerBox(finer, evidence, refined.solution.strength)
+    enriched = refined.box.elevate((l + MORE, m + MORE, n + MORE))
+    evidence = evidence_of(
+        refined.sheets, [None] * len(refined.sheets), enriched, regularity, refined.solution.effective_fraction
+    )
+    return EnrichedBox(enriched, evidence, refined.solution.strength)

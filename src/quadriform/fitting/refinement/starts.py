@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from quadriform.fitting.cloud import evenly_chosen
-from quadriform.fitting.neighbourhood import crowded
+from quadriform.fitting.neighbourhood import dense_points
 from quadriform.fitting.superquadric.fit import fit_robust
 from quadriform.fitting.superquadric.initial import ellipsoid_by_moments
 from quadriform.fitting.superquadric.multistart import Problem, nearby
@@ -37,7 +37,7 @@ def candidates(
     """
     if kind != "ellipsoid":
         return [dict(robust)]
-    dense = {name: cloud[crowded(cloud)] for name, cloud in clouds.items()}
+    dense = {name: cloud[dense_points(cloud)] for name, cloud in clouds.items()}
     found = [dict(robust), {name: _beside(cloud, robust[name]) for name, cloud in dense.items()}]
     plain = {name: least_criterion(cloud[evenly_chosen(cloud, PAPER_POINTS)], kind) for name, cloud in dense.items()}
     if all(surface.semi_axes.max() <= LONGEST * np.ptp(dense[name], axis=0).max() for name, surface in plain.items()):
@@ -51,7 +51,7 @@ def ellipsoids(clouds: Mapping[str, Array]) -> dict[str, Superquadric]:
     Args:
         clouds: name -> (n, 3) points, centred and scaled.
     """
-    dense = {name: cloud[crowded(cloud)] for name, cloud in clouds.items()}
+    dense = {name: cloud[dense_points(cloud)] for name, cloud in clouds.items()}
     found = {name: _ellipsoid(cloud) for name, cloud in dense.items()}
     for name, cloud in dense.items():
         if found[name].semi_axes.max() > np.ptp(cloud, axis=0).max():

@@ -10,7 +10,14 @@ from numpy.typing import NDArray
 
 from quadriform.fitting.cloud import canonical_order, evenly_spread
 from quadriform.fitting.mixture import Mixture
-from quadriform.fitting.neighbourhood import Neighbourhood, crowded, has_edge, is_surface, oriented, outward_normals
+from quadriform.fitting.neighbourhood import (
+    Neighbourhood,
+    dense_points,
+    has_edge,
+    is_surface,
+    oriented,
+    outward_normals,
+)
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superquadric import Superquadric
@@ -39,12 +46,12 @@ class Sheet:
     superquadric: Superquadric
     points: Array
     weights: Array
-    beyond: tuple[Array, Array] | None = None
+    half_space: tuple[Array, Array] | None = None
     normals: Array | None = None
     around: Neighbourhood = field(init=False)
     origins: Array = field(init=False)
     inliers: Array = field(init=False)
-    share: float = 1.0
+    inlier_ratio: float = 1.0
 
     def __post_init__(self) -> None:
         self.around = Neighbourhood.of(self.points)
@@ -57,14 +64,14 @@ class Sheet:
         """
         order = canonical_order(self.points - self.points.mean(axis=0))
         if robust:
-            order = order[self._crowded[order]]
+            order = order[self._dense[order]]
         chosen = evenly_spread(order, count)
         normals = None if self.normals is None else self.normals[chosen]
-        return Sheet(self.superquadric, self.points[chosen], self.weights[chosen], self.beyond, normals)
+        return Sheet(self.superquadric, self.points[chosen], self.weights[chosen], self.half_space, normals)
 
     @cached_property
-    def _crowded(self) -> NDArray[np.bool_]:
-        return crowded(self.points)
+    def _dense(self) -> NDArray[np.bool_]:
+        return dense_points(self.points)
 
     def with_superquadric(self, superquadric: Superquadric) -> "Sheet":
         """The same data around another start."""
@@ -84,17 +91,17 @@ class Sheet:
         """Whether the data samples the whole surface, or all of it on this side of the base."""
         if not is_surface(self.around):
             return False
-        return self.beyond is not None or not has_edge(self.points, self.around)
+        return self.half_space is not None or not has_edge(self.points, self.around)
 
     def ends(self) -> bool:
         """Whether the data is a sampled surface that stops somewhere, where nobody said that it would."""
-        return self.beyond is None and is_surface(self.around) and has_edge(self.points, self.around)
+        return self.half_space is None and is_surface(self.around) and has_edge(self.points, self.around)
 
     def missing(self, points: Array) -> NDArray[np.bool_]:
         """Which of (m, 3) points lie beyond the base, where no data is expected."""
-        if self.beyond is None:
+        if self.half_space is None:
             return np.zeros(len(points), dtype=np.bool_)
-        at, direction = self.beyond
+        at, direction = self.half_space
         return (points - at) @ direction > 0
 
     def distances(self, box: ControlBox) -> Array:
@@ -103,14 +110,14 @@ class Sheet:
 
     def weigh(self, distances: Array, noise: float) -> None:
         """Find which points are inliers by their distances to the surface, and their share on the way."""
-        self.share = 0.9
+        self.inlier_ratio = 0.9
         for _ in range(SHARE_ROUNDS):
             self.inliers = self.probabilities(distances, noise)
-            self.share = float(np.clip(np.average(self.inliers, weights=self.weights), 0.02, 1 - 1e-6))
+            self.inlier_ratio = float(np.clip(np.average(self.inliers, weights=self.weights), 0.02, 1 - 1e-6))
 
     def probabilities(self, distances: Array, noise: float) -> Array:
         """Of points at such distances (m,) to be inliers, by the share that was found."""
-        mixture = Mixture(np.array([self.share]), np.array([max(noise, MISFIT)]))
+        mixture = Mixture(np.array([self.inlier_ratio]), np.array([max(noise, MISFIT)]))
         return mixture.densities(distances[None])[0][0]
 
     def beside(self, points: Array, weights: Array, near: NDArray[np.int64]) -> "Sheet":

@@ -16,14 +16,14 @@ from quadriform.shapes import _kernel
 from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.superquadric import EXPONENTS, Superquadric
 
-AXES, POWERS, TURN, SHIFT, HOLE = (
+AXES, POWERS, ROTATION, SHIFT, HOLE = (
     slice(0, 3),
     slice(3, 5),
     slice(5, 8),
     slice(8, 11),
     slice(11, 12),
 )
-"""Places of the parameters: log semi-axes, exponents, turn and shift in the object's own frame, log(hole - 1)."""
+"""Slices of the parameters: log semi-axes, exponents, rotation and shift in the object's own frame, log(hole - 1)."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ class Candidates:
             self,
             log_axes=np.clip(self.log_axes + step[:, AXES], np.log(longest) - 25, np.log(longest)),
             exponents=np.clip(self.exponents + step[:, POWERS], *EXPONENTS),
-            rotations=self.rotations @ Rotation.from_rotvec(step[:, TURN]).as_matrix(),
+            rotations=self.rotations @ Rotation.from_rotvec(step[:, ROTATION]).as_matrix(),
             translations=self.translations + (self.rotations @ step[:, SHIFT, None])[..., 0],
             log_holes=np.clip(self.log_holes + step[:, HOLE], -10, 10) if KINDS[self.kind].has_hole else self.log_holes,
         )
@@ -114,12 +114,12 @@ class Candidates:
             np.exp(self.log_axes[index]),
             1 + float(np.exp(self.log_holes[index, 0])),
         )
-        turn = Rotation.from_matrix(self.rotations[index]).as_matrix()  # rounding off many small turns
+        rotation = Rotation.from_matrix(self.rotations[index]).as_matrix()  # rounding off many small rotations
         return Superquadric(
             self.kind,
             axes,
             self.exponents[index],
-            turn,
+            rotation,
             self.translations[index],
             hole_radius=hole if KINDS[self.kind].has_hole else None,
             height=None if KINDS[self.kind].cut_axis is None else 2 * float(axes.max()),

@@ -58,7 +58,7 @@ def fit_superquadric(
         method: "robust": outliers, missing parts and other bodies are allowed for, nothing has to be set;
             "paper": start from moments (A.3), criterion P3 by conjugate gradient (2.3).
         weights: (n,), >= 0; a point of weight k counts as k points, one of weight 0 is not there.
-        fixed: values of "semi_axes", "exponents", "rotation" or "translation" that are held.
+        fixed: values of "semi_axes", "exponents", "rotation" or "translation" that are fixed.
 
     Raises:
         PointsError, DegenerateError, OptionError: the input cannot be fitted.
@@ -86,7 +86,7 @@ def fit_robust(world: Array, kind: str, weights: Array, fixed: dict[str, ArrayLi
         world: checked points.
         kind: of the superquadric.
         weights: (n,) checked.
-        fixed: held values by name, in the frame of the points.
+        fixed: fixed values by name, in the frame of the points.
     """
     check_spread(world[weights > 0], needed=KINDS[kind].n_parameters)
     centred = Centred.of({ALONE: world}, {ALONE: weights})
@@ -99,7 +99,7 @@ def fit_robust(world: Array, kind: str, weights: Array, fixed: dict[str, ArrayLi
 
 
 def _in_frame(fixed: dict[str, ArrayLike], frame: Frame) -> dict[str, Array]:
-    """Held values, checked, in the centred and scaled frame."""
+    """Fixed values, checked, in the centred and scaled frame."""
     for name in fixed:
         choose(name, FIXABLE, "fixed")
     try:
@@ -118,7 +118,7 @@ def _outcome(solution: Solution, points: Array, inliers: Array) -> SuperquadricF
     sigma = float(descent.mixture.sigma[0])
     found = cut_to(descent.candidates.superquadric(0), points[inliers >= 0.5])
     weights = descent.weights * descent.inliers[0]
-    state = determined(descent.candidates, descent.derivatives[0], weights, sigma, descent.held)
+    state = determined(descent.candidates, descent.derivatives[0], weights, sigma, descent.fixed)
     steps = len(descent.history)
     warnings = (
         undetermined(state.rank, state.condition, len(found.parameters))
@@ -127,7 +127,7 @@ def _outcome(solution: Solution, points: Array, inliers: Array) -> SuperquadricF
         | partial_coverage(found, points[inliers >= 0.5])
         | poor_fit(sigma, POOR_SUPERQUADRIC)
         | at_bound(found, descent.longest)
-        | multiple_minima(solution.rivals)
+        | multiple_minima(solution.alternatives)
         | not_converged(solution.converged, steps)
     )
     return SuperquadricFit(

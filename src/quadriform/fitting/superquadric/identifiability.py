@@ -6,26 +6,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.fitting.diagnostics import UNDETERMINED
-from quadriform.fitting.superquadric.batch import AXES, HOLE, POWERS, SHIFT, TURN, Candidates
+from quadriform.fitting.superquadric.batch import AXES, HOLE, POWERS, ROTATION, SHIFT, Candidates
 from quadriform.fitting.superquadric.levenberg_marquardt import EXPONENT_SPREAD
 from quadriform.points import Array
 from quadriform.shapes.superellipse import quiet
 
-SYMMETRIC_TURN = 0.2
+SYMMETRIC_ROTATION = 0.2
 """An axis known no better than this, in radians, is an axis of symmetry for all that the data determines."""
-PURE_TURN = 0.9
-"""Share of a direction in parameter space above which it only turns the surface."""
+PURE_ROTATION = 0.9
+"""A direction in parameter space that is a rotation to this fraction only rotates the surface."""
 
 
 @dataclass(frozen=True)
 class Determined:
-    """What the derivatives at the answer say; lengths in RMS radii of the cloud.
+    """What the derivatives at the answer determine; lengths in RMS radii of the cloud.
 
     Attributes:
         rank: of the derivatives of the distances by the parameters that were free.
         condition: their largest singular value over the smallest.
         symmetric: whether a rotation of the surface is undetermined.
-        covariance: (p, p) in the order a1 a2 a3, e1 e2, three turns about the object's own axes in radians,
+        covariance: (p, p) in the order a1 a2 a3, e1 e2, three rotations about the object's own axes in radians,
             tx ty tz, hole radius; zero for held parameters.
     """
 
@@ -41,7 +41,7 @@ def determined(
     derivatives: Array,
     weights: Array,
     sigma: float,
-    held: NDArray[np.bool_],
+    fixed: NDArray[np.bool_],
 ) -> Determined:
     """Rank, condition and covariance of one candidate.
 
@@ -50,19 +50,19 @@ def determined(
         derivatives: (p, n) of the distances by its internal parameters.
         weights: (n,) weights times inlier probabilities.
         sigma: noise.
-        held: (p,) parameters that were not free.
+        fixed: (p,) parameters that were not estimated.
     """
-    free = np.flatnonzero(~held)
-    rows = (_natural(candidate, derivatives) * np.sqrt(weights))[free]
+    estimated = np.flatnonzero(~fixed)
+    rows = (_natural(candidate, derivatives) * np.sqrt(weights))[estimated]
     left, singular, _ = np.linalg.svd(rows, full_matrices=False)
     rank = int((singular > 1e-10 * singular[0]).sum())
     weak = left[:, singular < singular[0] / UNDETERMINED]
-    turning = (weak[np.isin(free, np.r_[TURN])] ** 2).sum(axis=0)
-    covariance = np.zeros((len(held), len(held)))
-    covariance[np.ix_(free, free)] = _inverse(rows @ rows.T / sigma**2, free)
+    rotating = (weak[np.isin(estimated, np.r_[ROTATION])] ** 2).sum(axis=0)
+    covariance = np.zeros((len(fixed), len(fixed)))
+    covariance[np.ix_(estimated, estimated)] = _inverse(rows @ rows.T / sigma**2, estimated)
     condition = float(singular[0] / max(singular[-1], 1e-300))
-    rotation_sigma = np.sqrt(max(np.linalg.eigvalsh(covariance[TURN, TURN])[-1], 0))
-    symmetric = bool((turning > PURE_TURN).any() or rotation_sigma > SYMMETRIC_TURN)
+    rotation_sigma = np.sqrt(max(np.linalg.eigvalsh(covariance[ROTATION, ROTATION])[-1], 0))
+    symmetric = bool((rotating > PURE_ROTATION).any() or rotation_sigma > SYMMETRIC_ROTATION)
     return Determined(rank, condition, symmetric, covariance)
 
 
@@ -75,8 +75,8 @@ def _natural(candidate: Candidates, derivatives: Array) -> Array:
     return rows
 
 
-def _inverse(information: Array, free: NDArray[np.intp]) -> Array:
+def _inverse(information: Array, estimated: NDArray[np.intp]) -> Array:
     """Inverse of the information and the exponents' prior; what nothing determines gets a huge variance."""
-    information = information + np.diag(np.isin(free, np.r_[POWERS]) / EXPONENT_SPREAD**2)
+    information = information + np.diag(np.isin(estimated, np.r_[POWERS]) / EXPONENT_SPREAD**2)
     values, vectors = np.linalg.eigh(information)
     return (vectors / np.maximum(values, 1e-16 * values[-1])) @ vectors.T

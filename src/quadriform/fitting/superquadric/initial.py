@@ -26,16 +26,16 @@ from quadriform.shapes.superquadric import Superquadric
 NEIGHBOURS = 9
 SPARSE = 2.0
 """A point whose neighbours are this many times further away than the median point's is left out of starts."""
-DENSE_SHARE = 0.4
+DENSE_FRACTION = 0.4
 """The densest points: mostly surface even when there are more outliers than inliers."""
-SIDE_SHARE = 0.4
+SIDE_FRACTION = 0.4
 """How much of the cloud lies on one side of a cut: a start must do without what lies on the other."""
 THINNEST = 1e-2
 """Least semi-axis of a start over its longest."""
 ORDERS = np.array([np.roll(np.eye(3), shift, axis=1) for shift in range(3)])
 EIGHTH = pose.rotation_from_euler(np.array([0, 0, np.pi / 4]))
 FRAMES = np.concatenate([ORDERS, ORDERS @ EIGHTH])
-"""Each axis as z, and the same turned by 45 degrees: the dual, where e2 and 2 - e2 look alike."""
+"""Each axis as z, and the same rotated by 45 degrees: the dual, where e2 and 2 - e2 look alike."""
 CUTS = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
 
 
@@ -43,7 +43,7 @@ def principal_frame(points: Array) -> tuple[Array, Array, Array]:
     """Centre (3,), rotation (3, 3) and moments (3,) of inertia of (n, 3) points, by P12 with mass 1.
 
     The axes are ordered from the shortest extent to the longest, so z is the long axis; z and y point to the side with
-    the longer tail, so the frame turns with the points.
+    the longer tail, so the frame rotates with the points.
     """
     centre = points.mean(axis=0)
     offset = points - centre
@@ -134,12 +134,12 @@ def hyperboloids(points: Array, kind: str) -> list[Superquadric]:
     signs = np.array([1.0, 1.0, -1.0] if kind == "hyperboloid1" else [1.0, -1.0, -1.0])
     found: list[tuple[float, Superquadric]] = []
     for (centre, axes), order in product(_frames(points), permutations(range(3))):
-        turned = _right_handed(axes[:, order])
-        squares = signs * ((points - centre) @ turned) ** 2
+        rotated = _right_handed(axes[:, order])
+        squares = signs * ((points - centre) @ rotated) ** 2
         coefficients = np.linalg.lstsq(squares, np.ones(len(points)), rcond=None)[0]
         if (coefficients > 0).all():
             cost = float(((squares @ coefficients - 1) ** 2).sum())
-            found.append((cost, _hyperboloid(points, kind, centre, turned, 1 / np.sqrt(coefficients))))
+            found.append((cost, _hyperboloid(points, kind, centre, rotated, 1 / np.sqrt(coefficients))))
     if not found:
         raise DegenerateError(
             f"points do not look like kind={kind!r}; expected them around a hyperboloid, try 'ellipsoid'"
@@ -187,7 +187,7 @@ def reach(points: Array, cloud: Array) -> Array:
 def dense_parts(points: Array) -> Array:
     """Weights (2, n), 0 or 1, of two parts of a cloud: without lone points, and the densest points only."""
     far = reach(points, points)
-    most = (1 + TIE) * np.array([SPARSE * np.median(far), np.quantile(far, DENSE_SHARE)])
+    most = (1 + TIE) * np.array([SPARSE * np.median(far), np.quantile(far, DENSE_FRACTION)])
     return (far <= most[:, None]).astype(np.float64)
 
 
@@ -199,17 +199,17 @@ def sides(points: Array, core: NDArray[np.bool_]) -> Array:
     centre = points[core].mean(axis=0)
     axes = canonical_axes(*np.linalg.eigh(np.cov(points[core].T)), points[core] - centre)
     heights = (points - centre) @ axes @ (CUTS / np.linalg.norm(CUTS, axis=1)[:, None]).T
-    most = np.quantile(heights[core], SIDE_SHARE, axis=0) + TIE * np.abs(heights[core]).max()
+    most = np.quantile(heights[core], SIDE_FRACTION, axis=0) + TIE * np.abs(heights[core]).max()
     return (core[:, None] & (heights <= most)).T.astype(np.float64)
 
 
 def _moments(points: Array, weights: Array) -> tuple[Array, Array]:
     """Centres (H, 3) and second moments (H, 3, 3) of weighted parts (H, n) of a cloud, of all without any weight."""
     weights = np.where(weights.sum(axis=1, keepdims=True) > 0, weights, 1.0)
-    share = weights / weights.sum(axis=1, keepdims=True)
-    centres = share @ points
+    fraction = weights / weights.sum(axis=1, keepdims=True)
+    centres = fraction @ points
     squares = (points[:, :, None] * points[:, None]).reshape(-1, 9)
-    return centres, (share @ squares).reshape(-1, 3, 3) - centres[:, :, None] * centres[:, None]
+    return centres, (fraction @ squares).reshape(-1, 3, 3) - centres[:, :, None] * centres[:, None]
 
 
 def principal_axes(points: Array, weights: Array) -> Array:
@@ -217,8 +217,8 @@ def principal_axes(points: Array, weights: Array) -> Array:
     centres, second = _moments(points, weights)
     values, axes = np.linalg.eigh(second)
     for part, centre in enumerate(centres):
-        shares = np.sqrt(weights[part])[:, None] if weights[part].any() else 1.0
-        axes[part] = canonical_axes(values[part], axes[part], shares * (points - centre))
+        roots = np.sqrt(weights[part])[:, None] if weights[part].any() else 1.0
+        axes[part] = canonical_axes(values[part], axes[part], roots * (points - centre))
     axes[:, :, 0] *= np.sign(np.linalg.det(axes))[:, None]
     return axes
 
@@ -233,8 +233,8 @@ def ellipsoids(points: Array, weights: Array, rotations: Array) -> Candidates:
     """
     centres, second = _moments(points, weights)
     count = rotations.shape[0] * rotations.shape[1]
-    turned = np.swapaxes(rotations, 2, 3) @ second[:, None] @ rotations
-    spread = np.einsum("hkaa->hka", turned).reshape(-1, 3)
+    rotated = np.swapaxes(rotations, 2, 3) @ second[:, None] @ rotations
+    spread = np.einsum("hkaa->hka", rotated).reshape(-1, 3)
     sizes = np.sqrt(3 * np.maximum(spread, THINNEST**2 * spread.max(axis=1, keepdims=True)))
     return Candidates(
         "ellipsoid",
@@ -247,12 +247,12 @@ def ellipsoids(points: Array, weights: Array, rotations: Array) -> Candidates:
 
 
 def other_kind(points: Array, kind: str) -> Candidates:
-    """Starts of a toroid or hyperboloid about several axes, each also turned by 45 degrees about its own."""
+    """Starts of a toroid or hyperboloid about several axes, each also rotated by 45 degrees about its own."""
     first = tori(points) if kind == "toroid" else hyperboloids(points, kind)
-    return Candidates.of(first + [_eighth_turned(s) for s in first])
+    return Candidates.of(first + [_eighth_rotated(s) for s in first])
 
 
-def _eighth_turned(s: Superquadric) -> Superquadric:
+def _eighth_rotated(s: Superquadric) -> Superquadric:
     size = np.sqrt((s.semi_axes[:2] ** 2).mean())
     axes = np.array([size, size, s.semi_axes[2]])
     return Superquadric(s.kind, axes, s.exponents, s.rotation @ EIGHTH, s.translation, s.hole_radius, s.height)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.fitting.mixture import Mixture
-from quadriform.fitting.superquadric.batch import POWERS, TURN, Candidates, distances
+from quadriform.fitting.superquadric.batch import POWERS, ROTATION, Candidates, distances
 from quadriform.points import Array
 from quadriform.shapes.superquadric import EXPONENTS
 
@@ -16,15 +16,15 @@ LARGEST_STEP = 0.5
 DAMPED = 1.0
 """Damping above which a step is shorter for the damping than by itself."""
 FINEST = 1e-3
-"""What points feel of a step is told in units of sigma, or of this where sigma is less (lengths in RMS radii)."""
+"""The predicted change of the distances is in units of sigma, or of this where sigma is less (in RMS radii)."""
 IDLE = 1e-20
-"""A turn that moves the surface by less than the root of this share of what other parameters do is not taken: what it
-would gain is rounding, as about the axes of a sphere."""
+"""A rotation whose squared effect on the distances is below this fraction of the largest of other parameters is not
+made: what it would gain is rounding, as about the axes of a sphere."""
 MEMORY, WORSE = 6, 2.0
 """Steps that the acceleration remembers; one this many times larger than the last makes it forget."""
 Mask = NDArray[np.bool_]
 Reestimate = Callable[["Descent"], Mixture]
-"""Gives the mixture of the next step."""
+"""Returns the mixture of the next step."""
 
 
 class Descent:
@@ -36,7 +36,7 @@ class Descent:
         weights: (m,) for all, or (M, m).
         mixture: where it starts.
         longest: no semi-axis grows above it.
-        held: (n_parameters,) true for parameters that stay.
+        fixed: (n_parameters,) true for parameters that stay.
         odds: (m,) log odds of the points to be inliers, besides their distances.
     """
 
@@ -47,11 +47,11 @@ class Descent:
         weights: Array,
         mixture: Mixture,
         longest: float,
-        held: Mask,
+        fixed: Mask,
         odds: Array,
     ) -> None:
         self.candidates, self.points, self.weights, self.mixture = candidates, points, weights, mixture
-        self.longest, self.held, self.odds = longest, held, odds
+        self.longest, self.fixed, self.odds = longest, fixed, odds
         self.damping = np.full(len(candidates), 1e-2)
         self.distances, self.derivatives = distances(candidates, points)
         self.inliers, self.log_density = mixture.densities(self.distances, self.odds)
@@ -62,12 +62,12 @@ class Descent:
         return self.candidates.take(index), self.mixture.take(index)
 
     def scores(self) -> Array:
-        """Log likelihood (M,), less what fitting few points exactly gains: each parameter takes a share of sigma."""
+        """Log likelihood (M,), less what fitting few points exactly gains: each parameter takes a part of sigma."""
         gain = self.candidates.n_parameters * np.log(self.mixture.sigma)
         return (self.weights * self.log_density).sum(axis=1) + gain
 
     def run(self, iterations: int, tolerance: float, reestimate: Reestimate) -> bool:
-        """Step until the change is below `tolerance` for all candidates; True when that is their rest.
+        """Step until the change is below `tolerance` for all candidates; True when they converged.
 
         A step that is short by its damping alone, and refused, is none; but nor would shorter ones be taken, for
         derivatives at foot points are not quite those of the likelihood.
@@ -81,7 +81,7 @@ class Descent:
                 return bool((accepted | (self.damping < DAMPED)).all())
         return False
 
-    def settle(self, iterations: int, tolerance: float, reestimate: Reestimate) -> bool:
+    def converge(self, iterations: int, tolerance: float, reestimate: Reestimate) -> bool:
         """Undamped, accelerated steps of one candidate to the fixed point; True when it was reached.
 
         Derivatives at foot points are those of the Euclidean distance: their fixed point is not quite where the
@@ -89,19 +89,19 @@ class Descent:
         """
         before = self.candidates, self.mixture
         self.damping = np.zeros(len(self.candidates))
-        places, proposals = [np.zeros(self.held.size + 2)], list[Array]()
+        positions, proposals = [np.zeros(self.fixed.size + 2)], list[Array]()
         for _ in range(iterations):
             step = self._step()
             mixture = reestimate(self)
             proposals.append(np.concatenate([step[0], mixture.coordinates() - self.mixture.coordinates()]))
-            rest = self._change(step)[0] < tolerance
+            converged = self._change(step)[0] < tolerance
             if len(proposals) > 1 and np.abs(proposals[-1]).max() > WORSE * np.abs(proposals[-2]).max():
-                places, proposals = places[-1:], proposals[-1:]
-            motion = accelerated(places[-MEMORY:], proposals[-MEMORY:])
+                positions, proposals = positions[-1:], proposals[-1:]
+            motion = accelerated(positions[-MEMORY:], proposals[-MEMORY:])
             motion *= min(1, LARGEST_STEP / max(np.abs(motion).max(), 1e-300))
             self._move(motion)
-            places.append(places[-1] + motion)
-            if rest:
+            positions.append(positions[-1] + motion)
+            if converged:
                 return True
         self.candidates, self.mixture = before
         self._move(np.zeros_like(motion))
@@ -122,33 +122,35 @@ class Descent:
         """The damped Gauss-Newton step (M, n_parameters) of the weighted squares and the prior."""
         weighted = self.derivatives * (self.weights * self.inliers)[:, None]
         normal = weighted @ np.swapaxes(self.derivatives, 1, 2)
-        slope = (weighted @ self.distances[:, :, None])[..., 0]
+        gradient = (weighted @ self.distances[:, :, None])[..., 0]
         prior = (self.mixture.sigma / EXPONENT_SPREAD) ** 2
-        slope[:, POWERS] += prior[:, None] * (self.candidates.exponents - 1)
+        gradient[:, POWERS] += prior[:, None] * (self.candidates.exponents - 1)
         diagonal = np.einsum("mii->mi", normal)
         diagonal[:, POWERS] += prior[:, None]
         largest = diagonal.max(axis=1, keepdims=True)
-        free = ~self._blocked(slope)
-        free[:, TURN] &= diagonal[:, TURN] > IDLE * largest
-        slope *= free
-        normal *= free[:, :, None] & free[:, None]
+        unblocked = ~self._blocked(gradient)
+        unblocked[:, ROTATION] &= diagonal[:, ROTATION] > IDLE * largest
+        gradient *= unblocked
+        normal *= unblocked[:, :, None] & unblocked[:, None]
         largest = diagonal.max(axis=1, keepdims=True)
-        diagonal += self.damping[:, None] * diagonal + 1e-13 * largest + 1e-300 + largest * ~free
-        step = -np.linalg.solve(normal, slope[:, :, None])[..., 0]
+        diagonal += self.damping[:, None] * diagonal + 1e-13 * largest + 1e-300 + largest * ~unblocked
+        step = -np.linalg.solve(normal, gradient[:, :, None])[..., 0]
         return step * np.minimum(1, LARGEST_STEP / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
 
-    def _blocked(self, slope: Array) -> Mask:
-        """Parameters (M, n_parameters) that are held, or at a bound and drawn beyond it."""
-        blocked = np.broadcast_to(self.held, slope.shape).copy()
+    def _blocked(self, gradient: Array) -> Mask:
+        """Parameters (M, n_parameters) that are fixed, or at a bound and would pass it."""
+        blocked = np.broadcast_to(self.fixed, gradient.shape).copy()
         low, high = ((self.candidates.exponents <= EXPONENTS[0]), (self.candidates.exponents >= EXPONENTS[1]))
-        blocked[:, POWERS] |= (low & (slope[:, POWERS] > 0)) | (high & (slope[:, POWERS] < 0))
-        blocked[:, :3] |= (self.candidates.log_axes >= np.log(self.longest)) & (slope[:, :3] < 0)
+        blocked[:, POWERS] |= (low & (gradient[:, POWERS] > 0)) | (high & (gradient[:, POWERS] < 0))
+        blocked[:, :3] |= (self.candidates.log_axes >= np.log(self.longest)) & (gradient[:, :3] < 0)
         return blocked
 
     def _change(self, step: Array) -> Array:
-        """How far the step goes (M,): the largest parameter's way, or what the points feel of it if that is less."""
-        felt = (step[:, None] @ self.derivatives)[:, 0]
-        return np.minimum(np.abs(step).max(axis=1), np.abs(felt).max(axis=1) / np.maximum(self.mixture.sigma, FINEST))
+        """The largest change (M,) of a parameter by the step, or the predicted one of the distances if that is less."""
+        predicted = (step[:, None] @ self.derivatives)[:, 0]
+        return np.minimum(
+            np.abs(step).max(axis=1), np.abs(predicted).max(axis=1) / np.maximum(self.mixture.sigma, FINEST)
+        )
 
     def _try(self, step: Array) -> Mask:
         """Take the step where it does not lose; which (M,) did."""
@@ -170,7 +172,7 @@ def _log_prior(candidates: Candidates) -> Array:
     return -((candidates.exponents - 1) ** 2).sum(axis=1) / (2 * EXPONENT_SPREAD**2)
 
 
-def accelerated(places: list[Array], proposals: list[Array]) -> Array:
+def accelerated(positions: list[Array], proposals: list[Array]) -> Array:
     """Anderson's step: the mix of the last proposals that would have cancelled, had the map been linear.
 
     Args:
@@ -180,7 +182,7 @@ def accelerated(places: list[Array], proposals: list[Array]) -> Array:
     latest = proposals[-1]
     if len(proposals) == 1:
         return latest
-    moved, changed = np.diff(places, axis=0), np.diff(proposals, axis=0)
+    moved, changed = np.diff(positions, axis=0), np.diff(proposals, axis=0)
     if not np.isfinite(changed).all():
         return latest
     mix = np.linalg.lstsq(changed.T, latest, rcond=None)[0]

@@ -1,8 +1,8 @@
 """The search behind the robust superquadric: many starts on few points, the best of them on all.
 
-Coarse to fine: candidates are cooled and compared on a small even sample, the distinct best ones again on a larger
-one, the winner is run to rest on all points. A wider search over parts of the cloud follows only where the winner
-does not convince.
+Coarse to fine: candidates are annealed and compared on a small even sample, the distinct best ones again on a larger
+one, the best converges on all points. A wider search over parts of the cloud follows only where the best
+is not accepted.
 """
 
 from dataclasses import dataclass, replace
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from quadriform.fitting.cloud import best_first, canonical_axes, canonical_order
-from quadriform.fitting.mixture import LARGEST_SHARE, Mixture, cooled, crowding_odds, estimated, everyone
+from quadriform.fitting.mixture import LARGEST_RATIO, Mixture, annealed, density_odds, estimated, everyone
 from quadriform.fitting.superquadric.batch import Candidates
 from quadriform.fitting.superquadric.initial import (
     FRAMES,
@@ -31,41 +31,41 @@ from quadriform.shapes.superquadric import Superquadric
 
 CLOUD, FINE, COARSE, COARSE_WIDE = 1500, 500, 160, 320
 """Points that density is taken from, that the best are compared on, and that all are tried on, narrowly and widely."""
-OWN_STEPS, COOLING_STEPS, FREE_STEPS, COMPARE_STEPS, CLEAN_STEPS = 4, 8, 6, 8, 16
+OWN_STEPS, ANNEALING_STEPS, EM_STEPS, COMPARE_STEPS, CLEAN_STEPS = 4, 8, 6, 8, 16
 """Steps on the part that a start came from, while sigma is forced down, with sigma free, in comparison, and where all
 points count."""
 GROWTH = 16
 """From one sample to the next, until all points are in it."""
 KEPT, KEPT_WIDE = 4, 8
-"""Distinct candidates that the larger sample sees, after the narrow and after the wide search."""
-REST = 1e-10
+"""Distinct candidates on the larger sample, after the narrow and after the wide search."""
+TOLERANCE = 1e-10
 """The last descent ends when no parameter moves more than this (lengths in RMS radii)."""
 NEAR = 1e-2
 """Steps below this need no guard any more."""
 NEARLY = 1e-6
-"""What must do on a crease, where derivatives jump and nothing comes to rest."""
+"""The tolerance on a crease, where derivatives jump and no descent converges."""
 MOST_STEPS = 40
 PATTERN = 0.5
 """Share of the distances' variance that neighbours must not have in common."""
 ENOUGH_PAIRS = (4 / (1 - PATTERN)) ** 2
-"""With fewer neighbours pure noise has as much in common one time in 30,000 (four sigma), so nothing is told."""
+"""With fewer neighbours pure noise has as much in common one time in 30,000 (four sigma), so nothing is concluded."""
 PATTERN_COST = 0.1
 """Log likelihood per point that a pattern in the distances is held against a candidate."""
-NOISE_FREE = 1e-6
+EXACT = 1e-6
 CLEAN = 0.02
-"""With no surface as near as this share of the RMS radius, or one that convinces and leaves more, points are no clean
-sample: where the race convinces and is wrong on a clean one it leaves less."""
-RIVAL = 0.01
-"""Surfaces whose cost, sigma squared, is within this share of the best are rivals."""
+"""With no surface as near as this fraction of the RMS radius, or an accepted one that leaves more, points are no clean
+sample: a wrong surface that is accepted on a clean one leaves less."""
+ALTERNATIVE = 0.01
+"""Surfaces whose cost, sigma squared, is within this fraction of the best are alternative minima."""
 HOTTEST = 0.5
-"""Cooling starts no hotter than this share of a candidate's size."""
+"""Annealing starts no hotter than this fraction of a candidate's size."""
 SAME = 0.5
 """Surfaces nearer to each other than this many sigma at the points are one."""
 
 
 @dataclass(frozen=True)
 class Problem:
-    """What is fitted: centred and scaled distinct points with weights of mean one, and what is held.
+    """What is fitted: centred and scaled distinct points with weights of mean one, and what is fixed.
 
     Attributes:
         points: (n, 3).
@@ -96,13 +96,13 @@ class Problem:
         return replace(self, points=self.points[index], weights=self.weights[index], odds=self.odds[index])
 
     @property
-    def held(self) -> NDArray[np.bool_]:
+    def fixed_mask(self) -> NDArray[np.bool_]:
         """(11,) or (12,): which parameters stay."""
         names = np.repeat(["semi_axes", "exponents", "rotation", "translation", "hole_radius"], [3, 2, 3, 3, 1])
         return np.isin(names[: KINDS[self.kind].n_parameters], list(self.fixed))
 
     def with_fixed(self, candidates: Candidates) -> Candidates:
-        """Candidates with the held values in their places."""
+        """Candidates with the fixed values."""
         names = ("semi_axes", "exponents", "rotation", "translation", "hole_radius")
         values: dict[str, Array] = dict(zip(names, candidates.arrays))
         for name, value in self.fixed.items():
@@ -111,7 +111,7 @@ class Problem:
 
     def descent(self, candidates: Candidates, mixture: Mixture, longest: float) -> Descent:
         """A descent of the candidates on these points."""
-        return Descent(candidates, self.points, self.weights, mixture, longest, self.held, self.odds)
+        return Descent(candidates, self.points, self.weights, mixture, longest, self.fixed_mask, self.odds)
 
 
 @dataclass(frozen=True)
@@ -119,19 +119,19 @@ class Solution:
     """The winner and what is known of it.
 
     Attributes:
-        descent: at rest, with one candidate.
-        converged: whether it came to rest.
-        rivals: other surfaces that explain the points equally well.
+        descent: converged, with one candidate.
+        converged: whether it converged.
+        alternatives: other surfaces that explain the points equally well.
     """
 
     descent: Descent
     converged: bool
-    rivals: int
+    alternatives: int
 
 
 def em(descent: Descent) -> Mixture:
     """The mixture re-estimated."""
-    count = int((~descent.held).sum())
+    count = int((~descent.fixed).sum())
     return estimated(descent.distances, descent.inliers, descent.weights, count)
 
 
@@ -141,91 +141,91 @@ def solve(problem: Problem) -> Solution:
     parts = dense_parts(cloud.points)
     core = parts[0] > 0
     longest = bound_of_axes(cloud.points[core])
-    race = Race(cloud, longest)
-    best = race.compared(race.raced(parts, race.frames(parts, FRAMES), COARSE), KEPT, None)
-    convinces = convincing(best)
-    if problem.kind == "ellipsoid" and not convinces[best_first(best.scores())[0]]:
-        best = race.widened(np.concatenate([parts, sides(cloud.points, core)]), best)
-        convinces = convincing(best)
-    winner = best_first(_ranking(best, convinces))[:1]
-    if best.mixture.share[winner[0]] < LARGEST_SHARE:
-        noisy = convinces[winner[0]] and best.mixture.sigma[winner[0]] > CLEAN
-        if not noisy and (clean := race.met_by_all()):
-            return _to_rest(problem, clean, 0, longest)
-        problem = _crowded(problem, best.picked(winner), longest)
+    search = Search(cloud, longest)
+    best = search.compared(search.annealed_starts(parts, search.frames(parts, FRAMES), COARSE), KEPT, None)
+    accepted = acceptable(best)
+    if problem.kind == "ellipsoid" and not accepted[best_first(best.scores())[0]]:
+        best = search.wider(np.concatenate([parts, sides(cloud.points, core)]), best)
+        accepted = acceptable(best)
+    winner = best_first(_ranking(best, accepted))[:1]
+    if best.mixture.inlier_ratio[winner[0]] < LARGEST_RATIO:
+        noisy = accepted[winner[0]] and best.mixture.sigma[winner[0]] > CLEAN
+        if not noisy and (clean := search.met_by_all()):
+            return _converged(problem, clean, 0, longest)
+        problem = _with_density_odds(problem, best.picked(winner), longest)
     if problem.odds.any():
-        contest = problem.sample(CLOUD).descent(*best.picked(distinct(best, _ranking(best, convinces), KEPT)), longest)
+        contest = problem.sample(CLOUD).descent(*best.picked(distinct(best, _ranking(best, accepted), KEPT)), longest)
         contest.run(COMPARE_STEPS, NEAR, em)
-        best, convinces = contest, convincing(contest)
-    rivals = _rivals(best, _ranking(best, convinces))
-    return _to_rest(problem, best.picked(rivals), len(rivals) - 1, longest)
+        best, accepted = contest, acceptable(contest)
+    alternatives = _alternatives(best, _ranking(best, accepted))
+    return _converged(problem, best.picked(alternatives), len(alternatives) - 1, longest)
 
 
 def nearby(problem: Problem, starts: list[Superquadric]) -> Superquadric:
-    """The best of what lies near given starts, on a sample: no search, and no race to the last digit."""
+    """The best of what lies near given starts, on a sample: no search, and no convergence to the last digit."""
     cloud = problem.sample(FINE)
     candidates = cloud.with_fixed(Candidates.of(starts))
     longest = bound_of_axes(cloud.points)
-    spread = Mixture(np.full(len(starts), LARGEST_SHARE), np.full(len(starts), HOTTEST))
+    spread = Mixture(np.full(len(starts), LARGEST_RATIO), np.full(len(starts), HOTTEST))
     descent = cloud.descent(candidates, spread, longest)
-    descent.run(COOLING_STEPS, 0, lambda d: everyone(d.distances, d.weights))
+    descent.run(ANNEALING_STEPS, 0, lambda d: everyone(d.distances, d.weights))
     descent.run(MOST_STEPS, NEAR, em)
     return descent.candidates.superquadric(int(best_first(descent.scores())[0]))
 
 
-def _crowded(problem: Problem, winner: tuple[Candidates, Mixture], longest: float) -> Problem:
+def _with_density_odds(problem: Problem, winner: tuple[Candidates, Mixture], longest: float) -> Problem:
     """The problem with the odds that crowding gives, when the best candidate leaves outliers."""
     inliers = problem.descent(*winner, longest).inliers[0]
-    return replace(problem, odds=crowding_odds(reach(problem.points, problem.sample(CLOUD).points), inliers))
+    return replace(problem, odds=density_odds(reach(problem.points, problem.sample(CLOUD).points), inliers))
 
 
 def bound_of_axes(points: Array) -> float:
-    """Twice the extent of the points (n, 3) along a side of their box, whichever way the box is turned."""
+    """Twice the extent of the points (n, 3) along a side of their box, whichever way the box is rotated."""
     _, values, axes = np.linalg.svd(points, full_matrices=False)
     axes = canonical_axes(values**2, axes.T, points)
     return 2 * float(np.ptp(points @ axes, axis=0).max()) / np.sqrt(3)
 
 
 @dataclass(frozen=True)
-class Race:
+class Search:
     """Candidates against each other on samples of a cloud; no semi-axis above `longest`."""
 
     cloud: Problem
     longest: float
 
-    def widened(self, parts: Array, earlier: Descent) -> Descent:
-        """A race from many parts, another from what its winners hold in their own frames, and the comparison."""
-        first = self.raced(parts, self.frames(parts, FRAMES[::3]), COARSE_WIDE)
+    def wider(self, parts: Array, earlier: Descent) -> Descent:
+        """A search from many parts, another from the inliers of its best in their own frames, and the comparison."""
+        first = self.annealed_starts(parts, self.frames(parts, FRAMES[::3]), COARSE_WIDE)
         winners, mixture = first.picked(distinct(first, first.scores(), KEPT_WIDE))
         inliers = self.cloud.descent(winners, mixture, self.longest).inliers
-        second = self.raced(inliers, winners.rotations[:, None] @ FRAMES, COARSE_WIDE)
+        second = self.annealed_starts(inliers, winners.rotations[:, None] @ FRAMES, COARSE_WIDE)
         return self.compared(second, KEPT_WIDE, earlier)
 
     def met_by_all(self) -> tuple[Candidates, Mixture] | None:
         """An ellipsoid that meets every point of a sample exactly, if one is found.
 
-        The race may take points of a clean but uneven sample for strangers; here all count, from the axes of the whole
+        The search may take points of a clean but uneven sample for outliers; here all count, from the axes of the whole
         cloud and then, twice, from those of what the best starts come to.
         """
         if self.cloud.kind != "ellipsoid":
             return None
-        few = self.cloud.sample(COARSE)
+        subset = self.cloud.sample(COARSE)
         frames = self.frames(np.ones((1, len(self.cloud.points))), FRAMES)
         for _ in range(3):
-            starts = few.with_fixed(ellipsoids(few.points, np.tile(few.weights, (len(frames), 1)), frames))
-            spread = Mixture(np.full(len(starts), LARGEST_SHARE), np.full(len(starts), HOTTEST))
-            descent = few.descent(starts, spread, self.longest)
+            starts = subset.with_fixed(ellipsoids(subset.points, np.tile(subset.weights, (len(frames), 1)), frames))
+            spread = Mixture(np.full(len(starts), LARGEST_RATIO), np.full(len(starts), HOTTEST))
+            descent = subset.descent(starts, spread, self.longest)
             descent.run(CLEAN_STEPS, 0, lambda d: everyone(d.distances, d.weights))
             best = distinct(descent, -descent.mixture.sigma, KEPT_WIDE)
-            if descent.mixture.sigma[best[0]] < NOISE_FREE:
+            if descent.mixture.sigma[best[0]] < EXACT:
                 return descent.picked(best[:1])
             if descent.mixture.sigma[best[0]] > CLEAN:
                 break
             frames = descent.candidates.rotations[best, None] @ FRAMES
         return None
 
-    def raced(self, parts: Array, rotations: Array, most: int) -> Descent:
-        """Starts from weighted parts (H, n) of the cloud, cooled and then let go, on `most` points.
+    def annealed_starts(self, parts: Array, rotations: Array, most: int) -> Descent:
+        """Starts from weighted parts (H, n) of the cloud, annealed and then by EM, on `most` points.
 
         Args:
             parts: weights of the cloud's points, a row for each part.
@@ -233,17 +233,19 @@ class Race:
             most: points of the sample.
         """
         index = self.cloud.thinned(most)
-        few = self.cloud.sample(most)
-        starts = few.with_fixed(self._starts(parts, rotations))
-        own = np.repeat(np.maximum(parts[:, index], 1e-6) * few.weights, -(-len(starts) // len(parts)), axis=0)
+        subset = self.cloud.sample(most)
+        starts = subset.with_fixed(self._starts(parts, rotations))
+        own = np.repeat(np.maximum(parts[:, index], 1e-6) * subset.weights, -(-len(starts) // len(parts)), axis=0)
         sizes = np.sqrt(np.exp(2 * starts.log_axes).mean(axis=1))  # RMS radius of the part
-        spread = Mixture(np.full(len(starts), LARGEST_SHARE), HOTTEST * sizes)
-        descent = Descent(starts, few.points, own[: len(starts)], spread, self.longest, few.held, few.odds)
+        spread = Mixture(np.full(len(starts), LARGEST_RATIO), HOTTEST * sizes)
+        descent = Descent(
+            starts, subset.points, own[: len(starts)], spread, self.longest, subset.fixed_mask, subset.odds
+        )
         descent.run(OWN_STEPS, 0, lambda d: everyone(d.distances, d.weights))
-        hot = Mixture(descent.mixture.share, np.minimum(descent.mixture.sigma, HOTTEST * sizes))
-        descent = few.descent(descent.candidates, hot, self.longest)
-        descent.run(COOLING_STEPS, 0, lambda d: cooled(d.mixture, sizes))
-        descent.run(FREE_STEPS, 1e-4, em)
+        hot = Mixture(descent.mixture.inlier_ratio, np.minimum(descent.mixture.sigma, HOTTEST * sizes))
+        descent = subset.descent(descent.candidates, hot, self.longest)
+        descent.run(ANNEALING_STEPS, 0, lambda d: annealed(d.mixture, sizes))
+        descent.run(EM_STEPS, 1e-4, em)
         return descent
 
     def _starts(self, parts: Array, rotations: Array) -> Candidates:
@@ -251,12 +253,12 @@ class Race:
             return other_kind(self.cloud.points[parts[0] > 0], self.cloud.kind)
         return ellipsoids(self.cloud.points, parts * self.cloud.weights, rotations)
 
-    def frames(self, parts: Array, turns: Array) -> Array:
-        """Turns (k, 3, 3) of the principal axes of each part, or the held rotation: (H, k, 3, 3)."""
-        held = self.cloud.fixed.get("rotation")
-        if held is not None:
-            return np.broadcast_to(held, (len(parts), 1, 3, 3))
-        return principal_axes(self.cloud.points, parts * self.cloud.weights)[:, None] @ turns
+    def frames(self, parts: Array, rotations: Array) -> Array:
+        """Turns (k, 3, 3) of the principal axes of each part, or the fixed rotation: (H, k, 3, 3)."""
+        fixed_mask = self.cloud.fixed.get("rotation")
+        if fixed_mask is not None:
+            return np.broadcast_to(fixed_mask, (len(parts), 1, 3, 3))
+        return principal_axes(self.cloud.points, parts * self.cloud.weights)[:, None] @ rotations
 
     def compared(self, descent: Descent, kept: int, earlier: Descent | None) -> Descent:
         """The distinct best candidates, and those of an earlier comparison, on a larger sample."""
@@ -274,42 +276,42 @@ def distinct(descent: Descent, ranking: Array, most: int) -> NDArray[np.int64]:
     for index in best_first(ranking):
         sigma = SAME * descent.mixture.sigma[index]
         weight = descent.inliers[index]
-        gaps = descent.distances[chosen] - descent.distances[index]
-        if not ((gaps**2 @ weight) < sigma**2 * weight.sum()).any():
+        differences = descent.distances[chosen] - descent.distances[index]
+        if not ((differences**2 @ weight) < sigma**2 * weight.sum()).any():
             chosen.append(int(index))
         if len(chosen) == most:
             break
     return np.array(chosen)
 
 
-def convincing(descent: Descent) -> NDArray[np.bool_]:
-    """Which candidates (M,) hold half of the points and leave distances without much of a pattern.
+def acceptable(descent: Descent) -> NDArray[np.bool_]:
+    """Which candidates (M,) have half of the points as inliers and distances without much of a pattern.
 
     Distances of neighbours are compared by von Neumann's ratio: one for noise, less where the surface is not that of
     the points. Edges seen through strong noise alone give about 0.6.
     """
     neighbour = cKDTree(descent.points).query(descent.points, 2)[1][:, 1]
     pair = descent.inliers * descent.inliers[:, neighbour] * descent.weights
-    here, there = descent.distances, descent.distances[:, neighbour]
-    apart, both = ((pair * (here - there) ** 2).sum(axis=1), (pair * (here**2 + there**2)).sum(axis=1))
-    white = (pair.sum(axis=1) > ENOUGH_PAIRS) & (apart > PATTERN * both)
-    return (descent.mixture.share >= 0.5) & (white | (descent.mixture.sigma < NOISE_FREE))
+    own, other = descent.distances, descent.distances[:, neighbour]
+    difference, both = ((pair * (own - other) ** 2).sum(axis=1), (pair * (own**2 + other**2)).sum(axis=1))
+    white = (pair.sum(axis=1) > ENOUGH_PAIRS) & (difference > PATTERN * both)
+    return (descent.mixture.inlier_ratio >= 0.5) & (white | (descent.mixture.sigma < EXACT))
 
 
-def _ranking(descent: Descent, convinces: NDArray[np.bool_]) -> Array:
+def _ranking(descent: Descent, accepted: NDArray[np.bool_]) -> Array:
     """Scores (M,), with an advantage for candidates that convince: the likelihood does not see patterns."""
-    return descent.scores() + PATTERN_COST * descent.weights.sum() * convinces
+    return descent.scores() + PATTERN_COST * descent.weights.sum() * accepted
 
 
-def _rivals(descent: Descent, ranking: Array) -> NDArray[np.int64]:
-    """The best candidate and those within `RIVAL` of its cost."""
+def _alternatives(descent: Descent, ranking: Array) -> NDArray[np.int64]:
+    """The best candidate and those within `ALTERNATIVE` of its cost."""
     index = distinct(descent, ranking, KEPT_WIDE)
-    margin = RIVAL / 2 * descent.inliers[index[0]].sum()
+    margin = ALTERNATIVE / 2 * descent.inliers[index[0]].sum()
     return index[ranking[index] >= ranking[index[0]] - margin]
 
 
-def _to_rest(problem: Problem, start: tuple[Candidates, Mixture], rivals: int, longest: float) -> Solution:
-    """Larger and larger samples, then all points; rivals race up to the last."""
+def _converged(problem: Problem, start: tuple[Candidates, Mixture], alternatives: int, longest: float) -> Solution:
+    """Larger and larger samples, then all points; alternatives are compared up to the last."""
     candidates, mixture = start
     size = FINE * GROWTH
     while size * 2 < len(problem.points):
@@ -320,8 +322,8 @@ def _to_rest(problem: Problem, start: tuple[Candidates, Mixture], rivals: int, l
     descent = problem.descent(candidates, mixture, longest)
     descent.run(MOST_STEPS, NEAR, em)
     descent = descent if len(candidates) == 1 else problem.descent(*_winner(descent), longest)
-    converged = descent.settle(MOST_STEPS, REST, em) or descent.run(MOST_STEPS, NEARLY, em)
-    return Solution(descent, converged, rivals)
+    converged = descent.converge(MOST_STEPS, TOLERANCE, em) or descent.run(MOST_STEPS, NEARLY, em)
+    return Solution(descent, converged, alternatives)
 
 
 def _winner(descent: Descent) -> tuple[Candidates, Mixture]:

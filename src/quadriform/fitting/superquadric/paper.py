@@ -9,7 +9,7 @@ from scipy.optimize import least_squares, minimize
 from quadriform.fitting.diagnostics import at_bound, not_converged, undetermined
 from quadriform.fitting.mixture import LEAST_SIGMA
 from quadriform.fitting.result import SuperquadricFit
-from quadriform.fitting.superquadric.batch import TURN, Candidates, distances
+from quadriform.fitting.superquadric.batch import ROTATION, Candidates, distances
 from quadriform.fitting.superquadric.identifiability import determined
 from quadriform.fitting.superquadric.initial import cut_to, start
 from quadriform.points import Array
@@ -24,7 +24,7 @@ TO_THE_LAST_DIGITS = {"method": "lm", "xtol": 1e-14, "ftol": 1e-14, "gtol": 1e-1
 
 
 class _Unbounded:
-    """The parameters as free numbers: logarithms of lengths, logits of exponents, turns away from the start.
+    """The parameters without bounds: logarithms of lengths, logits of exponents, rotations away from the start.
 
     Euler angles are counted from the start's axes, so the fit begins far from gimbal lock.
     """
@@ -33,30 +33,30 @@ class _Unbounded:
         self.first = replace(first, rotation=np.eye(3))
         self.axes = first.rotation
 
-    def free(self) -> Array:
+    def unbounded(self) -> Array:
         """The start as free numbers."""
         p = self.first.parameters.copy()
         p[:3] = np.log(p[:3])
-        share = (p[3:5] - EXPONENTS[0]) / (EXPONENTS[1] - EXPONENTS[0])
-        p[3:5] = np.log(share / (1 - share))
+        fraction = (p[3:5] - EXPONENTS[0]) / (EXPONENTS[1] - EXPONENTS[0])
+        p[3:5] = np.log(fraction / (1 - fraction))
         p[8:11] = p[8:11] @ self.axes
         p[11:] = np.log(p[11:] - 1)
         return p
 
-    def bound(self, free: Array) -> tuple[Superquadric, Array]:
+    def bound(self, unbounded: Array) -> tuple[Superquadric, Array]:
         """The superquadric in the start's axes, and the derivative of each of its numbers by its free one."""
-        p, slope = free.copy(), np.ones(len(free))
-        p[:3] = slope[:3] = np.exp(np.clip(free[:3], -50, 50))
-        share = 1 / (1 + np.exp(-np.clip(free[3:5], -500, 500)))
+        p, derivative = unbounded.copy(), np.ones(len(unbounded))
+        p[:3] = derivative[:3] = np.exp(np.clip(unbounded[:3], -50, 50))
+        fraction = 1 / (1 + np.exp(-np.clip(unbounded[3:5], -500, 500)))
         span = EXPONENTS[1] - EXPONENTS[0]
-        p[3:5], slope[3:5] = EXPONENTS[0] + span * share, span * share * (1 - share)
-        slope[11:] = np.exp(np.clip(free[11:], -30, 30))
-        p[11:] = 1 + slope[11:]
-        return self.first.with_parameters(p), slope
+        p[3:5], derivative[3:5] = EXPONENTS[0] + span * fraction, span * fraction * (1 - fraction)
+        derivative[11:] = np.exp(np.clip(unbounded[11:], -30, 30))
+        p[11:] = 1 + derivative[11:]
+        return self.first.with_parameters(p), derivative
 
-    def in_place(self, free: Array) -> Superquadric:
+    def in_frame(self, unbounded: Array) -> Superquadric:
         """The superquadric in the frame of the points."""
-        found, _ = self.bound(free)
+        found, _ = self.bound(unbounded)
         return replace(
             found,
             rotation=self.axes @ found.rotation,
@@ -67,25 +67,27 @@ class _Unbounded:
 def fit_paper(points: Array, kind: str) -> SuperquadricFit:
     """The paper's fit to centred, scaled points (n, 3)."""
     coordinates = _Unbounded(start(points, kind))
-    turned = points @ coordinates.axes
+    rotated = points @ coordinates.axes
 
-    def criterion(free: Array) -> tuple[float, Array]:
-        candidate, slope = coordinates.bound(free)
+    def criterion(unbounded: Array) -> tuple[float, Array]:
+        candidate, derivative = coordinates.bound(unbounded)
         # Euler angles of the candidate are the free ones themselves, so no gimbal lock can swap them
-        value, by_parameter = candidate.parameter_derivatives(turned)
-        gap = value - 1
-        return float(gap @ gap) / len(gap), 2 * (gap @ by_parameter) * slope / len(gap)  # P3
+        value, by_parameter = candidate.parameter_derivatives(rotated)
+        residual = value - 1
+        return float(residual @ residual) / len(residual), 2 * (residual @ by_parameter) * derivative / len(
+            residual
+        )  # P3
 
     history: list[float] = []
     result = minimize(
         criterion,
-        coordinates.free(),
+        coordinates.unbounded(),
         jac=True,
         method="CG",
         callback=lambda intermediate_result: history.append(float(intermediate_result.fun)),
         options={"gtol": GRADIENT_TOLERANCE, "maxiter": MAX_ITERATIONS},
     )
-    found = cut_to(coordinates.in_place(result.x), points)
+    found = cut_to(coordinates.in_frame(result.x), points)
     rank, condition = determinacy(found, points)
     warnings = (
         undetermined(rank, condition, len(found.parameters))
@@ -94,8 +96,8 @@ def fit_paper(points: Array, kind: str) -> SuperquadricFit:
     )
     distance, derivatives = distances(Candidates.of([found]), points)
     noise = max(float(np.sqrt((distance**2).mean())), LEAST_SIGMA)
-    free = np.zeros(len(found.parameters), dtype=np.bool_)
-    state = determined(Candidates.of([found]), derivatives[0], np.ones(len(points)), noise, free)
+    unbounded = np.zeros(len(found.parameters), dtype=np.bool_)
+    state = determined(Candidates.of([found]), derivatives[0], np.ones(len(points)), noise, unbounded)
     covariance, iterations = state.covariance, int(result.nit)
     return SuperquadricFit(
         found, warnings, rank, condition, covariance, np.ones(len(points)), noise, tuple(history), iterations
@@ -105,18 +107,18 @@ def fit_paper(points: Array, kind: str) -> SuperquadricFit:
 def least_criterion(points: Array, kind: str) -> Superquadric:
     """The minimum of P3 from the paper's start, to the last digits, by Levenberg and Marquardt's method.
 
-    Conjugate gradients stop a few digits earlier; a start that other results depend on must be the same for a turned
+    Conjugate gradients stop a few digits earlier; a start that other results depend on must be the same for a rotated
     cloud. Points (n, 3) centred and scaled.
     """
     coordinates = _Unbounded(start(points, kind))
-    turned = points @ coordinates.axes
+    rotated = points @ coordinates.axes
 
-    def gap(free: Array) -> Array:
-        return coordinates.bound(free)[0].implicit(turned) - 1
+    def residual(unbounded: Array) -> Array:
+        return coordinates.bound(unbounded)[0].implicit(rotated) - 1
 
-    def slopes(free: Array) -> Array:
-        candidate, slope = coordinates.bound(free)
-        return candidate.parameter_derivatives(turned)[1] * slope
+    def jacobian(unbounded: Array) -> Array:
+        candidate, derivative = coordinates.bound(unbounded)
+        return candidate.parameter_derivatives(rotated)[1] * derivative
 
     def least(begin: Array, moving: NDArray[np.bool_]) -> Array:
         def whole(part: Array) -> Array:
@@ -125,27 +127,27 @@ def least_criterion(points: Array, kind: str) -> Superquadric:
             return every
 
         found = least_squares(
-            lambda part: gap(whole(part)),
+            lambda part: residual(whole(part)),
             begin[moving],
-            lambda part: slopes(whole(part))[:, moving],
+            lambda part: jacobian(whole(part))[:, moving],
             **TO_THE_LAST_DIGITS,
         )
         return whole(found.x)
 
-    begin, every = coordinates.free(), np.ones(len(coordinates.free()), dtype=np.bool_)
+    begin, every = coordinates.unbounded(), np.ones(len(coordinates.unbounded()), dtype=np.bool_)
     if (np.diff(np.sort(coordinates.first.semi_axes)) < ROUND * coordinates.first.semi_axes.max()).any():
-        begin = least(begin, ~np.isin(np.arange(len(begin)), np.r_[TURN]))  # turns of round bodies are rounding
-    return cut_to(coordinates.in_place(least(begin, every)), points)
+        begin = least(begin, ~np.isin(np.arange(len(begin)), np.r_[ROTATION]))  # rotations of round bodies are rounding
+    return cut_to(coordinates.in_frame(least(begin, every)), points)
 
 
 def determinacy(found: Superquadric, points: Array) -> tuple[int, float]:
     """Rank and condition of the derivatives of F by the parameters at centred, scaled points.
 
-    Taken in the superquadric's own axes, where Euler angles are small turns: gimbal lock is no lack of data.
+    Taken in the superquadric's own axes, where Euler angles are small rotations: gimbal lock is no lack of data.
     """
-    turn = found.rotation
-    upright = replace(found, rotation=np.eye(3), translation=found.translation @ turn)
-    _, by_parameter = upright.parameter_derivatives(points @ turn)
+    axes = found.rotation
+    upright = replace(found, rotation=np.eye(3), translation=found.translation @ axes)
+    _, by_parameter = upright.parameter_derivatives(points @ axes)
     singular = np.linalg.svd(by_parameter, compute_uv=False)
     rank = int((singular > 1e-10 * singular[0]).sum())
     return rank, float(singular[0] / max(singular[-1], 1e-300))
