@@ -61,7 +61,7 @@ def test_noise_and_strength_of_the_prior_are_found(penalty, strength, noise):
 
 def test_what_costs_nothing_is_counted():
     """Four affine displacements a coordinate for bending, one for springs."""
-    assert (drawn(BENDING, 1e-4, 0.1)[0].free, drawn(SPRINGS, 1e-4, 0.1)[0].free) == (12, 3)
+    assert (drawn(BENDING, 1e-4, 0.1)[0].null_dimension, drawn(SPRINGS, 1e-4, 0.1)[0].null_dimension) == (12, 3)
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])

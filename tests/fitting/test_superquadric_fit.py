@@ -82,8 +82,8 @@ def test_free_numbers_stand_for_the_start(kind):
     """Logarithms and logits give the start back, and their slopes are derivatives."""
     first = made(kind, (0.6, 1.4))
     coordinates = _Unbounded(first)
-    free = coordinates.free()
-    np.testing.assert_allclose(coordinates.in_place(free).parameters, first.parameters, rtol=1e-12)
+    free = coordinates.unbounded()
+    np.testing.assert_allclose(coordinates.in_frame(free).parameters, first.parameters, rtol=1e-12)
     h, (_, slope) = 1e-6, coordinates.bound(free)
     for k in range(len(free)):
         ends = [coordinates.bound(free + sign * h * np.eye(len(free))[k])[0].parameters[k] for sign in (1, -1)]
