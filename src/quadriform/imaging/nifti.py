@@ -25,7 +25,7 @@ from quadriform.imaging.reader_common import Size, choose_frame
 from quadriform.imaging.segments import Segment
 from quadriform.imaging.volume import Volume
 from quadriform.points import Array
-from quadriform.shapes.spaces import HALF_TURN
+from quadriform.shapes.spaces import HALF_ROTATION
 
 if TYPE_CHECKING:
     from nibabel.nifti1 import Nifti1Header
@@ -271,6 +271,6 @@ def _placement(header: "Nifti1Header", shape: Size, affine: str | None) -> tuple
         warnings[WarningKind.UNKNOWN_UNIT] = "the image names no unit of length (xyzt_units): its lengths are as stored"
     # the standard has RAS coordinates (+x right, +y anterior); pixdim alone has no known orientation
     to_world = np.eye(4)
-    to_world[:3, :3] = (scale or 1.0) * (np.eye(3) if used == "pixdim" else HALF_TURN)
+    to_world[:3, :3] = (scale or 1.0) * (np.eye(3) if used == "pixdim" else HALF_ROTATION)
     space = "unknown" if used == "pixdim" else "LPS"
     return (to_world @ forms.stored[used], space, "mm" if scale else "unknown"), warnings

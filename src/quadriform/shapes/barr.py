@@ -9,30 +9,30 @@ from numpy.typing import ArrayLike
 from quadriform.points import Array, check_points
 
 
-def taper(points: ArrayLike, slopes: tuple[float, float], half_length: float) -> Array:
-    """Scale x and y linearly with z: by 1 + slope z / half_length.
+def taper(points: ArrayLike, rates: tuple[float, float], half_length: float) -> Array:
+    """The points (n, 3) with x and y scaled linearly with z, by 1 + rate z / half_length.
 
     Args:
         points: (n, 3).
-        slopes: change of the scale of x and of y between the middle and the end.
+        rates: change of the scale of x and of y between the middle and the end.
         half_length: |z| at the ends, in the unit of the points.
     """
     p = check_points(points)
-    scale = 1 + np.multiply.outer(p[:, 2] / half_length, slopes)
+    scale = 1 + np.multiply.outer(p[:, 2] / half_length, rates)
     return np.column_stack([p[:, :2] * scale, p[:, 2]])
 
 
 def twist(points: ArrayLike, rate: float) -> Array:
-    """Turn about z by `rate` radians for each unit of z; keeps volume."""
+    """The points (n, 3) after a twist about z by `rate` radians for each unit of z; it keeps volume."""
     p = check_points(points)
     c, s = np.cos(rate * p[:, 2]), np.sin(rate * p[:, 2])
     return np.column_stack([c * p[:, 0] - s * p[:, 1], s * p[:, 0] + c * p[:, 1], p[:, 2]])
 
 
 def bend(points: ArrayLike, curvature: float) -> Array:
-    """Bend the z axis into a circle of `curvature` (1 / unit) in the xz plane; the axis keeps its length.
+    """The points (n, 3) after the z axis is bent into a circle of `curvature` (1 / unit) in the xz plane.
 
-    Points must lie on the outer side of the circle's centre: curvature * x < 1.
+    The axis keeps its length. Points must lie on the outer side of the circle's centre: curvature * x < 1.
     """
     p = check_points(points)
     if curvature == 0:

@@ -8,19 +8,19 @@ import numpy as np
 from quadriform.points import Array
 
 CHUNK = 2048
-"""Points handled at once: what they need stays in the cache, so memory does not grow with the cloud."""
+"""Points handled at once: their matrices stay in the cache, and memory does not grow with the cloud."""
 
 
 def basis(s: Array, degree: int) -> Array:
     """B_i(s) = C(l, i) (1 - s)^(l - i) s^i for i = 0 .. l, (n, l + 1): a factor of P18 and P19."""
-    result, rest = np.ones((degree + 1, len(s))), 1 - s
+    result, complement = np.ones((degree + 1, len(s))), 1 - s
     for k in range(degree):
         np.multiply(result[k], s, out=result[k + 1])
     result *= _choices(degree)[:, None]
-    power = rest.copy()
+    power = complement.copy()
     for k in range(degree - 1, -1, -1):
         result[k] *= power
-        power *= rest
+        power *= complement
     return result.T  # P18, P19
 
 
@@ -71,7 +71,7 @@ def restriction(degree: int, start: float, stop: float) -> Array:
 
 
 def along(axis: int, matrix: Array, coefficients: Array) -> Array:
-    """Apply a matrix to the coefficients along one axis of their array."""
+    """The coefficients after a matrix is applied along one axis of their array."""
     return np.moveaxis(np.tensordot(matrix, coefficients, (1, axis)), 0, axis)
 
 
@@ -89,8 +89,8 @@ def product(one: Array, other: Array) -> Array:
 def _laid_out(coefficients: Array, shape: tuple[int, ...]) -> Array:
     """Coefficients times binomials in one row, as long as an array of `shape` keeps their places."""
     scaled = coefficients * _binomials(coefficients.shape)
-    gaps = [(0, 0), *((0, full - count) for full, count in zip(shape[1:], scaled.shape[1:]))]
-    return np.pad(scaled, gaps).ravel()
+    padding = [(0, 0), *((0, full - count) for full, count in zip(shape[1:], scaled.shape[1:]))]
+    return np.pad(scaled, padding).ravel()
 
 
 def _binomials(shape: tuple[int, ...]) -> Array:

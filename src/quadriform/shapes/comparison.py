@@ -31,7 +31,7 @@ AT_ONCE = 1000
 """Points whose triangles are held at the same time: what they take stays in the cache."""
 VOXELS = 128
 """Of the common grid, along its longest side."""
-HALF_TURNS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
+HALF_ROTATIONS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
 """Diagonals of the rotations that carry every superquadric onto itself."""
 
 
@@ -63,8 +63,8 @@ class ParameterDifference:
         semi_axes: (3,), in the unit of the data.
         exponents: (2,).
         translation: (3,), in the unit of the data.
-        rotation: angle in radians of the smallest turn from one to the other; half turns about the superquadric's own
-            axes change nothing and do not count.
+        rotation: angle in radians of the smallest rotation from one to the other; those by 180 degrees about the
+            superquadric's own axes change nothing and do not count.
     """
 
     __repr__ = short_repr
@@ -146,7 +146,9 @@ def dice(a: Surface, b: Surface) -> float:
     shape = tuple(np.maximum(np.ceil(extent / voxel), 1).astype(int))
     one, two = (voxels_inside(Mesh((mesh.vertices - low) / voxel - 0.5, mesh.faces), shape) for mesh in meshes)
     if not (one.any() and two.any()):
-        raise InputError(f"overlap: a surface holds no voxel of side {voxel:.3g}; the other one is too large beside it")
+        raise InputError(
+            f"overlap: a surface contains no voxel of side {voxel:.3g}; the other one is too large beside it"
+        )
     return float(2 * (one & two).sum() / (one.sum() + two.sum()))
 
 
@@ -159,8 +161,8 @@ def enclosed_volume(shape: Surface) -> float | None:
 
 def is_closed(mesh: Mesh) -> bool:
     """Whether every edge is run through as often one way as the other; vertices in the same place count as one."""
-    place = np.unique(mesh.vertices, axis=0, return_inverse=True)[1].reshape(-1)
-    return Mesh(mesh.vertices, place[mesh.faces]).is_closed()
+    number = np.unique(mesh.vertices, axis=0, return_inverse=True)[1].reshape(-1)
+    return Mesh(mesh.vertices, number[mesh.faces]).is_closed()
 
 
 def parameter_difference(a: DeformableModel, b: DeformableModel) -> ParameterDifference | None:
@@ -175,13 +177,13 @@ def parameter_difference(a: DeformableModel, b: DeformableModel) -> ParameterDif
     one, two = a.superquadric(), b.superquadric()
     if a.box.control_points.shape != b.box.control_points.shape or one.kind != two.kind:
         return None
-    turns = one.rotation.T @ two.rotation * HALF_TURNS[:, None, :]
+    rotations = one.rotation.T @ two.rotation * HALF_ROTATIONS[:, None, :]
     return ParameterDifference(
         _rms(np.linalg.norm(b.box.control_points - a.box.control_points, axis=-1)),
         two.semi_axes - one.semi_axes,
         two.exponents - one.exponents,
         two.translation - one.translation,
-        float(Rotation.from_matrix(turns).magnitude().min()),
+        float(Rotation.from_matrix(rotations).magnitude().min()),
     )
 
 
@@ -197,9 +199,9 @@ def _sampled(mesh: Mesh) -> _Samples:
         raise DegenerateError(f"surface: expected triangles with an area, found {len(areas)} without any")
     steps = (np.arange(SAMPLES) + 0.5) / SAMPLES * total[-1]
     triangle = np.searchsorted(total, steps).astype(np.int64)
-    root, share = np.random.default_rng(0).random((2, SAMPLES))
+    root, along = np.random.default_rng(0).random((2, SAMPLES))
     root = np.sqrt(root)  # even over the triangle's area
-    weights = np.stack([1 - root, root * (1 - share), root * share], axis=1)
+    weights = np.stack([1 - root, root * (1 - along), root * along], axis=1)
     corners = mesh.vertices[mesh.faces]
     vertices, first = np.unique(mesh.faces, return_index=True)
     points = [np.einsum("kc,kcx->kx", weights, corners[triangle]), mesh.vertices[vertices], corners.mean(axis=1)]
@@ -222,19 +224,19 @@ def _to_surface(source: _Samples, target: _Samples) -> Distances:
 
 def _to_triangles(points: Array, corners: Array) -> Array:
     """Distance of each point (n, 3) to its own triangle (n, 3, 3): to the plane above the triangle, else to an edge."""
-    place = np.ascontiguousarray(points.T)  # each coordinate in one piece: faster than rows
+    position = np.ascontiguousarray(points.T)  # each coordinate in one piece: faster than rows
     first, second, third = np.ascontiguousarray(corners.transpose(1, 2, 0))
     normal = np.cross(second - first, third - first, axis=0)
     squared = _dot(normal, normal)
     above, to_edges = squared > 0, np.full(len(points), np.inf)
     for start, stop in ((first, second), (second, third), (third, first)):
-        edge, offset = stop - start, place - start
+        edge, offset = stop - start, position - start
         length = _dot(edge, edge)
         along = _dot(offset, edge) / np.where(length > 0, length, 1.0)
         aside = offset - np.clip(along, 0, 1) * edge
         to_edges = np.minimum(to_edges, _dot(aside, aside))
         above &= _dot(np.cross(edge, offset, axis=0), normal) >= 0
-    to_plane = np.abs(_dot(place - first, normal)) / np.sqrt(np.where(squared > 0, squared, 1.0))
+    to_plane = np.abs(_dot(position - first, normal)) / np.sqrt(np.where(squared > 0, squared, 1.0))
     return np.where(above, to_plane, np.sqrt(to_edges))
 
 

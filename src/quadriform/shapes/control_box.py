@@ -29,7 +29,7 @@ INSIDE, OUTSIDE, MISSED = 0, 1, 2
 
 @dataclass(frozen=True, repr=False)
 class ControlBox:
-    """A parallelepiped with (l+1)(m+1)(n+1) control points; points inside follow them.
+    """A parallelepiped with (l+1)(m+1)(n+1) control points, which deform the space inside it.
 
     Attributes:
         origin: (3,), the corner X0 of the undeformed box, in the world.
@@ -80,7 +80,7 @@ class ControlBox:
 
     @classmethod
     def undeformed(cls, origin: Array, edges: Array, shape: tuple[int, int, int]) -> ControlBox:
-        """The box whose control points stand in their even places, so that nothing moves."""
+        """The box whose control points are at their even positions, so that nothing moves."""
         return cls(origin, edges, origin + _lattice(*shape) @ edges)  # P17
 
     def transformed(self, scale: float, offset: Array) -> ControlBox:
@@ -104,7 +104,7 @@ class ControlBox:
         return ControlBox.undeformed(self.origin, self.edges, (l, m, n)).control_points
 
     def with_control_points(self, control_points: Array) -> ControlBox:
-        """The same box with its control points elsewhere; any array of 3 (l+1)(m+1)(n+1) numbers."""
+        """The same box with its control points elsewhere; any array of that size."""
         return replace(self, control_points=np.reshape(control_points, self.control_points.shape))
 
     def local(self, points: ArrayLike) -> Array:
@@ -113,9 +113,9 @@ class ControlBox:
         return (check_points(points) - self.origin) @ self.edges.T / lengths  # P15, P16
 
     def deform(self, points: ArrayLike) -> Array:
-        """Where the box carries world points (n, 3); any points, not only those of the surface.
+        """The world points (n, 3) after deformation; any points, not only those of the surface.
 
-        Outside the undeformed box the same polynomials go on (extrapolation).
+        Outside the undeformed box the same polynomials extrapolate.
         """
         given = check_points(points)
         result = np.empty_like(given)
@@ -136,7 +136,7 @@ class ControlBox:
         return result
 
     def jacobian_determinant(self, points: ArrayLike) -> Array:
-        """Determinant of `jacobian` at world points (n, 3), (n,): how much space grows; negative where it folds."""
+        """Determinants (n,) of `jacobian` at world points (n, 3): local changes of volume; negative where it folds."""
         a, b, c = np.ascontiguousarray(self.jacobian(points).transpose(1, 2, 0))
         return (a * np.cross(b, c, axis=0)).sum(axis=0)
 
@@ -148,8 +148,8 @@ class ControlBox:
         """Derivatives of `matrix` by the world points, (n, (l+1)(m+1)(n+1), 3)."""
         local = self.local(points)
         plain = [bernstein.basis(local[:, a], d) for a, d in enumerate(self.degrees)]
-        slopes = [bernstein.basis_derivative(local[:, a], d) for a, d in enumerate(self.degrees)]
-        along = [bernstein.products([slopes[a] if a == axis else plain[a] for a in range(3)]) for axis in range(3)]
+        derivatives = [bernstein.basis_derivative(local[:, a], d) for a, d in enumerate(self.degrees)]
+        along = [bernstein.products([derivatives[a] if a == axis else plain[a] for a in range(3)]) for axis in range(3)]
         return np.stack(along, axis=2) @ self._local_by_point
 
     @property
@@ -158,13 +158,13 @@ class ControlBox:
         return self.edges / (self.edges**2).sum(axis=1, keepdims=True)
 
     def undeform(self, points: ArrayLike) -> Array:
-        """Where deformed points (n, 3) came from: the inverse of `deform`, by damped Newton steps.
+        """The points (n, 3) before deformation: the inverse of `deform`, by damped Newton steps.
 
         Starts from the nearest of a lattice of deformed points. Beyond the box the polynomials soon fold, so an origin
         inside it is preferred to one outside.
 
         Raises:
-            PointsError: points that no place in or near the box is carried to.
+            PointsError: points that no point in or near the box is deformed to.
         """
         target = check_points(points)
         result = np.empty_like(target)
@@ -188,9 +188,9 @@ class ControlBox:
     def _invert(self, target: Array) -> Array:
         """The best of several Newton runs; lattices beyond the box only for points without any origin so far."""
         best, grade = target.copy(), np.full(len(target), MISSED)
-        for margin, settled in ((0.0, INSIDE), (0.2, OUTSIDE)):
+        for margin, solved in ((0.0, INSIDE), (0.2, OUTSIDE)):
             for start in self._starts(target, margin):
-                left = np.flatnonzero(grade > settled)
+                left = np.flatnonzero(grade > solved)
                 if not len(left):
                     break
                 trial = self._newton(target[left], start[left])
@@ -200,10 +200,10 @@ class ControlBox:
         return best
 
     def _grade(self, origins: Array, target: Array) -> Array:
-        """How good origins are: INSIDE the box, exact but OUTSIDE by less than its side, or MISSED."""
-        beyond = np.abs(self.local(origins) - 0.5).max(axis=1) - 0.5
+        """The grade of each origin: INSIDE the box, exact but OUTSIDE by less than its side, or MISSED."""
+        outside = np.abs(self.local(origins) - 0.5).max(axis=1) - 0.5
         exact = np.linalg.norm(self.deform(origins) - target, axis=1) <= 1e4 * EXACT * self._size
-        return np.where(exact & (beyond < 1), np.where(beyond < 1e-9, INSIDE, OUTSIDE), MISSED)
+        return np.where(exact & (outside < 1), np.where(outside < 1e-9, INSIDE, OUTSIDE), MISSED)
 
     def _starts(self, target: Array, margin: float) -> Array:
         """The nearest origins on a lattice that overlaps the box by a margin, (STARTS, n, 3)."""
@@ -288,7 +288,7 @@ def _check_edges(edges: Array) -> None:
 
 @lru_cache(maxsize=16)
 def _lattice(l: int, m: int, n: int) -> Array:
-    """Even places (l, m, n, 3) in the unit cube; every round of a fit compares with those at rest."""
+    """Even positions (l, m, n, 3) in the unit cube; cached, for every iteration of a fit compares with them."""
     steps = [np.linspace(0, 1, count) for count in (l, m, n)]
     lattice = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1)
     lattice.setflags(write=False)

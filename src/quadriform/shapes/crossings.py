@@ -1,4 +1,4 @@
-"""Where triangle meshes cross themselves or each other.
+"""Intersections of triangle meshes with themselves or each other.
 
 Two triangles cross exactly where an edge of one passes through the other, so edges are tested against triangles;
 candidates share a cell of a grid. Touching counts as crossing; triangles that share a vertex are skipped.
@@ -47,8 +47,8 @@ def crossings(mesh: Mesh, other: Mesh | None = None) -> Array:
         a, b = a[across], b[across]
     a, b = _overlapping(low, high, a, b)
     if other is None:
-        apart = ~_neighbours(faces, a, b)
-        a, b = a[apart], b[apart]
+        disjoint = ~_neighbours(faces, a, b)
+        a, b = a[disjoint], b[disjoint]
     a, b = np.divmod(sorted_unique(a * len(faces) + b), len(faces))
     found = [np.empty((0, 3))]
     for start in range(0, len(a), BLOCK):
@@ -105,7 +105,7 @@ def _pairs(code: Index, owner: Index) -> tuple[Index, Index]:
 
 
 def _overlapping(low: Array, high: Array, a: Index, b: Index) -> tuple[Index, Index]:
-    """Those of the pairs whose boxes overlap; axis by axis, for most are apart along the first."""
+    """Those of the pairs whose boxes overlap; axis by axis, for most are separate along the first."""
     for lowest, highest in zip(low.T.copy(), high.T.copy()):
         met = (lowest[a] <= highest[b]) & (lowest[b] <= highest[a])
         a, b = a[met], b[met]

@@ -43,11 +43,11 @@ def _cube_surface(n: int) -> tuple[NDArray[np.int64], Faces]:
             for corner, (di, dj) in enumerate(around):
                 quad[:, corner, (axis + 1) % 3], quad[:, corner, (axis + 2) % 3] = i + di, j + dj
             loops.append(quad)
-    places = np.concatenate(loops).reshape(-1, 3) @ np.array([(n + 1) ** 2, n + 1, 1])
-    there = np.zeros((n + 1) ** 3, dtype=bool)
-    there[places] = True
-    number = np.cumsum(there) - 1
-    return np.stack(np.unravel_index(np.flatnonzero(there), (n + 1,) * 3), axis=1), number[places].reshape(-1, 4)
+    codes = np.concatenate(loops).reshape(-1, 3) @ np.array([(n + 1) ** 2, n + 1, 1])
+    used = np.zeros((n + 1) ** 3, dtype=bool)
+    used[codes] = True
+    number = np.cumsum(used) - 1
+    return np.stack(np.unravel_index(np.flatnonzero(used), (n + 1,) * 3), axis=1), number[codes].reshape(-1, 4)
 
 
 @lru_cache(maxsize=16)

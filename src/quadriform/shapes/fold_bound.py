@@ -29,7 +29,7 @@ SLACK = 1e-9
 LOOSE = 0.5
 """Tolerance where only the sign of the bound is asked for."""
 LATTICE = 25
-"""Points along each axis among which `folds` looks."""
+"""Points along each axis of the lattice on which `folds` evaluates the determinant."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def _halves(degree: int) -> tuple[Array, Array]:
 def jacobian_bound(
     box: ControlBox, used: Iterable[Superquadric] = (), tolerance: float = 0.02, budget: int = BUDGET
 ) -> Bound:
-    """Bound det(d deformed / d point) from below over the inside of surfaces, or over the whole box.
+    """A lower bound of det(d deformed / d point) over the inside of surfaces, or over the whole box.
 
     Args:
         box: the deformation.
@@ -104,13 +104,13 @@ def jacobian_bound(
     surfaces = tuple(used)
     root, rounding = _root(box, surfaces)
     sampled, where = _first_sample(box, surfaces)
-    leaves, settled, rounds, made = root, np.inf, 0, 1
+    leaves, closed, rounds, made = root, np.inf, 0, 1
     while True:
         leaves = leaves.at(~_outside_all(box, surfaces, leaves))
         sampled, where = _sample(box, surfaces, leaves, sampled, where)
         lowest = leaves.lowest()
         close = lowest >= sampled - tolerance * abs(sampled)
-        settled = min(settled, lowest[close].min(initial=np.inf))
+        closed = min(closed, lowest[close].min(initial=np.inf))
         leaves, lowest = leaves.at(~close), lowest[~close]
         if not len(lowest) or made >= budget:
             break
@@ -118,7 +118,7 @@ def jacobian_bound(
         batch = min(max(BATCH, len(order) // 4), len(order))
         leaves = leaves.at(order[batch:]).joined(leaves.at(order[:batch]).halved())
         rounds, made = rounds + 1, made + 8 * batch
-    lower = min(settled, lowest.min(initial=np.inf), sampled)
+    lower = min(closed, lowest.min(initial=np.inf), sampled)
     return Bound(float(lower - rounding * (1 + rounds)), float(sampled), where)
 
 
@@ -169,17 +169,17 @@ def _root(box: ControlBox, surfaces: tuple[Superquadric, ...]) -> tuple[_Leaves,
     such sums, of at most as many terms as counted here.
     """
     low, high = _range(box, surfaces)
-    slopes, sizes = [], []
+    derivatives, sizes = [], []
     for axis, degree in enumerate(box.degrees):
-        slope = degree * np.diff(box.control_points, axis=axis)
-        size = np.abs(slope)
+        derivative = degree * np.diff(box.control_points, axis=axis)
+        size = np.abs(derivative)
         for k in range(3):
-            matrix = bernstein.restriction(slope.shape[k] - 1, low[k], high[k])
-            slope, size = bernstein.along(k, matrix, slope), bernstein.along(k, np.abs(matrix), size)
-        slopes.append(slope)
+            matrix = bernstein.restriction(derivative.shape[k] - 1, low[k], high[k])
+            derivative, size = bernstein.along(k, matrix, derivative), bernstein.along(k, np.abs(matrix), size)
+        derivatives.append(derivative)
         sizes.append(size)
     per_volume = np.linalg.det(box.edges / (box.edges**2).sum(axis=1, keepdims=True))
-    coefficients = per_volume * _triple(slopes, -1.0)
+    coefficients = per_volume * _triple(derivatives, -1.0)
     magnitude = abs(per_volume) * _triple(sizes, 1.0).max()
     terms = 2 * box.control_points.size + 10 * sum(coefficients.shape)
     rounding = float(terms * np.finfo(np.float64).eps * magnitude)

@@ -8,7 +8,7 @@ function and each derivative is the chain rule over `superellipse.norm`:
     hyperboloid1   F = N_e2(x, y) / N_e1(1, z)                around the z axis
     hyperboloid2   F = N_e2(N_e1(1, z), y) / |x|              two sheets along the x axis
 
-F = 1 on the surface, < 1 inside (on the side of the axis for one sheet, beyond the sheets for two), > 1 outside.
+F = 1 on the surface, < 1 inside (on the side of the axis for one sheet, outside of both sheets for two), > 1 outside.
 The compiled loops and the viewer take their formulas from the same table (`Kind.codes`, `Kind.record`).
 """
 
@@ -122,7 +122,7 @@ class Kind:
         return {**norms, "over": self.over, "under": self.under, "layout": self.layout, "cut_axis": self.cut_axis}
 
     def implicit(self, q: Array, e: Array, hole: float) -> Array:
-        """The inside-outside function F, (n,): P1 and its kin."""
+        """The inside-outside function F, (n,): P1 and its analogues."""
         terms = self._terms(q, e, hole)
         return terms[self.over] / terms[self.under]  # P1, section 2
 
@@ -148,10 +148,10 @@ class Kind:
         return Derivatives(f.value, np.stack(list(f.by[:3]), 1), np.stack(list(f.by[3:HOLE]), 1), f.by[HOLE])
 
     def natural(self, angles: Array, e: Array, hole: float) -> Array:
-        """Scaled surface points (n, 3) by latitude and longitude (n, 2), the natural parametrisation: P2 and its kin.
+        """Scaled surface points (n, 3) by latitude and longitude (n, 2), the natural parametrisation (P2).
 
         Circles run a full turn (latitudes of the ellipsoid half of it), hyperbolas from -pi/2 to pi/2; a longitude of
-        two sheets plus pi is the other sheet.
+        two sheets plus pi is on the other one.
         """
         (ring, z), (x, y) = (CURVES[curve](a, p) for curve, a, p in zip(self.curves, angles.T, e))
         ring = hole + ring
@@ -239,17 +239,16 @@ def _tube(kind: Kind, resolution: int, e: Array, hole: float, cut: float) -> tup
     return np.column_stack([ring * radius[:, None], z]), quads
 
 
-def _sheets(kind: Kind, resolution: int, e: Array, hole: float, cut: float) -> tuple[Array, Faces]:
+def _two_sheets(kind: Kind, resolution: int, e: Array, hole: float, cut: float) -> tuple[Array, Faces]:
     """A disc of (y, z) stretched to the cut, once for each side of x = 0."""
     disc, quads = disc_grid(resolution)
     yz = disc * _reach(kind, disc, e, cut)[:, None]
-    sheet = kind.project(np.column_stack([np.ones(len(yz)), yz]), e, hole)
-    other = sheet * [-1.0, 1.0, 1.0]
-    return np.concatenate([sheet, other]), np.concatenate([quads[:, ::-1], quads + len(disc)])
+    front = kind.project(np.column_stack([np.ones(len(yz)), yz]), e, hole)
+    return np.concatenate([front, front * [-1.0, 1.0, 1.0]]), np.concatenate([quads[:, ::-1], quads + len(disc)])
 
 
 def _reach(kind: Kind, disc: Array, e: Array, cut: float) -> Array:
-    """How far each ray of the (y, z) plane goes before the sheet is at the cut, by bisection."""
+    """How far each ray of the (y, z) plane goes before the surface is at the cut, by bisection."""
     ray = disc / np.maximum(np.linalg.norm(disc, axis=1), TINY)[:, None]
     low, high = np.zeros(len(ray)), np.full(len(ray), 2 * cut)
     for _ in range(60):
@@ -265,7 +264,7 @@ def _ring(angle: Array, exponent: float) -> Array:
     return np.stack([c, s], axis=1) / norm(c, s, exponent)[:, None]
 
 
-LAYOUTS = {"sphere": _sphere, "torus": _torus, "tube": _tube, "sheets": _sheets}
+LAYOUTS = {"sphere": _sphere, "torus": _torus, "tube": _tube, "two sheets": _two_sheets}
 
 
 def _ellipsoid_volume(product: float, e1: float, e2: float, hole: float) -> float:
@@ -278,7 +277,7 @@ def _toroid_volume(product: float, e1: float, e2: float, hole: float) -> float:
 
 
 AROUND_Z, ACROSS, WAIST = Norm(1, "x", "y"), Norm(0, "inner", "z"), Norm(0, "one", "z")
-CIRCLES, OPEN_TUBE, OPEN_SHEETS = ("circle", "circle"), ("hyperbola", "circle"), ("hyperbola", "hyperbola")
+CIRCLES, OPEN_TUBE, TWO_SHEETS = ("circle", "circle"), ("hyperbola", "circle"), ("hyperbola", "hyperbola")
 
 KINDS: dict[str, Kind] = {
     kind.name: kind
@@ -328,8 +327,8 @@ KINDS: dict[str, Kind] = {
             over="outer",
             under="x",
             powers=(1, 0, 0),
-            curves=OPEN_SHEETS,
-            layout="sheets",
+            curves=TWO_SHEETS,
+            layout="two sheets",
             cut_axis=0,
             least_cut=1.0,
         ),

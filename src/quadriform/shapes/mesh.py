@@ -43,7 +43,7 @@ class Mesh:
         return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
     def is_closed(self) -> bool:
-        """Whether every edge is run through as often one way as the other; vertices are told apart by their number."""
+        """Whether every edge occurs as often in one direction as in the other; vertices are compared by number."""
         start, stop, n = self.faces.reshape(-1), np.roll(self.faces, -1, axis=1).reshape(-1), len(self.vertices)
         return np.array_equal(np.sort(start * n + stop), np.sort(stop * n + start))
 

@@ -30,7 +30,7 @@ def mesh_points(mesh: Mesh) -> tuple[Array, str | None]:
     """Points (n, 3) of a mesh's surface for a fit, and a note on how they were taken; None where they are the vertices.
 
     Where the vertices are dense they are returned as they are, in their order. Elsewhere, as in a block of twelve
-    triangles, vertices do not tell where the surface is between them: points are spread evenly over its area then. The
+    triangles, vertices do not show where the surface is between them: points are spread evenly over its area then. The
     order of vertices and triangles does not matter, nor do triangles that are listed twice or have no area; vertices
     that no triangle uses are added as they are. The same mesh gives the same points.
 
@@ -55,8 +55,8 @@ def mesh_points(mesh: Mesh) -> tuple[Array, str | None]:
 
 def _distinct_faces(mesh: Mesh) -> NDArray[np.int64]:
     """Each triangle once, (m, 3), whatever its winding and its first corner; its corners in canonical order."""
-    _, first, place = np.unique(mesh.vertices, axis=0, return_index=True, return_inverse=True)
-    return first[np.unique(np.sort(place.reshape(-1)[mesh.faces], axis=1), axis=0)]
+    _, first, number = np.unique(mesh.vertices, axis=0, return_index=True, return_inverse=True)
+    return first[np.unique(np.sort(number.reshape(-1)[mesh.faces], axis=1), axis=0)]
 
 
 def _unit_corners(mesh: Mesh, faces: NDArray[np.int64]) -> tuple[Array, float]:
@@ -83,7 +83,7 @@ def _spread(corners: Array, areas: Array, count: int) -> tuple[NDArray[np.int64]
 
 
 def _curve(points: Array) -> NDArray[np.uint64]:
-    """Place along a curve through all cells of a grid (Z order): near each other in space are near on the curve."""
+    """Position along a curve through all cells of a grid (Z order): near each other in space are near on the curve."""
     cells = np.minimum(points * 2**GRID_BITS, 2**GRID_BITS - 1).astype(np.uint64)
     for shift, mask in SPREAD:
         cells = (cells | (cells << np.uint64(shift))) & np.uint64(mask)

@@ -54,7 +54,7 @@ class DeformableModel(Recorded):
 
     @property
     def n_parameters(self) -> int:
-        """How many numbers the model is: 11 a superellipsoid (12 a toroid) and 3 a control point."""
+        """The number of parameters: 11 of each superellipsoid (12 of a toroid) and 3 of each control point."""
         return sum(len(s.parameters) for s in self.surfaces.values()) + self.box.control_points.size
 
     def transformed(self, scale: float, offset: Array) -> DeformableModel:
@@ -63,15 +63,15 @@ class DeformableModel(Recorded):
         return replace(self, surfaces=surfaces, box=self.box.transformed(scale, offset))
 
     def in_space(self, space: str) -> DeformableModel:
-        """The same model in another frame of the world, "LPS" or "RAS": a half-turn about z lies between them.
+        """The same model in another frame of the world, "LPS" or "RAS": a half-rotation about z lies between them.
 
         Raises:
             OptionError: another frame.
             InputError: the model's own is unknown.
         """
-        turn = rotation_between(self.space, space)
-        surfaces = {name: s.rotated(turn) for name, s in self.surfaces.items()}
-        return replace(self, surfaces=surfaces, box=self.box.rotated(turn), space=space)
+        rotation = rotation_between(self.space, space)
+        surfaces = {name: s.rotated(rotation) for name, s in self.surfaces.items()}
+        return replace(self, surfaces=surfaces, box=self.box.rotated(rotation), space=space)
 
     def superquadric(self, surface: str | None = None) -> Superquadric:
         """The superquadric of a name; without a name the first.
@@ -91,10 +91,10 @@ class DeformableModel(Recorded):
         return Mesh(vertices, split_quads(quads, vertices))
 
     def deform(self, points: ArrayLike) -> Array:
-        """Where the volumetric map carries world points (n, 3).
+        """The world points (n, 3) after the volumetric deformation.
 
         Raises:
-            PointsError: points so far outside the box that they are carried beyond 1e30.
+            PointsError: points so far outside the box that they are deformed beyond 1e30.
         """
         return check_points(self.box.deform(points), "deformed points")
 
@@ -142,7 +142,7 @@ class DeformableModel(Recorded):
         return fold_bound.folds(self.box, self.surfaces.values())
 
     def crossings(self, resolution: int = 24) -> dict[tuple[str, str], Array]:
-        """Where surfaces cross themselves, (a, a), or each other, (a, b); empty when none does.
+        """Points (n, 3) where surfaces cross themselves, (a, a), or each other, (a, b); empty when none does.
 
         Args:
             resolution: of the meshes that are tested, as in `mesh`; crossings finer than their cells can be missed.
@@ -153,7 +153,7 @@ class DeformableModel(Recorded):
         return {pair: points for pair, points in found.items() if len(points)}
 
     def nesting(self, resolution: int = 24) -> dict[tuple[str, str], str]:
-        """How each pair (a, b) of closed surfaces lies: a "around" b, "inside" b, "apart" from it or "crossing" it."""
+        """For each pair (a, b) of closed surfaces: a is "around" b, "inside" b, "apart" from it or "crossing"."""
         crossed = self.crossings(resolution)
         result = {}
         for a, b in combinations(self.surfaces, 2):

@@ -70,7 +70,7 @@ class MovingModel(Recorded):
 
     @property
     def n_parameters(self) -> int:
-        """How many numbers the model is: those of its superquadrics and 3 a control point and knot."""
+        """The number of parameters: those of its superquadrics and 3 of each control point and knot."""
         return sum(len(s.parameters) for s in self.surfaces.values()) + self.control_points.size
 
     def box(self, time: float) -> ControlBox:
@@ -87,7 +87,7 @@ class MovingModel(Recorded):
         return DeformableModel(self.surfaces, self.box(time), self.space, self.unit, self.input_sha256, self.record)
 
     def trajectories(self, points: ArrayLike, times: ArrayLike) -> Array:
-        """Where material points, given before deformation (n, 3), are at (T,) times: (T, n, 3)."""
+        """Positions (T, n, 3) at (T,) times of material points, given before deformation (n, 3)."""
         matrix = self.rest.matrix(check_points(points))
         weights = self.basis.values(np.asarray(times, dtype=np.float64))
         return np.einsum(
@@ -116,18 +116,18 @@ class MovingModel(Recorded):
         )
 
     def in_space(self, space: str) -> MovingModel:
-        """The same model in another frame of the world, "LPS" or "RAS": a half-turn about z lies between them.
+        """The same model in another frame of the world, "LPS" or "RAS": a half-rotation about z lies between them.
 
         Raises:
             OptionError: another frame.
             InputError: the model's own is unknown.
         """
-        turn = rotation_between(self.space, space)
+        rotation = rotation_between(self.space, space)
         return replace(
             self,
-            surfaces={name: s.rotated(turn) for name, s in self.surfaces.items()},
-            origin=turn @ self.origin,
-            edges=self.edges @ turn.T,
-            control_points=self.control_points @ turn.T,
+            surfaces={name: s.rotated(rotation) for name, s in self.surfaces.items()},
+            origin=rotation @ self.origin,
+            edges=self.edges @ rotation.T,
+            control_points=self.control_points @ rotation.T,
             space=space,
         )

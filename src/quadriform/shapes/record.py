@@ -118,7 +118,7 @@ class Remark:
     Attributes:
         text: the sentence.
         kind: of the warning; empty for a note.
-        about: of what it speaks, such as "from the fit"; may be empty.
+        about: its subject, such as "from the fit"; may be empty.
     """
 
     text: str
@@ -136,7 +136,7 @@ def remarks(warnings: Warnings, notes: Sequence[str] = (), about: str = "") -> l
 
 
 def remarks_of(record: ModelRecord) -> list[Remark]:
-    """All that a record says of the fit of its model, for whatever is made of the model later."""
+    """All remarks of a record on the fit of its model, to be repeated with whatever is made of the model later."""
     unknown = [Remark(NOT_RECORDED)] if record.status == "unknown" else []
     return remarks(record.warnings, record.notes, "from the fit") + unknown
 
@@ -163,7 +163,7 @@ def worst(*statuses: str) -> str:
 
 
 class Recorded:
-    """What models with a record have in common."""
+    """Status, warnings and notes of models with a record."""
 
     record: ModelRecord
 

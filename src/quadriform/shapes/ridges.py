@@ -54,7 +54,7 @@ def beside_ridges(
         owner: (c,), the target of each foot point found so far.
         origins: (c, 3), these foot points before deformation.
     """
-    kept = _apart(superquadric, box, targets, owner, origins)
+    kept = _distinct_feet(superquadric, box, targets, owner, origins)
     if not len(kept):
         return owner[kept], origins[kept]
     owner, scaled = owner[kept], superquadric.scaled(origins[kept])
@@ -68,7 +68,7 @@ def beside_ridges(
     return owner[index], search.points(search.least(scanned))
 
 
-def _apart(superquadric: Superquadric, box: ControlBox, targets: Array, owner: Index, origins: Array) -> Index:
+def _distinct_feet(superquadric: Superquadric, box: ControlBox, targets: Array, owner: Index, origins: Array) -> Index:
     """Foot points beside a plane, near enough to matter, one for each place."""
     size = float(np.linalg.norm(box.edges))
     distance = np.linalg.norm(targets[owner] - box.deform(origins), axis=1)
@@ -118,7 +118,7 @@ def _log_norm(k: float, t: Array) -> Array:
     return np.asarray(np.logaddexp(0, k * t) / k)
 
 
-def _share(k: float, t: Array) -> Array:
+def _fraction(k: float, t: Array) -> Array:
     """Derivative of `_log_norm` by t."""
     return np.asarray(1 / (1 + np.exp(np.clip(-k * t, -700, 700))))
 
@@ -154,10 +154,10 @@ class _Search:
             q[:, :2] = signs[:, 3:] * q[:, :2] + signs[:, :2] * core
         return q
 
-    def slopes(self, index: Index, at: Array, scaled: Array) -> tuple[Array, Array]:
+    def derivatives(self, index: Index, at: Array, scaled: Array) -> tuple[Array, Array]:
         """Derivatives of scaled surface points (n, 3) by t and by u, each (n, 3)."""
         k1, k2 = 2 / self.superquadric.exponents
-        p, r, one = _share(k2, at[:, 0]), _share(k1, at[:, 1]), np.ones(len(at))
+        p, r, one = _fraction(k2, at[:, 0]), _fraction(k1, at[:, 1]), np.ones(len(at))
         latitude, longitude = self._kind.curves
         by_t = scaled * np.stack([-p, 1 - p, 0 * one] if longitude == "circle" else [p, one, 0 * one], axis=1)
         by_u = scaled * np.stack([-r, -r, 1 - r] if latitude == "circle" else [r, r, one], axis=1)
@@ -184,7 +184,7 @@ class _Search:
 
     @np.errstate(over="ignore", invalid="ignore")
     def value(self, index: Index, at: Array) -> Array:
-        """Half the squared distance (n,) of some targets; infinite far out on a sheet, beyond the largest number."""
+        """Half the squared distance (n,) of some targets; infinite beyond the range of coordinates."""
         points = self.to_world(self.scaled(index, at)) + self.superquadric.translation
         far = (np.abs(points) > LARGEST).any(axis=1)
         points[far] = self.superquadric.translation
@@ -195,9 +195,10 @@ class _Search:
         """Its derivatives by t and u, (n, 2)."""
         q = self.scaled(index, at)
         points = self.to_world(q) + self.superquadric.translation
-        gap = self.targets[index] - self.box.deform(points)
-        pull = np.einsum("nij,ni->nj", self.box.jacobian(points), gap)
-        return -np.stack([(pull * self.to_world(slope)).sum(axis=1) for slope in self.slopes(index, at, q)], axis=1)
+        offset = self.targets[index] - self.box.deform(points)
+        undeformed = np.einsum("nij,ni->nj", self.box.jacobian(points), offset)
+        by_parameters = self.derivatives(index, at, q)
+        return -np.stack([(undeformed * self.to_world(by)).sum(axis=1) for by in by_parameters], axis=1)
 
     def scanned(self, start: Array, beside: NDArray[np.bool_]) -> Array:
         """Where to begin: the best of the start and of a few logarithms of the coordinates that are beside planes."""
@@ -205,9 +206,9 @@ class _Search:
         value = self.value(every, best)
         sideways = np.stack([beside[:, 0] | beside[:, 1], beside[:, 2] | (beside[:, 0] & beside[:, 1])], axis=1)
         for t, u in ((t, u) for t in (None, *SCAN) for u in (None, *SCAN)):
-            wanted = sideways[:, 0] == (t is not None)
-            wanted &= sideways[:, 1] == (u is not None)
-            index = np.flatnonzero(wanted)
+            chosen = sideways[:, 0] == (t is not None)
+            chosen &= sideways[:, 1] == (u is not None)
+            index = np.flatnonzero(chosen)
             if not len(index):
                 continue
             trial = start[index].copy()
@@ -255,8 +256,8 @@ class _Search:
         first, cross, last = a / scale[:, 0] ** 2, b / scale.prod(axis=1), c / scale[:, 1] ** 2
         half, angle = np.hypot((first - last) / 2, cross), 0.5 * np.arctan2(cross, (first - last) / 2)
         step = np.zeros_like(at)
-        for curvature, turn in (((first + last) / 2 + half, 0.0), ((first + last) / 2 - half, np.pi / 2)):
-            axis = np.stack([np.cos(angle + turn), np.sin(angle + turn)], axis=1)
+        for curvature, rotation in (((first + last) / 2 + half, 0.0), ((first + last) / 2 - half, np.pi / 2)):
+            axis = np.stack([np.cos(angle + rotation), np.sin(angle + rotation)], axis=1)
             along = -(by_scaled * axis).sum(axis=1) / np.maximum(np.abs(curvature), 1e-12)
             step += along[:, None] * axis
         step = np.clip(step / scale, -radius[:, None], radius[:, None])

@@ -1,4 +1,4 @@
-"""The two frames of the world: a half-turn about z, from the feet to the head, leads from LPS to RAS and back."""
+"""The two frames of the world: LPS and RAS differ by a rotation of 180 degrees about z, from the feet to the head."""
 
 import numpy as np
 
@@ -6,22 +6,22 @@ from quadriform.errors import InputError, choose
 from quadriform.points import Array
 
 SPACES = ("LPS", "RAS")
-HALF_TURN = np.diag([-1.0, -1.0, 1.0])
+HALF_ROTATION = np.diag([-1.0, -1.0, 1.0])
 
 
-def rotation_between(space: str, wanted: str) -> Array:
+def rotation_between(space: str, requested: str) -> Array:
     """The rotation (3, 3) that brings points of one frame of the world to another; the unit matrix where they agree.
 
     Raises:
-        OptionError: the wanted one is neither "LPS" nor "RAS".
-        InputError: where the points are is unknown.
+        OptionError: the requested one is neither "LPS" nor "RAS".
+        InputError: the frame of the points is unknown.
     """
-    if space == wanted:
+    if space == requested:
         return np.eye(3)
-    choose(wanted, SPACES, "space")
+    choose(requested, SPACES, "space")
     if space not in SPACES:
         raise InputError(
-            f"the frame of the world is not known, so nothing can be brought to {wanted}: expected LPS or RAS, found "
-            f"{space!r}; leave the numbers as they are, or say first where they are at home"
+            f"the frame of the world is unknown, so nothing can be brought to {requested}: expected LPS or RAS, found "
+            f"{space!r}; leave the coordinates as they are, or state their frame first"
         )
-    return HALF_TURN
+    return HALF_ROTATION

@@ -9,7 +9,7 @@ TINY = 1e-300
 EDGE = 1e-12
 """Of the norm: nearer to zero than this a coordinate is zero but for rounding, which must choose no side of an edge."""
 quiet = np.errstate(under="ignore")
-"""A share that vanishes is right as zero, also for callers who let NumPy raise."""
+"""A fraction that vanishes is right as zero, also for callers who let NumPy raise."""
 
 
 def log_abs(u: Array) -> Array:
@@ -34,22 +34,22 @@ def norm(u: Array, v: Array, exponent: float) -> Array:
 def norm_derivatives(u: Array, v: Array, exponent: float) -> tuple[Array, Array, Array, Array]:
     """The norm and its derivatives with respect to u, v and the exponent.
 
-    With p and q the shares of u and v in the sum, d log N / d log|u| = p and dN / de = N H / 2, H the entropy of
-    the shares.
+    With p and q the fractions of u and v in the sum, d log N / d log|u| = p and dN / de = N H / 2, H the entropy of
+    these fractions.
     """
     k = 2 / exponent
     log_u, log_v = log_abs(u), log_abs(v)
-    gap = k * (log_u - log_v)
-    ratio = np.exp(-np.abs(gap))  # of the smaller term to the larger: one exponential gives both shares
+    log_ratio = k * (log_u - log_v)
+    ratio = np.exp(-np.abs(log_ratio))  # of the smaller term to the larger: one exponential gives both fractions
     excess = np.log1p(ratio)
     n = np.exp(np.maximum(log_u, log_v) + excess / k)
     large = 1 / (1 + ratio)
     small = ratio * large
-    p, q = np.where(gap > 0, large, small), np.where(gap > 0, small, large)
-    entropy = excess + np.abs(gap) * small
-    return n, _slope(n, p, u), _slope(n, q, v), n * entropy / 2
+    p, q = np.where(log_ratio > 0, large, small), np.where(log_ratio > 0, small, large)
+    entropy = excess + np.abs(log_ratio) * small
+    return n, _by_term(n, p, u), _by_term(n, q, v), n * entropy / 2
 
 
-def _slope(n: Array, share: Array, u: Array) -> Array:
-    """Of the norm by u, whose share of the norm it is; at u = 0, where it may have an edge, none to either side."""
-    return np.divide(n * share, u, out=np.zeros_like(share), where=np.abs(u) > EDGE * n)
+def _by_term(n: Array, fraction: Array, u: Array) -> Array:
+    """Derivative of the norm by u, whose term is this fraction of its sum; zero at u = 0, where it may have an edge."""
+    return np.divide(n * fraction, u, out=np.zeros_like(fraction), where=np.abs(u) > EDGE * n)

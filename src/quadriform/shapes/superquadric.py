@@ -99,13 +99,13 @@ class Superquadric:
 
     @property
     def parameters(self) -> Array:
-        """The 11 numbers a1 a2 a3, e1 e2, three Euler angles (radians), tx ty tz; the toroid's hole radius is 12th."""
+        """The parameters: a1 a2 a3, e1 e2, three Euler angles (radians), tx ty tz; the toroid's hole radius is 12th."""
         euler = pose.euler_from_rotation(self.rotation)
         hole = [] if self.hole_radius is None else [self.hole_radius]
         return np.concatenate([self.semi_axes, self.exponents, euler, self.translation, hole])
 
     def with_parameters(self, parameters: Array) -> Superquadric:
-        """The same kind with other numbers, in the order of `parameters`."""
+        """The same kind with other parameters, in their order."""
         return replace(
             self,
             semi_axes=parameters[:3],
@@ -153,8 +153,8 @@ class Superquadric:
         d = self._shape.derivatives(q, self.exponents, self._hole)
         by_local = d.point / self.semi_axes
         by_world = by_local @ self.rotation.T
-        by_turn = np.cross(by_world, world - self.translation)  # of a turn w: dF = (by_world x arm) . w
-        columns = [-q * by_local, d.exponents, by_turn @ pose.euler_axes(self.rotation).T, -by_world]
+        by_rotation = np.cross(by_world, world - self.translation)  # of a small rotation w: dF = (by_world x arm) . w
+        columns = [-q * by_local, d.exponents, by_rotation @ pose.euler_axes(self.rotation).T, -by_world]
         if self.hole_radius is not None:
             columns.append(d.hole[:, None])
         return d.value, np.concatenate(columns, axis=1)
@@ -173,7 +173,7 @@ class Superquadric:
         return self._world(self._shape.project(check_points(directions, "directions"), self.exponents, 0.0))
 
     def natural(self, angles: ArrayLike) -> Array:
-        """World points (n, 3) by latitude and longitude (n, 2) in radians: P2 and its kin."""
+        """World points (n, 3) by latitude and longitude (n, 2) in radians: P2 and its analogues."""
         pairs = np.asarray(angles, dtype=np.float64)
         if pairs.ndim != 2 or pairs.shape[1] != 2 or not np.isfinite(pairs).all():
             raise OptionError(f"angles: expected finite latitudes and longitudes of shape (n, 2), found {pairs.shape}")
@@ -181,7 +181,7 @@ class Superquadric:
 
     @quiet
     def project(self, points: ArrayLike) -> Array:
-        """Where the ray of each world point (n, 3) meets the surface: from the centre for the ellipsoid."""
+        """Surface points (n, 3) on the rays of world points (n, 3): from the centre for the ellipsoid."""
         return self._world(self._shape.project(self.scaled(points), self.exponents, self._hole))
 
     def _world(self, scaled: Array) -> Array:
@@ -214,8 +214,8 @@ class Superquadric:
     @quiet
     def first_order_distance(self, points: ArrayLike) -> Array:
         """`|F - 1| / |grad F|` (P4), (n,); close to the true distance near the surface."""
-        slope = np.linalg.norm(self.gradient(points), axis=1)
-        return np.abs(self.implicit(points) - 1) / np.maximum(slope, 1e-300)  # P4
+        steepness = np.linalg.norm(self.gradient(points), axis=1)
+        return np.abs(self.implicit(points) - 1) / np.maximum(steepness, 1e-300)  # P4
 
     @quiet
     def taubin_distance(self, points: ArrayLike) -> Array:
@@ -246,7 +246,7 @@ class Superquadric:
         return fine + (fine - coarse) / 3
 
     def compiled(self) -> _kernel.Surface:
-        """The superquadric as the compiled loops take it."""
+        """The superquadric in the form of the compiled loops."""
         return _kernel.Surface(
             self._shape.codes, self.semi_axes, self.exponents, self.rotation, self.translation, self._hole
         )

@@ -14,9 +14,9 @@ LEAST = 1e-60
 
 def bounded_distance(value: Array, gradient: Array, hessian: Array) -> Array:
     """Positive roots (n,) of |f| - |grad f| d - |H| d^2 / 2, of n values, gradients (n, 3) and Hessians (n, 3, 3)."""
-    slope, bend = np.linalg.norm(gradient, axis=1), np.linalg.norm(hessian, axis=(1, 2))
+    first, second = np.linalg.norm(gradient, axis=1), np.linalg.norm(hessian, axis=(1, 2))
     size = np.abs(value)
-    return np.asarray(2 * size / np.maximum(slope + np.sqrt(slope**2 + 2 * bend * size), 1e-300))  # section 2.4
+    return np.asarray(2 * size / np.maximum(first + np.sqrt(first**2 + 2 * second * size), 1e-300))  # section 2.4
 
 
 def squared_implicit(scaled: Array, exponents: Array) -> tuple[Array, Array, Array]:
@@ -45,6 +45,6 @@ def _norm(u: Array, v: Array, exponent: float) -> tuple[Array, Array, Array]:
     by = np.stack(
         [np.sign(w) * np.exp(k * (log_w - log_n) + log_n - log_w) for w, log_w in ((u, log_u), (v, log_v))], 1
     )
-    across = (k - 1) * np.exp(k * (log_u + log_v - 2 * log_n) + log_n)  # N p q, of the shares p and q
-    ways = np.stack([1 / u, -1 / v], axis=1)
-    return np.exp(log_n), by, across[:, None, None] * np.einsum("ni,nj->nij", ways, ways)
+    across = (k - 1) * np.exp(k * (log_u + log_v - 2 * log_n) + log_n)  # N p q, of the fractions p and q
+    relative = np.stack([1 / u, -1 / v], axis=1)
+    return np.exp(log_n), by, across[:, None, None] * np.einsum("ni,nj->nij", relative, relative)

@@ -1,4 +1,4 @@
-"""How many threads share the loops over points; results do not depend on it."""
+"""The number of threads that share the loops over points; results do not depend on it."""
 
 import os
 
@@ -10,7 +10,7 @@ def threads_for(count: int) -> int:
     """Threads for so many points: one for few, else those of OMP_NUM_THREADS or all cores that this process may use."""
     if count < WORTH:
         return 1
-    wanted = os.environ.get("OMP_NUM_THREADS", "").split(",")[0].strip()
-    if wanted.isdigit() and int(wanted) > 0:
-        return int(wanted)
+    requested = os.environ.get("OMP_NUM_THREADS", "").split(",")[0].strip()
+    if requested.isdigit() and int(requested) > 0:
+        return int(requested)
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

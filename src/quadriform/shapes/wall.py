@@ -42,15 +42,15 @@ class HexMesh:
     def jacobians(self) -> Array:
         """Determinants (m, 8) of each cell's trilinear map from the unit cube at its corners; positive: unfolded."""
         corners = self.vertices[self.cells]
-        slopes = _slopes(CORNERS)
-        return np.linalg.det(np.einsum("qcd,mcx->mqxd", slopes, corners))
+        derivatives = _derivatives(CORNERS)
+        return np.linalg.det(np.einsum("qcd,mcx->mqxd", derivatives, corners))
 
     def volumes(self) -> Array:
         """Volumes of the cells (m,), in cubed units, by two Gauss points along each axis: exact."""
         low = 0.5 - 0.5 / np.sqrt(3)
         points = np.where(CORNERS > 0, 1 - low, low)
-        slopes = _slopes(points)
-        return np.linalg.det(np.einsum("qcd,mcx->mqxd", slopes, self.vertices[self.cells])).mean(axis=1)
+        derivatives = _derivatives(points)
+        return np.linalg.det(np.einsum("qcd,mcx->mqxd", derivatives, self.vertices[self.cells])).mean(axis=1)
 
 
 def wall_mesh(
@@ -62,11 +62,11 @@ def wall_mesh(
     resolution: int = 12,
     long_axis: ArrayLike | None = None,
 ) -> HexMesh:
-    """Fill the space between two superellipsoids of a model with hexahedra.
+    """The hexahedra that fill the space between two superellipsoids of a model.
 
-    The grid is laid before deformation: rays from the centre of the inner surface, each cut into equal parts between
-    the two surfaces. The control box carries its vertices, so that the same cell is the same piece of wall in every
-    state of a moving model.
+    The grid is laid out before deformation: rays from the centre of the inner surface, each divided into equal parts
+    between the two surfaces. The control box deforms its vertices, so that the same cell is the same piece of wall in
+    every state of a moving model.
 
     Args:
         model: with both surfaces.
@@ -87,8 +87,8 @@ def wall_mesh(
             raise OptionError(f"option {name}={value!r}; expected a whole number >= 1")
     start, quads = model.superquadric(inner).grid(resolution)
     stop = _opposite(model, inner, outer, start)
-    shares = np.linspace(0, 1, layers + 1)[:, None, None]
-    vertices = model.deform((start + shares * (stop - start)).reshape(-1, 3))
+    depths = np.linspace(0, 1, layers + 1)[:, None, None]
+    vertices = model.deform((start + depths * (stop - start)).reshape(-1, 3))
     floors = [np.concatenate([quads + k * len(start), quads + (k + 1) * len(start)], axis=1) for k in range(layers)]
     cells = np.concatenate(floors)
     axis = (
@@ -119,7 +119,7 @@ def _opposite(model: DeformableModel, inner: str, outer: str, start: Array) -> A
 
 
 def exits(surface: Superquadric, centre: Array, rays: Array) -> Array:
-    """How far (n,) along rays (n, 3), in lengths of each, a superellipsoid is left from a centre (3,) inside it.
+    """Distances (n,) along rays (n, 3), in lengths of each, from a centre (3,) inside a superellipsoid to its surface.
 
     It is convex, so a ray is inside up to there; found by halving.
     """
@@ -144,7 +144,7 @@ def _long_axis(model: DeformableModel, inner: str) -> Array:
 
 def _axes(corners: Array, axis: Array) -> Array:
     """Radial: the normal of a cell's layer in its middle; circumferential: around the axis; longitudinal: the rest."""
-    along = np.einsum("cd,mcx->mdx", _slopes(np.full((1, 3), 0.5))[0], corners)
+    along = np.einsum("cd,mcx->mdx", _derivatives(np.full((1, 3), 0.5))[0], corners)
     radial = _unit(np.cross(along[:, 0], along[:, 1]))
     around = np.cross(axis, radial)
     on_axis = np.linalg.norm(around, axis=1) < 1e-9
@@ -153,7 +153,7 @@ def _axes(corners: Array, axis: Array) -> Array:
     return np.stack([radial, around, np.cross(radial, around)], axis=1)
 
 
-def _slopes(points: Array) -> Array:
+def _derivatives(points: Array) -> Array:
     """Derivatives (q, 8, 3) of the trilinear weights of a cell's corners at points (q, 3) of the unit cube."""
     factors = np.where(CORNERS > 0, points[:, None], 1 - points[:, None])
     signs = np.where(CORNERS > 0, 1.0, -1.0)

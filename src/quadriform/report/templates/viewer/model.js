@@ -82,7 +82,7 @@ const layouts = {
     }
     return { points, quads: tube(rows, columns, false) };
   },
-  sheets(s, n) {
+  "two sheets"(s, n) {
     const grid = cube(n), all = directions(grid.points, n), cut = s.height / s.semi_axes[s.kind.cut_axis];
     const height = (y, z) => terms(s, [1, y, z]).outer, kept = new Map(), points = [], quads = [];
     all.forEach((d, v) => {
@@ -106,7 +106,7 @@ const layouts = {
 /** A superquadric's grid in the world before deformation: { rest (3 N), quads (4 M), cube }. */
 function restGrid(s, resolution) {
   const n = 2 * Math.max(1, Math.floor((resolution + 1) / 2));
-  const layout = s.kind.layout, grid = layouts[layout](s, layout === "sphere" || layout === "sheets" ? n : resolution);
+  const layout = s.kind.layout, grid = layouts[layout](s, layout === "sphere" || layout === "two sheets" ? n : resolution);
   const rest = new Float64Array(3 * grid.points.length);
   grid.points.forEach((q, v) => {
     for (let c = 0; c < 3; c++) {
