@@ -19,8 +19,8 @@ kernels: $(READY)
 	PYTHONPATH=tests $(BIN)/python tests/robustness/kernels.py
 
 check: $(READY)
-	$(BIN)/ruff check src tests benchmarks docs
-	$(BIN)/ruff format --check src tests benchmarks docs
+	$(BIN)/ruff check src tests benchmarks docs examples
+	$(BIN)/ruff format --check src tests benchmarks docs examples
 	$(BIN)/clang-format --dry-run --Werror src/quadriform/shapes/kernel/*
 	$(BIN)/mypy
 	$(BIN)/lint-imports
@@ -68,6 +68,7 @@ docs: $(READY)
 
 docs-figures: $(READY)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python docs/make_figures.py
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python docs/gallery_figures.py
 
 $(READY): pyproject.toml constraints.txt CMakeLists.txt $(wildcard src/quadriform/shapes/kernel/*)
 	$(PYTHON) -m venv .venv

@@ -1,7 +1,6 @@
 """Tiny cohorts on disk: clouds of ventricles of different sizes, and their list."""
 
 import filecmp
-import os
 
 import numpy as np
 
@@ -37,12 +36,3 @@ def differences(one, other):
     names = [{path.relative_to(root) for path in root.rglob("*") if path.is_file()} for root in (one, other)]
     alike = {name for name in names[0] & names[1] if filecmp.cmp(one / name, other / name, shallow=False)}
     return sorted(map(str, (names[0] | names[1]) - alike))
-
-
-def doubled(task):
-    """A unit of work for workers to find by its name: 4 and 9 kill their worker, 7 raises."""
-    if task in (4, 9):
-        os._exit(1)
-    if task == 7:
-        raise ValueError("seven")
-    return 2 * task

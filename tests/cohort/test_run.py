@@ -1,4 +1,4 @@
-"""Whole runs: the same bytes by any engine, after any accident, and in any number of parts."""
+"""Whole runs: the same bytes by any pool of workers, after a failure of a worker, and in any number of parts."""
 
 import contextlib
 import json
@@ -40,20 +40,20 @@ def cohort(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def serial(cohort, tmp_path_factory):
-    """Results of one worker, and what was told."""
+    """Results of one worker, and the arguments of the callback."""
     out = tmp_path_factory.mktemp("serial") / "out"
-    told = []
-    summary = run(cohort, out, one_thread, CHOICES, lambda *words: told.append(words))
-    return out, summary, told
+    calls = []
+    summary = run(cohort, out, one_thread, CHOICES, lambda *arguments: calls.append(arguments))
+    return out, summary, calls
 
 
-def test_a_run_says_what_it_did(serial):
-    _, summary, told = serial
+def test_a_run_returns_a_summary_and_reports_each_outcome(serial):
+    _, summary, calls = serial
     assert summary.counts == {"fitted": SUBJECTS - len(BROKEN), "failed": len(BROKEN)}
     assert summary.complete and summary.failed == len(BROKEN)
-    assert [(done, total) for _, done, total in told] == [(k + 1, SUBJECTS) for k in range(SUBJECTS)]
-    assert {outcome.number for outcome, _, _ in told if outcome.failure} == set(BROKEN)
-    assert "person" not in repr(told)
+    assert [(done, total) for _, done, total in calls] == [(k + 1, SUBJECTS) for k in range(SUBJECTS)]
+    assert {outcome.number for outcome, _, _ in calls if outcome.failure} == set(BROKEN)
+    assert "person" not in repr(calls)
 
 
 def test_each_failure_is_a_row_and_leaves_no_model(serial):
@@ -110,11 +110,12 @@ def test_processes_give_the_same_bytes(cohort, serial, tmp_path):
 
 @pytest.mark.slow
 def test_dask_gives_the_same_bytes_although_a_worker_is_killed(cohort, serial, tmp_path):
+    """As many workers as requested, whatever the number of cores: once the number was taken for the cluster's name."""
     pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
     done = threading.Event()
     killed = []
 
-    def told(_outcome, count, _total):
+    def report(_outcome, count, _total):
         if count == 3:
             done.set()
 
@@ -126,40 +127,34 @@ def test_dask_gives_the_same_bytes_although_a_worker_is_killed(cohort, serial, t
 
     @contextlib.contextmanager
     def with_an_accident():
-        with executors.cluster(None, 2) as started:
+        with executors.cluster(None, 3) as started:
+            assert len(started.client.nthreads()) == 3
+            thresholds = started.client.run(os.environ.get, "MALLOC_TRIM_THRESHOLD_")
+            assert all(int(least) > 1e8 for least in thresholds.values())
             thread = threading.Thread(target=killing, args=(started.client,))
             thread.start()
             yield started
             thread.join()
 
-    summary = run(cohort, tmp_path / "out", with_an_accident, CHOICES, told)
+    summary = run(cohort, tmp_path / "out", with_an_accident, CHOICES, report)
     assert len(killed) == 1
     assert summary.counts == {"fitted": SUBJECTS - len(BROKEN), "failed": len(BROKEN)}
     assert differences(serial[0], tmp_path / "out") == []
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("workers", [1, 3])
-def test_a_cluster_has_as_many_workers_as_were_asked_for(workers):
-    """Whatever the number of cores; once the number was taken for the cluster's name."""
-    pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
-    with executors.cluster(None, workers) as begun:
-        assert len(begun.client.nthreads()) == workers
-        kept = begun.client.run(os.environ.get, "MALLOC_TRIM_THRESHOLD_")
-    assert all(int(least) > 1e8 for least in kept.values())
-
-
-@pytest.mark.slow
-def test_a_cluster_that_is_there_is_found_by_its_address(tmp_path):
+def test_an_existing_cluster_is_found_by_its_address(tmp_path):
     distributed = pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
-    cohort = listed(tmp_path, 3)
-    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=executors.LOCAL) as there:
-        summary = run(cohort, tmp_path / "out", partial(executors.cluster, there.scheduler_address, 0), CHOICES)
-    assert summary.counts == {"fitted": 3}
+    cohort = listed(tmp_path, 2)
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, protocol="tcp://", dashboard_address=executors.LOCAL
+    ) as cluster:
+        summary = run(cohort, tmp_path / "out", partial(executors.cluster, cluster.scheduler_address, 0), CHOICES)
+    assert summary.counts == {"fitted": 2}
 
 
 @pytest.mark.slow
-def test_a_run_that_was_killed_goes_on_without_doing_again_what_was_done(cohort, serial, tmp_path):
+def test_a_killed_run_resumes_without_repeating_finished_subjects(cohort, serial, tmp_path):
     out = tmp_path / "out"
     command = [sys.executable, "-m", "quadriform.cli.main", "cohort", cohort, "-o", out, "--processes", "1", *WORDS]
     process = subprocess.Popen(command, start_new_session=True, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
@@ -208,7 +203,7 @@ def test_shards_at_the_same_time_make_the_same_store(cohort, serial, tmp_path):
         assert np.array_equal(one, other, equal_nan=one.dtype.kind == "f")
 
 
-def test_a_changed_option_or_file_is_done_again(tmp_path):
+def test_a_changed_option_or_file_is_processed_again(tmp_path):
     cohort, out = listed(tmp_path, 3), tmp_path / "out"
     run(cohort, out, one_thread, CHOICES)
     again = replace(CHOICES, resume=True)
@@ -225,12 +220,12 @@ def test_a_changed_option_or_file_is_done_again(tmp_path):
     assert not (out / "subjects" / "person01" / "model.json").exists()
 
 
-def test_results_are_not_replaced_unasked(cohort, serial):
+def test_results_are_not_replaced_without_force(cohort, serial):
     with pytest.raises(OutputError, match="--resume"):
         run(cohort, serial[0], one_thread, CHOICES)
 
 
-def test_a_folder_holds_one_cohort(serial, tmp_path):
+def test_a_folder_contains_one_cohort(serial, tmp_path):
     with pytest.raises(InputError, match="other subjects"):
         run(listed(tmp_path, 2), serial[0], one_thread, replace(CHOICES, resume=True))
 
@@ -249,11 +244,12 @@ def test_shards_are_counted_from_one(shard):
 
 
 def test_on_a_terminal(tmp_path, capsys, monkeypatch):
-    """Exit code 7, the record as data, and no id on the screen unless asked."""
+    """Exit code 7, the record as data, and no id on the screen unless requested; threads in place of processes."""
     from quadriform.cli.main import main
 
     cohort = listed(tmp_path, 3, broken=(1,))
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(executors, "processes", lambda count: one_thread())
     words = ["cohort", str(cohort), "-o", "out", "--processes", "1", *WORDS]
     assert main([*words, "--json"]) == 7
     shown = capsys.readouterr()

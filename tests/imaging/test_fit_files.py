@@ -1,6 +1,9 @@
 """`qf.fit` of files does what `quadriform fit` does: one rule for what a file holds, one function that fits."""
 
+import contextlib
 import json
+import shutil
+from pathlib import Path
 
 import nibabel
 import numpy as np
@@ -26,16 +29,28 @@ def blank(figure, stream, format, **how):
 
 
 @pytest.fixture
-def files(tmp_path, monkeypatch):
+def files(made, tmp_path, monkeypatch):
     """A folder with one file of each kind; few samples of a mesh and blank charts, as neither matters here."""
+    shutil.copytree(made, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("quadriform.shapes.mesh_points.SAMPLES", 400)
     monkeypatch.setattr(Figure, "savefig", blank)
+    return tmp_path
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    with contextlib.chdir(tmp_path_factory.mktemp("made")):
+        write_files()
+        return Path.cwd()
+
+
+def write_files():
     points = lumpy(300)
     np.savetxt("points.xyz", points, fmt="%.17g")
     np.savez("points.npz", points=points)
     write_mesh(box_mesh(), "block.STL".lower(), "LPS", "mm")
-    (tmp_path / "block.stl").rename("BLOCK.STL")
+    Path("block.stl").rename("BLOCK.STL")
     write_mesh(box_mesh(), "block.ply", "RAS", "mm")
     grid = np.stack(np.meshgrid(*[np.arange(12)] * 3, indexing="ij"), axis=-1)
     ball = (((grid - 5.5) ** 2).sum(axis=-1) < 20).astype(np.uint8)
@@ -45,7 +60,6 @@ def files(tmp_path, monkeypatch):
     model = qf.fit(points, **QUICK).model
     qf.save(model, "model.npz")
     qf.save(model, "model.json")
-    return tmp_path
 
 
 KINDS = {
