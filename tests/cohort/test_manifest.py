@@ -16,7 +16,7 @@ def write(tmp_path):
     return of_text
 
 
-def test_a_row_says_what_a_subject_is(write):
+def test_a_row_defines_a_subject(write):
     text = "\ufeffid,surface,input,box,strength,shift_slices\r\n"
     text += "a-1,endo=label:1;epi=label:1+2,a.nii.gz,,1e-6,yes\r\n\r\nb.2,, one.ply; two.ply ,5,,\r\n"
     listed = read_manifest(write(text.replace(",5,,", ',"5,5,5",,')), {})
@@ -93,7 +93,7 @@ def test_one_box_for_all(write):
         "knid=x",
     ],
 )
-def test_words_that_an_option_cannot_have_are_refused(word):
+def test_invalid_values_of_options_are_refused(word):
     with pytest.raises(OptionError, match=word.split("=")[0]):
         option(*word.split("="))
 

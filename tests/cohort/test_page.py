@@ -47,7 +47,7 @@ def words(page):
     )
 
 
-def test_the_page_tells_of_every_subject(results):
+def test_the_page_lists_every_subject(results):
     text = words(results / "cohort.html")
     assert "6 of 7 subjects have a model, 1 failed" in text
     assert all(f"person{number:02d}" in text for number in range(7))

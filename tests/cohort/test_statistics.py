@@ -101,7 +101,7 @@ def test_rows_become_models_again():
     assert np.abs(correspond.transform(again) - rows).max() < 1e-3  # they lie where the transformer puts them
 
 
-def test_place_and_orientation_change_nothing():
+def test_position_and_orientation_change_nothing():
     shapes = [model(amounts) for amounts in draws(8)]
     correspond = CorrespondingShapes().fit(shapes)
     rows = correspond.transform(shapes)
@@ -145,7 +145,7 @@ def test_the_mean_of_a_shape_and_its_mirror_image_is_symmetric():
     assert np.abs(mean.distance(mean.mesh(resolution=8).vertices * [-1, 1, 1])).max() < 1e-8
 
 
-def test_two_walls_share_a_box():
+def test_two_walls_have_one_box():
     walls = [HEART.model(t) for t in np.linspace(0, 0.5, 6)]
     found = shape_modes(walls)
     assert set(found.mean.surfaces) == {"endo", "epi"}
@@ -154,7 +154,7 @@ def test_two_walls_share_a_box():
     assert np.allclose(volumes, [[one.volume(name) for name in ("endo", "epi")] for one in walls], rtol=2e-3)
 
 
-def test_it_stands_at_the_head_of_a_pipeline_and_takes_clouds():
+def test_it_is_the_first_step_of_a_pipeline_and_accepts_clouds():
     clouds = [model(amounts).mesh(resolution=4).vertices for amounts in draws(3)]
     line = make_pipeline(CorrespondingShapes(box=(3, 3, 3)), PCA(2)).set_params(correspondingshapes__passes=1)
     assert line.fit_transform(clouds).shape == (3, 2)

@@ -137,7 +137,7 @@ def test_an_error_that_nobody_foresaw_is_a_failure_too(one, tmp_path, monkeypatc
     assert found.failure.kind == "ZeroDivisionError" and found.failure.error.startswith("internal error")
 
 
-def test_files_are_looked_at_before_they_are_read(tmp_path):
+def test_headers_are_read_before_the_voxels(tmp_path):
     for frame in range(3):
         np.save(tmp_path / f"{frame}.npy", np.zeros((1, 3)))
     path = tmp_path / "list.csv"
@@ -157,7 +157,7 @@ def test_a_damaged_layout_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(("subjects", "parts"), [(1, 1), (10, 3), (1000, 2), (50_000, 1000), (97, 1)])
-def test_shares_cover_every_block_once(subjects, parts):
+def test_parts_cover_every_block_once(subjects, parts):
     block = max(1, min(100, -(-subjects // parts)))
     shared = layout(subjects=subjects, block=block)
     blocks = [each for part in range(1, parts + 1) for each in shared.blocks_of(part, parts)]

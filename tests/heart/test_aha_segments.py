@@ -41,7 +41,7 @@ INSERTS = np.array([at(-50, 0.5), at(-65, 0.8), at(50, 0.5), at(65, 0.8)])
         (70, -0.05, "apex"),
     ],
 )
-def test_each_place_has_its_segment(degrees, height, name):
+def test_each_position_has_its_segment(degrees, height, name):
     number = AhaSegmentation.anchored(AXIS, INSERTS).numbers(at(degrees, height)[None])[0]
     assert NAMES[number - 1] == name
 
@@ -50,7 +50,7 @@ def test_beyond_the_base_is_no_segment():
     assert AhaSegmentation.anchored(AXIS, INSERTS).numbers(at(10, 1.01)[None])[0] == 0
 
 
-def test_segments_turn_with_the_heart(rng):
+def test_segments_rotate_with_the_heart(rng):
     turn, shift = rotation_from_euler(np.array([0.5, -1.1, 2.0])), np.array([10.0, 20, -30])
     points = rng.normal(size=(300, 3)) * [20, 20, 40] - [0, 0, 45]
     axis = LongAxis(turn @ AXIS.apex + shift, turn @ AXIS.base + shift)
@@ -60,7 +60,7 @@ def test_segments_turn_with_the_heart(rng):
     assert set(before) >= set(range(1, 18))
 
 
-def test_more_insertions_on_one_side_do_not_pull_the_septum():
+def test_more_insertions_on_one_side_do_not_move_the_septum():
     many = np.concatenate([INSERTS, [at(-50, h) for h in np.linspace(0.4, 0.9, 10)]])
     septum = AhaSegmentation.anchored(AXIS, many).septum
     assert np.degrees(np.arccos(septum @ [1, 0, 0])) < 4

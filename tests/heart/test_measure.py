@@ -54,7 +54,7 @@ def test_the_ventricle_is_plausible(heart, known):
     assert muscle[1] == pytest.approx(muscle[0], rel=0.1)
 
 
-def test_noise_has_the_asked_size_and_repeats(heart):
+def test_noise_has_the_requested_size_and_repeats(heart):
     exact = heart.surface_points("endo", 0.5, 500)
     one, two = (heart.surface_points("endo", 0.5, 500, 0.7, seed=3) for _ in range(2))
     assert np.array_equal(one, two)
@@ -135,7 +135,7 @@ def test_of_insertions_of_every_frame_those_at_end_diastole_count(known, valve):
 # --- what is said ------------------------------------------------------------------------------------------------
 
 
-def test_what_surfaces_do_not_show_is_marked(known, measured, valve):
+def test_what_surfaces_do_not_determine_is_reported_as_not_observed(known, measured, valve):
     for row in measured.rows:
         hidden = any(word in row.quantity for word in ("twist", "torsional", "circumferential", "Green"))
         assert row.observed is not hidden, row.quantity
@@ -175,23 +175,23 @@ def test_separate_frames_have_volumes_but_no_strain(known):
     assert "twist angle" not in found
 
 
-def test_an_unknown_unit_is_said(known):
+def test_an_unknown_unit_is_reported(known):
     assert "UNKNOWN_UNIT" in measure(replace(known[0], unit="unknown")).warnings
 
 
-def test_ends_that_look_alike_are_said(heart):
+def test_ends_of_equal_volume_are_reported(heart):
     even = replace(heart, egg=0.0).models([0.0])
     assert "APEX_AMBIGUOUS" in measure(even).warnings
     assert "APEX_AMBIGUOUS" not in measure(heart.models([0.0])).warnings
 
 
-def test_a_plane_beyond_the_cavity_is_said(known):
+def test_a_plane_beyond_the_cavity_is_reported(known):
     found = measure(known[::2], base=(CENTRE + 48 * ROTATION[:, 2], ROTATION[:, 2]))
     assert "2 of 2 frames" in found.warnings["BASE_MISSES"]
     assert found["end-diastolic volume"] == pytest.approx(found["end-diastolic volume, closed"])
 
 
-def test_crossing_surfaces_are_said(known):
+def test_crossing_surfaces_are_reported(known):
     small = replace(known[0].surfaces["epi"], semi_axes=np.array([22.0, 34, 53]))
     found = measure(replace(known[0], surfaces={"epi": small, "endo": known[0].surfaces["endo"]}))
     assert "'endo' crosses 'epi'" in found.warnings["FOLDING"]
@@ -234,7 +234,7 @@ def test_options_out_of_range_are_refused(known):
 # --- files -------------------------------------------------------------------------------------------------------
 
 
-def test_tables_hold_every_number(measured, tmp_path):
+def test_tables_contain_every_number(measured, tmp_path):
     write_measures(measured, tmp_path / "m.csv")
     write_measures(measured, tmp_path / "m.json")
     with open(tmp_path / "m.csv", newline="") as stream:

@@ -92,7 +92,7 @@ def test_what_is_no_base_is_refused(base, words):
         base_rule(base, 2)
 
 
-def test_the_rule_is_said():
+def test_the_rule_has_a_description():
     loop = np.eye(3)
     assert "whole closed surface" in base_rule(None, 2).description
     assert "80 %" in base_rule(0.8, 2).description

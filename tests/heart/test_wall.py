@@ -36,7 +36,7 @@ def test_a_shell_is_as_thick_as_it_is(rest):
     assert wall.volumes(affine(rest, np.diag([2, 3, 0.5]))).sum() == pytest.approx(3 * shell, rel=1e-9)
 
 
-def test_centres_and_turns_may_differ(rng):
+def test_centres_and_rotations_may_differ(rng):
     """Every line starts on one surface and ends on the other."""
     turn = rotation_from_euler(np.array([0.4, -0.2, 0.9]))
     epi = Superquadric(semi_axes=(16, 14, 20), exponents=(0.7, 1.2), rotation=turn, translation=(1, -1, 2))
@@ -69,7 +69,7 @@ def test_a_rigid_motion_strains_nothing(rest):
     assert np.abs(green_strain(gradient)).max() < 1e-12
 
 
-def test_the_gradient_is_between_frames_not_from_rest(rest):
+def test_the_gradient_is_between_frames_not_from_the_undeformed_space(rest):
     one, two = np.diag([1.2, 0.9, 1.0]), np.array([[1.0, 0.3, 0], [0, 1.1, 0], [0.2, 0, 0.8]])
     gradient = deformation_gradient(affine(rest, one), affine(rest, two @ one), Wall.between(ENDO, EPI).at(0.3))
     assert gradient == pytest.approx(np.broadcast_to(two, gradient.shape), abs=1e-12)
@@ -116,7 +116,7 @@ def test_twist_is_counter_clockwise_from_the_apex(rest):
     assert moving.slices.twist(tilted).angle == pytest.approx(found.angle, rel=1e-6)
 
 
-def test_a_mirror_turns_the_twist_round(rest):
+def test_a_mirror_image_has_the_opposite_twist(rest):
     at = rest.rest.reshape(-1, 3)
     other = np.stack([at[:, 0] + 0.002 * at[:, 2] * at[:, 1], at[:, 1] - 0.002 * at[:, 2] * at[:, 0], at[:, 2]], 1)
     twisted = rest.with_control_points(np.linalg.solve(rest.matrix(at), other))

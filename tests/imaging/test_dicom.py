@@ -87,11 +87,11 @@ class TestSeries:
         assert_allclose(volume.world_from_voxel, AFFINE, atol=1e-9)
         assert (volume.space, volume.unit, volume.values.dtype) == ("LPS", "mm", np.int16)
 
-    def test_thickness_location_and_stated_spacing_are_not_looked_at(self, folder, values):
+    def test_thickness_location_and_stated_spacing_are_ignored(self, folder, values):
         volume = read_volume(still(folder, values, SliceThickness=3, SliceLocation=1, SpacingBetweenSlices=2))
         assert_allclose(volume.spacing, [1.25, 1.5, GAP])
 
-    def test_one_file_stands_for_its_series(self, folder, values):
+    def test_one_file_gives_its_series(self, folder, values):
         still(folder, values)
         put(folder, values[:, :, 0, 1], 0, "other.dcm", series="9.9")
         assert_array_equal(read_volume(folder / "I97.dcm").values, values[..., 0])
@@ -220,7 +220,7 @@ class TestRagged:
             shutil.copy(file, folder / f"copy_{file.name}")
         refused(folder, InputError, "copies", "I99.dcm", "copy_I99.dcm")
 
-    def test_two_places_in_one_plane(self, folder, values):
+    def test_two_positions_in_one_plane(self, folder, values):
         still(folder, values)
         put(folder, values[:, :, 3, 0], 3, "beside.dcm", position=ORIGIN + 3 * GAP * NORMAL + 2 * ALONG_ROW)
         refused(folder, InputError, "same plane", "I96.dcm", "beside.dcm")
@@ -309,7 +309,7 @@ class TestObjectsWithoutImages:
         refused(folder, InputError, "2 series", "7.7 (1 files, none of which can be read)")
 
     @pytest.mark.parametrize("syntax", ["1.2.840.10008.1.2", "1.2.840.10008.1.2.1", "1.2.840.10008.1.2.2"])
-    def test_a_file_without_the_letters_dicm_is_told_by_its_elements(self, folder, values, syntax):
+    def test_a_file_without_the_letters_dicm_is_recognised_by_its_elements(self, folder, values, syntax):
         for file in list(still(folder, values).iterdir()):
             content = pydicom.dcmread(file)
             little, implicit = not syntax.endswith(".2.2"), syntax.endswith("1.2") and len(syntax) == 17
@@ -396,7 +396,7 @@ class TestDamage:
     def test_a_promise_beyond_the_budget(self, folder, values):
         refused(still(folder, values, Rows=60_000, Columns=60_000), FileLimitError, "budget")
 
-    def test_a_missing_library_is_said_with_the_command(self, folder, values, monkeypatch):
+    def test_a_missing_library_is_named_with_the_command(self, folder, values, monkeypatch):
         still(folder, values)
         monkeypatch.setitem(sys.modules, "pydicom", None)
         refused(folder, InputError, "pip install 'quadriform[images]'")
@@ -445,7 +445,7 @@ class TestEnhanced:
 
 class TestNuclear:
     @pytest.mark.parametrize("step, low", [(-4.0, 88.0), (4.0, 100.0)])
-    def test_slices_run_the_way_the_sign_says(self, tmp_path, values, step, low):
+    def test_the_sign_of_the_spacing_is_the_direction_of_the_slices(self, tmp_path, values, step, low):
         path = tmp_path / "nm.dcm"
         write_nuclear(path, values[:, :, :4, 0].transpose(2, 1, 0), (5, 6, 100), step, [1, 2, 3, 4], [1] * 4)
         volume = read_volume(path)
@@ -474,7 +474,7 @@ class TestNuclear:
         write_nuclear(path, values[:, :, :4, 0].transpose(2, 1, 0), (5, 6, 7), 4.0, [1, 2, 3, 4], [1] * 4, **tags)
         refused(path, error, said)
 
-    def test_two_detectors_have_no_one_place(self, tmp_path, values):
+    def test_two_detectors_with_positions_are_refused(self, tmp_path, values):
         path, places = tmp_path / "nm.dcm", [pydicom.Dataset(), pydicom.Dataset()]
         for place in places:
             place.ImagePositionPatient, place.ImageOrientationPatient = [5, 6, 7], [1, 0, 0, 0, 1, 0]
@@ -482,7 +482,7 @@ class TestNuclear:
         write_nuclear(path, images, (5, 6, 7), 4.0, [1, 2, 3, 4], [1] * 4, DetectorInformationSequence=places)
         refused(path, AffineError, "2 detectors with ImagePositionPatient")
 
-    def test_images_without_places(self, tmp_path, values):
+    def test_images_without_positions(self, tmp_path, values):
         path = tmp_path / "movie.dcm"
         write_nuclear(
             path, values[:, :, :4, 0].transpose(2, 1, 0), (0, 0, 0), 4.0, [1, 2, 3, 4], [1] * 4,

@@ -73,7 +73,7 @@ KINDS = {
 }
 
 
-def test_one_rule_says_what_a_file_holds(files, capsys):
+def test_one_rule_decides_the_content_of_a_file(files, capsys):
     for name, kind in KINDS.items():
         assert kind_of(files / name) == kind
         assert kind == "image" or content_of(files / name) == kind

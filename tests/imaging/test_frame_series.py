@@ -41,7 +41,7 @@ def contours(path, frame, surfaces=("ENDOCARDIAL", "EPICARDIAL"), weight=1):
     return path
 
 
-def test_missing_frames_of_contours_leave_their_times_out_and_are_said(tmp_path):
+def test_missing_frames_of_contours_leave_their_times_out_with_a_note(tmp_path):
     for frame in (0, 1, 3, 12):
         contours(tmp_path / f"GPFile_{frame:03d}.txt", frame)
     found = read_frames(frame_files([tmp_path]), [])
@@ -106,7 +106,7 @@ def test_frames_in_different_frames_of_the_world_are_refused(tmp_path):
         read_frames([tmp_path / "a.xyz", tmp_path / "b.nii"], [])
 
 
-def test_warnings_of_one_kind_are_joined_and_said_once():
+def test_warnings_of_one_kind_are_joined_without_repetition():
     frames = FrameSeries()
     for text in ("the first", "the second", "the first"):
         frames.add_sources({"endo": Source(CLOUD, warnings={"PRECISION_LOSS": text})})

@@ -68,7 +68,7 @@ def test_long_voxels_give_the_same_ball_in_the_world(ball):
     assert "ANISOTROPIC" in found.warnings
 
 
-def test_the_grey_surface_is_the_wanted_object_alone(blob):
+def test_the_grey_surface_is_that_of_the_object_only(blob):
     grey = points_from_image(blob, select=2.0, surface="grey")
     mask = points_from_image(blob, select=2.0)
     assert mask.record["components_found"] == 2
@@ -162,7 +162,7 @@ class TestRealImages:
         assert found.segmentation.mask.sum() * voxel / 1000 == pytest.approx(millilitres, abs=0.5)
         assert found.mesh.volume() / 1000 == pytest.approx(millilitres, rel=0.03)
 
-    def test_pig_wall_and_cavity_hold_the_cavity(self, shared):
+    def test_the_wall_of_the_pig_encloses_its_cavity(self, shared):
         volume = read_volume(shared / "data" / "pig_cine_mri" / "sax_lv_labels_crop_4d.nii.gz", frame=0)
         cavity, both = (points_from_image(volume, select=Labels(labels)).segmentation for labels in ((1,), (1, 2)))
         assert both.mask.sum() > cavity.mask.sum()
@@ -216,7 +216,7 @@ def test_a_cup_is_named(thickness):
     assert "HOLLOW" not in points_from_image(wall(14, cut=24)).warnings
 
 
-def test_a_small_hole_is_no_hollow():
+def test_a_small_hole_is_no_hollow_object():
     values = wall(14).values.copy()
     values[15:18, 15:18, 15:18] = 0
     assert points_from_image(Volume(values, np.eye(4))).warnings == {}

@@ -108,7 +108,7 @@ def test_whole_numbers_equal_to_the_level_leave_no_crack(rng):
     assert (np.linalg.norm(mesh.area_vectors(), axis=1) > 0).all()
 
 
-def test_a_grey_image_is_turned_over_where_the_mask_disagrees(ball, oblique):
+def test_a_grey_image_is_mirrored_at_the_level_where_the_mask_disagrees(ball, oblique):
     """A second ball is not part of the mask, and a slot in the first was bridged: the surface is the first ball."""
     height, _ = ball(10.0, oblique)
     mask = mask_of(height)

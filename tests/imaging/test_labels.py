@@ -90,7 +90,7 @@ class TestPresets:
         with pytest.raises(MaskError, match="no such segment"):
             by_preset(other, "totalsegmentator", "endo")
 
-    def test_a_label_that_is_not_there_is_named_with_those_that_are(self):
+    def test_a_missing_label_is_named_with_the_existing_ones(self):
         with pytest.raises(MaskError, match=r"no voxel has the label 3; .*0: .*1: 64, 2: 152"):
             segment(heart(1, 2, 0), select=Labels((3,)))
 

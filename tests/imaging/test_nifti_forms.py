@@ -123,7 +123,7 @@ def test_sizes_alone(write, labels):
     assert volume_ml(path, affine="pixdim") == pytest.approx(TRUE_ML, rel=1e-5)
 
 
-def test_a_form_that_is_not_there_cannot_be_chosen(write, labels):
+def test_a_form_without_a_code_cannot_be_chosen(write, labels):
     path = write(labels, codes=(1, 0))
     refused(path, "has no qform (code 0)", error=OptionError, affine="qform")
     refused(path, "'sform', 'qform', 'pixdim'", error=OptionError, affine="best")
@@ -154,7 +154,7 @@ class TestPairs:
         voxels.unlink()
         refused(tmp_path / "p.hdr", "p.img", error=InputError)
 
-    def test_analyze_says_not_where_left_is(self, tmp_path, labels):
+    def test_analyze_has_no_orientation_and_is_refused(self, tmp_path, labels):
         nibabel.save(nibabel.AnalyzeImage(labels, form()), tmp_path / "old.img")
         for name in ("old.img", "old.hdr"):
             refused(tmp_path / name, "Analyze", error=FileFormatError)

@@ -49,7 +49,7 @@ def test_a_choice_is_requested_of_many_labels(ball, rng, dtype, n):
         choose_object(image(values))
 
 
-def test_many_tiny_labels_beside_a_large_one_are_asked_for(ball):
+def test_a_choice_is_requested_of_many_tiny_labels_beside_a_large_one(ball):
     values = ball.astype(np.uint8)
     for n in range(2, 36):
         values[0, n, :2] = n
@@ -132,7 +132,7 @@ def test_small_labels_in_coarse_voxels_are_labels(ball, rng, n):
         ("no voxel is 0", lambda ball, labels: 20 + 100 * ball, "without a voxel of 0.*20: "),
     ],
 )
-def test_labels_without_a_known_background_are_asked_for(ball, rng, name, make, said):
+def test_a_choice_is_requested_of_labels_without_a_known_background(ball, rng, name, make, said):
     with pytest.raises(MaskError, match=said):
         choose_object(image(make(ball, parcels(ball, 5, rng))))
 
@@ -148,14 +148,14 @@ def test_python_and_terminal_have_one_rule(ball, rng):
     assert "together" in points_from_image(few).record["notes"][0]
 
 
-def test_a_steady_ramp_is_asked_for(ball):
+def test_a_choice_is_requested_of_a_steady_ramp(ball):
     """Neither noise nor anything else tells it from labels."""
     ramp = np.broadcast_to(np.repeat(np.arange(1, 41), 1)[:, None, None], SHAPE).astype(np.uint8)
     with pytest.raises(MaskError, match="--threshold"):
         choose_object(image(ramp))
 
 
-def test_an_interpolated_label_image_is_asked_for(ball, rng):
+def test_a_choice_is_requested_of_an_interpolated_label_image(ball, rng):
     fine = ndimage.zoom(parcels(ball, 6, rng).astype(np.float32), 1.5, order=1)
     with pytest.raises(MaskError, match=f"^{(fine % 1 != 0).sum()} voxels lie between.*interpolated.*--threshold"):
         choose_object(image(fine))
@@ -166,7 +166,7 @@ def test_labels_that_are_not_whole_are_not_what_the_file_says(ball):
         choose_object(image(ball * 1.5 + ball[::-1], is_label_map=True))
 
 
-def test_a_header_that_says_labels_is_believed(rng):
+def test_a_header_that_states_labels_decides(rng):
     """Scattered labels, which look like noise."""
     values = rng.integers(0, 20, SHAPE)
     assert choose_object(image(values))[0] == "otsu"

@@ -163,7 +163,7 @@ def test_a_quaternion_that_cannot_be_is_refused(save_nifti, values):
 
 
 class TestFrames:
-    def test_a_frame_is_the_one_asked_for(self, save_nifti, rng):
+    def test_the_requested_frame_is_read(self, save_nifti, rng):
         values = rng.integers(0, 99, (4, 5, 6, 3)).astype(np.uint8)
         path = save_nifti(values)
         for frame in range(3):
@@ -196,7 +196,7 @@ class TestTimes:
         assert frame_count(path) == 3
         assert_allclose(frame_times(path), np.array([0, 0.5, 1]) * scale)
 
-    def test_begin_where_the_file_says(self, save_nifti):
+    def test_voxels_begin_where_the_header_states(self, save_nifti):
         fields = {"pixdim": [1, 1, 1, 1, 30, 1, 1, 1], "toffset": 12}
         assert_allclose(frame_times(save_nifti(np.zeros((4, 5, 6, 2)), xyzt_units=18, **fields)), [12, 42])
 

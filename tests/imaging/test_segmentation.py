@@ -91,7 +91,7 @@ class TestComponents:
         assert found.component_voxels == (125, 27)
         assert found.components_kept == 1
 
-    def test_all_are_kept_when_asked(self, two):
+    def test_all_are_kept_on_request(self, two):
         found = segment(image(two), component="all")
         assert_array_equal(found.mask, two == 1)
         assert found.components_kept == 2
@@ -100,7 +100,7 @@ class TestComponents:
         found = segment(image(two), component=(3, 2, 2), region=((1, 12), (1, 12), (1, 12)))
         assert found.mask.sum() == 27 and found.mask[1, 1, 1]
 
-    def test_a_corner_joins_unless_asked_otherwise(self, box):
+    def test_a_common_corner_connects_by_default(self, box):
         box[9:11, 8:10, 8:10] = 1  # shares one corner with the box
         assert segment(image(box)).component_voxels == (128,)
         assert segment(image(box), connectivity=6).component_voxels == (120, 8)
@@ -165,7 +165,7 @@ class TestClosing:
 
 
 class TestHoles:
-    def test_a_hole_is_counted_and_filled_when_asked(self, box):
+    def test_a_hole_is_counted_and_filled_on_request(self, box):
         hollow = box.copy()
         hollow[5:7, 5, 5:7] = 0
         kept, filled = (segment(image(hollow), fill_holes=fill) for fill in (False, True))
@@ -173,7 +173,7 @@ class TestHoles:
         assert_array_equal(kept.mask, hollow == 1)
         assert_array_equal(filled.mask, box == 1)
 
-    def test_what_is_open_to_the_border_is_no_hole(self):
+    def test_background_at_the_border_is_no_hole(self):
         cup = np.zeros((8, 8, 8), np.uint8)
         cup[1:7, 1:7, 0:5] = 1
         cup[3:5, 3:5, 0:3] = 0
@@ -225,7 +225,7 @@ class TestWarnings:
     def test_none_for_a_box_in_the_middle(self, box):
         assert segment(image(box)).warnings == {}
 
-    def test_a_cut_names_its_faces_and_the_share_of_the_surface(self):
+    def test_a_cut_names_its_faces_and_the_fraction_of_the_surface(self):
         values = np.zeros((4, 6, 5))
         values[0:2, 1:4, 3:5] = 1  # 2 x 3 x 2 voxels at the first i and the last k
         sides = np.diag([1.0, 2.0, 3.0, 1.0])  # sides of 6, 3 and 2

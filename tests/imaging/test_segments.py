@@ -216,7 +216,7 @@ class TestBadSegmentations:
         with pytest.raises(FileFormatError, match="frame 0 is of segment 9"):
             read_volume(path)
 
-    def test_a_layer_that_is_not_there(self, tmp_path):
+    def test_a_missing_layer(self, tmp_path):
         path = slicer(tmp_path / "a.seg.nrrd", PAIRS["adjacent"])
         path.write_bytes(path.read_bytes().replace(b"Segment1_Layer:=1", b"Segment1_Layer:=5"))
         with pytest.raises(FileFormatError, match="layer 5"):

@@ -262,7 +262,7 @@ def test_text_of_another_kind(tmp_path, suffix):
     refused(path, FileFormatError)
 
 
-def test_a_missing_library_is_said_with_the_command(tmp_path, values, monkeypatch):
+def test_a_missing_library_is_named_with_the_command(tmp_path, values, monkeypatch):
     path = write(tmp_path / "a.mha", values)
     monkeypatch.setitem(sys.modules, "SimpleITK", None)
     refused(path, InputError, "pip install 'quadriform[images]'")

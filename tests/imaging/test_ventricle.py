@@ -53,7 +53,7 @@ def test_labels_give_both_walls():
     assert len(found.clouds["endo"]) < len(found.isosurfaces["endo"])
 
 
-def test_a_grid_turned_and_flipped_gives_the_same_points():
+def test_a_rotated_and_flipped_grid_gives_the_same_points():
     volume = labelled()
     moved = volume.values.transpose(2, 0, 1)[::-1, :, ::-1]
     into = np.zeros((4, 4))
