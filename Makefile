@@ -4,7 +4,7 @@ BIN := .venv/bin
 READY := .venv/ready
 BENCH := .venv-bench
 
-.PHONY: demo test kernels check bench foreign fuzz mutants kill large coverage docs docs-figures clean
+.PHONY: results results-full stale-results demo test kernels check bench foreign fuzz mutants kill large coverage docs docs-figures clean
 
 demo: $(READY)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/quadriform demo -o out/demo --force
@@ -25,6 +25,7 @@ check: $(READY)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python tests/robustness/wording.py
+	$(BIN)/python benchmarks/write_results.py --stale
 
 # The rivals stay out of the environment of the tests: what they bring along has pytest plugins of its own.
 bench: $(BENCH)/ready
@@ -35,6 +36,17 @@ $(BENCH)/ready: pyproject.toml constraints.txt CMakeLists.txt $(wildcard src/qua
 	$(PYTHON) -m venv $(BENCH)
 	$(BENCH)/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[bench]'
 	touch $@
+
+# The accuracy tables of the docs, each with date and commit: those that take minutes, or all. Baselines need `make bench` first.
+results: $(READY)
+	$(BIN)/python benchmarks/write_results.py
+
+results-full: $(BENCH)/ready
+	$(BENCH)/bin/python benchmarks/write_results.py --full
+
+# Tables that are older than the code they depend on; an error, for a release.
+stale-results: $(READY)
+	$(BIN)/python benchmarks/write_results.py --stale --release
 
 # 100,000 damaged files over all readers; a smaller part of it is among the tests.
 fuzz: $(READY)

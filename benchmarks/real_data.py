@@ -22,13 +22,6 @@ from quadriform.imaging.segmentation import Labels, Percentile
 HERE = Path(__file__).resolve().parents[1]
 Case = tuple[str, str, np.ndarray]
 
-SOURCES = """
-Sources: brain, `example4d.nii.gz` of nibabel; SPECT, PhysioNet "Myocardial perfusion scintigraphy image database" 1.0.0
-(ODbL 1.0); pig, WrightGroupSRI/ep-dataset (CC0 1.0); Sunnybrook Cardiac Data (CC0 1.0); organs, HuBMAP CCF 3D Reference
-Object Library (CC BY 4.0); objects, YCB object set (CC BY 4.0), in metres and shown in mm; contours,
-UOA-Heart-Mechanics-Research/biv-me (Apache-2.0).
-"""
-
 
 def brain() -> Iterator[Case]:
     found = points_from_image(example_volume(), select="otsu", closing=2, border="close")
@@ -94,21 +87,10 @@ def main() -> None:
         cases += [make(data) for make in (spect, pig, sunnybrook, meshes, contours)]
     else:
         print(f"skipped all but the brain: there is no folder {data}")
-    lines = [
-        "# Real data",
-        "",
-        "Written by `python benchmarks/real_data.py`; each row is `quadriform.fit(points)` on its defaults. Distances",
-        "of the points to the model in mm; `alone` is the superquadric before refinement. A warning says that the",
-        "row is not to be trusted as it stands.",
-        "",
-        "| data | points | alone RMS | RMS | 95 % | max | status |",
-        "| --- | --- | --- | --- | --- | --- | --- |",
-    ]
+    print("| data | points | alone RMS | RMS | 95 % | max | status |\n| --- | --- | --- | --- | --- | --- | --- |")
     with ProcessPoolExecutor(2) as pool:
         for line in pool.map(row, (c for case in cases for c in case)):
-            lines.append(line)
             print(line, flush=True)
-    (HERE / "docs" / "real_data.md").write_text("\n".join(lines) + "\n" + SOURCES)
 
 
 if __name__ == "__main__":

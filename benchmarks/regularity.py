@@ -28,7 +28,7 @@ def main() -> None:
     for (name, fits), settings in zip(results.items(), (COUNTS, STRENGTHS)):
         errors = [fit.rms for fit in fits]
         moved = [fit.history[-1].box_displacement for fit in fits]
-        print(f"| {name} | error RMS, mm | box moved, mm |\n| --- | --- | --- |")
+        print(f"\n| {name} | error RMS, mm | box moved, mm |\n| --- | --- | --- |")
         for value, e, m in zip(settings, errors, moved):
             print(f"| {value:g} | {e:.3f} | {m:.1f} |")
         error.semilogy(range(1, 5), errors, "o-", label=name)

@@ -1,4 +1,4 @@
-"""Closed surfaces from points: errors on the egg and the cup beside those of the best rivals of the bed.
+"""Closed surfaces from points: errors on the egg and the cup beside those of the best baselines of the bed.
 
 python benchmarks/surfaces.py [FOLDER]      FOLDER: other egg.npz and cup.npz, made by the bed's make_data.py
 """
@@ -69,7 +69,7 @@ def orders(folder: Path, count: int = 8) -> None:
             yield f"cup {key}", *(f"{which(found):.3f}" for which in (min, np.median, max)), RIVALS["cup", key]
 
     print(f"\n## The cup, RMS over {count} orders of the same points\n")
-    table(("cloud", "least", "median", "most", "best rival"), cells())
+    table(("cloud", "least", "median", "most", "best baseline"), cells())
 
 
 def noise_free(folder: Path) -> None:
@@ -89,7 +89,7 @@ def noise_free(folder: Path) -> None:
     strengths = np.geomspace(1e-10, 1e-5, 6)
     springs = min(error(qf.fit(points, method="paper", regularity="springs", strength=float(s))) for s in strengths)
     ours, paper = error(qf.fit(points)), error(qf.fit(points, method="paper"))
-    print("\n## Egg without noise, 6,000 points, 386 numbers\n")
+    print("\n## Egg without noise, 6,000 points, 386 parameters\n")
     table(
         ("ours RMS", 'method="paper"', "its iteration, best of six springs", "ratio to the springs", "wanted"),
         [(f"{ours:.4f}", f"{paper:.4f}", f"{springs:.4f}", f"{ours / springs:.3f}", "0.045, 0.25")],
@@ -103,7 +103,7 @@ def two_sigma(folder: Path, draws: int = 20) -> None:
     data = np.load(folder / "egg.npz")
     shape = trimesh.Trimesh(data["true_v"], data["true_f"], process=False)
     truth = data["true_dense"][::20]
-    print(f"\n## Share of the true surface within 2 reported sigma, {draws} draws each (wanted 90 to 99 %)\n")
+    print(f"\n## Fraction of the true surface within 2 reported sigma, {draws} draws each (wanted 90 to 99 %)\n")
 
     def cells() -> Iterator[tuple]:
         for sigma in (0.1, 1.0):
@@ -120,7 +120,7 @@ def two_sigma(folder: Path, draws: int = 20) -> None:
                     f"{100 * np.min(shares):.1f} to {100 * np.max(shares):.1f}",
                 )
 
-    table(("noise", "points", "share %", "over the draws"), cells())
+    table(("noise", "points", "fraction %", "over the draws"), cells())
 
 
 def cramer_rao(folder: Path, draws: int = 20) -> None:
@@ -167,7 +167,7 @@ def main() -> None:
         return
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else home / "data"
     print("## Closed surfaces, RMS to the clean truth (long axis 100, noise 1)\n")
-    header = ("cloud", "ours RMS", "wanted", "best rival", "95 %", "max", "numbers", "surface", "status")
+    header = ("cloud", "ours RMS", "wanted", "best baseline", "95 %", "max", "parameters", "surface", "status")
     table(header, rows(folder))
     orders(folder)
     noise_free(folder)

@@ -58,12 +58,12 @@ def main() -> None:
         return
     frames = range(25)
     with ProcessPoolExecutor(2) as pool:
-        print(f"## Human ventricle, each surface alone, 386 numbers. {SOURCE}\n")
+        print(f"## Human ventricle, each surface alone, 386 parameters. {SOURCE}\n")
         header = ("frame", "endo points", "RMS mm", "longest semi-axis / extent", "status")
         table((*header, "epi points", *header[2:]), pool.map(alone, frames))
         print("\n## Against the reference surfaces, RMS to the endocardial points, mm (wanted 0.75)\n")
         table(("frame", "ours", "reference", "ratio"), against_reference())
-        print("\n## Both surfaces in one box, 397 numbers (wanted: bound above 0, no crossing)\n")
+        print("\n## Both surfaces in one box, 397 parameters (wanted: bound above 0, no crossing)\n")
         table(("frame", "endo RMS", "epi RMS", "bound of det J", "crossings", "strength"), pool.map(together, frames))
 
 

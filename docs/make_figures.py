@@ -26,7 +26,7 @@ def run(page: Path) -> dict:
     return names
 
 
-def bare(axes: Any, title: str) -> None:
+def without_axes(axes: Any, title: str) -> None:
     """The body alone, filling its axes."""
     axes.set_title(title)
     axes.set_axis_off()
@@ -42,9 +42,9 @@ def points_to_model(names: dict) -> bytes | Figure:
     qf.plot(fit, axes[2], colour=sigma, resolution=16)
     for one in axes[:2]:
         one.set(xlim=axes[2].get_xlim(), ylim=axes[2].get_ylim(), zlim=axes[2].get_zlim(), aspect="equal")
-    titles = (f"{len(points)} points", "superquadric, 11 numbers", f"model, {fit.model.n_parameters} numbers")
+    titles = (f"{len(points)} points", "superquadric, 11 parameters", f"model, {fit.model.n_parameters} parameters")
     for one, title in zip(axes, titles):
-        bare(one, title)
+        without_axes(one, title)
     colours = figure.colorbar(axes[2].collections[-1], cax=figure.add_axes((0.92, 0.2, 0.012, 0.6)))
     colours.set_label("one sigma")
     return figure
@@ -64,8 +64,8 @@ def beating_heart(names: dict) -> bytes | Figure:
     qf.plot(moving, first, time=0.0)
     qf.plot(moving, second, time=0.5)
     second.set(xlim=first.get_xlim(), ylim=first.get_ylim(), zlim=first.get_zlim(), aspect="equal")
-    bare(first, "end diastole")
-    bare(second, "end systole")
+    without_axes(first, "end diastole")
+    without_axes(second, "end systole")
     curve = figure.add_axes((0.71, 0.16, 0.27, 0.72))
     fine = np.linspace(0, 1, 25)
     for source, style, label in ((moving.at, "-", "moving model"), (heart.model, "k--", "truth")):
