@@ -1,6 +1,7 @@
 """The house: small files and functions, docstrings, nothing that runs code from data, imports downwards and light."""
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -127,3 +128,20 @@ def test_imports_point_downwards():
         pytest.skip("import-linter is not installed beside this Python")
     done = subprocess.run([checker, "--no-cache"], cwd=ROOT, capture_output=True, encoding="utf-8", errors="replace")
     assert done.returncode == 0, done.stdout
+
+
+def test_the_table_where_is_names_what_there_is():
+    """Of each row at most two files, and in each the function or class that is named."""
+    table = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").partition("## Where is")[2].partition("\n## ")[0]
+    rows = [line.split("|")[1:3] for line in table.splitlines() if "`src/" in line]
+    assert len(rows) >= 13
+    for what, where in rows:
+        places = re.findall(r"`(src/[\w/.]+)(?::([\w.]+))?`", where)
+        assert 1 <= len({path for path, _ in places}) <= 2, what
+        for path, name in places:
+            text = (ROOT / path).read_text(encoding="utf-8")
+            for part in filter(None, name.split(".")):
+                assert re.search(rf"^ *(?:def|class) {part}\b", text, re.MULTILINE), (path, part)
+        equation = re.match(r" (P\d+),", what)
+        marked = "".join((ROOT / path).read_text(encoding="utf-8") for path, _ in places)
+        assert equation is None or re.search(rf"\b{equation[1]}\b", marked), what
