@@ -30,7 +30,7 @@ def test_a_filled_volume_does_not_end_with_a_map_that_folds():
 
 @pytest.fixture
 def no_fold_removal(monkeypatch):
-    monkeypatch.setattr(refine, "cures", lambda rounds, refined, surfaces, most: iter(()))
+    monkeypatch.setattr(refine, "without_folds", lambda problem, refined, surfaces, most: iter(()))
 
 
 def test_where_no_fold_can_be_removed_a_poor_fit_is_regularised_until_nothing_folds(no_fold_removal):

@@ -7,14 +7,14 @@ from shapes_made import even_directions, lumpy
 import quadriform as qf
 from quadriform.errors import OptionError, PointsError
 from quadriform.fitting.cloud import Distinct
-from quadriform.fitting.refinement.surface_data import Sheet
+from quadriform.fitting.refinement.surface_data import SurfaceData
 from quadriform.shapes.superquadric import Superquadric
 
 SPHERE = even_directions(200)
 
 
 def facing(points, normals):
-    return Sheet(Superquadric(), points, np.ones(len(points)), None, normals).facing()
+    return SurfaceData.of(Superquadric(), points, np.ones(len(points)), None, normals).facing()
 
 
 @pytest.mark.parametrize("sign", [1, -1])

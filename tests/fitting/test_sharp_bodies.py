@@ -6,7 +6,7 @@ from shapes_made import even_directions, turned
 
 import quadriform as qf
 from quadriform.fitting.refinement import refine
-from quadriform.fitting.refinement.unfolding import cures
+from quadriform.fitting.refinement.unfolding import without_folds
 
 
 def cone(count, radius, height, noise=0.0, seed=0):
@@ -32,11 +32,11 @@ def test_no_point_of_a_clean_cone_is_an_outlier():
 def test_where_robust_weights_end_in_folds_the_fit_without_them_is_tried(monkeypatch):
     tried = []
 
-    def look(rounds, refined, surfaces, most):
-        tried.append(rounds.robust)
-        return iter(()) if rounds.robust else cures(rounds, refined, surfaces, most)
+    def look(problem, refined, surfaces, most):
+        tried.append(problem.robust)
+        return iter(()) if problem.robust else without_folds(problem, refined, surfaces, most)
 
-    monkeypatch.setattr(refine, "cures", look)
+    monkeypatch.setattr(refine, "without_folds", look)
     points = even_directions(300) * [3, 2, 2]
     found = qf.fit(points, box=(3, 3, 3))
     assert True in tried and tried[-1] is False
@@ -45,7 +45,11 @@ def test_where_robust_weights_end_in_folds_the_fit_without_them_is_tried(monkeyp
 
 def test_outliers_are_no_reason_to_give_up_robust_weights(monkeypatch):
     """A fit without weights that the outliers have spoiled is worse than a fold that is reported."""
-    monkeypatch.setattr(refine, "cures", lambda rounds, *others: iter(()) if rounds.robust else cures(rounds, *others))
+    monkeypatch.setattr(
+        refine,
+        "without_folds",
+        lambda problem, *others: iter(()) if problem.robust else without_folds(problem, *others),
+    )
     body = even_directions(300) * [3, 2, 2]
     found = qf.fit(np.concatenate([body, np.random.default_rng(0).uniform(-6, 6, (30, 3))]), box=(3, 3, 3))
     assert "FOLDING" in found.warnings and np.sqrt((found.residuals[:300] ** 2).mean()) < 1e-2

@@ -1,6 +1,5 @@
 """Folds are pressed out of the space inside, and the surface stays where the data is."""
 
-from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +9,7 @@ from shapes_made import even_directions, made, turned
 
 import quadriform as qf
 from quadriform.fitting.refinement import refine as refinement
-from quadriform.fitting.refinement.unfolding import certified, cures
+from quadriform.fitting.refinement.unfolding import certified, without_folds
 from quadriform.points import Frame
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.fold_bound import determinant_rows, lattice_inside
@@ -32,7 +31,7 @@ DENTED = dented(even_directions(900)) + np.random.default_rng(0).normal(0, 0.1, 
 @pytest.fixture(scope="module")
 def folded():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(refinement, "cures", lambda rounds, refined, surfaces, most: iter([refined]))
+        patch.setattr(refinement, "without_folds", lambda problem, refined, surfaces, most: iter([refined]))
         return qf.fit(DENTED)
 
 
@@ -77,12 +76,12 @@ def test_lattice_points_that_touch_the_surface_are_inside_whatever_rounding_says
 
 def test_a_cure_leaves_the_surface_alone(folded):
     """Old bug: more strength everywhere cured a small fold inside, and the error grew eightfold."""
-    cured = qf.fit(DENTED)
-    assert folded.model.min_jacobian() < 0 < cured.model.min_jacobian()
-    assert "FOLDING" not in cured.warnings and not cured.model.crossings()
-    assert off(cured.model) < 1.1 * off(folded.model) < 0.1
+    unfolded = qf.fit(DENTED)
+    assert folded.model.min_jacobian() < 0 < unfolded.model.min_jacobian()
+    assert "FOLDING" not in unfolded.warnings and not unfolded.model.crossings()
+    assert off(unfolded.model) < 1.1 * off(folded.model) < 0.1
     inside = 0.5 * TRUTH
-    assert cured.model.undeform(cured.model.deform(inside)) == pytest.approx(inside, abs=1e-7)
+    assert unfolded.model.undeform(unfolded.model.deform(inside)) == pytest.approx(inside, abs=1e-7)
 
 
 def test_a_tangle_leaves_no_trace_in_its_cure(monkeypatch):
@@ -91,15 +90,13 @@ def test_a_tangle_leaves_no_trace_in_its_cure(monkeypatch):
     def tangled(seed):
         rng = np.random.default_rng(seed)
 
-        def wrecked(rounds, refined, surfaces, most):
+        def wrecked(problem, refined, surfaces, most):
             places = refined.box.control_points
             box = refined.box.with_control_points(places + rng.normal(scale=np.ptp(places) / 4, size=places.shape))
-            lost = tuple(copy(sheet) for sheet in refined.sheets)
-            for sheet in lost:
-                sheet.origins = rng.permutation(sheet.origins)
-            return cures(rounds, replace(refined, box=box, sheets=lost), surfaces, most)
+            datasets = tuple(replace(data, origins=rng.permutation(data.origins)) for data in refined.datasets)
+            return without_folds(problem, replace(refined, box=box, datasets=datasets), surfaces, most)
 
-        monkeypatch.setattr(refinement, "cures", wrecked)
+        monkeypatch.setattr(refinement, "without_folds", wrecked)
         return qf.fit(DENTED).model
 
     one, other = tangled(0), tangled(1)
@@ -108,16 +105,16 @@ def test_a_tangle_leaves_no_trace_in_its_cure(monkeypatch):
     assert np.abs(one.distance(other.mesh().vertices)).max() < 1e-4
 
 
-def test_several_surfaces_are_unfolded_at_any_price_but_the_fair_one_is_sought_first(monkeypatch):
+def test_several_surfaces_are_unfolded_at_any_price_but_the_accepted_one_is_sought_first(monkeypatch):
     seen = []
-    cured = {0: [1.0, 0.4], 1: [0.5], 2: []}
+    unfolded = {0: [1.0, 0.4], 1: [0.5], 2: []}
 
-    def look(rounds, refined, surfaces, most):
+    def look(problem, refined, surfaces, most):
         seen.append(most)
-        for noise in cured[(len(seen) - 1) % 3]:
+        for noise in unfolded[(len(seen) - 1) % 3]:
             yield replace(refined, solution=replace(refined.solution, noise=noise))
 
-    monkeypatch.setattr(refinement, "cures", look)
+    monkeypatch.setattr(refinement, "without_folds", look)
     fit = qf.fit({"epi": FEW, "endo": 0.7 * FEW}, box=(3, 3, 3))
     assert seen == [np.inf] * 3
     assert fit.noise == pytest.approx(0.4 * Frame.of(np.concatenate([FEW, 0.7 * FEW])).scale)
@@ -127,7 +124,7 @@ def test_several_surfaces_are_unfolded_at_any_price_but_the_fair_one_is_sought_f
 
 
 def test_a_fold_that_no_fair_price_cures_is_told(monkeypatch, folded):
-    monkeypatch.setattr(refinement, "fair_price", lambda refined: 0.0)
+    monkeypatch.setattr(refinement, "accepted_noise", lambda refined: 0.0)
     fit = qf.fit(DENTED)
     assert "sampled points" in fit.warnings["FOLDING"]
     assert fit.model.min_jacobian() < 0

@@ -25,7 +25,7 @@ from quadriform.fitting.least_squares.regularisers import Regulariser
 from quadriform.fitting.options import METHODS, PaperOptions, TangentOptions, options_for
 from quadriform.fitting.paper.two_step import two_step
 from quadriform.fitting.refinement.large_clouds import on_all, sample_of_large
-from quadriform.fitting.refinement.refine import fit_tangent
+from quadriform.fitting.refinement.refine import LocalProblem, refine_tangent
 from quadriform.fitting.result import ALONE, Fit, Progress, Result, rms, unnamed
 from quadriform.fitting.superquadric.fit import fit_superquadric
 from quadriform.fitting.threads import one_blas_thread
@@ -208,18 +208,17 @@ def _refined(
         return _in_world(Result(model, history, strength, warnings=far_control_points(model)), clouds.points, frame)
     centred = Centred.of(clouds.points, clouds.weights)
     frame, distinct = centred.frame, centred.distinct
-    result = fit_tangent(
-        _in_frame(surfaces, frame),
+    problem = LocalProblem(
         centred.points,
         centred.weights,
-        options,
-        options.half_space(clouds.points, frame),
-        None if options.max_error is None else options.max_error / frame.scale,
-        kind,
-        progress,
-        None if start is None else frame.shape_to_local(start),
         {name: distinct[name].of_distinct(each) for name, each in clouds.normals.items()},
+        options,
+        half_space=options.half_space(clouds.points, frame),
+        max_error=None if options.max_error is None else options.max_error / frame.scale,
+        start=None if start is None else frame.shape_to_local(start),
+        progress=progress,
     )
+    result = refine_tangent(problem, _in_frame(surfaces, frame), kind)
     inliers = {name: distinct[name].spread(found) for name, found in (result.inliers or {}).items()}
     counted = {name: each.counted for name, each in distinct.items()}
     found = _in_world(replace(result, inliers=inliers, counted=counted), clouds.points, frame)

@@ -1,7 +1,7 @@
 """The whole cycle at once: foot points slide in every frame, then all control points of all times move together."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,13 +10,12 @@ from quadriform.fitting.least_squares.normal_equations import normal_equations
 from quadriform.fitting.least_squares.regularisers import Regulariser, penalty_matrix
 from quadriform.fitting.refinement.multiresolution import FIRST_NOISE
 from quadriform.fitting.refinement.point_to_plane import data_rows, evidence_of, step_length
-from quadriform.fitting.refinement.surface_data import Sheet
+from quadriform.fitting.refinement.surface_data import SurfaceData
 from quadriform.fitting.refinement.unfolding import JacobianPenalty
 from quadriform.fitting.result import Progress
 from quadriform.motion.cycle_equations import CycleEvidence
 from quadriform.motion.slice_shifts import SliceNumbers, SlicePlanes
 from quadriform.points import Array
-from quadriform.shapes.closest import closest_on, update_foot_points
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.splines import TimeBasis
 from quadriform.shapes.superquadric import Superquadric
@@ -25,10 +24,10 @@ STRONGEST, DESCENT = 1e3, 6
 SEARCHES = 2
 ROUNDS, MOST_ROUNDS = 6, 24
 REST = 0.005
-"""The cycle is fitted when the noise changes by less than this share, and no frame folds."""
-SLIDES = 3
-MOST = 0.5
-"""Of the points of a surface in a frame at least this share is taken to belong to it."""
+"""The cycle is fitted when the noise changes by less than this fraction, and no frame folds."""
+TANGENTIAL_STEPS = 3
+LEAST_INLIERS = 0.5
+"""Of the points of a surface in a frame at least this fraction belongs to it."""
 MEDIAN = 0.6745
 """Of the distance of normally distributed values from their mean, in standard deviations."""
 
@@ -39,7 +38,7 @@ class CycleFit:
 
     Attributes:
         control_points: (K, l+1, m+1, n+1, 3), at the knots.
-        sheets: for each frame the surfaces with their points, moved by the shifts, and inlier probabilities.
+        datasets: for each frame the surfaces with their points, moved by the shifts, and inlier probabilities.
         noise: standard deviation of the data along the normal.
         strengths: alpha in space, gamma in time.
         shifts: (S, 2), of the slices in their planes; none without slice numbers.
@@ -47,7 +46,7 @@ class CycleFit:
     """
 
     control_points: Array
-    sheets: tuple[dict[str, Sheet], ...]
+    datasets: tuple[dict[str, SurfaceData], ...]
     noise: float
     strengths: tuple[float, float]
     shifts: Array
@@ -56,7 +55,7 @@ class CycleFit:
     @property
     def inliers(self) -> list[dict[str, Array]]:
         """Probabilities of the points of each frame, by surface."""
-        return [{name: sheet.inliers for name, sheet in sheets.items()} for sheets in self.sheets]
+        return [{name: data.inliers for name, data in datasets.items()} for datasets in self.datasets]
 
 
 class Cycle:
@@ -69,7 +68,7 @@ class Cycle:
         values: (F, K), the splines at the frames' times.
         basis: the splines.
         regularity: in space.
-        robust: whether strangers are told from inliers.
+        robust: whether outliers are down-weighted.
         planes: of the slices whose shifts are sought, with the slice number of each point; or None.
     """
 
@@ -88,27 +87,23 @@ class Cycle:
         self.boxes = [box] * len(frames)
         self.displacement = np.zeros((values.shape[1], box.rest.size // 3, 3))
         self.frames = frames
-        self.sheets = [self._sheets(frame, box) for frame in frames]
+        self.datasets = [self._datasets(frame, box) for frame in frames]
         self.shape: tuple[int, int, int] = box.control_points.shape[:3]
         self.regularity, self.penalty = regularity, penalty_matrix(regularity, self.shape)
         self.noise = FIRST_NOISE * float(np.median(np.abs(np.concatenate(self._distances()))))
-        away = [np.concatenate([sheet.distances(box) for sheet in sheets]) for sheets in self.sheets]
+        away = [np.concatenate([data.distances(box) for data in datasets]) for datasets in self.datasets]
         order = np.argsort([distances @ distances for distances in away], kind="stable")
         self.ends = int(order[0]), int(order[-1])
         self.shifts = np.zeros((0 if planes is None else len(planes[0].numbers), 2))
         count = sum(len(cloud) for cloud in frames[0].values())
         self.penalties = [JacobianPenalty.of(box, surfaces, count, self.noise)] * len(frames)
 
-    def _sheets(self, frame: Mapping[str, Array], box: ControlBox) -> list[Sheet]:
-        result = []
-        for name, points in frame.items():
-            sheet = Sheet(self.surfaces[name], points, np.ones(len(points)))
-            sheet.origins = closest_on(sheet.superquadric, box, points).origins
-            result.append(sheet)
-        return result
+    def _datasets(self, frame: Mapping[str, Array], box: ControlBox) -> list[SurfaceData]:
+        found = [SurfaceData.of(self.surfaces[name], points, np.ones(len(points))) for name, points in frame.items()]
+        return [data.with_nearest_foot_points(box) for data in found]
 
     def _distances(self) -> list[Array]:
-        return [sheet.distances(box) for box, sheets in zip(self.boxes, self.sheets) for sheet in sheets]
+        return [data.distances(box) for box, datasets in zip(self.boxes, self.datasets) for data in datasets]
 
     def fit(self, alpha: float | None, progress: Progress | None = None) -> CycleFit:
         """From strengths under which nothing folds down to those of the largest evidence, then until it rests.
@@ -124,12 +119,12 @@ class Cycle:
             OptionError: the strength that the user gave leaves control points undetermined.
             DegenerateError: so do all strengths.
         """
-        told, total = progress or (lambda done, total: None), DESCENT + ROUNDS
+        report, total = progress or (lambda done, total: None), DESCENT + ROUNDS
         strengths = alpha or self._alone(None), self.noise**2 / (2 * np.pi) ** 4
         solved = []
         for done, harder in enumerate(np.geomspace(STRONGEST, 1, DESCENT)):
             solved.append(self._round((harder * strengths[0], harder * strengths[1])))
-            told(done + 1, total)
+            report(done + 1, total)
         certified: tuple[bool, ...] = ()
         for done in range(MOST_ROUNDS):
             if done < SEARCHES:
@@ -137,7 +132,7 @@ class Cycle:
                 strengths = in_space, self._evidence().best_in_time(in_space, strengths[1])
             before = self.noise
             solved.append(self._round(strengths))
-            told(min(DESCENT + done + 1, total), total)
+            report(min(DESCENT + done + 1, total), total)
             if done + 1 >= ROUNDS:
                 certified = self._certified()
                 if all(certified) and abs(self.noise - before) < REST * before:
@@ -147,8 +142,8 @@ class Cycle:
         if not any(solved):
             raise DegenerateError("frames leave control points undetermined; expected points all around the body")
         control = self.displacement.reshape(-1, *self.shape, 3) + self.boxes[0].rest
-        sheets = tuple(dict(zip(frame, sheets)) for frame, sheets in zip(self.frames, self.sheets))
-        return CycleFit(control, sheets, self.noise, strengths, self.shifts, certified)
+        datasets = tuple(dict(zip(frame, datasets)) for frame, datasets in zip(self.frames, self.datasets))
+        return CycleFit(control, datasets, self.noise, strengths, self.shifts, certified)
 
     def _alone(self, near: float | None) -> float:
         """The strength in space that the frames nearest to rest and farthest from it, standing alone, both can bear.
@@ -157,14 +152,14 @@ class Cycle:
         take the place of this strength on the surface, but nothing would then hold the space inside.
         """
         nothing = [None] * len(self.surfaces)
-        ends = [evidence_of(self.sheets[n], nothing, self.boxes[n], self.regularity) for n in self.ends]
+        ends = [evidence_of(self.datasets[n], nothing, self.boxes[n], self.regularity) for n in self.ends]
         return min(each.select(None, near).strength for each in ends)
 
     def _round(self, strengths: tuple[float, float]) -> bool:
         """Move everything as far towards the solution of the linear problem as lowers the sum; false without one."""
-        self._slide()
+        self._update_foot_points()
         if self.robust:
-            self._weigh()
+            self._update_inliers()
         evidence = self._evidence()
         penalties = [penalty.equations(box) for penalty, box in zip(self.penalties, self.boxes)]
         solution = evidence.plus(penalties).solve(*strengths)
@@ -194,39 +189,49 @@ class Cycle:
         in_time = np.einsum("fa,akc->fkc", self.values, displacement).reshape(-1, *rest.shape)
         return [self.boxes[0].with_control_points(rest + moved) for moved in in_time]
 
-    def _slide(self) -> None:
-        for box, sheets in zip(self.boxes, self.sheets):
-            for sheet in sheets:
-                sheet.origins = update_foot_points(sheet.superquadric, box, sheet.points, sheet.origins, SLIDES)
+    def _update_foot_points(self) -> None:
+        self.datasets = [
+            [data.with_tangential_steps(box, TANGENTIAL_STEPS) for data in datasets]
+            for box, datasets in zip(self.boxes, self.datasets)
+        ]
 
-    def _weigh(self) -> None:
-        distances = iter(self._distances())
-        for sheets in self.sheets:
-            for sheet in sheets:
-                away = next(distances)
-                sheet.weigh(away, self.noise)
-                if np.average(sheet.inliers, weights=sheet.weights) < MOST:  # not reached yet, rather than outliers
-                    sheet.weigh(away, float(np.median(np.abs(away))) / MEDIAN)
+    def _update_inliers(self) -> None:
+        self.datasets = [
+            [self._weighted(data, box) for data in datasets] for box, datasets in zip(self.boxes, self.datasets)
+        ]
+
+    def _weighted(self, data: SurfaceData, box: ControlBox) -> SurfaceData:
+        """With inlier probabilities at the noise of the cycle, or where most points are outliers, at their own."""
+        distances = data.distances(box)
+        found = data.weighted(distances, self.noise)
+        if np.average(found.inliers, weights=data.weights) >= LEAST_INLIERS:
+            return found
+        return data.weighted(distances, float(np.median(distances)) / MEDIAN)  # not yet near, rather than outliers
 
     def _shift(self) -> None:
+        """Move the points of each slice by its shift."""
         if self.planes is None:
             return
         planes, slices = self.planes
-        for frame, sheets, numbers in zip(self.frames, self.sheets, slices):
-            for sheet, (name, points) in zip(sheets, frame.items()):
-                sheet.points = points + planes.offsets(self.shifts, numbers[name])
+        self.datasets = [
+            [
+                replace(data, points=points + planes.offsets(self.shifts, numbers[name]))
+                for data, (name, points) in zip(datasets, frame.items())
+            ]
+            for frame, datasets, numbers in zip(self.frames, self.datasets, slices)
+        ]
 
     def _evidence(self) -> CycleEvidence:
         equations, rows, count = [], [], 0.0
-        for frame, (box, sheets) in enumerate(zip(self.boxes, self.sheets)):
-            found = [data_rows(sheet, box) for sheet in sheets]
+        for frame, (box, datasets) in enumerate(zip(self.boxes, self.datasets)):
+            found = [data_rows(data, box) for data in datasets]
             targets = list(self.frames[frame].values()) if self.planes else [row.targets for row in found]
             parts = [
                 normal_equations(box.local(row.origins), row.metric, target - row.origins, box.degrees)
                 for row, target in zip(found, targets)
             ]
             equations.append(sum(parts[1:], parts[0]))
-            count += sum(float((sheet.weights * sheet.inliers).sum()) for sheet in sheets)
+            count += sum(float((data.weights * data.inliers).sum()) for data in datasets)
             if self.planes:
                 rows.append(list(zip(found, self.planes[1][frame].values(), targets)))
         border = self.planes[0].border(rows, self.boxes, self.noise) if self.planes else None

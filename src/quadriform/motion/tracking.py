@@ -281,8 +281,8 @@ def _cycle(task: _Task) -> Track:
     moving = frame.shape_to_world(moving)
     models = tuple(moving.at(time) for time in task.times)
     residuals = tuple(
-        {name: model.distance(frame.to_world(sheet.points), name) for name, sheet in sheets.items()}
-        for model, sheets in zip(models, found.sheets)
+        {name: model.distance(frame.to_world(data.points), name) for name, data in datasets.items()}
+        for model, datasets in zip(models, found.datasets)
     )
     shifts = {} if planes is None else planes[0].named(frame.scale * found.shifts)
     return Track(

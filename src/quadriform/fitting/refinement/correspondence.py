@@ -1,4 +1,4 @@
-"""Where on the surface a data point belongs when sliding would not find it: near, and facing the same way."""
+"""Correspondence of data and surface far from convergence: near, and facing the same way."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from quadriform.fitting.cloud import first_least
-from quadriform.fitting.refinement.surface_data import FacingCloud
+from quadriform.fitting.refinement.point_to_plane import Attraction
+from quadriform.fitting.refinement.surface_data import FacingCloud, SurfaceData
 from quadriform.points import Array
 from quadriform.shapes.closest import surface_points
 from quadriform.shapes.control_box import ControlBox
@@ -56,18 +57,34 @@ class Correspondence:
         """For each data point the origin (n, 3) of the best of the model points."""
         return self.origins[first_least(costs)]
 
-    def unclaimed(self, costs: Array, claimed: Array) -> tuple[Array, Array]:
-        """Model points that no data point chose, and the data point that each would choose: matching the other way.
+    def attraction(self, costs: Array, box: ControlBox, data: SurfaceData) -> Attraction | None:
+        """Of model points that no data point chose, each to the data point it would choose: model-to-data.
 
-        Without it a part of the surface that the data has left behind hangs in empty space.
+        Without it a part of the surface that the data has left behind stays in empty space. None where there is no such
+        model point, but where no data is expected.
+
+        Args:
+            costs: (n, m).
+            box: deformed.
+            data: of the surface, with foot points.
+        """
+        origins, targets = self.unclaimed(costs, data.origins)
+        if not len(origins):
+            return None
+        kept = ~data.in_half_space(box.deform(origins))
+        weight = float(data.weights.sum()) / len(self.origins)
+        return Attraction(origins[kept], targets[kept], weight) if kept.any() else None
+
+    def unclaimed(self, costs: Array, claimed: Array) -> tuple[Array, Array]:
+        """Model points that no data point chose, and the data point that each would choose.
 
         Args:
             costs: (n, m).
             claimed: (n, 3) origins that data points chose.
 
         Returns:
-            Origins (k, 3) of the unclaimed model points and the data points (k, 3) they are drawn to.
+            Origins (k, 3) of the unclaimed model points and the data points (k, 3) that attract them.
         """
-        free = np.ones(len(self.origins), dtype=bool)
-        free[self.tree.query(claimed)[1]] = False
-        return self.origins[free], self.cloud.points[first_least(costs[:, free].T)]
+        unclaimed = np.ones(len(self.origins), dtype=bool)
+        unclaimed[self.tree.query(claimed)[1]] = False
+        return self.origins[unclaimed], self.cloud.points[first_least(costs[:, unclaimed].T)]

@@ -23,11 +23,10 @@ from quadriform.fitting.least_squares.regularisers import Regulariser
 from quadriform.fitting.least_squares.uncertainty import EnrichedBox
 from quadriform.fitting.options import TangentOptions, check_strength
 from quadriform.fitting.refinement.point_to_plane import data_rows, evidence_from, moved, record
-from quadriform.fitting.refinement.surface_data import Sheet
+from quadriform.fitting.refinement.surface_data import SurfaceData
 from quadriform.fitting.refinement.unfolding import JacobianPenalty, remove_folds
 from quadriform.fitting.result import Fit, unnamed
 from quadriform.points import Array, Frame
-from quadriform.shapes.closest import closest_on, update_foot_points
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.threads import threads_for
 
@@ -35,7 +34,7 @@ MANY, SAMPLE = 50_000, 30_000
 """A cloud of more points than the first is fitted to about so many of them."""
 PART = 16_000
 """Points that are handled at once; the parts are shared out among the cores."""
-ROUNDS, SLIDES = 3, 4
+ROUNDS, TANGENTIAL_STEPS = 3, 4
 STRONGER, ACCEPTED = (1, 10, 100), 1.01
 """Fold removal may make the noise this many times larger; else the strength is made so many times larger."""
 MIX = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
@@ -43,14 +42,14 @@ T = TypeVar("T")
 
 
 def sample_of_large(clouds: Mapping[str, Array], weights: Mapping[str, Array]) -> dict[str, NDArray[np.int64]] | None:
-    """Name -> indices of a sample of the points (n, 3); None where no cloud has more than `MANY`."""
+    """Name -> indices of a sample of the points (n, 3); None chosen no cloud has more than `MANY`."""
     if max(map(len, clouds.values())) <= MANY:
         return None
     return {name: sampled(cloud, weights[name]) for name, cloud in clouds.items()}
 
 
 def sampled(cloud: Array, weights: Array) -> NDArray[np.int64]:
-    """Indices of about `SAMPLE` points (n, 3) that have a weight; of all where there are not too many.
+    """Indices of about `SAMPLE` points (n, 3) that have a weight; of all chosen mask are not too many.
 
     Chosen by a hash of their coordinates: the same whatever their order, and no pattern of a scan is met.
     """
@@ -58,9 +57,9 @@ def sampled(cloud: Array, weights: Array) -> NDArray[np.int64]:
         return np.arange(len(cloud))
     limit = np.uint64(min(SAMPLE / int(np.count_nonzero(weights)), 1.0) * (2**64 - 2**11))
     chosen = []
-    for where in _parts(len(cloud)):
-        there = (_hashes(cloud[where]) <= limit) & (weights[where] > 0)
-        chosen.append(where.start + np.flatnonzero(there))
+    for part in _parts(len(cloud)):
+        mask = (_hashes(cloud[part]) <= limit) & (weights[part] > 0)
+        chosen.append(part.start + np.flatnonzero(mask))
     return np.concatenate(chosen)
 
 
@@ -77,22 +76,25 @@ def _parts(count: int) -> Iterator[slice]:
 
 @dataclass(frozen=True)
 class _Surface:
-    """All points of one surface, in the world, and the sheet of its sample in the centred, scaled frame."""
+    """All points of one surface, in the world, and the data of its sample in the centred, scaled frame."""
 
     name: str
     cloud: Array
     weights: Array
-    sheet: Sheet
+    data: SurfaceData
     tree: cKDTree
 
-    def part(self, where: slice, frame: Frame, box: ControlBox, noise: float | None) -> Sheet:
-        """Some of all points with their foot points; strangers as told by the sample, if a noise is given."""
-        points = frame.to_local(self.cloud[where])
-        sheet = self.sheet.beside(points, self.weights[where], self.tree.query(points)[1])
-        sheet.origins = update_foot_points(sheet.superquadric, box, points, sheet.origins, SLIDES)
-        if noise is not None:
-            sheet.inliers = sheet.probabilities(sheet.distances(box), noise)
-        return sheet
+    def part(self, chosen: slice, frame: Frame, box: ControlBox, noise: float | None) -> SurfaceData:
+        """Some of all points with foot points; with probabilities at the sample's inlier ratio if a noise is given."""
+        points = frame.to_local(self.cloud[chosen])
+        data = self.data.beside(points, self.weights[chosen], self.tree.query(points)[1])
+        data = data.with_tangential_steps(box, TANGENTIAL_STEPS)
+        return data if noise is None else replace(data, inliers=data.probabilities(data.distances(box), noise))
+
+    def updated(self, box: ControlBox, noise: float | None) -> "_Surface":
+        """With the sample's foot points, and its inlier ratio if a noise is given, for a box that has moved."""
+        data = self.data.with_tangential_steps(box, TANGENTIAL_STEPS)
+        return replace(self, data=data if noise is None else data.weighted(data.distances(box), noise))
 
 
 @dataclass(frozen=True)
@@ -105,20 +107,19 @@ class _All:
 
     def each(self, surfaces: Sequence[_Surface], work: Callable[[_Surface, slice], T]) -> Iterator[T]:
         """The work on every part, in their order."""
-        jobs = [(surface, where) for surface in surfaces for where in _parts(len(surface.cloud))]
+        jobs = [(surface, chosen) for surface in surfaces for chosen in _parts(len(surface.cloud))]
         with ThreadPoolExecutor(threads_for(PART * len(jobs))) as pool:
             yield from pool.map(lambda job: work(*job), jobs)
 
     def sums(self, box: ControlBox, raised: ControlBox, noise: float) -> tuple[NormalEquations, float]:
         """Normal equations for a box that deforms like the one with the foot points, and the sum of weights."""
-        told = noise if self.robust else None
 
-        def of_part(surface: _Surface, where: slice) -> tuple[NormalEquations, float]:
-            sheet = surface.part(where, self.frame, box, told)
-            rows = data_rows(sheet, box)
-            ways = rows.targets - rows.origins
-            equations = normal_equations(box.local(rows.origins), rows.metric, ways, raised.degrees)
-            return equations, float((sheet.weights * sheet.inliers).sum())
+        def of_part(surface: _Surface, chosen: slice) -> tuple[NormalEquations, float]:
+            data = surface.part(chosen, self.frame, box, noise if self.robust else None)
+            rows = data_rows(data, box)
+            offsets = rows.targets - rows.origins
+            equations = normal_equations(box.local(rows.origins), rows.metric, offsets, raised.degrees)
+            return equations, float((data.weights * data.inliers).sum())
 
         parts = self.each(self.surfaces, of_part)
         total, count = next(parts)
@@ -126,13 +127,9 @@ class _All:
             total, count = total + equations, count + weight
         return total, count
 
-    def settled(self, box: ControlBox, noise: float) -> None:
-        """The sample's foot points and its share of inliers, for a box that has moved."""
-        for surface in self.surfaces:
-            sheet = surface.sheet
-            sheet.origins = update_foot_points(sheet.superquadric, box, sheet.points, sheet.origins, SLIDES)
-            if self.robust:
-                sheet.weigh(sheet.distances(box), noise)
+    def updated(self, box: ControlBox, noise: float) -> "_All":
+        """With foot points and inlier ratios of the samples for a box that has moved."""
+        return replace(self, surfaces=[each.updated(box, noise if self.robust else None) for each in self.surfaces])
 
 
 def on_all(
@@ -155,38 +152,38 @@ def on_all(
     local = sample.frame.shape_to_local(found.model)
     surfaces = []
     for name, cloud in clouds.items():
-        data = Sheet(local.surfaces[name], sample.points[name], sample.weights[name])
-        data.origins = closest_on(data.superquadric, local.box, data.points).origins
+        data = SurfaceData.of(local.surfaces[name], sample.points[name], sample.weights[name])
+        data = data.with_nearest_foot_points(local.box)
         even = weights[name] if sample.mean_weight == 1 else weights[name] / sample.mean_weight
         surfaces.append(_Surface(name, cloud, even, data, cKDTree(data.points)))
     points = _All(surfaces, sample.frame, options.robust)
-    return _with_arrays(points, _rounds(points, found, local.box, options))
+    return _with_arrays(*_rounds(points, found, local.box, options))
 
 
-def _rounds(points: _All, found: Fit, box: ControlBox, options: TangentOptions) -> Fit:
+def _rounds(points: _All, found: Fit, box: ControlBox, options: TangentOptions) -> tuple[_All, Fit]:
     """A few rounds from the box of the sample, in the centred, scaled frame; the fit in the world.
 
-    The fit to the sample itself where all that they could lead to folds or leaves control points undetermined.
+    The fit to the sample itself chosen all that they could lead to folds or leaves control points undetermined.
     """
     strength, scale = check_strength(options.strength), points.frame.scale
     noise, history = found.noise / scale, list(found.history)
     effective_fraction = 1.0 if found.enriched is None else found.enriched.evidence.effective_fraction
     solutions = list[Solution]()
-    probes = np.concatenate([surface.sheet.superquadric.grid(8)[0] for surface in points.surfaces])
+    probes = np.concatenate([surface.data.superquadric.grid(8)[0] for surface in points.surfaces])
     for _ in range(ROUNDS):
-        points.settled(box, noise)
+        points = points.updated(box, noise)
         equations, count = points.sums(box, box, noise)
         evidence = evidence_from(equations, box, options.regularity, count, effective_fraction)
         first = evidence.select(strength, solutions[-1] if solutions else found.strength)
         after = _unfolded(points, evidence, box, first) if strength in (None, first.strength) else None
         if after is None:
-            return found
+            return points, found
         before, box, solution = box, after.box, after.solution
         solutions.append(solution)
         noise = solution.noise
         history.append(record(before, box, probes, noise).scaled(scale))
     solution = solutions[-1]
-    return replace(
+    result = replace(
         found,
         model=replace(found.model, box=points.frame.shape_to_world(box)),
         history=tuple(history),
@@ -195,6 +192,7 @@ def _rounds(points: _All, found: Fit, box: ControlBox, options: TangentOptions) 
         covariance=scale**2 * solution.covariance(),
         enriched=_enriched(points, found, box, noise, solution, options.regularity),
     )
+    return points, result
 
 
 @dataclass(frozen=True)
@@ -219,7 +217,7 @@ class _Linear:
 
 def _unfolded(points: _All, evidence: Evidence, box: ControlBox, solution: Solution) -> _Solved | None:
     """The box moved by a solution, without folds; regularised more strongly where that would cost too much noise."""
-    surfaces = {surface.name: surface.sheet.superquadric for surface in points.surfaces}
+    surfaces = {surface.name: surface.data.superquadric for surface in points.surfaces}
     penalty = JacobianPenalty.of(box, surfaces, evidence.count, solution.noise)
     for factor in STRONGER:
         first = solution if factor == 1 else evidence.solve(factor * solution.strength)
@@ -239,7 +237,7 @@ def _enriched(
     if found.enriched is None:
         return None
     raised = box.elevate(found.enriched.degrees)
-    points.settled(box, noise)
+    points = points.updated(box, noise)
     equations, count = points.sums(box, raised, noise)
     evidence = evidence_from(equations, raised, regularity, count, solution.effective_fraction)
     return EnrichedBox(raised, evidence, solution.strength, points.frame.scale)
@@ -247,20 +245,21 @@ def _enriched(
 
 def _with_arrays(points: _All, fit: Fit) -> Fit:
     """Distances and probabilities of all points, by name."""
-    frame, told = points.frame, fit.noise / points.frame.scale
+    frame, noise = points.frame, fit.noise / points.frame.scale
     after = frame.shape_to_local(fit.model)
     before = replace(after, box=after.box.with_control_points(after.box.rest))
-    points.settled(after.box, told)
+    points = points.updated(after.box, noise)
     arrays: list[dict[str, Array]] = [{}, {}, {}]
     for surface in points.surfaces:
         made = [np.empty(len(surface.cloud)) for _ in arrays]
 
-        def of_part(surface: _Surface, where: slice, made: Sequence[Array] = made) -> None:
-            local = frame.to_local(surface.cloud[where])
+        def of_part(surface: _Surface, chosen: slice, made: Sequence[Array] = made) -> None:
+            local = frame.to_local(surface.cloud[chosen])
             distances = after.distance(local, surface.name)
-            made[0][where], made[1][where] = frame.scale * distances, frame.scale * before.distance(local, surface.name)
-            made[2][where] = surface.sheet.probabilities(distances, told) if points.robust else 1.0
-            made[2][where] *= surface.weights[where] > 0
+            made[0][chosen] = frame.scale * distances
+            made[1][chosen] = frame.scale * before.distance(local, surface.name)
+            made[2][chosen] = surface.data.probabilities(distances, noise) if points.robust else 1.0
+            made[2][chosen] *= surface.weights[chosen] > 0
 
         for _ in points.each([surface], of_part):
             pass

@@ -1,12 +1,12 @@
-"""One round of refinement by tangent distance: the foot points rest, the box moves.
+"""One round of refinement by point-to-plane distances: the foot points are fixed, the box moves.
 
 For all surfaces at once, with r_i from the surface to a data point and n_i the normal at its foot point,
 
     sum_i w_i [ (n_i . r_i)^2 + r_i' H_i r_i ] + alpha N E(P - P0)
 
 is minimised over the control points. w_i is the probability to be an inlier, E the regulariser and alpha the strength
-of the largest evidence. H_i says how far the foot point may be led along the surface: freely where neighbouring data
-would notice, not across a lone curve of data, where nothing else holds the surface.
+of the largest evidence. H_i penalises the part of r_i along the surface: little where neighbouring data determines the
+surface, fully across an isolated curve of data, where nothing else does.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,22 +18,22 @@ from quadriform.fitting.least_squares.marginal_likelihood import Evidence, Solut
 from quadriform.fitting.least_squares.normal_equations import NormalEquations, normal_equations
 from quadriform.fitting.least_squares.regularisers import Regulariser, penalty_matrix
 from quadriform.fitting.neighbourhood import effective_fraction
-from quadriform.fitting.refinement.surface_data import Sheet
+from quadriform.fitting.refinement.surface_data import SurfaceData
 from quadriform.fitting.result import Iteration
 from quadriform.points import Array
 from quadriform.shapes.closest import surface_normals
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superquadric import Superquadric
 
-LEAST_HOLD = 2e-3
-"""Foot points are never quite free, or the linear step would have no size along the surface."""
+LEAST_TANGENTIAL = 2e-3
+"""Weight of the tangential part of a residual, relative to the normal one: it limits steps along the surface."""
 SMALLEST_STEP = 1e-3
 """A step of which not even this fraction lowers the sum is as good as none."""
 
 
 @dataclass(frozen=True)
-class Pull:
-    """Model points drawn to data points, besides the data's own foot points.
+class Attraction:
+    """Model points attracted to data points, besides the data's own foot points.
 
     Attributes:
         origins: (m, 3), on the superquadric.
@@ -48,32 +48,32 @@ class Pull:
 
 @dataclass(frozen=True)
 class Rows:
-    """What one surface adds to the sum: origins, targets (n, 3) and metrics (n, 3, 3)."""
+    """Terms of one surface in the sum: origins, targets (n, 3) and metrics (n, 3, 3)."""
 
     origins: Array
     targets: Array
     metric: Array
 
 
-def data_rows(sheet: Sheet, box: ControlBox) -> Rows:
+def data_rows(data: SurfaceData, box: ControlBox) -> Rows:
     """The data's own part of the sum."""
-    normals = surface_normals(sheet.superquadric, box, sheet.origins)
-    along = sheet.around.along - np.einsum("ni,ni->n", sheet.around.along, normals)[:, None] * normals
+    normals = surface_normals(data.superquadric, box, data.origins)
+    along = data.neighbourhood.along - np.einsum("ni,ni->n", data.neighbourhood.along, normals)[:, None] * normals
     across = np.cross(normals, along)
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
-    held = sheet.around.alone_across()[:, None, None] * _squares(across)
-    weights = (sheet.weights * sheet.inliers)[:, None, None]
-    return Rows(sheet.origins, sheet.points, weights * (_sliding(normals) + held))
+    across_curves = data.neighbourhood.alone_across()[:, None, None] * _squares(across)
+    weights = (data.weights * data.inliers)[:, None, None]
+    return Rows(data.origins, data.points, weights * (_tangential(normals) + across_curves))
 
 
-def pull_rows(superquadric: Superquadric, box: ControlBox, pull: Pull) -> Rows:
-    """The part of model points that are drawn to the data."""
-    normals = surface_normals(superquadric, box, pull.origins)
-    return Rows(pull.origins, pull.targets, pull.weight * _sliding(normals))
+def attraction_rows(superquadric: Superquadric, box: ControlBox, attraction: Attraction) -> Rows:
+    """The part of model points that are attracted to the data."""
+    normals = surface_normals(superquadric, box, attraction.origins)
+    return Rows(attraction.origins, attraction.targets, attraction.weight * _tangential(normals))
 
 
-def _sliding(normals: Array) -> Array:
-    return LEAST_HOLD * np.eye(3) + (1 - LEAST_HOLD) * _squares(normals)
+def _tangential(normals: Array) -> Array:
+    return LEAST_TANGENTIAL * np.eye(3) + (1 - LEAST_TANGENTIAL) * _squares(normals)
 
 
 def _squares(vectors: Array) -> Array:
@@ -81,44 +81,46 @@ def _squares(vectors: Array) -> Array:
 
 
 def evidence_of(
-    sheets: Sequence[Sheet],
-    pulls: Sequence[Pull | None],
+    datasets: Sequence[SurfaceData],
+    attractions: Sequence[Attraction | None],
     box: ControlBox,
     regularity: str | Regulariser,
     effective_fraction: float = 1.0,
 ) -> Evidence:
-    """The linear problem of one round as a function of the strength; `share` of the points are independent."""
-    rows = [data_rows(sheet, box) for sheet in sheets]
-    rows += [pull_rows(sheet.superquadric, box, pull) for sheet, pull in zip(sheets, pulls) if pull is not None]
+    """The linear problem of one round as a function of the strength, if a fraction of the points are independent."""
+    rows = [data_rows(data, box) for data in datasets]
+    rows += [
+        attraction_rows(data.superquadric, box, each) for data, each in zip(datasets, attractions) if each is not None
+    ]
     origins, targets = np.concatenate([r.origins for r in rows]), np.concatenate([r.targets for r in rows])
     metric = np.concatenate([r.metric for r in rows])
     equations = normal_equations(box.local(origins), metric, targets - origins, box.degrees)
-    count = sum(float((sheet.weights * sheet.inliers).sum()) for sheet in sheets)
+    count = sum(float((data.weights * data.inliers).sum()) for data in datasets)
     return evidence_from(equations, box, regularity, count, effective_fraction)
 
 
 def evidence_from(
     equations: NormalEquations, box: ControlBox, regularity: str | Regulariser, count: float, effective_fraction: float
 ) -> Evidence:
-    """The same from normal equations that are summed up already, of rows whose weights sum up to `count`."""
+    """Evidence from accumulated normal equations, of rows whose weights sum up to `count`."""
     l, m, n, _ = box.control_points.shape
     return Evidence(equations, penalty_matrix(regularity, (l, m, n)), count, effective_fraction)
 
 
-def independent_of(sheets: Sequence[Sheet], box: ControlBox) -> float:
-    """The share of all points that are independent, by what a fit leaves over."""
+def fraction_of(datasets: Sequence[SurfaceData], box: ControlBox) -> float:
+    """Effective number of independent points over the number of all points, by the residuals of a fit."""
     counts, kept = [], []
-    for sheet in sheets:
-        feet, weights = box.deform(sheet.origins), sheet.weights * sheet.inliers
-        normals = surface_normals(sheet.superquadric, box, sheet.origins)
-        deviations = np.einsum("ni,ni->n", sheet.points - feet, normals)
+    for data in datasets:
+        feet, weights = box.deform(data.origins), data.weights * data.inliers
+        normals = surface_normals(data.superquadric, box, data.origins)
+        deviations = np.einsum("ni,ni->n", data.points - feet, normals)
         counts.append(float(weights.sum()))
         kept.append(effective_fraction(feet, deviations, weights))
     return float(np.average(kept, weights=counts))
 
 
 def moved(box: ControlBox, solution: Solution) -> ControlBox:
-    """The box with its control points displaced from rest as a solution says."""
+    """The undeformed box with the displacement of a solution."""
     return box.with_control_points(box.rest + solution.displacement.reshape(box.control_points.shape))
 
 
@@ -131,7 +133,7 @@ def step_length(total: Callable[[float], float]) -> float:
 
 
 def record(before: ControlBox, after: ControlBox, probes: Array, noise: float) -> Iteration:
-    """What one round changed; `probes` (n, 3) are points of the superquadrics."""
+    """The changes by one round; `probes` (n, 3) are points of the superquadrics."""
     return Iteration(
         error=noise,
         box_motion=_rms(after.control_points - before.control_points),

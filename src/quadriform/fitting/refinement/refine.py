@@ -1,4 +1,4 @@
-"""The refinement by tangent distance as a whole: starts, rounds, the size of the box, and the check for folds."""
+"""The refinement by point-to-plane distances as a whole: starts, stages, the size of the box, and fold removal."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -9,15 +9,15 @@ import numpy as np
 from quadriform.errors import Warnings
 from quadriform.fitting.cloud import best_first
 from quadriform.fitting.diagnostics import POOR, folding, ill_conditioned, max_error_missed
-from quadriform.fitting.least_squares.marginal_likelihood import Solution
 from quadriform.fitting.least_squares.regularisers import Regulariser
 from quadriform.fitting.least_squares.uncertainty import EnrichedBox
 from quadriform.fitting.options import TangentOptions, check_box, check_strength
-from quadriform.fitting.refinement.multiresolution import FIRST_POINTS, Refined, Rounds, coarse_unfolded
+from quadriform.fitting.refinement.multiresolution import SCHEDULE, Problem, Refined, Report
 from quadriform.fitting.refinement.point_to_plane import evidence_of
+from quadriform.fitting.refinement.stages import all_coarse_stages, fine_stage, first_stage, shapes, warm_start
 from quadriform.fitting.refinement.starts import candidates
-from quadriform.fitting.refinement.surface_data import Few, Sheet
-from quadriform.fitting.refinement.unfolding import cures, fair_price, least_regularised
+from quadriform.fitting.refinement.surface_data import Subsample, SurfaceData
+from quadriform.fitting.refinement.unfolding import accepted_noise, least_regularised, without_folds
 from quadriform.fitting.result import HalfSpace, Progress, Result
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox, common_box
@@ -26,95 +26,75 @@ from quadriform.shapes.superquadric import Superquadric
 
 AUTO_SIDES = (3, 5, 7)
 MORE = 2
-"""Control points a side that the finer box of the uncertainty has besides: the next step of the ladder 3, 5, 7."""
+"""Additional control points a side of the enriched box of the uncertainty: the next step of 3, 5, 7."""
 PROBES = 8
-"""Resolution of the points by which a round's motion of the surfaces is told."""
+"""Cells along an edge of the grids by which the motion of the surfaces in a round is measured."""
 
 
 @dataclass(frozen=True)
-class _Task:
-    """What stays the same over starts and sizes."""
+class LocalProblem:
+    """What is refined, in the centred, scaled frame.
+
+    Attributes:
+        clouds: name -> (n, 3) points.
+        weights: name -> (n,).
+        normals: name -> (n, 3) unit or zero, of the clouds that were given some.
+        options: of the refinement.
+        half_space: where no data is expected.
+        max_error: RMS distance that box="auto" must reach.
+        start: a deformed box to continue from; its number of control points has priority over that of the options.
+        progress: called after each round.
+    """
 
     clouds: Mapping[str, Array]
     weights: Mapping[str, Array]
-    options: TangentOptions
-    half_space: HalfSpace | None
-    progress: Progress | None
-    start: ControlBox | None
     normals: Mapping[str, Array]
+    options: TangentOptions
+    half_space: HalfSpace | None = None
+    max_error: float | None = None
+    start: ControlBox | None = None
+    progress: Progress | None = None
 
     @cached_property
-    def _sheets(self) -> list[Sheet]:
-        """One sheet a surface, without the points of weight zero; around spheres, until there are starts."""
+    def datasets(self) -> list[SurfaceData]:
+        """The data of each surface without the points of weight zero; around spheres, until there are starts."""
         result = []
         for name, cloud in self.clouds.items():
-            there = self.weights[name] > 0
-            facing = self.normals[name][there] if name in self.normals else None
-            result.append(Sheet(Superquadric(), cloud[there], self.weights[name][there], self.half_space, facing))
+            counted = self.weights[name] > 0
+            normals = self.normals[name][counted] if name in self.normals else None
+            weights = self.weights[name][counted]
+            result.append(SurfaceData.of(Superquadric(), cloud[counted], weights, self.half_space, normals))
         return result
 
     @cached_property
-    def _first(self) -> Few:
-        return Few.of(self._sheets, FIRST_POINTS, self.options.robust)
-
-    def first(self, surfaces: Mapping[str, Superquadric]) -> Few:
-        """The points of the first stage."""
-        return self._first.around([surfaces[name] for name in self.clouds])
-
-    def sheets(self, surfaces: Mapping[str, Superquadric]) -> list[Sheet]:
-        """All points that count."""
-        return [sheet.with_superquadric(surfaces[name]) for name, sheet in zip(self.clouds, self._sheets)]
-
-    def rounds(self, surfaces: Mapping[str, Superquadric], shape: tuple[int, int, int]) -> Rounds:
-        """Fresh rounds in the box around the surfaces."""
-        strength = check_strength(self.options.strength)
-        box = common_box(surfaces, shape)
-        probes = np.concatenate([surfaces[name].grid(PROBES)[0] for name in self.clouds])
-        return Rounds(box, probes, self.options.regularity, strength, self.options.robust, self.progress)
+    def first_sample(self) -> Subsample:
+        """The points of the first stage, around spheres."""
+        return Subsample.of(self.datasets, SCHEDULE.first_points, self.options.robust)
 
 
-def fit_tangent(
-    surfaces: dict[str, Superquadric],
-    clouds: dict[str, Array],
-    weights: dict[str, Array],
-    options: TangentOptions,
-    half_space: HalfSpace | None,
-    max_error: float | None,
-    kind: str | None,
-    progress: Progress | None,
-    start: ControlBox | None = None,
-    normals: Mapping[str, Array] | None = None,
-) -> Result:
-    """Refine all surfaces at once; everything in the centred, scaled frame.
+def refine_tangent(problem: LocalProblem, surfaces: dict[str, Superquadric], kind: str | None) -> Result:
+    """Refine all surfaces at once.
 
     Args:
+        problem: points and options.
         surfaces: name -> start.
-        clouds: name -> (n, 3) points.
-        weights: name -> (n,).
-        options: the choices.
-        half_space: where no data is expected.
-        max_error: RMS distance that box="auto" must reach.
         kind: other starts of this kind may take the place of the given ones; None keeps them.
-        progress: called after each round.
-        start: a deformed box to go on from; its number of control points goes before that of the options.
-        normals: name -> (n, 3) unit or zero, of the clouds that were given some.
     """
-    task = _Task(clouds, weights, options, half_space, progress, start, normals or {})
-    starts = [surfaces] if kind is None else candidates(clouds, surfaces, kind)
-    if start is not None:
-        return _best_start(task, starts, check_box(start.control_points.shape[:3]))
-    if max_error is None:
-        return _best_start(task, starts, check_box(options.box))
+    starts = [surfaces] if kind is None else candidates(problem.clouds, surfaces, kind)
+    if problem.start is not None:
+        return _best_start(problem, starts, check_box(problem.start.control_points.shape[:3]))
+    if problem.max_error is None:
+        return _best_start(problem, starts, check_box(problem.options.box))
     for side in AUTO_SIDES:
-        result = _best_start(task, starts, (side, side, side))
-        error = _error(result, clouds)
-        if error <= max_error:
+        result = _best_start(problem, starts, (side, side, side))
+        error = _error(result, problem.clouds)
+        if error <= problem.max_error:
             return result
-    missed = max_error_missed(AUTO_SIDES[-1], error / max_error, (result.noise or 0) / max_error)
+    missed = max_error_missed(AUTO_SIDES[-1], error / problem.max_error, (result.noise or 0) / problem.max_error)
     return replace(result, warnings=result.warnings | missed)
 
 
-def _error(result: Result, clouds: dict[str, Array]) -> float:
+def _error(result: Result, clouds: Mapping[str, Array]) -> float:
     """RMS distance of the inliers to the model."""
     squares, total = 0.0, 0.0
     for name, cloud in clouds.items():
@@ -124,129 +104,147 @@ def _error(result: Result, clouds: dict[str, Array]) -> float:
     return float(np.sqrt(squares / total))
 
 
-def _best_start(task: _Task, starts: Sequence[dict[str, Superquadric]], shape: tuple[int, int, int]) -> Result:
+def _best_start(
+    problem: LocalProblem, starts: Sequence[dict[str, Superquadric]], shape: tuple[int, int, int]
+) -> Result:
     """The best certified refinement; a fold is kept, and reported, only by a fit that is not poor.
 
     Where no start gives a certified one, all are tried once more without weights: robust ones can take whole faces of a
     body with sharp edges for outliers, and nothing then stops the surface from folding there.
     """
-    first, found = _certified(task, starts, shape)
+    first, found = _certified(problem, starts, shape)
     trial, folded = first
-    if found is None and folded.solution.noise > POOR:
-        regularised = least_regularised(trial.rounds, folded, trial.surfaces)
+    if found is None and folded.noise > POOR:
+        regularised = least_regularised(trial.problem, folded, trial.surfaces)
         found = None if regularised is None else (trial, regularised)
-    elif found is None and task.options.robust:
-        even = replace(task, options=replace(task.options, robust=False))
-        found = _certified(even, starts, shape, fair_price(folded))[1]
+    elif found is None and problem.options.robust:
+        unweighted = replace(problem, options=replace(problem.options, robust=False))
+        found = _certified(unweighted, starts, shape, accepted_noise(folded))[1]
     if found is None:
-        return _result(task, *first, folding(DeformableModel(trial.surfaces, folded.box)))
-    return _result(task, *found, {})
+        return _result(*first, folding(DeformableModel(trial.surfaces, folded.box)))
+    return _result(*found, {})
 
 
 def _certified(
-    task: _Task, starts: Sequence[dict[str, Superquadric]], shape: tuple[int, int, int], price: float | None = None
+    problem: LocalProblem,
+    starts: Sequence[dict[str, Superquadric]],
+    shape: tuple[int, int, int],
+    most: float | None = None,
 ) -> tuple["Tried", "Tried | None"]:
-    """The first start refined, and the best start that unfolds at a fair price, or else the one of least noise.
+    """The first start refined, and the best start that unfolds at an accepted noise, or else the one of least noise.
 
-    The best has the largest evidence after its first stage; one that comes out tangled is the last resort. Several
-    surfaces in one box are only worth having when the space between them does not fold: there any price is fair, if
-    there is none better.
+    The best has the largest evidence after its first stage; self-intersecting ones are the last resort. Several
+    surfaces in one box are only useful when the space between them does not fold: there any noise is accepted, if there
+    is none better.
 
     Args:
-        price: the fair price; None for that of the first start.
+        problem: points and options.
+        starts: superquadrics by name.
+        shape: control points along each axis.
+        most: the accepted noise; None for that of the first start.
     """
-    tried, dear = list["Tried"](), list["Tried"]()
-    for trial in _tangled_last(_ordered(task, starts, shape)):
-        refined = trial.rounds.fine(trial.sheets, trial.coarse)
+    tried, noisy = list["Tried"](), list["Tried"]()
+    for trial in _self_intersecting_last(_ordered(problem, starts, shape)):
+        refined = fine_stage(trial.problem, trial.datasets, trial.coarse)
         tried.append((trial, refined))
-        fair = fair_price(tried[0][1]) if price is None else price
-        for cured in cures(trial.rounds, refined, trial.surfaces, np.inf if len(trial.surfaces) > 1 else fair):
-            if cured.solution.noise <= fair:
-                return tried[0], (trial, cured)
-            dear.append((trial, cured))
-    return tried[0], min(dear, key=lambda found: found[1].solution.noise, default=None)
+        accepted = accepted_noise(tried[0][1]) if most is None else most
+        limit = np.inf if len(trial.surfaces) > 1 else accepted
+        for found in without_folds(trial.problem, refined, trial.surfaces, limit):
+            if found.noise <= accepted:
+                return tried[0], (trial, found)
+            noisy.append((trial, found))
+    return tried[0], min(noisy, key=lambda found: found[1].noise, default=None)
 
 
-def _ordered(task: _Task, starts: Sequence[dict[str, Superquadric]], shape: tuple[int, int, int]) -> "list[_Trial]":
+def _ordered(
+    problem: LocalProblem, starts: Sequence[dict[str, Superquadric]], shape: tuple[int, int, int]
+) -> "list[_Trial]":
     """Trials of the starts, the one of largest evidence after its first stage first."""
-    trials = [_Trial.of(task, surfaces, shape) for surfaces in starts]
+    trials = [_Trial.of(problem, surfaces, shape) for surfaces in starts]
     if len(trials) == 1:
         return trials
-    return [trials[index] for index in best_first(np.array([-trial.begun[1].criterion for trial in trials]))]
+    return [trials[index] for index in best_first(np.array([-trial.first.solution.criterion for trial in trials]))]
 
 
 @dataclass(frozen=True)
 class _Trial:
-    """A start, and its coarse stages when they are asked for."""
+    """A start, and its coarse stages when they are needed."""
 
-    task: _Task
+    local: LocalProblem
     surfaces: dict[str, Superquadric]
-    rounds: Rounds
-    sheets: list[Sheet]
+    problem: Problem
+    datasets: list[SurfaceData]
 
     @classmethod
-    def of(cls, task: _Task, start: dict[str, Superquadric], shape: tuple[int, int, int]) -> "_Trial":
-        sheets = task.sheets(start)
-        surfaces = dict(zip(task.clouds, (sheet.superquadric for sheet in sheets)))
-        return cls(task, surfaces, task.rounds(start, shape), sheets)
+    def of(cls, local: LocalProblem, start: dict[str, Superquadric], shape: tuple[int, int, int]) -> "_Trial":
+        """From superquadrics by name and the number of control points along each axis."""
+        surfaces = {name: start[name] for name in local.clouds}
+        box, options = common_box(start, shape), local.options
+        probes = np.concatenate([surface.grid(PROBES)[0] for surface in surfaces.values()])
+        report = Report(local.progress, SCHEDULE.coarse_rounds * len(shapes(box)) + SCHEDULE.fine_rounds)
+        strength = check_strength(options.strength)
+        problem = Problem(box, probes, options.regularity, strength, options.robust, report)
+        datasets = [data.around(each) for data, each in zip(local.datasets, surfaces.values())]
+        return cls(local, surfaces, problem, datasets)
 
     @cached_property
-    def begun(self) -> tuple[ControlBox, Solution]:
-        return self.rounds.begun(self.task.first(self.surfaces))
+    def first(self) -> Refined:
+        """After the first stage."""
+        return first_stage(self.problem, self.local.first_sample.around(list(self.surfaces.values())))
 
     @cached_property
     def coarse(self) -> Refined:
-        if self.task.start is not None:
-            return self.rounds.resumed(self.sheets, self.task.start)
-        return coarse_unfolded(self.rounds, self.begun[0], self.sheets)
+        """After the coarse stages, or one round from a given box."""
+        if self.local.start is not None:
+            return warm_start(self.problem, self.datasets, self.local.start)
+        return all_coarse_stages(self.problem, self.first, self.datasets)
 
 
 Tried = tuple[_Trial, Refined]
-"""A start and what it was refined to."""
+"""A start and its refinement."""
 
 
-def _tangled_last(trials: Sequence[_Trial]) -> Iterator[_Trial]:
-    """In their order, but those whose coarse stages come out tangled at the end."""
-    tangled = []
+def _self_intersecting_last(trials: Sequence[_Trial]) -> Iterator[_Trial]:
+    """In their order, but those whose surfaces intersect after the coarse stages at the end."""
+    last = []
     for trial in trials:
-        if trial.coarse.tangled:
-            tangled.append(trial)
+        if trial.coarse.self_intersecting:
+            last.append(trial)
         else:
             yield trial
-    yield from tangled
+    yield from last
 
 
-def _result(task: _Task, trial: _Trial, refined: Refined, warnings: Warnings) -> Result:
-    model = DeformableModel(trial.surfaces, refined.box)
+def _result(trial: _Trial, refined: Refined, warnings: Warnings) -> Result:
+    model, local = DeformableModel(trial.surfaces, refined.box), trial.local
     return Result(
         model=model,
         history=refined.history,
         strength=refined.solution.strength,
-        noise=refined.solution.noise,
+        noise=refined.noise,
         covariance=refined.solution.covariance(),
-        enriched=_enriched(refined, task.options.regularity),
-        inliers=_all_inliers(task, refined),
+        enriched=_enriched(refined, local.options.regularity),
+        inliers=_all_inliers(local, refined),
         warnings=warnings | ill_conditioned(model, refined.solution),
-        half_space=task.half_space,
-        covered=trial.coarse.covered and task.half_space is None,
-        ends=tuple(name for name, sheet in zip(task.clouds, trial.coarse.sheets) if sheet.ends()),
+        half_space=local.half_space,
+        covered=trial.coarse.covered and local.half_space is None,
+        ends=tuple(name for name, data in zip(local.clouds, trial.coarse.datasets) if data.ends()),
     )
 
 
-def _all_inliers(task: _Task, refined: Refined) -> dict[str, Array]:
+def _all_inliers(problem: LocalProblem, refined: Refined) -> dict[str, Array]:
     """Probabilities of all points, zero for those of weight zero."""
     result = {}
-    for (name, weights), sheet in zip(task.weights.items(), refined.sheets):
+    for (name, weights), data in zip(problem.weights.items(), refined.datasets):
         result[name] = np.zeros(len(weights))
-        result[name][weights > 0] = sheet.inliers
+        result[name][weights > 0] = data.inliers
     return result
 
 
 def _enriched(refined: Refined, regularity: str | Regulariser) -> EnrichedBox:
-    """The same foot points in a finer box, held at its own strength of largest evidence."""
+    """The same foot points in a box with more control points, at its own strength of largest evidence."""
     l, m, n = refined.box.degrees
     enriched = refined.box.elevate((l + MORE, m + MORE, n + MORE))
-    evidence = evidence_of(
-        refined.sheets, [None] * len(refined.sheets), enriched, regularity, refined.solution.effective_fraction
-    )
+    none, fraction = [None] * len(refined.datasets), refined.solution.effective_fraction
+    evidence = evidence_of(refined.datasets, none, enriched, regularity, fraction)
     return EnrichedBox(enriched, evidence, refined.solution.strength)

@@ -1,9 +1,7 @@
-"""One surface with its data, while the refinement goes on."""
+"""The data of one surface during the refinement: points, weights, neighbourhoods, foot points and inliers."""
 
 from collections.abc import Sequence
-from copy import copy
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,87 +16,103 @@ from quadriform.fitting.neighbourhood import (
     oriented,
     outward_normals,
 )
+from quadriform.fitting.result import HalfSpace
 from quadriform.points import Array
+from quadriform.shapes.closest import closest_on, update_foot_points
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superquadric import Superquadric
 
 MISFIT = 5e-3
-"""Of the cloud's RMS radius: a distance of this size is the model's own misfit, so no smaller sigma tells strangers."""
-SHARE_ROUNDS = 20
+"""Of the cloud's RMS radius: a distance of this size is the model's own misfit, so sigma is at least as large."""
+FIRST_RATIO, EM_ROUNDS = 0.9, 20
+"""The inlier ratio at first, and the rounds of EM, after which it changes by less than a thousandth."""
 
 
-@dataclass
-class Sheet:
-    """A superquadric and its points; lengths in the centred, scaled frame.
+@dataclass(frozen=True)
+class SurfaceData:
+    """The data of one surface; lengths in the centred, scaled frame. Updates are new objects.
 
     Attributes:
-        superquadric: before deformation.
+        superquadric: the surface before deformation.
         points: (n, 3).
         weights: (n,), how often each point counts.
-        beyond: half-space (point, direction) where the data ends on purpose, or None.
+        half_space: where the data ends on purpose (point, direction), or None.
         normals: (n, 3) that were given, unit or zero where a point has none; None without.
-        around: what the neighbours of each point tell.
+        neighbourhood: principal axes of the neighbours of each point.
         origins: (n, 3), foot points on the superquadric.
         inliers: (n,), probabilities.
-        share: of inliers, once they were weighed.
+        inlier_ratio: mean of these, once they were estimated.
     """
 
     superquadric: Superquadric
     points: Array
     weights: Array
-    half_space: tuple[Array, Array] | None = None
-    normals: Array | None = None
-    around: Neighbourhood = field(init=False)
-    origins: Array = field(init=False)
-    inliers: Array = field(init=False)
+    half_space: HalfSpace | None
+    normals: Array | None
+    neighbourhood: Neighbourhood
+    origins: Array
+    inliers: Array
     inlier_ratio: float = 1.0
 
-    def __post_init__(self) -> None:
-        self.around = Neighbourhood.of(self.points)
-        self.inliers = np.ones(len(self.points))
+    @classmethod
+    def of(
+        cls,
+        superquadric: Superquadric,
+        points: Array,
+        weights: Array,
+        half_space: HalfSpace | None = None,
+        normals: Array | None = None,
+    ) -> "SurfaceData":
+        """All points as inliers, each as its own foot point until these are updated."""
+        neighbourhood, ones = Neighbourhood.of(points), np.ones(len(points))
+        return cls(superquadric, points, weights, half_space, normals, neighbourhood, points, ones)
 
-    def thinned(self, count: int, robust: bool) -> "Sheet":
+    def subsample(self, count: int, robust: bool) -> "SurfaceData":
         """About `count` points, spread over their distances to the centre: whatever their order and pose.
 
         With `robust` those without near neighbours are left out: sums over few points have no other defence.
         """
         order = canonical_order(self.points - self.points.mean(axis=0))
         if robust:
-            order = order[self._dense[order]]
+            order = order[dense_points(self.points)[order]]
         chosen = evenly_spread(order, count)
         normals = None if self.normals is None else self.normals[chosen]
-        return Sheet(self.superquadric, self.points[chosen], self.weights[chosen], self.half_space, normals)
+        return SurfaceData.of(self.superquadric, self.points[chosen], self.weights[chosen], self.half_space, normals)
 
-    @cached_property
-    def _dense(self) -> NDArray[np.bool_]:
-        return dense_points(self.points)
+    def around(self, superquadric: Superquadric) -> "SurfaceData":
+        """The same points around another start."""
+        return replace(self, superquadric=superquadric)
 
-    def with_superquadric(self, superquadric: Superquadric) -> "Sheet":
-        """The same data around another start."""
-        other = copy(self)
-        other.superquadric = superquadric
-        return other
+    def with_tangential_steps(self, box: ControlBox, steps: int) -> "SurfaceData":
+        """With foot points moved along the deformed surface by tangential Gauss-Newton steps."""
+        origins = update_foot_points(self.superquadric, box, self.points, self.origins, steps)
+        return replace(self, origins=origins)
+
+    def with_nearest_foot_points(self, box: ControlBox) -> "SurfaceData":
+        """With the nearest foot points on the deformed surface."""
+        return replace(self, origins=closest_on(self.superquadric, box, self.points).origins)
 
     def facing(self) -> "FacingCloud":
         """The points with outward normals: those that were given, where there are any."""
+        around = self.neighbourhood
         if self.normals is None:
-            return FacingCloud(self.points, oriented(self.points, self.around.normals), self.around.flatness)
+            return FacingCloud(self.points, oriented(self.points, around.normals), around.flatness)
         given: NDArray[np.bool_] = np.any(self.normals, axis=1)
-        normals = outward_normals(self.points, np.where(given[:, None], self.normals, self.around.normals))
-        return FacingCloud(self.points, normals, np.where(given, 1.0, self.around.flatness))
+        normals = outward_normals(self.points, np.where(given[:, None], self.normals, around.normals))
+        return FacingCloud(self.points, normals, np.where(given, 1.0, around.flatness))
 
     def is_covered(self) -> bool:
         """Whether the data samples the whole surface, or all of it on this side of the base."""
-        if not is_surface(self.around):
+        if not is_surface(self.neighbourhood):
             return False
-        return self.half_space is not None or not has_edge(self.points, self.around)
+        return self.half_space is not None or not has_edge(self.points, self.neighbourhood)
 
     def ends(self) -> bool:
-        """Whether the data is a sampled surface that stops somewhere, where nobody said that it would."""
-        return self.half_space is None and is_surface(self.around) and has_edge(self.points, self.around)
+        """Whether the data is a sampled surface that stops somewhere without a given base."""
+        return self.half_space is None and is_surface(self.neighbourhood) and has_edge(self.points, self.neighbourhood)
 
-    def missing(self, points: Array) -> NDArray[np.bool_]:
-        """Which of (m, 3) points lie beyond the base, where no data is expected."""
+    def in_half_space(self, points: Array) -> NDArray[np.bool_]:
+        """Which of (m, 3) points lie where no data is expected."""
         if self.half_space is None:
             return np.zeros(len(points), dtype=np.bool_)
         at, direction = self.half_space
@@ -108,24 +122,30 @@ class Sheet:
         """From the points to their foot points, (n,)."""
         return np.linalg.norm(self.points - box.deform(self.origins), axis=1)
 
-    def weigh(self, distances: Array, noise: float) -> None:
-        """Find which points are inliers by their distances to the surface, and their share on the way."""
-        self.inlier_ratio = 0.9
-        for _ in range(SHARE_ROUNDS):
-            self.inliers = self.probabilities(distances, noise)
-            self.inlier_ratio = float(np.clip(np.average(self.inliers, weights=self.weights), 0.02, 1 - 1e-6))
+    def weighted(self, distances: Array, noise: float) -> "SurfaceData":
+        """With inlier probabilities and their ratio, by EM at a given noise, from distances (n,) to the surface."""
+        found = replace(self, inlier_ratio=FIRST_RATIO)
+        for _ in range(EM_ROUNDS):
+            inliers = found.probabilities(distances, noise)
+            ratio = float(np.clip(np.average(inliers, weights=self.weights), 0.02, 1 - 1e-6))
+            found = replace(self, inliers=inliers, inlier_ratio=ratio)
+        return found
 
     def probabilities(self, distances: Array, noise: float) -> Array:
-        """Of points at such distances (m,) to be inliers, by the share that was found."""
+        """Inlier probabilities (m,) of points at such distances, at the estimated inlier ratio."""
         mixture = Mixture(np.array([self.inlier_ratio]), np.array([max(noise, MISFIT)]))
         return mixture.densities(distances[None])[0][0]
 
-    def beside(self, points: Array, weights: Array, near: NDArray[np.int64]) -> "Sheet":
-        """Other points (m, 3) that take after those of this sheet which they are near to, by index."""
-        other = copy(self)
-        other.points, other.weights, other.inliers = points, weights, np.ones(len(points))
-        other.around, other.origins = self.around.take(near), self.origins[near]
-        return other
+    def beside(self, points: Array, weights: Array, near: NDArray[np.int64]) -> "SurfaceData":
+        """Other points (m, 3), each with the neighbourhood and the foot point of the one it is near to, by index."""
+        return replace(
+            self,
+            points=points,
+            weights=weights,
+            inliers=np.ones(len(points)),
+            neighbourhood=self.neighbourhood.take(near),
+            origins=self.origins[near],
+        )
 
 
 @dataclass(frozen=True)
@@ -144,26 +164,26 @@ class FacingCloud:
 
 
 @dataclass(frozen=True)
-class Few:
-    """Few points of every surface, and what a search of new neighbours needs to know of them.
+class Subsample:
+    """Few points of every surface, and what a search of new correspondences needs.
 
     Attributes:
-        sheets: one a surface.
-        clouds: the same points, facing.
+        datasets: one a surface.
+        clouds: the same points with outward normals.
         covered: whether they sample all of it.
     """
 
-    sheets: tuple[Sheet, ...]
+    datasets: tuple[SurfaceData, ...]
     clouds: tuple[FacingCloud, ...]
     covered: tuple[bool, ...]
 
     @classmethod
-    def of(cls, sheets: Sequence[Sheet], count: int, robust: bool) -> "Few":
+    def of(cls, datasets: Sequence[SurfaceData], count: int, robust: bool) -> "Subsample":
         """About `count` points of each."""
-        few = tuple(sheet.thinned(count, robust) for sheet in sheets)
-        return cls(few, tuple(sheet.facing() for sheet in few), tuple(sheet.is_covered() for sheet in few))
+        chosen = tuple(data.subsample(count, robust) for data in datasets)
+        return cls(chosen, tuple(data.facing() for data in chosen), tuple(data.is_covered() for data in chosen))
 
-    def around(self, superquadrics: Sequence[Superquadric]) -> "Few":
+    def around(self, superquadrics: Sequence[Superquadric]) -> "Subsample":
         """The same points around other starts."""
-        sheets = tuple(sheet.with_superquadric(each) for sheet, each in zip(self.sheets, superquadrics))
-        return replace(self, sheets=sheets)
+        datasets = tuple(data.around(each) for data, each in zip(self.datasets, superquadrics))
+        return replace(self, datasets=datasets)

@@ -5,7 +5,6 @@ moving the surface. More strength everywhere would remove it too, but would move
 """
 
 from collections.abc import Iterator, Mapping
-from copy import copy
 from dataclasses import dataclass, replace
 from typing import Protocol, TypeVar
 
@@ -13,9 +12,8 @@ import numpy as np
 
 from quadriform.fitting.least_squares.marginal_likelihood import Solution
 from quadriform.fitting.least_squares.normal_equations import NormalEquations
-from quadriform.fitting.refinement.multiresolution import Refined, Rounds
+from quadriform.fitting.refinement.multiresolution import MixtureWeights, Problem, Refined
 from quadriform.points import Array
-from quadriform.shapes.closest import closest_on
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.fold_bound import determinant_rows, jacobian_bound, lattice_inside, never_folds
 from quadriform.shapes.model import DeformableModel
@@ -29,11 +27,11 @@ LATTICE, GRID, FINE_LATTICE, FINE_GRID = 21, 12, 45, 32
 """Points along an axis of the lattices inside, and cells of the grids on the surfaces, at first and in a search."""
 STRONGEST, DESCENT, ROUNDS = 1e3, 8, 4
 """Fold removal begins at this many times the strength and reaches it in so many steps of at most so many rounds."""
-RENEWALS, STUCK = 8, 0.8
-"""Nearest foot points are sought so many times, while they lower the sum of squares of the distances to this share."""
+RENEWALS, NOT_NEARER = 8, 0.8
+"""Nearest foot points are sought so many times, while they lower the sum of squared distances to this fraction."""
 AFFINE = 1e3
 """A strength at which the data bends nothing."""
-PRICE, CHEAP = 1.5, 0.025
+ACCEPTED, NEGLIGIBLE = 1.5, 0.025
 """A fold is kept where its removal makes the noise this many times larger, and larger than this fraction of the
 cloud's RMS radius."""
 
@@ -53,7 +51,7 @@ class State(Protocol):
 S = TypeVar("S", bound=State)
 
 
-class Problem(Protocol[S]):
+class Penalised(Protocol[S]):
     """Data and a regulariser, to which a penalty can be added."""
 
     def penalised(self, state: S, penalty: "JacobianPenalty", strength: float) -> S | None:
@@ -109,7 +107,7 @@ class JacobianPenalty:
 
 
 def remove_folds(
-    problem: Problem[S],
+    problem: Penalised[S],
     state: S,
     penalty: JacobianPenalty,
     strength: float,
@@ -131,54 +129,56 @@ def remove_folds(
     return None
 
 
-def fair_price(refined: Refined) -> float:
-    """The noise at which a cure is worse than the fold."""
-    return max(PRICE * refined.solution.noise, CHEAP)
+def accepted_noise(refined: Refined) -> float:
+    """The noise above which a fold is kept."""
+    return max(ACCEPTED * refined.noise, NEGLIGIBLE)
 
 
-def least_regularised(rounds: Rounds, refined: Refined, surfaces: dict[str, Superquadric]) -> Refined | None:
+def least_regularised(problem: Problem, refined: Refined, surfaces: dict[str, Superquadric]) -> Refined | None:
     """The certified refinement of least noise on the way from an affine map to the strength of a folded refinement.
 
     For points that are no surface, such as those of a filled volume: their folded fit is useless at any noise. The
     search begins at the undeformed superquadrics, at a strength under which no map but an affine one is left, and ends
     before the first fold. None where the undeformed superquadrics cross.
     """
-    unfolded, best = _at_rest(refined), None
+    unfolded, best = _undeformed(refined), None
     penalty = _penalty(refined, surfaces)
     decades = int(np.ceil(np.log10(AFFINE / refined.solution.strength)))
     for strength in np.geomspace(AFFINE, refined.solution.strength, max(decades, 0) + 1):
-        unfolded, above = _lifted(rounds, rounds.weighed(unfolded), penalty, float(strength))
+        unfolded, above = _lifted(problem, problem.weighted(unfolded), penalty, float(strength))
         if not above or not certified(unfolded.box, surfaces):
             break
-        if best is None or unfolded.solution.noise < best.solution.noise:
-            best = _copied(unfolded)
+        if best is None or unfolded.noise < best.noise:
+            best = unfolded
     return best
 
 
-def cures(rounds: Rounds, refined: Refined, surfaces: dict[str, Superquadric], most: float) -> Iterator[Refined]:
-    """What is certified not to fold inside the surfaces, with a noise of at most `most`.
+def without_folds(
+    problem: Problem, refined: Refined, surfaces: dict[str, Superquadric], most: float
+) -> Iterator[Refined]:
+    """Refinements that are verified to be free of folds inside the surfaces, with a noise of at most `most`.
 
-    The given refinement itself if that is so; else with its folds pressed out, from where it is and from rest: the rest
-    first where it is tangled, for then its foot points lead astray.
+    The given one itself if it is; else by fold removal from its box and from the undeformed one: from the latter first
+    where it is self-intersecting, for then its foot points are misleading.
     """
     penalty = _penalty(refined, surfaces)
-    fair = refined.solution.noise <= most
-    if fair and penalty.minimum(refined.box) > VERIFIABLE and certified(refined.box, surfaces):
+    accepted = refined.noise <= most
+    if accepted and penalty.minimum(refined.box) > VERIFIABLE and certified(refined.box, surfaces):
         yield refined
-    ways = (_at_rest, _copied) if refined.tangled else (_copied, _at_rest)
-    for way in ways:
-        cured = _descended(rounds, way(refined), penalty, surfaces, most)
-        if cured is not None:
-            yield with_nearest_feet(rounds, cured, penalty, surfaces)
+    for undeformed in (True, False) if refined.self_intersecting else (False, True):
+        start = _undeformed(refined) if undeformed else refined
+        found = _descended(problem, start, penalty, surfaces, most)
+        if found is not None:
+            yield with_nearest_foot_points(problem, found, penalty, surfaces)
 
 
 def _penalty(refined: Refined, surfaces: Mapping[str, Superquadric]) -> JacobianPenalty:
-    count = sum(len(sheet.points) for sheet in refined.sheets)
-    return JacobianPenalty.of(refined.box, surfaces, count, refined.solution.noise)
+    count = sum(len(data.points) for data in refined.datasets)
+    return JacobianPenalty.of(refined.box, surfaces, count, refined.noise)
 
 
 def _descended(
-    rounds: Rounds, refined: Refined, penalty: JacobianPenalty, surfaces: dict[str, Superquadric], most: float
+    problem: Problem, refined: Refined, penalty: JacobianPenalty, surfaces: dict[str, Superquadric], most: float
 ) -> Refined | None:
     """From a strength under which nothing folds down to the given one, always with the penalty.
 
@@ -187,32 +187,32 @@ def _descended(
     """
     strength, found = refined.solution.strength, None
     for factor in np.geomspace(STRONGEST, 1, DESCENT):
-        refined, above = _lifted(rounds, refined, penalty, factor * strength)
-        if above and refined.solution.noise <= most and certified(refined.box, surfaces):
-            found = _copied(refined)
+        refined, above = _lifted(problem, refined, penalty, factor * strength)
+        if above and refined.noise <= most and certified(refined.box, surfaces):
+            found = refined
         if factor == STRONGEST:
-            most = min(most, refined.solution.noise)
-    return remove_folds(rounds, refined, penalty, strength, surfaces, most) or found
+            most = min(most, refined.noise)
+    return remove_folds(problem, refined, penalty, strength, surfaces, most) or found
 
 
-def with_nearest_feet(
-    rounds: Rounds, refined: Refined, penalty: JacobianPenalty, surfaces: dict[str, Superquadric]
+def with_nearest_foot_points(
+    problem: Problem, refined: Refined, penalty: JacobianPenalty, surfaces: dict[str, Superquadric]
 ) -> Refined:
-    """A certified refinement, refined on from the nearest foot points where the given ones are much farther away.
+    """A certified refinement, refined further from the nearest foot points where the given ones are much farther away.
 
-    Foot points slide along the surface, and where the surface is folded and unfolded some stay behind, such as on the
-    wrong face beside a sharp rim. They distort the surface, and robust weights then take the points for outliers.
+    Foot points move along the surface, and where the surface is folded and unfolded some do not follow, such as on the
+    wrong face beside a sharp rim. They distort the surface, and robust weights then treat the points as outliers.
     """
     for _ in range(RENEWALS):
-        renewed = _nearest(refined)
-        if _misfit(renewed) > STUCK * _misfit(refined):
+        renewed = refined.nearest()
+        if _misfit(renewed) > NOT_NEARER * _misfit(refined):
             return refined
-        if rounds.robust:
-            for sheet in renewed.sheets:
-                sheet.weigh(sheet.distances(renewed.box), refined.solution.noise)
-        strength, noise = refined.solution.strength, refined.solution.noise
-        lifted, _ = _lifted(rounds, renewed, penalty, strength)
-        unfolded = remove_folds(rounds, lifted, penalty, strength, surfaces, noise)
+        if problem.robust:
+            datasets = MixtureWeights().weighted(renewed.box, renewed.datasets, refined.noise)
+            renewed = replace(renewed, datasets=datasets)
+        strength, noise = refined.solution.strength, refined.noise
+        lifted, _ = _lifted(problem, renewed, penalty, strength)
+        unfolded = remove_folds(problem, lifted, penalty, strength, surfaces, noise)
         if unfolded is None:
             return refined
         refined = unfolded
@@ -221,13 +221,13 @@ def with_nearest_feet(
 
 def _misfit(refined: Refined) -> float:
     """Sum of squares of the distances from all points to their foot points."""
-    return float(sum((sheet.weights * sheet.distances(refined.box) ** 2).sum() for sheet in refined.sheets))
+    return float(sum((data.weights * data.distances(refined.box) ** 2).sum() for data in refined.datasets))
 
 
-def _lifted(rounds: Rounds, refined: Refined, penalty: JacobianPenalty, strength: float) -> tuple[Refined, bool]:
+def _lifted(problem: Problem, refined: Refined, penalty: JacobianPenalty, strength: float) -> tuple[Refined, bool]:
     """The refinement after a few rounds with the penalty at one strength, and whether a proof may succeed."""
     for _ in range(ROUNDS):
-        after = rounds.penalised(refined, penalty, strength)
+        after = problem.penalised(refined, penalty, strength)
         if after is None:
             return refined, False
         refined = after
@@ -236,22 +236,9 @@ def _lifted(rounds: Rounds, refined: Refined, penalty: JacobianPenalty, strength
     return refined, False
 
 
-def _copied(refined: Refined) -> Refined:
-    """The same with sheets whose foot points can slide without those of the given ones."""
-    return replace(refined, sheets=tuple(copy(sheet) for sheet in refined.sheets))
-
-
-def _at_rest(refined: Refined) -> Refined:
-    """The undeformed box, and the foot points of the undeformed surfaces."""
-    return _nearest(replace(refined, box=refined.box.with_control_points(refined.box.rest)))
-
-
-def _nearest(refined: Refined) -> Refined:
-    """The same with the nearest foot points, in sheets of its own."""
-    found = _copied(refined)
-    for sheet in found.sheets:
-        sheet.origins = closest_on(sheet.superquadric, found.box, sheet.points).origins
-    return found
+def _undeformed(refined: Refined) -> Refined:
+    """The undeformed box, and the nearest foot points on the undeformed surfaces."""
+    return replace(refined, box=refined.box.with_control_points(refined.box.rest)).nearest()
 
 
 def certified(box: ControlBox, surfaces: Mapping[str, Superquadric]) -> bool:

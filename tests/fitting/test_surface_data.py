@@ -1,12 +1,14 @@
 """A surface with its data: thinning that knows no order, inliers by their distance, foot points that face the data."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from shapes_made import even_directions, lumpy, made, turned
 
 from quadriform.fitting.refinement.correspondence import MODEL_RESOLUTION, Correspondence
 from quadriform.fitting.refinement.point_to_plane import data_rows
-from quadriform.fitting.refinement.surface_data import FacingCloud, Sheet
+from quadriform.fitting.refinement.surface_data import FacingCloud, SurfaceData
 from quadriform.points import Frame
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superquadric import Superquadric
@@ -15,33 +17,33 @@ BALL = Superquadric("ellipsoid", (1.0, 1.0, 1.0), (1.0, 1.0), np.eye(3), (0.0, 0
 CLOUD = Frame.of(lumpy(900)).to_local(lumpy(900))
 
 
-def sheet(points=CLOUD, weights=None, half_space=None):
-    return Sheet(BALL, points, np.ones(len(points)) if weights is None else weights, half_space)
+def data_of(points=CLOUD, weights=None, half_space=None):
+    return SurfaceData.of(BALL, points, np.ones(len(points)) if weights is None else weights, half_space)
 
 
 @pytest.mark.parametrize("robust", [False, True])
 def test_the_same_few_points_whatever_the_order_and_the_pose(robust, rng):
     order, turn = rng.permutation(len(CLOUD)), turned(4)
-    plain = sheet().thinned(250, robust).points
+    plain = data_of().subsample(250, robust).points
     assert plain.shape == (250, 3)
-    np.testing.assert_array_equal(sheet(CLOUD[order]).thinned(250, robust).points, plain)
-    np.testing.assert_allclose(sheet(CLOUD[order] @ turn.T).thinned(250, robust).points, plain @ turn.T, atol=1e-12)
+    np.testing.assert_array_equal(data_of(CLOUD[order]).subsample(250, robust).points, plain)
+    np.testing.assert_allclose(data_of(CLOUD[order] @ turn.T).subsample(250, robust).points, plain @ turn.T, atol=1e-12)
 
 
 def test_points_keep_their_weights(rng):
     weights = rng.uniform(1, 2, len(CLOUD))
-    few = sheet(weights=weights).thinned(100, False)
+    few = data_of(weights=weights).subsample(100, False)
     for point, weight in zip(few.points, few.weights):
         assert weight == weights[np.flatnonzero((point == CLOUD).all(axis=1))[0]]
-    assert len(sheet().thinned(5000, False).points) == len(CLOUD)
+    assert len(data_of().subsample(5000, False).points) == len(CLOUD)
 
 
 def test_those_alone_are_left_out_only_when_asked(rng):
     strangers = rng.uniform(-6, 6, (60, 3))
     strangers = strangers[np.linalg.norm(strangers, axis=1) > 2.5]
-    both = sheet(np.concatenate([CLOUD, strangers]))
-    assert (np.linalg.norm(both.thinned(500, True).points, axis=1) < 2.5).all()
-    assert (np.linalg.norm(both.thinned(500, False).points, axis=1) > 2.5).any()
+    both = data_of(np.concatenate([CLOUD, strangers]))
+    assert (np.linalg.norm(both.subsample(500, True).points, axis=1) < 2.5).all()
+    assert (np.linalg.norm(both.subsample(500, False).points, axis=1) > 2.5).any()
 
 
 @pytest.mark.parametrize("outlier_ratio", [0.0, 0.1, 0.3])
@@ -50,8 +52,8 @@ def test_the_ratio_of_outliers_is_found(outlier_ratio, rng):
     distances = np.abs(rng.normal(0, sigma, n))
     stranger = np.arange(n) < outlier_ratio * n
     distances[stranger] = rng.uniform(0, 2, stranger.sum())
-    one = sheet(rng.normal(size=(n, 3)))
-    one.weigh(distances, sigma)
+    one = data_of(rng.normal(size=(n, 3)))
+    one = one.weighted(distances, sigma)
     assert one.inliers.mean() == pytest.approx(1 - outlier_ratio, abs=0.015)
     assert (one.inliers[distances > 6 * sigma] < 0.05).all()
     assert (one.inliers[distances < sigma] > 0.9).all()
@@ -60,10 +62,9 @@ def test_the_ratio_of_outliers_is_found(outlier_ratio, rng):
 def test_weights_count_in_the_inlier_ratio(rng):
     """Strangers that count ten times as much make an uncertain point more of a stranger."""
     distances = np.concatenate([np.abs(rng.normal(0, 0.02, 900)), rng.uniform(0.2, 2, 100)])
-    plain, heavy = sheet(rng.normal(size=(1000, 3))), sheet(rng.normal(size=(1000, 3)))
-    heavy.weights = np.where(distances > 0.15, 10.0, 1.0)
-    for one in (plain, heavy):
-        one.weigh(distances, 0.02)
+    plain, heavy = data_of(rng.normal(size=(1000, 3))), data_of(rng.normal(size=(1000, 3)))
+    heavy = replace(heavy, weights=np.where(distances > 0.15, 10.0, 1.0))
+    plain, heavy = (one.weighted(distances, 0.02) for one in (plain, heavy))
     between = (distances > 0.05) & (distances < 0.15)
     assert between.any() and (heavy.inliers[between] < plain.inliers[between]).all()
 
@@ -71,12 +72,12 @@ def test_weights_count_in_the_inlier_ratio(rng):
 def test_half_of_a_sphere_is_covered_only_with_its_base():
     half = even_directions(1500)
     half = half[half[:, 2] < 0]
-    assert sheet(even_directions(800)).is_covered()
-    assert not sheet(half).is_covered()
-    based = sheet(half, half_space=(np.zeros(3), np.array([0.0, 0.0, 1.0])))
+    assert data_of(even_directions(800)).is_covered()
+    assert not data_of(half).is_covered()
+    based = data_of(half, half_space=(np.zeros(3), np.array([0.0, 0.0, 1.0])))
     assert based.is_covered()
-    np.testing.assert_array_equal(based.missing(np.array([[0, 0, 0.1], [5, 0, -0.1]])), [True, False])
-    assert not sheet(half).missing(half).any()
+    np.testing.assert_array_equal(based.in_half_space(np.array([[0, 0, 0.1], [5, 0, -0.1]])), [True, False])
+    assert not data_of(half).in_half_space(half).any()
 
 
 PLATE = Superquadric("ellipsoid", (1.0, 1.0, 0.05), (1.0, 1.0), np.eye(3), (0.0, 0.0, 0.0))
@@ -117,8 +118,8 @@ def test_the_surface_that_nobody_claims_asks_for_data():
 def test_data_pulls_along_the_normal_and_hardly_along_the_surface(rng):
     """The metric of each point, by its weight and inlier probability, on a sphere where the normal is the radius."""
     points = even_directions(600)
-    one = sheet(points, weights=rng.uniform(1, 3, 600))
-    one.origins, one.inliers = points, rng.uniform(0.5, 1, 600)
+    one = data_of(points, weights=rng.uniform(1, 3, 600))
+    one = replace(one, origins=points, inliers=rng.uniform(0.5, 1, 600))
     metric = data_rows(one, ControlBox.around(BALL)).metric
     count = one.weights * one.inliers
     np.testing.assert_allclose(np.einsum("ni,nij,nj->n", points, metric, points), count, rtol=1e-9)
@@ -130,8 +131,8 @@ def test_a_lone_curve_of_data_holds_the_surface_across_it():
     """On the equator of a sphere: the step across, along z, is held; the one along the curve is free."""
     t = np.linspace(0, 2 * np.pi, 300, endpoint=False)
     points = np.column_stack([np.cos(t), np.sin(t), 0 * t])
-    one = sheet(points)
-    one.origins = points
+    one = data_of(points)
+    one = replace(one, origins=points)
     metric = data_rows(one, ControlBox.around(BALL)).metric
     along = np.column_stack([-np.sin(t), np.cos(t), 0 * t])
     assert (metric[:, 2, 2] > 0.9).all()
@@ -148,8 +149,8 @@ def test_toroids_are_matched_too():
 
 def test_the_inlier_ratio_stays_below_one(rng):
     """Where all points are inliers a later stranger is still told from them."""
-    found = sheet()
-    found.weigh(np.abs(rng.normal(size=len(CLOUD))) * 1e-3, noise=1e-3)
+    found = data_of()
+    found = found.weighted(np.abs(rng.normal(size=len(CLOUD))) * 1e-3, noise=1e-3)
     assert 0.9 < found.inlier_ratio < 1
     assert found.probabilities(np.array([1.0]), 1e-3)[0] < 1e-3
     assert found.probabilities(np.array([1e-4]), 1e-3)[0] > 0.9

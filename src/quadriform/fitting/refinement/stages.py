@@ -1,0 +1,146 @@
+"""The stages of a refinement: the first, the coarse ones on few points, and the fine one on all."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from quadriform.errors import OptionError
+from quadriform.fitting.neighbourhood import nearest
+from quadriform.fitting.refinement.multiresolution import (
+    SCHEDULE,
+    Facing,
+    FixedWeights,
+    Nearest,
+    Problem,
+    Refined,
+    Stage,
+    Start,
+    StoppingRule,
+    TangentialSteps,
+)
+from quadriform.fitting.refinement.point_to_plane import fraction_of
+from quadriform.fitting.refinement.surface_data import Subsample, SurfaceData
+from quadriform.fitting.result import Iteration
+from quadriform.points import Array
+from quadriform.shapes.control_box import ControlBox
+
+ONCE = StoppingRule(1)
+
+
+def shapes(box: ControlBox) -> list[tuple[int, int, int]]:
+    """Control points along each axis from stage to stage: 3, 5, 7 ... up to those of the box."""
+    l, m, n, _ = box.control_points.shape
+    most = max(l, m, n)
+    return sorted({(min(l, s), min(m, s), min(n, s)) for s in (*range(3, most, 2), most)})
+
+
+def first_stage(problem: Problem, sample: Subsample) -> Refined:
+    """The stage with the fewest control points, from the undeformed box."""
+    box = problem.box
+    return _coarse_stage(problem, ControlBox.undeformed(box.origin, box.edges, shapes(box)[0]), sample, ())
+
+
+def coarse_stages(problem: Problem, first: Refined, sample: Subsample) -> Refined:
+    """All further stages on few points that are matched anew in each round; the last round on the data alone.
+
+    Args:
+        problem: of all rounds.
+        first: after the first stage, maybe on other points.
+        sample: the points.
+    """
+    box, history = first.box, first.history
+    for l, m, n in shapes(problem.box)[1:] or shapes(problem.box):
+        found = _coarse_stage(problem, box.elevate((l - 1, m - 1, n - 1)), sample, history)
+        box, history = found.box, found.history
+    alone = Stage(problem, TangentialSteps(), FixedWeights(), ONCE)
+    return alone.step(Start(box, found.datasets, history=history))  # strengths so far included the attraction
+
+
+def _coarse_stage(problem: Problem, box: ControlBox, sample: Subsample, history: tuple[Iteration, ...]) -> Refined:
+    stop = StoppingRule(SCHEDULE.coarse_rounds, SCHEDULE.coarse_motion)
+    stage = Stage(problem, Facing.of(sample), FixedWeights(), stop)
+    return stage.run(Start(box, sample.datasets, history=history))
+
+
+def warm_start(
+    problem: Problem, datasets: Sequence[SurfaceData], box: ControlBox, before: Refined | None = None
+) -> Refined:
+    """In place of the coarse stages: one round on few points from a given box, after an earlier result or none."""
+    chosen = tuple(data.subsample(SCHEDULE.coarse_points[0], problem.robust) for data in datasets)
+    solution, history = (None, ()) if before is None else (before.solution, before.history)
+    return Stage(problem, Nearest(), FixedWeights(), ONCE).step(Start(box, chosen, solution, history=history))
+
+
+def all_coarse_stages(problem: Problem, first: Refined, datasets: Sequence[SurfaceData]) -> Refined:
+    """The coarse stages; self-intersecting ones again on other points: the first without these, or the last."""
+    for count in SCHEDULE.coarse_points:
+        sample = Subsample.of(datasets, count, problem.robust)
+        again = first if count == SCHEDULE.coarse_points[0] else first_stage(problem, sample)
+        found = coarse_stages(problem, again, sample)
+        if not found.self_intersecting:
+            break
+    return _not_worse(problem, found, datasets)
+
+
+def _not_worse(problem: Problem, found: Refined, datasets: Sequence[SurfaceData]) -> Refined:
+    """The coarse stages, or one round from the undeformed box where they end farther from their points than it is.
+
+    Sides of a thin body that are nearer to each other than its points are can be mistaken for each other.
+    """
+    box = problem.box
+    undeformed = ControlBox.undeformed(box.origin, box.edges, found.box.control_points.shape[:3])
+    before = sum(
+        (data.with_nearest_foot_points(undeformed).distances(undeformed) ** 2).sum() for data in found.datasets
+    )
+    after = sum((data.distances(found.box) ** 2).sum() for data in found.datasets)
+    return warm_start(problem, datasets, undeformed, found) if before < after else found
+
+
+def fine_stage(problem: Problem, datasets: Sequence[SurfaceData], coarse: Refined) -> Refined:
+    """Rounds on more points, whose foot points only move along the surface, and the last few on all.
+
+    Raises:
+        OptionError: the strength that the user gave leaves control points undetermined in the last round.
+    """
+    state: Start | Refined = Start(coarse.box, coarse.datasets, coarse.solution, None, coarse.history)
+    rounds = SCHEDULE.fine_rounds
+    if max(len(data.points) for data in datasets) > SCHEDULE.medium_points:
+        some = [data.subsample(SCHEDULE.medium_points, robust=False) for data in datasets]
+        state, rounds = _fine_stage(problem, some, coarse, state, rounds), SCHEDULE.last_rounds
+    found = _fine_stage(problem, datasets, coarse, state, rounds)
+    if problem.strength is None:
+        return _of_independent(problem, found)
+    if found.solution.strength != problem.strength:
+        raise OptionError(
+            f"option strength={problem.strength:g} leaves control points undetermined; expected a larger one, more "
+            f"points or a smaller box (the evidence of the points is largest at {found.solution.strength:.1e})"
+        )
+    return found
+
+
+def _fine_stage(
+    problem: Problem, datasets: Sequence[SurfaceData], coarse: Refined, state: Start | Refined, rounds: int
+) -> Refined:
+    stage = Stage(problem, TangentialSteps(), problem.kernel, StoppingRule(rounds, SCHEDULE.fine_motion))
+    placed = tuple(replace(data, origins=_first_origins(data, part)) for data, part in zip(datasets, coarse.datasets))
+    return stage.run(Start(state.box, placed, state.solution, state.noise, state.history))
+
+
+def _of_independent(problem: Problem, found: Refined) -> Refined:
+    """A few rounds more at the strength of the effective number of independent points.
+
+    Only now: before the surface converges, all neighbours have similar residuals.
+    """
+    fraction = fraction_of(found.datasets, found.box)
+    if fraction >= 1:
+        return found
+    stage = Stage(problem, TangentialSteps(), FixedWeights(), StoppingRule(SCHEDULE.last_rounds), fraction)
+    return stage.run(Start(found.box, found.datasets, found.solution, found.noise, found.history))
+
+
+def _first_origins(data: SurfaceData, part: SurfaceData) -> Array:
+    """First foot points (n, 3) of all data: of the nearest of the few points; the mean where several are as near."""
+    near, counts = nearest(part.points, data.points, 1)
+    middle = np.einsum("nk,nki->ni", counts, part.origins[near]) / counts.sum(axis=1, keepdims=True)
+    return data.superquadric.project(middle)
