@@ -27,10 +27,10 @@ check: $(READY)
 	$(BIN)/python tests/robustness/wording.py
 	$(BIN)/python benchmarks/write_results.py --stale
 
-# The rivals stay out of the environment of the tests: what they bring along has pytest plugins of its own.
+# The baselines stay out of the environment of the tests: what they bring along has pytest plugins of its own.
 bench: $(BENCH)/ready
 	$(BENCH)/bin/python benchmarks/run.py
-	$(BENCH)/bin/python benchmarks/races.py -o BENCHMARK.md
+	$(BENCH)/bin/python benchmarks/comparisons.py -o BENCHMARK.md
 
 $(BENCH)/ready: pyproject.toml constraints.txt CMakeLists.txt $(wildcard src/quadriform/shapes/kernel/*)
 	$(PYTHON) -m venv $(BENCH)

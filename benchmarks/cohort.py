@@ -4,7 +4,7 @@
 
 same        serial, on two workers of dask.distributed, one of them killed, killed as a whole and resumed, in two shards
             at once: all byte for byte the same, ten broken subjects among them
-race        units of work of a second and more: two workers against one
+speedup     units of work of a second and more: two workers against one
 overhead    what a unit costs beside its fit
 memory      of the driver, at 1,000 and at 10,000 tiny subjects
 lists       a list of 100,000 rows checked, files looked for
@@ -156,8 +156,8 @@ def shards(manifest, home):
     print(f"two shards at once: exit codes {codes}; files that differ: {len(differences(home / 'serial', out))}")
 
 
-def race(folder, subjects):
-    manifest = make(folder / "race", subjects, 600)
+def speedup(folder, subjects):
+    manifest = make(folder / "speedup", subjects, 600)
     options = ("box=5,5,5",)
     one, _ = run(manifest, manifest.parent / "one", "--workers", "1", options=options)
     two, _ = run(manifest, manifest.parent / "two", "--workers", "2", options=options)
@@ -357,7 +357,7 @@ def cost(folder, subjects):
 
 PARTS = {
     "same": (same, 1000),
-    "race": (race, 40),
+    "speedup": (speedup, 40),
     "overhead": (overhead, 200),
     "memory": (memory, 1000),
     "lists": (lists, 100_000),

@@ -11,11 +11,11 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 SHARED = REPOSITORY.parent / "shared"
 
 
-def bed(name: str) -> Path | None:
-    """The folder of a test bed, put on the import path; None, and said, where it is missing."""
+def bench_data(name: str) -> Path | None:
+    """The folder of a test data set, put on the import path; None, and said, where it is missing."""
     folder = SHARED / "bench" / name
     if not folder.is_dir():
-        print(f"skipped: there is no test bed {name!r} beside this repository")
+        print(f"skipped: there is no test data set {name!r} beside this repository")
         return None
     sys.path.insert(0, str(folder))
     return folder

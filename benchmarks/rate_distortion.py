@@ -10,9 +10,9 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
-from common import REPOSITORY, SHARED, bed, one_thread, rms, table
-from racing import rivals
-from racing.harness import Missing
+from common import REPOSITORY, SHARED, bench_data, one_thread, rms, table
+from comparing import baselines
+from comparing.harness import Missing
 
 import quadriform as qf
 from quadriform.imaging.image_points import points_from_image
@@ -28,7 +28,7 @@ Measured = tuple[str, str, int, float]
 
 def bodies() -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
     """Name, points to fit, points to judge by; what is not there is said and skipped."""
-    folder = bed("surfaces")
+    folder = bench_data("surfaces")
     if folder is not None:
         egg = np.load(folder / "data" / "egg.npz")
         yield "egg, % of its length", egg["p6000"], egg["true_dense"]
@@ -44,7 +44,7 @@ def bodies() -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
 
 def off(judge: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> float:
     """RMS distance of points to a mesh."""
-    squares = rivals.load("igl").point_mesh_squared_distance(
+    squares = baselines.load("igl").point_mesh_squared_distance(
         judge, np.ascontiguousarray(vertices), faces.astype(np.int64)
     )
     return rms(np.sqrt(squares[0]))
@@ -61,16 +61,16 @@ def ours(name: str, points: np.ndarray, judge: np.ndarray) -> Iterator[Measured]
 def harmonics(name: str, points: np.ndarray, judge: np.ndarray) -> Iterator[Measured]:
     directions, quads = sphere_grid(64)
     for degree in DEGREES:
-        vertices = rivals.harmonics(points, degree, directions)
+        vertices = baselines.harmonics(points, degree, directions)
         error = off(judge, vertices, split_quads(quads, vertices))
         yield name, f"spherical harmonics, degree {degree}", (degree + 1) ** 2 + 3, error
 
 
 def decimated(name: str, points: np.ndarray, judge: np.ndarray) -> Iterator[Measured]:
     try:
-        surface = rivals.poisson(points)
+        surface = baselines.poisson(points)
         for faces in FACES:
-            vertices, kept = rivals.decimated(surface, faces)
+            vertices, kept = baselines.decimated(surface, faces)
             yield name, f"decimated Poisson mesh, {len(kept):,} faces", vertices.size, off(judge, vertices, kept)
     except Missing as error:
         print(f"skipped: decimated meshes of {name}: {error}")

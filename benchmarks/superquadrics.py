@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
-from common import bed, table
+from common import bench_data, table
 
 import quadriform as qf
 
@@ -33,7 +33,7 @@ EMS = {
     "clutter": (9.6, 89),
     "needle": (0.402, 9),
 }
-"""Median error in % and failures of 100, as published with the bed for its own seed."""
+"""Median error in % and failures of 100, as published with the benchmark data for its own seed."""
 
 
 def score(case: tuple) -> tuple[float, bool]:
@@ -71,7 +71,7 @@ def rows(seed: int, cases: int) -> Iterator[tuple]:
 
 
 def main() -> None:
-    if bed("superquadrics") is None:
+    if bench_data("superquadrics") is None:
         return
     seed = int(sys.argv[1]) if len(sys.argv) > 1 else 20240607
     cases = int(sys.argv[2]) if len(sys.argv) > 2 else 100

@@ -1,6 +1,6 @@
-"""Closed surfaces from points: errors on the egg and the cup beside those of the best baselines of the bed.
+"""Closed surfaces from points: errors on the egg and the cup beside those of the best baselines of the benchmark data.
 
-python benchmarks/surfaces.py [FOLDER]      FOLDER: other egg.npz and cup.npz, made by the bed's make_data.py
+python benchmarks/surfaces.py [FOLDER]      FOLDER: other egg.npz and cup.npz, made by the benchmark data's make_data.py
 """
 
 import sys
@@ -8,11 +8,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from common import bed, rms, table
+from common import bench_data, rms, table
 
 import quadriform as qf
 
-RIVALS = {
+BASELINES = {
     ("egg", "p900"): "0.47 ANTs",
     ("egg", "p1000"): "0.44 ANTs",
     ("egg", "p6000"): "0.20 harmonics",
@@ -23,7 +23,7 @@ RIVALS = {
     ("cup", "p6000"): "0.38 Poisson",
     ("cup", "p20000"): "0.23 Poisson",
 }
-"""RMS of the best of eleven rivals, each tuned by hand, as published with the bed."""
+"""RMS of the best of eleven baselines, each tuned by hand, as published with the benchmark data."""
 MUST = {"p900": 0.44, "p1000": 0.41, "p6000": 0.20, "p20000": 0.13, "out6000": 0.20, "planes600": 2.0}
 CUP_MUST = {"p1000": 1.2, "p6000": 0.40}
 CUP_ORDERS = ("p1000", "p6000", "p20000")
@@ -32,7 +32,7 @@ CUP_ORDERS = ("p1000", "p6000", "p20000")
 def rows(folder: Path) -> Iterator[tuple]:
     from metrics import evaluate
 
-    for (name, key), rival in RIVALS.items():
+    for (name, key), baseline in BASELINES.items():
         data = np.load(folder / f"{name}.npz")
         cup = name == "cup"
         fit = qf.fit(data[key], box=(7, 7, 7) if cup else (5, 5, 5))
@@ -44,7 +44,7 @@ def rows(folder: Path) -> Iterator[tuple]:
             f"{name} {key}",
             f"{found['rms']:.3f}",
             wanted,
-            rival,
+            baseline,
             f"{found['p95']:.2f}",
             f"{found['max']:.2f}",
             fit.model.n_parameters,
@@ -66,7 +66,7 @@ def orders(folder: Path, count: int = 8) -> None:
                 points = np.random.default_rng(seed).permutation(data[key])
                 mesh = qf.fit(points, box=(7, 7, 7)).model.mesh(resolution=64)
                 found.append(float(evaluate(mesh.vertices, mesh.faces, data)["rms"]))
-            yield f"cup {key}", *(f"{which(found):.3f}" for which in (min, np.median, max)), RIVALS["cup", key]
+            yield f"cup {key}", *(f"{which(found):.3f}" for which in (min, np.median, max)), BASELINES["cup", key]
 
     print(f"\n## The cup, RMS over {count} orders of the same points\n")
     table(("cloud", "least", "median", "most", "best baseline"), cells())
@@ -157,13 +157,13 @@ def surface_sample(model: qf.DeformableModel, n: int, seed: int) -> tuple[np.nda
 
 
 def main() -> None:
-    home = bed("surfaces")
+    home = bench_data("surfaces")
     if home is None:
         return
     try:
         import igl  # noqa: F401
     except ImportError:
-        print("skipped: the surfaces bed measures with libigl; pip install 'quadriform[bench]'")
+        print("skipped: the errors of surfaces are measured with libigl; pip install 'quadriform[bench]'")
         return
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else home / "data"
     print("## Closed surfaces, RMS to the clean truth (long axis 100, noise 1)\n")

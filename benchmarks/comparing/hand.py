@@ -1,4 +1,4 @@
-"""Races of what a hand waits for: deformations, meshes, files, the import and the terminal's help."""
+"""Comparisons of what a hand waits for: deformations, meshes, files, the import and the terminal's help."""
 
 import subprocess
 import sys
@@ -11,12 +11,12 @@ import numpy as np
 from common import one_thread
 
 import quadriform as qf
+from comparing import baselines
+from comparing.child import measure
+from comparing.harness import Goal, Missing, Row, against, in_turn, seconds
 from quadriform.files.models import MODEL_SUFFIXES
 from quadriform.heart.synthetic import SyntheticVentricle
 from quadriform.shapes import directions
-from racing import rivals
-from racing.child import measure
-from racing.harness import Goal, Missing, Row, against, in_turn, seconds
 
 
 def ffd(repeats: int, quick: bool) -> Iterator[Row]:
@@ -27,8 +27,8 @@ def ffd(repeats: int, quick: bool) -> Iterator[Row]:
     points = box.origin + queries @ box.edges
     goals = {"splinepy, two threads": Goal(1 / 4, 1 / 10), "PyGeM": Goal(None)}
     makers: dict[str, Callable[[], Callable]] = {
-        "splinepy, two threads": lambda: rivals.splinepy(box.control_points),
-        "PyGeM": lambda: rivals.pygem(
+        "splinepy, two threads": lambda: baselines.splinepy(box.control_points),
+        "PyGeM": lambda: baselines.pygem(
             *(box.local(p.reshape(-1, 3)).reshape(p.shape) for p in (box.control_points, box.rest))
         ),
     }
@@ -40,11 +40,11 @@ def ffd(repeats: int, quick: bool) -> Iterator[Row]:
             missing[name] = str(error)
     laps = in_turn(sides, repeats)
     for name, goal in goals.items():
-        race = f"FFD of {n:,} points / {name}"
+        comparison = f"FFD of {n:,} points / {name}"
         if name in missing:
-            yield Row(race, goal, None, rival=missing[name])
+            yield Row(comparison, goal, None, baseline=missing[name])
         else:
-            yield against(race, goal, laps["ours"], laps[name], name)
+            yield against(comparison, goal, laps["ours"], laps[name], name)
     yield _ffd_memory(points, queries)
 
 
@@ -58,8 +58,8 @@ def _ffd_memory(points: np.ndarray, queries: np.ndarray) -> Row:
                 beyond[job] = f"{measure(job, Path(scratch) / 'input.npy')['beyond']:.3g}"
             except RuntimeError:
                 beyond[job] = "none"
-    race = f"FFD of {len(points):,} points: memory beyond the output"
-    return Row(race, Goal(20, unit="MB"), float(beyond["ffd"]), "", f"splinepy {beyond['splinepy']} MB")
+    comparison = f"FFD of {len(points):,} points: memory beyond the output"
+    return Row(comparison, Goal(20, unit="MB"), float(beyond["ffd"]), "", f"splinepy {beyond['splinepy']} MB")
 
 
 def commands(repeats: int, quick: bool) -> Iterator[Row]:
@@ -90,8 +90,8 @@ def mesh(repeats: int, quick: bool) -> Iterator[Row]:
 
     laps = in_turn({"first call": afresh, "later calls": lambda: model.mesh(resolution=resolution)}, repeats)
     for name, lap in laps.items():
-        race = f"mesh of {len(lap.result.vertices):,} vertices, {name}"
-        yield Row(race, Goal(0.05, unit="s"), lap.median, seconds(lap.median))
+        comparison = f"mesh of {len(lap.result.vertices):,} vertices, {name}"
+        yield Row(comparison, Goal(0.05, unit="s"), lap.median, seconds(lap.median))
 
 
 def sizes(repeats: int, quick: bool) -> Iterator[Row]:

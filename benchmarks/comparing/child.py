@@ -1,4 +1,4 @@
-"""Work in a process of its own, so that memory and threads are its own: python benchmarks/racing/child.py JOB FILE OUT.
+"""Work in a process with its own memory and threads: python benchmarks/comparing/child.py JOB FILE OUT.
 
 Peak memory is the rise of the process's resident high-water mark, which counts what NumPy, BLAS, compiled code and
 Python's own allocator take, over a mark taken when the input is loaded, everything is imported and the same job was
@@ -67,8 +67,8 @@ def ffd_job(points: np.ndarray) -> Callable[[np.ndarray], Any]:
 
 def splinepy_job(points: np.ndarray) -> Callable[[np.ndarray], Any]:
     sys.path.insert(0, str(HERE.parents[1]))
+    from comparing.baselines import splinepy
     from quadriform.heart.synthetic import SyntheticVentricle
-    from racing.rivals import splinepy
 
     return splinepy(SyntheticVentricle().model(0.5).box.control_points)
 

@@ -6,12 +6,12 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-HEADER = ("race", "must", "moonshot", "measured", "ours", "rival", "verdict")
+HEADER = ("comparison", "must", "moonshot", "measured", "ours", "baseline", "verdict")
 UNREACHED, SKIPPED = "MISSED", "skipped"
 
 
 class Missing(Exception):
-    """A rival, a bed or a data set is not there; the message says which and how to get it."""
+    """A baseline or a data set is missing; the message says which and how to get it."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ def in_turn(
 
 @dataclass(frozen=True)
 class Goal:
-    """What a race must reach and what would be splendid; None where nothing was said.
+    """What a comparison must reach and what would be splendid; None where nothing was said.
 
     Attributes:
         must: the bound.
@@ -90,37 +90,43 @@ class Goal:
 
 @dataclass(frozen=True)
 class Row:
-    """One race.
+    """One comparison.
 
     Attributes:
-        race: what was raced.
+        comparison: what was compared.
         goal: by which it is judged.
-        value: measured, in the goal's unit; None when the race was not run.
+        value: measured, in the goal's unit; None when the comparison was not run.
         ours: our side in words.
-        rival: the other side, or why the race was not run.
+        baseline: the other side, or why the comparison was not run.
     """
 
-    race: str
+    comparison: str
     goal: Goal
     value: float | None
     ours: str = ""
-    rival: str = ""
+    baseline: str = ""
 
     @property
     def verdict(self) -> str:
-        """The word for this race."""
+        """The word for this comparison."""
         return SKIPPED if self.value is None else self.goal.verdict(self.value)
 
     def cells(self) -> tuple[str, ...]:
         """As many as `HEADER`."""
         bounds = (self.goal.text(self.goal.must), self.goal.text(self.goal.moonshot))
         measured = "" if self.value is None else f"{self.value:.3g} {self.goal.unit}"
-        return (self.race, *bounds, measured, self.ours, self.rival, self.verdict)
+        return (self.comparison, *bounds, measured, self.ours, self.baseline, self.verdict)
 
 
-def against(race: str, goal: Goal, ours: Lap, rival: Lap, name: str, note: str = "") -> Row:
-    """The row of our time over a rival's."""
-    return Row(race, goal, ours.median / rival.median, seconds(ours.median) + note, f"{name} {seconds(rival.median)}")
+def against(comparison: str, goal: Goal, ours: Lap, baseline: Lap, name: str, note: str = "") -> Row:
+    """The row of our time over a baseline's."""
+    return Row(
+        comparison,
+        goal,
+        ours.median / baseline.median,
+        seconds(ours.median) + note,
+        f"{name} {seconds(baseline.median)}",
+    )
 
 
 def seconds(value: float) -> str:
@@ -134,11 +140,11 @@ Cells = tuple[str, ...]
 def losses(rows: Iterable[Cells]) -> list[str]:
     """One line for each row, by its cells, that missed its goal or was not run."""
     lines = []
-    for race, must, _, measured, _, rival, verdict in rows:
+    for comparison, must, _, measured, _, baseline, verdict in rows:
         if verdict == UNREACHED:
-            lines.append(f"- {race}: {measured}, wanted {must}.")
+            lines.append(f"- {comparison}: {measured}, wanted {must}.")
         elif verdict == SKIPPED:
-            lines.append(f"- {race}: not raced; {rival}.")
+            lines.append(f"- {comparison}: not compared; {baseline}.")
     return lines
 
 

@@ -1,6 +1,6 @@
-"""Races on the same work, both sides in turn in one run, and rate against distortion.
+"""Comparisons on the same work, both sides in turn in one run, and rate against distortion.
 
-python benchmarks/races.py [-o BENCHMARK.md] [--repeats 5] [--only NAME ...] [--quick] [--huge]
+python benchmarks/comparisons.py [-o BENCHMARK.md] [--repeats 5] [--only NAME ...] [--quick] [--huge]
 
 `-o` writes the report; without it the tables are printed alone. With `--only` those rows of an earlier report that are
 not measured again stay as they are. `--quick` runs small sizes once, to see that everything runs: its figures mean
@@ -18,27 +18,27 @@ from pathlib import Path
 
 import rate_distortion
 from common import table
-from racing import fits, hand, rivals
-from racing.harness import HEADER, Cells, Row, losses, replaced, table_of
+from comparing import baselines, fits, hand
+from comparing.harness import HEADER, Cells, Row, losses, replaced, table_of
 
 import quadriform
 
 PACKAGES = ("numpy", "scipy", "open3d", "pycpd", "probreg", "splinepy", "fast-simplification", "trimesh", "libigl")
 
 MEASURED = """\
-Written by `python benchmarks/races.py -o BENCHMARK.md`. Both sides run in turn, A B A B, in one run; figures are
-medians of {repeats} turns (at least 10 for commands; 10^7 points once). `measured` is our time over the rival's unless
-a unit is given. Our own fits in the same process hold BLAS to one thread; rivals have all cores, and rows of their own
-with one thread, which on a busy machine is faster for them too: the harder row counts. Our time includes
-the mesh (24,578 vertices) where a rival returns one. Memory is the rise of the high-water mark of a process of its own,
-input loaded, libraries imported and the same done once before on about 1,000 points; what is returned is
-taken off. The two-threads race sets `OMP_NUM_THREADS` and `OPENBLAS_NUM_THREADS`: the first is also how many threads
-our loops over points and searches of neighbours take.
+Written by `python benchmarks/comparisons.py -o BENCHMARK.md`. Both sides run in turn, A B A B, in one run; figures
+are medians of {repeats} turns (at least 10 for commands; 10^7 points once). `measured` is our time over the
+baseline's unless a unit is given. Our own fits in the same process hold BLAS to one thread; baselines have all
+cores, and rows of their own with one thread, which on a busy machine is faster for them too: the harder row counts.
+Our time includes the mesh (24,578 vertices) where a baseline returns one. Memory is the rise of the high-water mark
+of a process of its own, input loaded, libraries imported and the same done once before on about 1,000 points; what
+is returned is taken off. The two-threads comparison sets `OMP_NUM_THREADS` and `OPENBLAS_NUM_THREADS`: the first is
+also how many threads our loops over points and searches of neighbours take.
 """
 
 
-def races(huge: bool) -> dict[str, Callable[[int, bool], Iterator[Row]]]:
-    """All races by name; each is called with the repeats and whether it should be quick."""
+def comparisons(huge: bool) -> dict[str, Callable[[int, bool], Iterator[Row]]]:
+    """All comparisons by name; each is called with the repeats and whether it should be quick."""
     return {
         "reconstruction": fits.reconstruction,
         "superquadric": fits.superquadric,
@@ -67,7 +67,7 @@ def machine() -> str:
 
 
 def versions() -> str:
-    """Of ourselves, Python and every rival."""
+    """Of ourselves, Python and every baseline."""
     found = [f"quadriform {quadriform.__version__}", f"Python {platform.python_version()}"]
     for name in PACKAGES:
         try:
@@ -88,12 +88,12 @@ def report(rows: list[Cells], rate: list[Cells], before: str, repeats: int) -> s
     """The text of BENCHMARK.md."""
     today = datetime.datetime.now(datetime.UTC).date()
     sections = [
-        f"# Races\n\n{today}. {before}.\n\n{versions()}.",
+        f"# Comparisons\n\n{today}. {before}.\n\n{versions()}.",
         MEASURED.format(repeats=repeats).strip(),
         f"## Results\n\n{markdown(HEADER, rows)}",
-        "## Where we lose\n\nRows that missed their goal, and races that were not run.\n\n"
+        "## Goals that are not reached\n\nRows that missed their goal, and comparisons that were not run.\n\n"
         + ("\n".join(losses(rows)) or "Nowhere in this run."),
-        f"## How each rival was called and tuned\n\n{rivals.HOW.strip()}",
+        f"## How each baseline was called and tuned\n\n{baselines.HOW.strip()}",
         f"## Rate against distortion\n\n{markdown(rate_distortion.HEADER, rate)}"
         "\n\n![Rate against distortion](docs/figures/rate_distortion.png)",
     ]
@@ -104,7 +104,9 @@ def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", "--output", type=Path, help="write the report here")
     parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--only", nargs="+", choices=[*races(False), "rate"], default=[*races(False), "rate"])
+    parser.add_argument(
+        "--only", nargs="+", choices=[*comparisons(False), "rate"], default=[*comparisons(False), "rate"]
+    )
     parser.add_argument("--quick", action="store_true", help="small sizes, once, no report")
     parser.add_argument("--huge", action="store_true", help="10^7 points as well")
     chosen = parser.parse_args()
@@ -119,9 +121,9 @@ def main() -> None:
     rows: list[Cells] = []
 
     def run() -> Iterator[tuple[str, ...]]:
-        for name, race in races(chosen.huge).items():
+        for name, comparison in comparisons(chosen.huge).items():
             if name in chosen.only:
-                for row in race(repeats, chosen.quick):
+                for row in comparison(repeats, chosen.quick):
                     rows.append(row.cells())
                     yield row.cells()
 
@@ -134,7 +136,7 @@ def main() -> None:
             rate_distortion.draw(rate)
         every = replaced(table_of(earlier, "Results"), rows)
         if len(rows) < len(every):
-            before += f". Only these races were run then, the other rows are older: {', '.join(chosen.only)}"
+            before += f". Only these comparisons were run then, the other rows are older: {', '.join(chosen.only)}"
         chosen.output.write_text(report(every, distortion, before, repeats), encoding="utf-8")
 
 

@@ -1,4 +1,4 @@
-"""Races of fits: against other ways to a surface, by size, by threads, and a whole cycle."""
+"""Comparisons of fits: against other ways to a surface, by size, by threads, and a whole cycle."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -8,23 +8,23 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from common import bed, one_thread, rms
+from common import bench_data, one_thread, rms
 from scipy.spatial import cKDTree
 
 import quadriform as qf
+from comparing import baselines
+from comparing.child import measure
+from comparing.harness import Goal, Lap, Missing, Row, against, in_turn, seconds
 from quadriform.heart.synthetic import SyntheticVentricle
-from racing import rivals
-from racing.child import measure
-from racing.harness import Goal, Lap, Missing, Row, against, in_turn, seconds
 
 NOISE = 0.5
 """Of points, mm."""
 SEED = 20261125
-RIVALS: dict[str, Callable[[np.ndarray], rivals.Surface]] = {
-    "Open3D Poisson": rivals.poisson,
-    "Open3D Poisson, depth 5": lambda points: rivals.poisson(points, rivals.COARSE),
-    "pycpd": rivals.pycpd,
-    "probreg": rivals.probreg,
+BASELINES: dict[str, Callable[[np.ndarray], baselines.Surface]] = {
+    "Open3D Poisson": baselines.poisson,
+    "Open3D Poisson, depth 5": lambda points: baselines.poisson(points, baselines.COARSE),
+    "pycpd": baselines.pycpd,
+    "probreg": baselines.probreg,
 }
 ONE = ", one thread"
 GOALS = {
@@ -38,15 +38,15 @@ GOALS = {
 KD_TREE = {1_000: Goal(60, 20), 10_000: Goal(15, 5), 100_000: Goal(8, 3)}
 
 
-def held(rival: Callable[[np.ndarray], rivals.Surface], points: np.ndarray) -> rivals.Surface:
-    """A rival with BLAS and OpenMP held to one thread: on a busy machine that is the faster way for it too."""
+def held(baseline: Callable[[np.ndarray], baselines.Surface], points: np.ndarray) -> baselines.Surface:
+    """A baseline with BLAS and OpenMP held to one thread: on a busy machine that is the faster way for it too."""
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(1):
-        return rival(points)
+        return baseline(points)
 
 
-def ours(points: np.ndarray) -> rivals.Surface:
+def ours(points: np.ndarray) -> baselines.Surface:
     """The whole default fit and its mesh, BLAS held to one thread, as in the tests."""
     with one_thread():
         mesh = qf.fit(points).model.mesh(resolution=64)
@@ -55,9 +55,14 @@ def ours(points: np.ndarray) -> rivals.Surface:
 
 def reconstruction(repeats: int, quick: bool) -> Iterator[Row]:
     """The egg against Poisson and coherent point drift; each row has the errors of both surfaces beside their times."""
-    folder = bed("surfaces")
+    folder = bench_data("surfaces")
     if folder is None:
-        yield Row("whole default fit of the egg", Goal(1.0), None, rival="the bed of closed surfaces is not there")
+        yield Row(
+            "whole default fit of the egg",
+            Goal(1.0),
+            None,
+            baseline="the benchmark data of closed surfaces is not there",
+        )
         return
     data = np.load(folder / "data" / "egg.npz")
     for key in ("p1000",) if quick else ("p6000", "p20000"):
@@ -66,22 +71,22 @@ def reconstruction(repeats: int, quick: bool) -> Iterator[Row]:
 
 def _reconstruction(data: np.lib.npyio.NpzFile, key: str, repeats: int) -> Iterator[Row]:
     points, sides, missing = data[key], {}, {}
-    every = RIVALS | {name + ONE: partial(held, RIVALS[name]) for name, _ in GOALS}
-    for name, rival in every.items():
+    every = BASELINES | {name + ONE: partial(held, BASELINES[name]) for name, _ in GOALS}
+    for name, baseline in every.items():
         try:
-            rival(data["p1000"][::4])  # imports, and says now what is missing
-            sides[name] = rival
+            baseline(data["p1000"][::4])  # imports, and says now what is missing
+            sides[name] = baseline
         except Missing as error:
             missing[name] = str(error)
     laps = in_turn({n: partial(side, points) for n, side in {"ours": ours, **sides}.items()}, repeats)
     for name in every:
-        race = f"whole default fit of egg {key} / {name}"
+        comparison = f"whole default fit of egg {key} / {name}"
         goal = GOALS.get((name.removesuffix(ONE), key), Goal(None))
         if name in missing:
-            yield Row(race, goal, None, rival=missing[name])
+            yield Row(comparison, goal, None, baseline=missing[name])
         else:
-            row = against(race, goal, laps["ours"], laps[name], name, _error(laps["ours"], data))
-            yield Row(race, goal, row.value, row.ours, row.rival + _error(laps[name], data))
+            row = against(comparison, goal, laps["ours"], laps[name], name, _error(laps["ours"], data))
+            yield Row(comparison, goal, row.value, row.ours, row.baseline + _error(laps[name], data))
 
 
 def _error(lap: Lap, data: np.lib.npyio.NpzFile) -> str:
@@ -101,8 +106,8 @@ def superquadric(repeats: int, quick: bool) -> Iterator[Row]:
             sides = {"ours": partial(qf.fit_superquadric, points), "tree": partial(_tree, points)}
             with one_thread():  # threads that wait would count as work
                 laps = in_turn(sides, repeats, time.process_time)
-            race = f"superquadric alone, {n:,} {what}, CPU / k-d tree"
-            yield against(race, goal, laps["ours"], laps["tree"], "scipy cKDTree")
+            comparison = f"superquadric alone, {n:,} {what}, CPU / k-d tree"
+            yield against(comparison, goal, laps["ours"], laps["tree"], "scipy cKDTree")
 
 
 def _of_a_superquadric(n: int) -> np.ndarray:
@@ -135,8 +140,8 @@ def cycle(repeats: int, quick: bool) -> Iterator[Row]:
     }
     with one_thread():
         laps = in_turn(sides, repeats)
-    race = f"{n_frames} frames, two surfaces of 400 points, whole cycle / single fits"
-    yield against(race, Goal(2.0, 1.0), laps["cycle"], laps["fits"], "single fits")
+    comparison = f"{n_frames} frames, two surfaces of 400 points, whole cycle / single fits"
+    yield against(comparison, Goal(2.0, 1.0), laps["cycle"], laps["fits"], "single fits")
 
 
 def by_size(repeats: int, quick: bool, huge: bool) -> Iterator[Row]:
@@ -160,7 +165,7 @@ def by_size(repeats: int, quick: bool, huge: bool) -> Iterator[Row]:
             )
         yield from _same_surface(folder, list(runs))
     if not huge and not quick:
-        yield Row("fit of 10,000,000 points", Goal(100, unit="MB"), None, rival="only with --huge")
+        yield Row("fit of 10,000,000 points", Goal(100, unit="MB"), None, baseline="only with --huge")
 
 
 def _runs(folder: Path, sizes: list[int], repeats: int) -> dict[int, list[dict[str, float]]]:
@@ -206,5 +211,5 @@ def threads(repeats: int, quick: bool) -> Iterator[Row]:
             for count in found:
                 found[count].append(measure("fit", path, count)["seconds"])
     one, two = (float(np.median(found[count])) for count in (1, 2))
-    race = f"two threads (OMP_NUM_THREADS) against one, fit of {n:,} points"
-    yield Row(race, Goal(1.6, 1.9, at_least=True), one / two, f"two: {seconds(two)}", f"one: {seconds(one)}")
+    comparison = f"two threads (OMP_NUM_THREADS) against one, fit of {n:,} points"
+    yield Row(comparison, Goal(1.6, 1.9, at_least=True), one / two, f"two: {seconds(two)}", f"one: {seconds(one)}")

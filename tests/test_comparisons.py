@@ -1,4 +1,4 @@
-"""The races' own arithmetic, with a clock that does as it is told; nothing here depends on time."""
+"""The comparisons' own arithmetic, with a clock that does as it is told; nothing here depends on time."""
 
 import importlib
 from pathlib import Path
@@ -11,7 +11,7 @@ BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 @pytest.fixture
 def harness(monkeypatch):
     monkeypatch.syspath_prepend(BENCHMARKS)
-    return importlib.import_module("racing.harness")
+    return importlib.import_module("comparing.harness")
 
 
 class Clock:
@@ -44,10 +44,10 @@ def test_sides_run_in_turn_and_medians_are_theirs(harness):
 
 
 def test_the_ratio_is_our_median_over_the_rivals(harness):
-    ours, rival = harness.Lap((1.0, 3.0, 2.0), None), harness.Lap((8.0, 8.0, 1.0), None)
-    row = harness.against("race", harness.Goal(0.3, 0.2), ours, rival, "them")
+    ours, baseline = harness.Lap((1.0, 3.0, 2.0), None), harness.Lap((8.0, 8.0, 1.0), None)
+    row = harness.against("comparison", harness.Goal(0.3, 0.2), ours, baseline, "them")
     assert row.value == 0.25
-    assert row.cells() == ("race", "<= 0.3 x", "<= 0.2 x", "0.25 x", "2 s", "them 8 s", "reached")
+    assert row.cells() == ("comparison", "<= 0.3 x", "<= 0.2 x", "0.25 x", "2 s", "them 8 s", "reached")
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,7 @@ def test_the_ratio_is_our_median_over_the_rivals(harness):
     ],
 )
 def test_rows_are_judged_by_their_goal(harness, value, must, moonshot, at_least, verdict):
-    assert harness.Row("race", harness.Goal(must, moonshot, at_least=at_least), value).verdict == verdict
+    assert harness.Row("comparison", harness.Goal(must, moonshot, at_least=at_least), value).verdict == verdict
 
 
 def test_losses_are_the_rows_that_missed_or_did_not_run(harness):
@@ -73,18 +73,19 @@ def test_losses_are_the_rows_that_missed_or_did_not_run(harness):
     rows = [
         harness.Row("won", goal, 0.5),
         harness.Row("lost", goal, 1.5),
-        harness.Row("absent", goal, None, rival="no wheel"),
+        harness.Row("absent", goal, None, baseline="no wheel"),
         harness.Row("only shown", harness.Goal(None), 9.0),
     ]
     assert harness.losses(row.cells() for row in rows) == [
         "- lost: 1.5 x, wanted <= 1 x.",
-        "- absent: not raced; no wheel.",
+        "- absent: not compared; no wheel.",
     ]
 
 
 def test_rows_that_were_measured_again_take_their_places(harness):
-    header = "\n".join(["## Results", "", "| race | verdict |", "| --- | --- |"])
-    text = f"# Races\n\n{header}\n| one | MISSED |\n| two |  |\n\n## Where we lose\n\n- one\n\n| no | table |\n"
+    header = "\n".join(["## Results", "", "| comparison | verdict |", "| --- | --- |"])
+    rows = "| one | MISSED |\n| two |  |\n\n## Goals that are not reached\n\n- one\n\n| no | table |\n"
+    text = f"# Comparisons\n\n{header}\n{rows}"
     earlier = harness.table_of(text, "Results")
     assert earlier == [("one", "MISSED"), ("two", "")]
     assert harness.table_of(text, "Rate") == []

@@ -1,4 +1,4 @@
-"""How each rival is called, tuned by hand to the errors of the bed of closed surfaces; imported when it races only.
+"""How each baseline is called, tuned by hand to the errors of the closed surfaces; each is imported where it is used.
 
 `HOW` is printed with the tables.
 """
@@ -12,7 +12,7 @@ from types import ModuleType
 import numpy as np
 import trimesh
 
-from racing.harness import Missing
+from comparing.harness import Missing
 
 Surface = tuple[np.ndarray, np.ndarray]
 
@@ -23,7 +23,7 @@ PYCPD_HOLD, PROBREG_HOLD = 0.5, 0.1
 HOW = f"""\
 - Open3D: `estimate_normals` of {NEIGHBOURS} neighbours, `orient_normals_consistent_tangent_plane(15)` and
   `create_from_point_cloud_poisson(depth={DEPTH})`, all inside the timed part, all cores. Depth 7 is slower and open
-  at 20,000 points, depth 8 at 6,000 too. The goals refer to depth {DEPTH} (37,854 numbers, as in the bed);
+  at 20,000 points, depth 8 at 6,000 too. The goals refer to depth {DEPTH} (37,854 numbers, as in the benchmark data);
   depth {COARSE} is faster, and nearer on the noisy egg, so it has rows of its own, without a goal.
 - pycpd and probreg: non-rigid CPD of an ellipsoid of 642 vertices, laid by the cloud's second moments, lengths in
   RMS radii; beta {CPD_WIDTH}, alpha {PYCPD_HOLD} (pycpd) and {PROBREG_HOLD} (probreg), at most {CPD_STEPS} steps,
@@ -31,7 +31,7 @@ HOW = f"""\
 - splinepy: `Bezier(degrees=[4, 4, 4]).evaluate(queries, nthreads=2)`; its queries are box coordinates, made outside
   the timed part; ours are world points.
 - PyGeM: `FFD([5, 5, 5])` at the same box coordinates. It is on no package index (there `pygem` is about glaciers):
-  `pip install git+https://github.com/mathLab/PyGeM` first, or its race is skipped.
+  `pip install git+https://github.com/mathLab/PyGeM` first, or its comparison is skipped.
 - scipy: `cKDTree(points).query(points)`, one worker.
 - Spherical harmonics: radius about the centroid, real harmonics, plain least squares; 3 numbers for the centre.
 - Decimated meshes: the Poisson mesh's largest part, `fast_simplification.simplify` to a number of faces; 3 numbers a
@@ -40,7 +40,7 @@ HOW = f"""\
 
 
 def load(name: str, hint: str = "pip install 'quadriform[bench]'") -> ModuleType:
-    """Import a rival.
+    """Import a baseline.
 
     Raises:
         Missing: it is not installed.

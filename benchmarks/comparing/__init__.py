@@ -1,0 +1,1 @@
+"""Comparisons against baselines on the same work, for `benchmarks/comparisons.py`."""

@@ -1,1 +1,0 @@
-"""Races against rivals on the same work, for `benchmarks/races.py`."""
