@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from heart_made import SHARE, TIMES
+from heart_truth import true_measures, true_volume
 
 from quadriform.errors import OptionError, OutputError
 from quadriform.fitting.fit import refine
 from quadriform.heart.measure import measure
 from quadriform.heart.measures_table import write_measures
 from quadriform.heart.synthetic import CENTRE, ROTATION
-from quadriform.heart.synthetic_truth import true_measures, true_volume
 from quadriform.motion.tracking import track
 
 OBSERVED = (

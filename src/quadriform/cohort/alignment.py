@@ -204,6 +204,7 @@ def reference_of(
 def _same_orientation(models: Sequence[DeformableModel]) -> bool:
     """Whether models have one orientation in the world; balls have, for nothing contradicts it."""
     name = next(iter(models[0].surfaces))
+    # if orientations are random, deviations from a ball cancel in the mean
     each = np.array([ellipsoid_matrix(model.surfaces[name]) for model in models])
     mean = each.mean(axis=0)
     deviation = np.mean([_deviation(one) for one in each])
@@ -239,6 +240,7 @@ def _mean_reference(
         each = np.array([r @ ellipsoid_matrix(m.surfaces[name]) @ r.T for m, r in zip(models, rotations)])
         mean = each.mean(axis=0)
         least = WEAK * float(np.trace(mean)) / 3
+        # principal axes of the mean, near those of the first model so that their order is kept
         axes = _rotation_to(np.diag(first.semi_axes), mean, rotations[0] @ first.rotation, least)
         lengths = np.einsum("ji,njk,ki->ni", axes, each, axes)
         uncertainties.append(max(least, float(lengths.std(axis=0).max())))

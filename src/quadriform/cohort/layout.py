@@ -95,6 +95,7 @@ def _planned(manifest: Manifest, space: str | None, parts: int) -> Layout:
     first = next(_summaries(manifest), None)
     if first is None:
         raise InputError(f"{quoted(manifest.path)}: no subject has files that can be read; paths are relative to it")
+    # the shape of the arrays is fixed before the first subject is fitted
     frames = max(each.frames for each in _summaries(manifest))
     block = max(1, min(LARGEST_BLOCK, -(-manifest.subjects // parts)))
     chunk = max(count for count in range(1, CHUNK + 1) if block % count == 0)  # Zarr: a shard has whole chunks

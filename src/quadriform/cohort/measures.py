@@ -73,6 +73,7 @@ def _of_the_heart(models: Sequence[DeformableModel], times: Array) -> list[Measu
         found = measure(models, times)
     except QuadriformError:
         return []
+    # values that are determined by the prior only would look like differences between subjects
     rows = [Measure(row.quantity, None, row.value, row.unit) for row in found.rows if row.observed]
     rows += _warning_rows({kind: text for kind, text in found.own_warnings.items() if kind in OF_SUBJECTS})
     return [row for row in rows if np.isfinite(row.value)]

@@ -70,7 +70,7 @@ def write_modes(results: Path, layout: Layout) -> Modes | None:
 def _shown(found: "ShapeModes", subjects: int) -> Modes:
     count = len(found.deviations)
     mean = found.mean
-    ends = found.reconstruct(np.eye(count))
+    ends = found.reconstruct(np.eye(count))  # one standard deviation along each mode
     moved = np.array([end.box.control_points - mean.box.control_points for end in ends])
     return Modes(mean, moved, found.deviations, found.variance_ratios, subjects)
 

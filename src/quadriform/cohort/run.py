@@ -98,6 +98,33 @@ def run(
         QuadriformError: the list is faulty or the results cannot be written; subjects that fail raise nothing.
     """
     begin = time.perf_counter()
+    listed, layout, blocks = _prepared(manifest, results, choices)
+    tasks = _tasks(listed, results, layout, blocks, choices)
+    total = sum(len(layout.members(block)) for block in blocks)
+    counts: Counter[str] = Counter()
+    warned: Counter[tuple[str, ...]] = Counter()
+    try:
+        with engine() as pool:
+            for outcome in _stored(results, layout, _outcomes(tasks, pool)):
+                counts[outcome.how] += 1
+                warned[kinds_of(outcome.measures)] += 1
+                report(outcome, counts.total(), total)
+    except BrokenExecutor as error:
+        raise OutputError(f"the workers are gone: {error}; results are kept, run again with --resume") from error
+    failed = failures.gather(results)
+    complete = len(stores.parts(results)) == layout.blocks
+    if complete:
+        write_page(results, layout, write_modes(results, layout))
+    kinds: Counter[str] = Counter()
+    for each, times in warned.items():
+        kinds.update(dict.fromkeys(each, times))
+    # the outcomes without warnings, failed subjects included, have an empty tuple of kinds
+    duration = time.perf_counter() - begin
+    return Summary(total, counts, complete, failed, total - warned[()], kinds, duration, layout)
+
+
+def _prepared(manifest: Path, results: Path, choices: Choices) -> tuple[Manifest, Layout, range]:
+    """The checked list, the layout of the results, and the blocks of this run; the store exists afterwards."""
     for library in ("zarr", "pyarrow", "sklearn"):
         stores.require_library(library)
     listed = read_manifest(manifest, choices.options)
@@ -108,29 +135,7 @@ def run(
     if not (choices.resume or choices.force):
         _refuse_done(results, listed, layout, blocks)
     stores.make_store(results, layout)
-    tasks = _tasks(listed, results, layout, blocks, choices)
-    total = sum(len(layout.members(block)) for block in blocks)
-    counts: Counter[str] = Counter()
-    warned: Counter[tuple[str, ...]] = Counter()
-    try:
-        with engine() as started:
-            for outcome in _stored(results, layout, _outcomes(tasks, started)):
-                counts[outcome.how] += 1
-                warned[kinds_of(outcome.measures)] += 1
-                report(outcome, counts.total(), total)
-    except BrokenExecutor as error:
-        raise OutputError(
-            f"the workers are gone: {error}; finished results are kept, run again with --resume"
-        ) from error
-    failed = failures.gather(results)
-    complete = len(stores.parts(results)) == layout.blocks
-    if complete:
-        write_page(results, layout, write_modes(results, layout))
-    kinds: Counter[str] = Counter()
-    for each, times in warned.items():
-        kinds.update(dict.fromkeys(each, times))
-    seconds = time.perf_counter() - begin
-    return Summary(total, counts, complete, failed, total - warned[()], kinds, seconds, layout)
+    return listed, layout, blocks
 
 
 def _tasks(listed: Manifest, results: Path, layout: Layout, blocks: range, choices: Choices) -> Iterator[Task]:

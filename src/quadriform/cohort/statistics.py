@@ -155,6 +155,7 @@ class ShapeModes:
     def reconstruct(self, scores: Array) -> list[DeformableModel]:
         """Return models of scores (n, k) along the first k modes."""
         given = np.atleast_2d(scores)
+        # a score is in standard deviations of its mode
         along = (given * self.deviations[: given.shape[1]]) @ self.pca.components_[: given.shape[1]]
         return self.shapes.inverse_transform(self.pca.mean_ + along)
 
@@ -173,6 +174,7 @@ def shape_modes(shapes: Sequence[Shape], modes: int | None = None, box: tuple[in
     """
     if len(shapes) < 2:
         raise InputError(f"shapes: expected two or more to have modes, found {len(shapes)}")
+    # n shapes span n - 1 modes about their mean
     most = min(len(shapes) - 1, 3 * int(np.prod(check_box(box))))
     count = most if modes is None else modes
     if not 1 <= count <= most:

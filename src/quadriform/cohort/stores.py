@@ -10,7 +10,7 @@ import shutil
 import tempfile
 import threading
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -84,6 +84,17 @@ def _create(path: Path, layout: Layout) -> None:
 
     root = zarr.create_group(path, zarr_format=3)
     root.attrs.update({"software": f"quadriform {__version__}", "frame": layout.space, "units": layout.unit})
+    _add_arrays(root, layout)
+    for dim, names in (("surface", layout.surfaces), ("parameter", SUPERQUADRIC), ("axis", AXES), ("side", SIDES)):
+        array = root.create_array(dim, shape=(len(names),), dtype="string", dimension_names=(dim,), compressors=None)
+        array[:] = np.array(names, dtype=np.dtypes.StringDType())
+    # consolidated metadata is not in Zarr 3's standard; xarray uses it
+    with WARNINGS_LOCK, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        zarr.consolidate_metadata(path)
+
+
+def _add_arrays(root: "zarr.Group", layout: Layout) -> None:
     sizes = {"subject": layout.subjects, "frame": layout.frames, "surface": len(layout.surfaces)}
     sizes |= dict(zip("ijk", layout.box)) | {"parameter": len(SUPERQUADRIC), "axis": 3, "side": 3}
     length = {"units": layout.unit, "frame": layout.space}
@@ -94,38 +105,20 @@ def _create(path: Path, layout: Layout) -> None:
         ("origin", ("subject", "frame", "axis"), length),
         ("edges", ("subject", "frame", "side", "axis"), length),
         ("time", ("subject", "frame"), {}),
+        ("subject", ("subject",), {}),
     ):
-        _add(root, name, dims, sizes, layout, "float64", np.nan, attributes)
-    _add(root, "subject", ("subject",), sizes, layout, "string", "", {})
-    for dim, names in (("surface", layout.surfaces), ("parameter", SUPERQUADRIC), ("axis", AXES), ("side", SIDES)):
-        array = root.create_array(dim, shape=(len(names),), dtype="string", dimension_names=(dim,), compressors=None)
-        array[:] = np.array(names, dtype=np.dtypes.StringDType())
-    with WARNINGS_LOCK, warnings.catch_warnings():  # consolidated metadata is not in Zarr 3's standard; xarray uses it
-        warnings.simplefilter("ignore")
-        zarr.consolidate_metadata(path)
-
-
-def _add(
-    root: "zarr.Group",
-    name: str,
-    dims: Sequence[str],
-    sizes: Mapping[str, int],
-    layout: Layout,
-    dtype: str,
-    fill: Any,
-    attributes: Mapping[str, str],
-) -> None:
-    rest = tuple(sizes[dim] for dim in dims[1:])
-    root.create_array(
-        name,
-        shape=(layout.subjects, *rest),
-        dtype=dtype,
-        chunks=(layout.chunk, *rest),
-        shards=(layout.block, *rest),
-        dimension_names=tuple(dims),
-        fill_value=fill,
-        attributes=dict(attributes),
-    )
+        inner = tuple(sizes[dim] for dim in dims[1:])
+        text = name == "subject"
+        root.create_array(
+            name,
+            shape=(layout.subjects, *inner),
+            dtype="string" if text else "float64",
+            chunks=(layout.chunk, *inner),
+            shards=(layout.block, *inner),  # a shard is a file: one for each block, so that blocks are written alone
+            dimension_names=dims,
+            fill_value="" if text else np.nan,
+            attributes=dict(attributes),
+        )
 
 
 def write_parameters(results: Path, layout: Layout, block: int, outcomes: Sequence[Outcome]) -> None:
@@ -149,6 +142,7 @@ def write_parameters(results: Path, layout: Layout, block: int, outcomes: Sequen
         root["subject"][where] = np.array([each.id for each in outcomes], dtype=np.dtypes.StringDType())  # type: ignore[index]
         for name in Parameters.__dataclass_fields__:
             array: Any = root[name]
+            # subjects have different numbers of frames, and some have no result
             values = np.full((len(members), *array.shape[1:]), np.nan)
             for at, each in enumerate(outcomes):
                 if each.parameters is not None:
@@ -223,6 +217,7 @@ def _table(outcomes: Sequence[Outcome]) -> "pyarrow.Table":
     import pyarrow as pa
 
     rows = [(each.id, m) for each in outcomes for m in each.measures]
+    # few different texts: a dictionary is a hundredth of the size
     return pa.table(
         {
             "subject": pa.array([name for name, _ in rows], pa.string()),

@@ -183,7 +183,7 @@ def _work(task: Task) -> Outcome:
 
 def _fitted_or_tracked(frames: FrameSeries, task: Task) -> tuple[AnyModel, tuple[Measure, ...]]:
     options = {name: value for name, value in task.row.options if name not in READING}
-    several = len(frames.clouds) > 1
+    several = len(frames.clouds) > 1  # one frame is fitted, several are tracked
     for name in ONE_FRAME if several else SEVERAL_FRAMES:
         options.pop(name, None)  # an option of the cohort that does not apply to this subject
     return (_tracked if several else _fitted)(frames, task, options)

@@ -67,6 +67,7 @@ def cavity_ends(model: DeformableModel, cavity: str, warnings: Warnings) -> Arra
         warnings: APEX_AMBIGUOUS is added when both quarters have the same volume to 5 %.
     """
     superquadric = model.superquadric(cavity)
+    # the deformed longest semi-axis runs from apex to base
     longest = int(superquadric.semi_axes.argmax())
     end = superquadric.project(superquadric.translation + superquadric.rotation[:, longest][None])[0]
     ends = np.stack([2 * superquadric.translation - end, end])
@@ -92,5 +93,6 @@ def axis_to_base_plane(model: DeformableModel, cavity: str, plane: BasePlane) ->
     centre = section_centre(mesh, plane)
     if centre is None:
         raise OptionError("option base: the plane does not meet the cavity, so it has no middle of the base")
+    # the apex is below the base: vertices above it have distance 0
     distances = np.where(plane.heights(mesh.vertices) < 0, np.linalg.norm(mesh.vertices - centre, axis=1), 0.0)
     return LongAxis(mesh.vertices[distances.argmax()], centre)

@@ -51,6 +51,7 @@ def superquadric_axis(frames: HeartCycle, number: int, warnings: Warnings) -> Lo
 
 def _cuts(frames: HeartCycle, number: int, plane: BasePlane) -> bool:
     """Whether the plane meets the cavity; refuses one that leaves nothing."""
+    # a plane on the wrong side, or with the wrong direction, leaves nothing
     mesh = frames.models[number].mesh(frames.cavity)
     if volume_below(mesh, plane) <= EMPTY * mesh.volume():
         raise OptionError(
@@ -68,5 +69,6 @@ def long_axis(frames: HeartCycle, number: int, rule: BaseRule, plane: BasePlane 
     """
     if plane is not None and rule.fraction is None and _cuts(frames, number, plane):
         return axis_to_base_plane(frames.models[number], frames.cavity, plane)
+    # a base that misses the cavity determines no axis
     axis = superquadric_axis(frames, number, warnings)
     return axis if rule.fraction is None else LongAxis(axis.apex, axis.plane(rule.fraction).point)

@@ -31,6 +31,7 @@ def _fraction_below(segments: Array, base: BasePlane | None) -> Array:
     """The fraction (m,) of each segment that lies below the base."""
     if base is None:
         return np.ones(segments.shape[1])
+    # heights along a segment are linear
     low, high = np.sort([base.heights(ends) for ends in segments], axis=0)
     return np.clip(-low / np.maximum(high - low, 1e-300), 0, 1)
 

@@ -37,6 +37,11 @@ class HeartCycle:
     millimetres: float
     warnings: Warnings
 
+    @property
+    def ml(self) -> float:
+        """Millilitres of a cubed unit of length."""
+        return self.millimetres**3 / 1000
+
 
 def check_cycle(models: Sequence[DeformableModel] | DeformableModel, times: ArrayLike | None) -> HeartCycle:
     """Return the models as one cycle.
@@ -64,6 +69,7 @@ def check_cycle(models: Sequence[DeformableModel] | DeformableModel, times: Arra
         warnings[WarningKind.UNKNOWN_UNIT] = "the models have no unit of length; taken as mm"
     if len(given) == 1:
         warnings[WarningKind.ONE_FRAME] = "one frame: no ejection fraction, thickening, twist or strain"
+    # a control point moves the same tissue in all frames only if undeformed boxes and superquadrics agree
     material = all(_same_undeformed(first, model) for model in given)
     if not material:
         warnings[WarningKind.SEPARATE_FRAMES] = (
@@ -75,6 +81,7 @@ def check_cycle(models: Sequence[DeformableModel] | DeformableModel, times: Arra
 
 
 def _names(model: DeformableModel, warnings: Warnings) -> tuple[str, str | None]:
+    # one surface of any name but "epi" is taken for the cavity
     names = list(model.surfaces)
     cavity = "endo" if "endo" in names else names[0] if len(names) == 1 and names != ["epi"] else None
     if cavity is None:

@@ -19,6 +19,8 @@ from quadriform.points import Array
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.record import together
 
+CONTOURS = "change of length from ED to ES per length, of the endocardial contours in long-axis planes"
+
 
 def measure(
     models: Sequence[DeformableModel] | DeformableModel,
@@ -52,16 +54,17 @@ def measure(
     rule = base_rule(base, len(frames.models))
     warnings = dict(frames.warnings)
     planes = base_planes(frames, rule, warnings)
-    to_ml = frames.millimetres**3 / 1000
     pairs = zip(frames.models, planes)
-    volumes = to_ml * np.array([volume(model, frames.cavity, plane) for model, plane in pairs])
+    volumes = frames.ml * np.array([volume(model, frames.cavity, plane) for model, plane in pairs])
     start, end = _ends(volumes, ed)
     rows = _volume_rows(frames, rule, planes, volumes, start, end)
     curves = {"cavity volume": volumes}
     if end is not None:
+        # of the endocardium as cine long-axis views show it: no material points are needed
         length = _contours(frames, rule, planes, warnings)
         curves["longitudinal strain"] = 100 * (length / length[start] - 1)
-        rows.append(_longitudinal(curves["longitudinal strain"][end], rule))
+        how = f"{CONTOURS}, {rule.description}"
+        rows.append(Row("longitudinal strain", float(curves["longitudinal strain"][end]), "%", how))
     if frames.wall is not None:
         axis = long_axis(frames, start, rule, planes[start], warnings)
         inserts = _inserts_at(rv_inserts, start, len(frames.models))
@@ -104,29 +107,23 @@ def _contours(frames: HeartCycle, rule: BaseRule, planes: Planes, warnings: Warn
     return np.array(lengths)
 
 
-def _longitudinal(value: float, rule: BaseRule) -> Row:
-    """Global longitudinal strain of the contours in long-axis planes."""
-    how = "change of length from ED to ES per length, of the endocardial contours in long-axis planes"
-    return Row("longitudinal strain", float(value), "%", f"{how}, {rule.description}")
-
-
 def _volume_rows(
     frames: HeartCycle, rule: BaseRule, planes: Planes, volumes: Array, ed: int, es: int | None
 ) -> list[Row]:
-    to_ml = frames.millimetres**3 / 1000
     diastole = f"frame {ed} at {frames.times[ed]:g}"
     rows = [Row("end-diastolic volume", float(volumes[ed]), "ml", f"{diastole}, {rule.description}")]
     if es is not None:
         rows += _function(volumes[[ed, es]], f"frames {ed} and {es}, {rule.description}", "")
     if planes[ed] is not None:
         parts = [frames.models[number] for number in (ed, es) if number is not None]
-        closed = to_ml * np.array([volume(model, frames.cavity, None) for model in parts])
+        closed = frames.ml * np.array([volume(model, frames.cavity, None) for model in parts])
         words = "whole closed surface, beside the one below the base"
         rows.append(Row("end-diastolic volume, closed", float(closed[0]), "ml", f"{diastole}, {words}"))
         if es is not None:
             rows += _function(closed, f"frames {ed} and {es}, {words}", ", closed")
     if frames.wall is not None:
-        outer = to_ml * volume(frames.models[ed], frames.wall, planes[ed])
+        # muscle is the volume between endocardium and epicardium
+        outer = frames.ml * volume(frames.models[ed], frames.wall, planes[ed])
         how = f"{DENSITY:g} g/ml times the volume between the surfaces, {diastole}, {rule.description}"
         rows.append(Row("myocardial mass", DENSITY * float(outer - volumes[ed]), "g", how))
     return rows

@@ -103,6 +103,7 @@ class SyntheticVentricle:
         """Return the exact model at a time, with a box of 5 x 5 x 5 control points."""
         surfaces = {name: self.surface(name) for name in ("epi", "endo")}
         box = ControlBox.around(surfaces["epi"], BOX)
+        # 125 conditions at the undeformed nodes determine a polynomial of degree 4 along each axis
         nodes = box.rest.reshape(-1, 3)
         points = np.asarray(np.linalg.solve(box.matrix(nodes), self.positions(nodes, time)), dtype=np.float64)
         return DeformableModel(surfaces, box.with_control_points(points), "LPS", "mm")

@@ -83,6 +83,7 @@ class Slices:
         upright = _shortest_rotation(moved.direction, self.axis.direction)
         angles, radii = [], []
         for origins in self.origins:
+            # slices rotate about their own centroids: a shift of the heart is no twist
             before = self.axis.across(_centred(self.reference.deform(origins)))
             after = self.axis.across(_centred(box.deform(origins)) @ upright.T)
             angles.append(_angle_between(before, after, -self.axis.direction))
@@ -94,6 +95,7 @@ class Slices:
 def _crossings(origins: Array, heights: Array, edges: Array) -> Array:
     """Points (m, 3) where edges cross the height 0; inner edges of the mesh occur twice, which changes no mean."""
     first, second = heights[edges[:, 0]], heights[edges[:, 1]]
+    # linear interpolation of the height along each edge
     cut = (first > 0) != (second > 0)
     fraction = (first / np.where(cut, first - second, 1.0))[cut, None]
     low, high = origins[edges[cut, 0]], origins[edges[cut, 1]]

@@ -83,12 +83,14 @@ class Wall:
 
     def thickness(self, box: ControlBox) -> Array:
         """Return the length (n,) of each line after deformation: wall thickness along the volumetric map."""
+        # length of the deformed line: integral of |J d| over depth, d the undeformed line
         across = (self.stop - self.start)[:, None] * self.rays
         speeds = [np.einsum("nij,nj->ni", box.jacobian(self.at(depth)), across) for depth in NODES]
         return np.einsum("k,kn->n", WEIGHTS, np.linalg.norm(speeds, axis=2))
 
     def volumes(self, box: ControlBox) -> Array:
         """Return the deformed volume (n, 4) about each Gauss point; their sum is the volume of the wall."""
+        # volume element of a cone of rays, s^2 ds, times the determinant of the deformation
         span = self.stop - self.start
         columns = []
         for depth, weight in zip(NODES, WEIGHTS):
@@ -99,6 +101,7 @@ class Wall:
 
 def _solid_angle(directions: Array, quads: Faces) -> Array:
     """Solid angle (n,) around each direction: a quarter of each quad it is a corner of."""
+    # each quad as two triangles on the unit sphere
     angle = np.zeros(len(directions))
     for corners in ((0, 1, 2), (0, 2, 3)):
         triangle = solid_angles(*(directions[quads[:, k]] for k in corners))

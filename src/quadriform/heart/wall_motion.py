@@ -71,10 +71,10 @@ class MovingWall:
 
     def mean(self, values: Array, fractions: Array | NDArray[np.bool_]) -> Array:
         """Return the mean of values (n, 4, ...) over the fractions (n, 4) or (n, 1) of the volume of the wall."""
-        weights = self.volumes * fractions
+        weights = self.volumes * fractions  # of end diastole, so that all frames average the same tissue
         return np.tensordot(weights, values, 2) / weights.sum()
 
     def between_slices(self) -> Array:
         """Return the fraction (n, 4) of the wall between the apical and the basal slice at end diastole."""
         low, high = (self.fraction_below(self.axis.plane(level)) for level in LEVELS)
-        return high - low
+        return high - low  # cells that a level cuts count in part

@@ -61,6 +61,7 @@ def wall_rows(
     wall = _wall(model.surfaces["endo"], model.surfaces["epi"], warnings)
     moving = MovingWall.at(wall, model.box, axis, plane)
     parts = {"": np.ones(len(wall.rays), dtype=bool)} | _segments(frames, moving, ed, rv_inserts, warnings)
+    # thickening, strain and twist need material points: the same undeformed space in both frames
     contraction, rows, curves = None, [], {}
     if es is not None and frames.material:
         later = frames.models[es].box
@@ -84,7 +85,7 @@ def _segments(
     frames: HeartCycle, moving: MovingWall, ed: int, rv_inserts: ArrayLike | None, warnings: Warnings
 ) -> dict[str, NDArray[np.bool_]]:
     """The lines (n,) of each segment; segments without wall are left out."""
-    if rv_inserts is None:
+    if rv_inserts is None:  # nothing in a ventricle of revolution determines where the septum is
         segments = AhaSegmentation.unanchored(moving.axis, frames.models[ed].surfaces["endo"])
         warnings[WarningKind.UNANCHORED] = (
             "without RV insertion points the segments start at an arbitrary angle: their rings are right, their names "
@@ -108,6 +109,7 @@ def _part_rows(
     observed: bool,
 ) -> list[Row]:
     """Thickness, and with a contraction thickening and strain, of a part of the wall."""
+    # lines represent different areas of the wall
     weights = moving.areas * lines
     before = float(weights @ moving.thickness / weights.sum()) * frames.millimetres
     rows = [Row(f"{part}wall thickness, end diastole", before, "mm", ALONG_MAP)]
@@ -135,6 +137,7 @@ def _strain_rows(moving: MovingWall, strain: Array, part: str, where: NDArray[np
     how = f"{prefix}change of length from ED to ES per length, from the gradient, mean over the volume of the wall"
     rows = [Row(f"{part}circumferential strain", around, "%", how, observed)]
     how = f"{prefix}(F'F - I) / 2 from ED to ES, mean over the volume of the wall"
+    # the tensor is averaged along local axes, so that components keep their directions
     green = np.diagonal(moving.mean(strain, where))
     return rows + [
         Row(f"{part}Green strain, {name}", float(value), "1", how, observed) for name, value in zip(DIRECTIONS, green)
@@ -146,6 +149,7 @@ def _twist_rows(frames: HeartCycle, moving: MovingWall, later: ControlBox, strai
     twist = moving.slices.twist(later)
     shear = moving.mean(strain[..., 1, 2], moving.between_slices())
     levels = f"at {LEVELS[0]:g} and {LEVELS[1]:g} of the long axis, counter-clockwise from the apex; {SOURCE}"
+    # Young and Cowan: torsion is comparable between hearts only per length, or as a shear
     per_mm = twist.angle_per_length / frames.millimetres
     found = [
         ("twist angle", twist.angle, "deg", f"rotation of the apical minus the basal slice, {levels}"),

@@ -36,7 +36,7 @@ def blood_pool(
     """
     check_steps(opening, "opening")
     inner = slices(check_region(region, volume.values.shape))
-    axis = int(volume.spacing.argmax())
+    axis = int(volume.spacing.argmax())  # slices of a short-axis stack are thicker than pixels
     mask = np.zeros(volume.values.shape, dtype=bool)
     mask[inner] = _each_slice(volume.values[inner], axis, lambda image: _opened(_bright(image), opening))
     found = segment(replace(volume, values=mask), select=0.5, region=region, component=seed)

@@ -26,7 +26,7 @@ SERIES_TAG = 0x0020000E
 """Of SeriesInstanceUID."""
 PIXELS = (0x7FE00008, 0x7FE00009, 0x7FE00010)
 UNDEFINED = 0xFFFFFFFF
-"""The length of an element that ends with a delimiter (PS3.5, 7.1.1)."""
+"""The length of an element that ends with a delimiter (PS3.5, 7.1)."""
 IMAGES = ("Image Storage", "Segmentation Storage", "RT Dose Storage", "Parametric Map Storage")
 HINTS = {
     "RT Structure Set Storage": "; its contours are not read: write them as a mask or a DICOM segmentation first",

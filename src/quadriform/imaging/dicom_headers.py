@@ -8,17 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from quadriform.errors import AffineError, FileFormatError, MaskError
+from quadriform.imaging import dicom_values
 from quadriform.imaging.dicom_planes import ImagePlane
 from quadriform.imaging.dicom_spacing import pixel_steps, reconstructed_slice_step
-from quadriform.imaging.dicom_values import (
-    functional_group,
-    n_images,
-    number_or_default,
-    optional_number,
-    required_numbers,
-    seconds_of_day,
-    vector_of,
-)
+from quadriform.imaging.dicom_values import n_images, optional_number, required_numbers
 
 if TYPE_CHECKING:
     from pydicom import Dataset
@@ -54,19 +47,20 @@ def _classic(header: "Dataset", file: Path) -> ImagePlane:
         *pixel_steps(header, header),
         **_pixels(header, header, file),
         trigger_time=optional_number(header, "TriggerTime"),
-        acquisition_time=seconds_of_day(header.get("AcquisitionTime")),
+        acquisition_time=dicom_values.seconds_of_day(header.get("AcquisitionTime")),
         number=optional_number(header, "InstanceNumber"),
     )
 
 
 def _enhanced(header: "Dataset", file: Path) -> list[ImagePlane]:
+    # C.7.6.16: one item for each image
     n, groups = n_images(header), len(header.PerFrameFunctionalGroupsSequence)
     if groups != n:
         raise FileFormatError(f"{n} images, but {groups} functional groups")
     planes = []
     for index in range(n):
         group = {
-            name: functional_group(header, index, f"{name}Sequence")
+            name: dicom_values.functional_group(header, index, f"{name}Sequence")
             for name in (
                 *("PlanePosition", "PlaneOrientation", "PixelMeasures", "PixelValueTransformation"),
                 *("CardiacSynchronization", "FrameContent"),
@@ -88,10 +82,15 @@ def _enhanced(header: "Dataset", file: Path) -> list[ImagePlane]:
 def _nuclear(header: "Dataset", file: Path) -> list[ImagePlane]:
     """Reconstructed slices: the detector has the position of the first, the others follow along the normal."""
     n = n_images(header)
+    # C.8.4.9: images of several energy windows or R-R intervals are several volumes
     for vector in ("EnergyWindowVector", "RRIntervalVector"):
-        if len(set(vector_of(header, vector, n, 1))) > 1:
+        if len(set(dicom_values.vector_of(header, vector, n, 1))) > 1:
             raise MaskError(f"{vector} has several values; expected one reconstruction")
-    slices, slots = vector_of(header, "SliceVector", n), vector_of(header, "TimeSlotVector", n, 1)
+    # C.8.4.9: SliceVector and TimeSlotVector number slices and time slots from 1
+    slices, slots = (
+        dicom_values.vector_of(header, "SliceVector", n),
+        dicom_values.vector_of(header, "TimeSlotVector", n, 1),
+    )
     detector, *others = [item for item in header.DetectorInformationSequence if "ImagePositionPatient" in item] or [
         header
     ]
@@ -120,7 +119,9 @@ def _pixels(header: "Dataset", values: Any, file: Path) -> dict[str, Any]:
     return {
         "size": (int(header.Columns), int(header.Rows)),
         "file": file,
-        "rescale": tuple(number_or_default(values, f"Rescale{name}", at) for name, at in DEFAULT_RESCALE.items()),
+        "rescale": tuple(
+            dicom_values.number_or_default(values, f"Rescale{name}", at) for name, at in DEFAULT_RESCALE.items()
+        ),
     }
 
 

@@ -44,7 +44,7 @@ def label_image(header: "Dataset", pixels: NDArray[Any], file: Path, warnings: W
     planes = planes_of(header, file)
     check_same_grid(planes)
     slices, affine = segmentation_grid(header, planes)
-    names = _names(header)
+    names = _names(header)  # of SegmentSequence (C.8.20.2)
     found = SegmentMap(np.zeros((*planes[0].size, max(slices) + 1), dtype=np.int32))
     check_budget(found.values.nbytes, quoted(file))
     for number, masks in _masks(header, pixels, names).items():
@@ -77,6 +77,7 @@ def _masks(header: "Dataset", pixels: NDArray[Any], names: dict[int, str]) -> di
             number: {index: image == number for index, image in enumerate(pixels) if (image == number).any()}
             for number in names
         }
+    # C.8.20.2: FRACTIONAL values are fractions of MaximumFractionalValue
     full = float(header.get("MaximumFractionalValue") or 1) if kind == "FRACTIONAL" else 1.0
     result: dict[int, Masks] = {number: {} for number in names}
     for index, image in enumerate(pixels):

@@ -55,6 +55,7 @@ def stack_slices(planes: Sequence[ImagePlane]) -> SliceStack:
 
 
 def _by_position(planes: Sequence[ImagePlane]) -> Slices:
+    # positions along the normal of the slices; nothing is rounded before it is compared
     heights = np.array([plane.origin for plane in planes]) @ planes[0].normal
     order = np.argsort(heights, kind="stable")
     starts = np.flatnonzero(np.diff(heights[order]) > ROUNDING) + 1
@@ -74,6 +75,7 @@ def _by_position(planes: Sequence[ImagePlane]) -> Slices:
 
 
 def _check_counts(slices: Slices) -> None:
+    # each position needs one image of each frame
     counts = [len(group) for group in slices]
     usual = max(set(counts), key=counts.count)
     odd = [f"{len(group)} at {group[0].position} ({names(group)})" for group in slices if len(group) != usual]
@@ -85,6 +87,7 @@ def _check_counts(slices: Slices) -> None:
 
 
 def _by_time(slices: Slices) -> tuple[Slices, Array | None]:
+    # TriggerTime (C.7.6.18.1) is relative to the R wave; the other two only order the images
     for key in ("trigger_time", "acquisition_time", "number"):
         times = np.array([[getattr(plane, key) for plane in group] for group in slices], dtype=np.float64)
         if not (np.isfinite(times).all() and all(len(set(row)) == len(row) for row in times.tolist())):
@@ -114,6 +117,7 @@ def _check_phases(times: Array, slices: Slices) -> None:
     n = times.shape[1]
     if n < 3:
         return
+    # times in units of the mean frame interval of each slice
     step = np.ptp(times, axis=1) / (n - 1)
     phases = (times - times[:, :1]) / step[:, None]
     late = np.abs(phases - np.median(phases, axis=0)).max(axis=1) > 0.5

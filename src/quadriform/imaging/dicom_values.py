@@ -37,7 +37,7 @@ def n_images(header: "Dataset") -> int:
 def functional_group(header: "Dataset", image: int, sequence: str) -> Any:
     """Return the item of a functional group of one image, by default that of all images; {} where there is neither.
 
-    Source: DICOM PS3.3, C.7.6.16.1.1: a group is either shared or per frame.
+    Source: DICOM PS3.3, C.7.6.16: a group is either shared or per frame.
     """
     shared = header.get("SharedFunctionalGroupsSequence") or [{}]
     for groups in (header.PerFrameFunctionalGroupsSequence[image], shared[0]):
@@ -53,7 +53,7 @@ def required_numbers(item: Any, keyword: str, count: int) -> Array:
         AffineError: missing, or not `count` finite numbers.
     """
     value = item.get(keyword)
-    try:
+    try:  # a value may be missing, or text
         numbers = np.atleast_1d(np.array(value, dtype=np.float64))
     except (TypeError, ValueError):
         numbers = np.empty(0)
@@ -102,7 +102,7 @@ def vector_of(header: "Dataset", keyword: str, n: int, default: int | None = Non
 
 def seconds_of_day(time: object) -> float | None:
     """Return the seconds of the day of a DICOM time, HHMMSS with a fraction; None for other text."""
-    text = str(time)
+    text = str(time)  # TM of PS3.5, 6.2: HHMMSS.FFFFFF
     try:
         return int(text[:2]) * 3600 + int(text[2:4]) * 60 + float(text[4:])
     except ValueError:

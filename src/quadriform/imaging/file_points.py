@@ -116,7 +116,7 @@ def _labels(text: str | None) -> tuple[int | str, ...] | None:
     """Numbers between commas, or one text with the names of segments, which are known when the image is read."""
     if text is None or not text.strip():
         return None if text is None else numbers(text, 1, "--label")
-    if any(letter.isalpha() for letter in text):
+    if any(letter.isalpha() for letter in text):  # a name may contain commas and digits
         return (text,)
     return numbers(text, text.count(",") + 1, "--label")
 

@@ -67,7 +67,7 @@ def _in_series(file: Path) -> bool:
 
 
 def _by_content(path: Path) -> Format | None:
-    start = _start(path)
+    start = _start(path)  # NIfTI begins with sizeof_hdr, NRRD with a magic, MetaImage with one of its first keys
     if any(start[:4] == size.to_bytes(4, order) for size in HEADER_SIZES for order in ("little", "big")):
         return "nifti"
     if start.startswith(b"NRRD000") or META_FIRST.match(start):

@@ -237,6 +237,7 @@ def keep_slices(frames: FrameSeries) -> None:
             kept = numbers != BETWEEN
             removed, total = removed + int((~kept).sum()), total + len(kept)
             clouds[name], slices[name] = clouds[name][kept], numbers[kept]
+    # the points between slices have no slice that could shift
     axis = slice_axis(first)
     frames.notes.append(
         f"slices are taken along {'ijk'[axis]}, {np.linalg.norm(first[:3, axis]):.3g} apart; {removed} of {total} "

@@ -85,28 +85,15 @@ def points_from_image(
     select, notes = choose_object(volume) if select == "auto" else (select, ())
     if surface == "grey" and isinstance(select, Labels):
         raise OptionError("option surface='grey' needs a threshold, and labels have none; use surface='mask'")
-    segmentation = segment(
-        volume,
-        select=select,
-        region=region,
-        component=component,
-        connectivity=connectivity,
-        closing=closing,
-        fill_holes=fill_holes,
-    )
+    morphology: dict[str, Any] = {"connectivity": connectivity, "closing": closing, "fill_holes": fill_holes}
+    segmentation = segment(volume, select=select, region=region, component=component, **morphology)
     height, level = _height(segmentation, surface)
     result = isosurface(height, level, border=border)
-    options = {
+    chosen = {
         "select": _recorded(select),
-        "component": component if isinstance(component, str) else [int(n) for n in component],
-        "connectivity": connectivity,
-        "closing": int(closing),
-        "fill_holes": fill_holes,
-        "surface": surface,
-        "isolevel": level,
-        "border": border,
-        "notes": list(notes),
+        "component": component if isinstance(component, str) else [*map(int, component)],
     }
+    options = chosen | morphology | {"surface": surface, "isolevel": level, "border": border, "notes": list(notes)}
     warnings = segmentation.warnings | result.warnings | _hollow(segmentation, result.mesh, fill_holes)
     record = options | _results(segmentation)
     return ImagePoints(result.mesh.vertices, result.on_border, result.mesh, segmentation, warnings, record)
@@ -119,6 +106,7 @@ def _hollow(found: Segmentation, mesh: Mesh, filled: bool) -> Warnings:
         MaskError: the wall is closed all around, so that its two sides are two surfaces.
     """
     holes, facing = found.hole_voxels, _fraction_facing_centre(mesh)
+    # two closed sides would be fitted by one surface between them
     if not filled and holes >= ENCLOSED * (int(found.mask.sum()) + holes):
         raise MaskError(
             f"the object is a wall around {holes} voxels: its two sides are two surfaces; take the outer one with "
@@ -134,6 +122,7 @@ def _hollow(found: Segmentation, mesh: Mesh, filled: bool) -> Warnings:
 
 def _fraction_facing_centre(mesh: Mesh) -> float:
     """The fraction of the area of a mesh whose outward normal points towards the centre of the surface."""
+    # area vector of a triangle: half the cross product of two edges, along the outward normal
     corners = mesh.vertices[mesh.faces]
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
     centroids, sizes = corners.mean(axis=1), np.linalg.norm(areas, axis=1)

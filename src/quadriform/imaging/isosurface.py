@@ -99,10 +99,11 @@ def _marching_cubes(height: Array) -> tuple[Array, NDArray[np.int64]]:
 def _in_double(vertices: Array, height: Array) -> Array:
     """Vertices on edges between two voxels, recomputed in double precision: those of skimage have single precision."""
     below = np.floor(vertices).astype(np.int64)
-    between = vertices != below
+    between = vertices != below  # a vertex on an edge has one coordinate that is no integer
     on_edge = between.sum(axis=1) == 1  # those inside a cube stay
     axis = between[on_edge].argmax(axis=1)
     start = below[on_edge]
+    # zero of the linear interpolation between the ends of the edge
     low, high = height[tuple(start.T)], height[tuple((start + np.eye(3, dtype=np.int64)[axis]).T)]
     vertices[on_edge, axis] = start[np.arange(len(start)), axis] + low / (low - high)
     return vertices

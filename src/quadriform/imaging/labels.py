@@ -142,7 +142,7 @@ def preset_labels(volume: Volume, preset: Preset) -> Labels:
 
 def _contradiction(volume: Volume, convention: Convention) -> str:
     """A sentence with what in an image contradicts a convention; empty where nothing does."""
-    present = set(np.unique(volume.values).tolist()) - {0}
+    present = set(np.unique(volume.values).tolist()) - {0}  # 0 is the background
     try:
         cavity, myocardium = (volume.label_values((label,)) for label in (convention.cavity, convention.myocardium))
     except OptionError as error:
@@ -152,6 +152,7 @@ def _contradiction(volume: Volume, convention: Convention) -> str:
         return f"one of them has no voxels; labels in the image: {_short(present)}"
     if convention.only and (others := present - {*cavity, *myocardium, *rv}):
         return f"the image has other labels too: {_short(others)}"
+    # two data sets may have the same numbers for other parts: the cavity of the left ventricle is inside its wall
     left, right = (_enclosed_by(volume, part, myocardium) for part in (cavity, rv))
     if left < ENCLOSED or left <= right:
         beside = f", the right ventricle over {right:.0%}" if present & set(rv) else ""

@@ -58,7 +58,7 @@ def choose_object(volume: Volume) -> Choice:
     if not whole:
         _check_interpolated(values, present, counts)
         return _grey()
-    mask = len(present[present != 0]) <= 1
+    mask = len(present[present != 0]) <= 1  # one value, whatever it is
     if not volume.is_label_map and (present[0] < -1 or not (mask or _in_regions(values, present, counts))):
         return _grey()
     labels = tuple(int(value) for value in present if value != 0)
@@ -76,7 +76,7 @@ def choose_object(volume: Volume) -> Choice:
 
 def counted(values: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int64]]:
     """Return the values of an image in increasing order, and the number of voxels of each."""
-    if values.dtype.kind in "bu" and values.dtype.itemsize <= 2:
+    if values.dtype.kind in "bu" and values.dtype.itemsize <= 2:  # faster than a sort
         all_counts = np.bincount(values.ravel())
         present = np.flatnonzero(all_counts)
         return present, all_counts[present]
@@ -122,6 +122,7 @@ def _in_regions(values: NDArray[Any], present: NDArray[Any], counts: NDArray[np.
 
 def _isolated(values: NDArray[Any]) -> float:
     """The fraction of voxels without an equal neighbour, among those with six neighbours, none of them 0."""
+    # voxels at the border of the image have fewer than six neighbours
     middle = values[1:-1, 1:-1, 1:-1]
     counted_voxels, alone = middle != 0, np.ones(middle.shape, dtype=bool)
     for axis in range(values.ndim):
@@ -134,6 +135,7 @@ def _isolated(values: NDArray[Any]) -> float:
 
 def _equal_pairs(values: NDArray[Any], background: tuple[Any, ...]) -> float:
     """The fraction of equal pairs among voxels that share a face and are no background; 1 where there are none."""
+    # background has large regions in every image, and says nothing about the rest
     counted_voxels = ~np.isin(values, background)
     equal = pairs = 0
     for axis in range(values.ndim):
@@ -147,6 +149,7 @@ def _equal_pairs(values: NDArray[Any], background: tuple[Any, ...]) -> float:
 
 def _check_interpolated(values: NDArray[Any], present: NDArray[Any], counts: NDArray[np.int64]) -> None:
     """Refuse values that are whole numbers except at the edges of regions."""
+    # linear interpolation of labels gives fractions only between regions
     whole = (present == np.round(present)) & (present != 0)
     if present[0] < 0 or whole.sum() < 2 or counts[whole].sum() < MOSTLY * counts[present != 0].sum():
         return

@@ -166,6 +166,7 @@ def otsu(values: NDArray[Any]) -> float:
     low, high = float(values.min()), float(values.max())
     if low == high:
         raise MaskError(f"all voxels are {low:g}: there is no object and background to distinguish")
+    # skimage counts integers exactly; floats it would put into 256 bins
     if values.dtype.kind in "iu" and high - low < OTSU_INTEGERS:
         return float(threshold_otsu(values.ravel()))
     present, counts = np.unique(values, return_counts=True)
@@ -188,7 +189,7 @@ def _keep(found: Mask, component: Component, connectivity: int, region: Region) 
     from scipy import ndimage
 
     labels, n = ndimage.label(found, ndimage.generate_binary_structure(3, 1 if connectivity == 6 else 3))
-    counts = np.bincount(labels.ravel(), minlength=n + 1)[1:]
+    counts = np.bincount(labels.ravel(), minlength=n + 1)[1:]  # 0 is the background
     sizes = tuple(int(size) for size in np.sort(counts)[::-1])
     if component == "all":
         return found, sizes, n
@@ -212,7 +213,7 @@ def _close(mask: Mask, steps: int) -> Mask:
 
     if steps == 0:
         return mask
-    cross = ndimage.generate_binary_structure(3, 1)
+    cross = ndimage.generate_binary_structure(3, 1)  # 6-connected
     closed = ndimage.binary_closing(np.pad(mask, steps), cross, iterations=steps)
     return closed[(slice(steps, -steps),) * 3]
 
@@ -221,6 +222,7 @@ def _holes(mask: Mask) -> Mask:
     """Background that is not 6-connected to the outside."""
     from scipy import ndimage
 
+    # a layer of padding connects all background that reaches the border
     background, _ = ndimage.label(~np.pad(mask, 1))
     inner = background[1:-1, 1:-1, 1:-1]
     return (inner > 0) & (inner != background[0, 0, 0])
@@ -236,6 +238,7 @@ def _check_selected(found: Mask, values: NDArray[Any], threshold: float | None) 
 
 def _check_object(mask: Mask, values: NDArray[Any], threshold: float | None) -> None:
     _check_selected(mask, values, threshold)
+    # extents of the bounding box: a body needs two voxels along each axis
     extent = tuple(int(np.ptp(index)) + 1 for index in np.nonzero(mask))
     if extent == (1, 1, 1):
         raise DegenerateError("the object is one voxel; expected a body of several voxels along each axis")

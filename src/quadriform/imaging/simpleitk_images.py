@@ -59,6 +59,7 @@ def _reader(path: Path, header: TextHeader) -> "ImageFileReader":
     bits = re.search(r"(\d+)-bit", kind)
     if bits is None or "complex" in kind:
         raise MaskError(f"expected one real number a voxel, found {kind}")
+    # checked before SimpleITK reads the voxels, of which it would invent the missing ones
     values = int(np.prod(reader.GetSize(), dtype=object)) * reader.GetNumberOfComponents()
     check_bytes(header, values * int(bits[1]) // 8)
     _check_spacing(reader, header)

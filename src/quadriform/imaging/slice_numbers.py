@@ -33,6 +33,7 @@ def slice_numbers(volume: Volume, points: Array) -> NDArray[np.int64]:
     """
     along = volume.voxels(points)[:, slice_axis(volume.world_from_voxel)]
     outlines = np.abs(along - np.rint(along)) < ON_SLICE
+    # the outermost outlines; an isosurface that is closed ends half a voxel beyond them
     first, last = along[outlines].min(initial=np.inf), along[outlines].max(initial=-np.inf)
     caps = (along < first) | (along > last)
     return np.where(outlines, np.rint(along), np.where(caps, CAP, BETWEEN)).astype(np.int64)

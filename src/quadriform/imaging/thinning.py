@@ -19,6 +19,7 @@ def thinned(points: Array, side: float) -> Array:
     scaled = points / side + OFFSET
     cube = np.floor(scaled)
     off_centre = np.linalg.norm(scaled - cube - 0.5, axis=1)
+    # sorted by cube, in each cube by distance from its centre: the first of each cube is kept
     order = np.lexsort((off_centre, *cube.T))
     first = np.unique(cube[order], axis=0, return_index=True)[1]
     kept: Array = points[np.sort(order[first])]

@@ -22,7 +22,7 @@ def faces_between(tissue: Tissue, one: int, other: int, world_from_voxel: Array)
     """
     centres, areas = [], []
     for axis, area in enumerate(face_area_vectors(world_from_voxel)):
-        low, high = np.delete(tissue, -1, axis), np.delete(tissue, 0, axis)
+        low, high = np.delete(tissue, -1, axis), np.delete(tissue, 0, axis)  # neighbours along the axis
         for first, second, sign in ((one, other, 1.0), (other, one, -1.0)):
             # a face lies half a voxel from the centre of its lower voxel
             voxels = np.argwhere((low == first) & (high == second)) + 0.5 * (np.arange(3) == axis)

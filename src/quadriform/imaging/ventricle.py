@@ -93,6 +93,7 @@ def ventricle_from_labels(
         tissue[_wall(volume, cavity, wall, blood.region) & (tissue != CAVITY)] = WALL
         _check_order(tissue, cavity, wall, inner.world_from_voxel)
         points, ends = _surface(tissue != BACKGROUND, tissue, inner)
+        # an edge from cavity to background is the open base, not epicardium
         surfaces["epi"] = points[ends.max(axis=1) == WALL]
         warnings |= _open_wall(tissue, inner.world_from_voxel)
     if cut := border_cut(tissue != BACKGROUND, inner.world_from_voxel):
@@ -200,6 +201,7 @@ def _open_wall(tissue: Tissue, world_from_voxel: Array) -> Warnings:
 
 def _cut_face(cavity: Mask, inner: Volume) -> Plane | None:
     """Through the outermost voxel centres of the face of the image that cuts most of the cavity."""
+    # compared by area, for faces across thick slices are larger
     areas = face_area_vectors(inner.world_from_voxel)
     faces = [(axis, end) for axis in range(3) for end in (0, -1)]
     cuts = [float(cavity.take(end, axis).sum() * np.linalg.norm(areas[axis])) for axis, end in faces]

@@ -93,6 +93,7 @@ class Volume:
             OptionError: `region` is empty or leaves the image.
         """
         region = check_region(region, self.values.shape)
+        # voxel 0 of the crop is voxel `start` of the image
         start = np.array([low for low, _ in region], dtype=np.float64)
         affine = self.world_from_voxel.copy()
         affine[:3, 3] += affine[:3, :3] @ start
@@ -132,6 +133,7 @@ def affine_fault(affine: Array) -> str:
         return "it has entries that are not finite"
     if not np.array_equal(affine[3], [0, 0, 0, 1]):
         return "expected 0 0 0 1 as its last row"
+    # relative to the spacing, so that small voxels are not singular
     lengths = np.linalg.norm(affine[:3, :3], axis=0)
     if (lengths == 0).any() or abs(np.linalg.det(affine[:3, :3] / lengths)) < SINGULAR:
         return "it is singular: voxels have no volume"
@@ -143,6 +145,7 @@ def _check_values(values: NDArray[Any]) -> None:
         raise MaskError(f"expected an image of shape (i, j, k) with voxels in it, found shape {values.shape}")
     if values.dtype.kind not in "biuf":
         raise MaskError(f"expected an image of real numbers, found type {values.dtype}")
+    # integers have no NaN: no mask of the whole image is allocated
     bad = ~np.isfinite(values) if values.dtype.kind == "f" else np.zeros(1, dtype=bool)
     if bad.any():
         first = tuple(int(index[0]) for index in np.nonzero(bad))
