@@ -95,7 +95,7 @@ def _columns(names: Sequence[str], what: str) -> Columns:
     if points is None or any(name.role == "axis 3" for name in parsed):
         raise LookupError
     normals = _three([f"n{axis}" for axis in AXES], parsed, names, what)
-    return Columns(points, normals, _unit([parsed[place] for place in points], what), note)
+    return Columns(points, normals, _unit([parsed[position] for position in points], what), note)
 
 
 def chosen_columns(chosen: str | Sequence[str | int], names: Sequence[str] | None, width: int, what: str) -> Columns:
@@ -114,27 +114,27 @@ def chosen_columns(chosen: str | Sequence[str | int], names: Sequence[str] | Non
         OptionError: other names than the table's, too few or too many, or names without x, y and z.
         ColumnsError: two columns for one of them, or lengths in several units.
     """
-    wanted = [word.strip() for word in chosen.split(",")] if isinstance(chosen, str) else list(chosen)
-    if names is None and all(isinstance(each, str) for each in wanted):
-        if len(wanted) > width:
-            raise OptionError(f"{what}: option columns names {len(wanted)} columns, found {width}")
+    requested = [word.strip() for word in chosen.split(",")] if isinstance(chosen, str) else list(chosen)
+    if names is None and all(isinstance(each, str) for each in requested):
+        if len(requested) > width:
+            raise OptionError(f"{what}: option columns names {len(requested)} columns, found {width}")
         try:
-            return _columns([str(each) for each in wanted], f"{what}: option columns")
+            return _columns([str(each) for each in requested], f"{what}: option columns")
         except LookupError:
             raise OptionError(
                 f"{what}: option columns={chosen!r}: the columns of the table have no names; expected names for them "
                 "from left to right, x, y and z among them, such as x,y,z,intensity"
             ) from None
-    if len(wanted) not in (3, 6):
+    if len(requested) not in (3, 6):
         raise OptionError(
-            f"{what}: option columns: expected three columns, or six with the normals, found {len(wanted)}"
+            f"{what}: option columns: expected three columns, or six with the normals, found {len(requested)}"
         )
-    places = [_place(each, names, width, what) for each in wanted]
-    if len(set(places)) < len(places):
+    positions = [_position(each, names, width, what) for each in requested]
+    if len(set(positions)) < len(positions):
         raise OptionError(f"{what}: option columns={chosen!r} takes a column twice")
-    units = [] if names is None else [_parsed(names[place]) for place in places[:3]]
-    normals = (places[3], places[4], places[5]) if len(places) == 6 else None
-    return Columns((places[0], places[1], places[2]), normals, _unit(units, what))
+    units = [] if names is None else [_parsed(names[position]) for position in positions[:3]]
+    normals = (positions[3], positions[4], positions[5]) if len(positions) == 6 else None
+    return Columns((positions[0], positions[1], positions[2]), normals, _unit(units, what))
 
 
 def names_axes(names: Sequence[str]) -> bool:
@@ -149,17 +149,17 @@ def unit_of(text: str) -> str | None:
     return "unknown" if word in NO_LENGTHS else UNITS.get(word)
 
 
-def _place(each: str | int, names: Sequence[str] | None, width: int, what: str) -> int:
+def _position(each: str | int, names: Sequence[str] | None, width: int, what: str) -> int:
     """The position of a column by its name or number."""
     if isinstance(each, int) and not isinstance(each, bool) and -width <= each < width:
         return each % width
-    found = [] if names is None else [place for place, name in enumerate(names) if name == each]
+    found = [] if names is None else [position for position, name in enumerate(names) if name == each]
     if names is not None and not found:
-        found = [place for place, name in enumerate(names) if name.strip().lower() == str(each).strip().lower()]
+        found = [position for position, name in enumerate(names) if name.strip().lower() == str(each).strip().lower()]
     if len(found) != 1:
-        there = "columns without names" if names is None else _listed(names)
+        listed = "columns without names" if names is None else _listed(names)
         how = "twice" if found else "not there"
-        raise OptionError(f"{what}: option columns: {each!r} is {how}; found {width} columns: {there}")
+        raise OptionError(f"{what}: option columns: {each!r} is {how}; found {width} columns: {listed}")
     return found[0]
 
 
@@ -190,15 +190,15 @@ def _role(text: str) -> str:
 
 def _three(roles: list[str], parsed: list[_Name], names: Sequence[str], what: str) -> tuple[int, int, int] | None:
     """Positions of three roles, those by a plain letter before others; None where one is missing."""
-    found = [[place for place, name in enumerate(parsed) if name.role == role] for role in roles]
-    plain = [[place for place in places if parsed[place].is_plain] for places in found]
+    found = [[position for position, name in enumerate(parsed) if name.role == role] for role in roles]
+    plain = [[position for position in positions if parsed[position].is_plain] for positions in found]
     chosen = plain if all(plain) else found
     if not all(chosen):
         return None
-    for role, places in zip(roles, chosen):
-        if len(places) > 1:
-            both = " and ".join(repr(names[place]) for place in places[:2])
-            same = names[places[0]] == names[places[1]]
+    for role, positions in zip(roles, chosen):
+        if len(positions) > 1:
+            both = " and ".join(repr(names[position]) for position in positions[:2])
+            same = names[positions[0]] == names[positions[1]]
             how = "give them different names" if same else "choose by --columns (columns= in Python)"
             raise ColumnsError(f"{what}: two columns, {both}, could be {role}; {how}")
     (one,), (two,), (three,) = chosen

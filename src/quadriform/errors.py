@@ -63,7 +63,7 @@ class FileFormatError(QuadriformError, ValueError):
 
 
 class ColumnsError(PointsError, FileFormatError):
-    """Which columns of a table are x, y and z cannot be told; naming them by `columns` helps."""
+    """It is not known which columns of a table are x, y and z; naming them by `columns` helps."""
 
 
 class FileLimitError(QuadriformError, MemoryError):
@@ -73,7 +73,7 @@ class FileLimitError(QuadriformError, MemoryError):
 
 
 class OutputError(QuadriformError, OSError):
-    """An output cannot be written; what stood there before is untouched."""
+    """An output cannot be written; an earlier file is unchanged."""
 
     exit_code = 5
 

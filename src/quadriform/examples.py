@@ -113,9 +113,9 @@ def _on_lattice_lines(points: Array, spacing: float) -> np.ndarray:
 
     Each point belongs to its nearest line: the one along the axis in which it is farthest from a lattice plane.
     """
-    place = points / spacing + 0.5
-    node = np.floor(place)
-    off = np.abs(place - node - 0.5)
+    position = points / spacing + 0.5
+    node = np.floor(position)
+    off = np.abs(position - node - 0.5)
     along = off.argmax(axis=1)
     rows = np.arange(len(points))
     distance = np.sqrt(np.maximum((off**2).sum(axis=1) - off[rows, along] ** 2, 0))

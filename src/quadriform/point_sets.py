@@ -18,7 +18,7 @@ UNIT_NORMAL = 1e-3
 
 @dataclass(frozen=True, repr=False)
 class PointSet:
-    """Points and what their source says of them.
+    """Points and their properties that the source states.
 
     Attributes:
         points: (n, 3), in `unit`.
@@ -55,7 +55,7 @@ def point_set(given: Any, what: str = "points", columns: Chosen = None) -> Point
         columns: which columns are x, y, z and the normals, as `chosen_columns` takes it.
 
     Raises:
-        ColumnsError: columns that are not named x, y and z, where nobody said which they are.
+        ColumnsError: columns that are not named x, y and z, where `columns` does not define them.
         OptionError: columns that are not there.
         PointsError: wrong type or shape, no points, masked or not finite values.
     """
@@ -111,12 +111,12 @@ def column_names(given: Any) -> list[str] | None:
 
 
 def _field_names(field: str, dtype: np.dtype[Any]) -> list[str]:
-    return [field] if dtype.subdtype is None else [f"{field}:{place}" for place in range(int(np.prod(dtype.shape)))]
+    return [field] if dtype.subdtype is None else [f"{field}:{k}" for k in range(int(np.prod(dtype.shape)))]
 
 
 def _picked(table: Any, names: Sequence[str] | None, chosen: Columns, what: str) -> PointSet:
-    def taken(places: tuple[int, int, int]) -> NDArray[Any]:
-        columns = [table[:, place] if names is None else _column(table, place, what) for place in places]
+    def taken(positions: tuple[int, int, int]) -> NDArray[Any]:
+        columns = [table[:, position] if names is None else _column(table, position, what) for position in positions]
         return np.stack(columns, axis=1)
 
     points = taken(chosen.points)
@@ -125,26 +125,26 @@ def _picked(table: Any, names: Sequence[str] | None, chosen: Columns, what: str)
     return PointSet(check_points(points, what), normals, chosen.unit, _type(points), notes)
 
 
-def _column(table: Any, place: int, what: str) -> NDArray[Any]:
+def _column(table: Any, position: int, what: str) -> NDArray[Any]:
     """One column (n,) of a structured array or a data frame."""
     if isinstance(getattr(table, "dtype", None), np.dtype):
         if np.ndim(table) != 1:
             raise PointsError(f"{what}: expected one row of records, found shape {np.shape(table)}")
-        return _flat([np.asarray(table[field]).reshape(len(table), -1) for field in table.dtype.names], place)
-    column = np.asarray(table[list(table.columns)[place]])
+        return _flat([np.asarray(table[field]).reshape(len(table), -1) for field in table.dtype.names], position)
+    column = np.asarray(table[list(table.columns)[position]])
     if column.ndim != 1 or column.dtype.kind not in "iuf":
-        name = str(list(table.columns)[place])
+        name = str(list(table.columns)[position])
         raise PointsError(f"{what}: expected real numbers in column {name!r}, found type {column.dtype}")
     return column
 
 
-def _flat(columns: Sequence[NDArray[Any]], place: int) -> NDArray[Any]:
-    """The column at a place of fields (n, k) side by side."""
+def _flat(columns: Sequence[NDArray[Any]], position: int) -> NDArray[Any]:
+    """The column at a position of fields (n, k) side by side."""
     for column in columns:
-        if place < column.shape[1]:
-            return column[:, place]
-        place -= column.shape[1]
-    raise IndexError(place)
+        if position < column.shape[1]:
+            return column[:, position]
+        position -= column.shape[1]
+    raise IndexError(position)
 
 
 def unit_normals(given: ArrayLike, n: int, what: str = "normals") -> Array:
@@ -175,5 +175,5 @@ def _array(given: Any, what: str) -> NDArray[Any]:
 
 
 def _type(array: NDArray[Any]) -> np.dtype[Any] | None:
-    """The type of the numbers, where it tells more than their values; that of lists and readers does not."""
+    """The type of the numbers, where it adds to their values; that of lists and readers does not."""
     return array.dtype if array.dtype.kind in "iuf" and array.dtype != np.float64 else None

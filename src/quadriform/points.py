@@ -1,4 +1,4 @@
-"""The gate: the outside world becomes checked float64 arrays here, once; centre-and-scale and its undoing."""
+"""Input checks: whatever users pass becomes checked float64 arrays here, once; centre-and-scale and its undoing."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ Shape = TypeVar("Shape", bound=Movable)
 DISTINCT = 1e-12
 """Points closer than this share of the cloud's RMS radius count as one."""
 ENOUGH = 100_000
-"""Points that tell whether a cloud is flat."""
+"""Points by which it is decided whether a cloud is flat."""
 LARGEST = 1e30
 """No coordinate, length or weight may be larger in any unit, so that products of them stay finite."""
 SCALES = (1e-25, 1e25)
@@ -163,19 +163,19 @@ def check_spread(points: Array, needed: int) -> None:
     if distinct >= 4 and rank < 3:
         shape = {1: "collinear", 2: "coplanar"}[rank]
         raise DegenerateError(
-            f"points are {shape} (rank {rank} of 3); expected points around a solid body{_lost_digits(points)}"
+            f"points are {shape} (rank {rank} of 3); expected points around a solid body{_precision_hint(points)}"
         )
     if distinct < needed:
         raise DegenerateError(f"{distinct} distinct points; expected at least {needed}, one for each parameter")
 
 
-def _lost_digits(points: Array) -> str:
+def _precision_hint(points: Array) -> str:
     """What a message adds where single precision so far from the origin may have made the points flat."""
     single, largest = points.astype(np.float32), float(np.abs(points).max())
     step = float(np.spacing(np.float32(largest)))
     if not (single == points).all() or step < COARSE * float(np.ptp(points, axis=0).max()):
         return ""
-    return f"; neighbouring float32 numbers at {largest:.3g} are {step:.1e} apart: subtract an offset before storing"
+    return f"; neighbouring float32 values at {largest:.3g} are {step:.1e} apart: subtract an offset before storing"
 
 
 def _distinct(local: Array) -> int:

@@ -164,7 +164,7 @@ class TestDialects:
         """Two such files put together: to which frame the rows of slice 8 belong nobody can tell."""
         rows = [f"{n}\t0\t0\tSAX_LV_ENDOCARDIAL\t{n}\t1\t{t if n != 8 else '1.0'}" for t in (0, 1) for n in (7, 8)]
         with pytest.raises(
-            FileFormatError, match=r"written in 2 ways \(as 1 in the slices 7; as 1.0 in the slices 8\)"
+            FileFormatError, match=r"written in 2 forms \(as 1 in the slices 7; as 1.0 in the slices 8\)"
         ):
             read_guide_point_frames(write(tmp_path / "GPFile.txt", rows))
 

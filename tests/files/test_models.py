@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from quadriform.errors import FileFormatError, OptionError
-from quadriform.files.models import holds_model, read_model, write_model
+from quadriform.files.models import is_model_file, read_model, write_model
 from quadriform.files.records import FIELDS
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
@@ -211,24 +211,24 @@ def as_at_first(model, path, **changes):
 
 def test_the_first_layout_of_an_archive_is_still_read(tmp_path, model):
     as_at_first(model, tmp_path / "m.npz")
-    assert holds_model(tmp_path / "m.npz")
+    assert is_model_file(tmp_path / "m.npz")
     assert_same(read_model(tmp_path / "m.npz"), model)
 
 
 def test_an_archive_is_smaller_than_four_thousand_bytes(tmp_path, model):
     write_model(model, tmp_path / "m.npz")
     assert (tmp_path / "m.npz").stat().st_size <= 4000
-    assert holds_model(tmp_path / "m.npz")
+    assert is_model_file(tmp_path / "m.npz")
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda text, numbers: (text, numbers[:-1]), "expected at least 404 numbers, found 403"),
-        (lambda text, numbers: (text, np.append(numbers, 1.0)), "expected 404 numbers by the shapes .* found 405"),
+        (lambda text, numbers: (text, numbers[:-1]), "expected at least 404 values, found 403"),
+        (lambda text, numbers: (text, np.append(numbers, 1.0)), "expected 404 values by the shapes .* found 405"),
         (lambda text, numbers: (text, numbers.astype(np.float32)), "one row of float64"),
         (lambda text, numbers: (text.replace("[5,5,5,3]", "[5,5,-5,3]"), numbers), "a list of lengths"),
-        (lambda text, numbers: (text.replace("[5,5,5,3]", "7"), numbers), "expected 29 numbers by the shapes"),
+        (lambda text, numbers: (text.replace("[5,5,5,3]", "7"), numbers), "expected 29 values by the shapes"),
         (lambda text, numbers: (text.replace("[5,5,5,3]", "[true]"), numbers), "a list of lengths"),
         (lambda text, numbers: (text.replace("[5,5,5,3]", "[375]"), numbers), "field box.control_points"),
         (lambda text, numbers: (text[:-1], numbers), "expected a model in JSON"),

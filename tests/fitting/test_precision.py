@@ -36,7 +36,7 @@ def test_single_precision_is_seen_in_the_values(source, offset):
     single = (CLOUD * 20 / HALF + offset).astype(np.float32)
     step = np.spacing(single.max())
     text = reported(SOURCES[source](single))
-    assert f"neighbouring float32 numbers at {single.max():.3g} are {step:.1e} apart" in text
+    assert f"neighbouring float32 values at {single.max():.3g} are {step:.1e} apart" in text
 
 
 @pytest.mark.parametrize("offset", [0, 10, 100, 500])
@@ -52,7 +52,7 @@ def test_double_precision_is_not_taken_for_single(offset):
 
 @pytest.mark.parametrize(("pattern", "offset"), [("%.0f", 1e4), ("%.0f", 4.5e6), ("%g", 1e6), ("%.4e", 3e5)])
 def test_a_text_of_few_digits_far_from_the_origin(pattern, offset):
-    assert "neighbouring decimal numbers" in reported(texts(CLOUD * 20 / HALF + offset, pattern))
+    assert "neighbouring decimal values" in reported(texts(CLOUD * 20 / HALF + offset, pattern))
 
 
 @pytest.mark.parametrize(

@@ -185,4 +185,4 @@ def test_digits_that_a_frame_had_lost_are_said_with_its_number(strategy):
     far = [frame["endo"] + 1e6 for frame in heart()[:2]]
     found = qf.track([far[0], far[1].astype(np.float32)], strategy=strategy, box=BOX)
     assert found.status == "warned"
-    assert found.warnings["PRECISION_LOSS"].startswith("frame 1: neighbouring float32 numbers at 1e+06")
+    assert found.warnings["PRECISION_LOSS"].startswith("frame 1: neighbouring float32 values at 1e+06")

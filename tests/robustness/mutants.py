@@ -189,7 +189,7 @@ MUTANTS = [
     Mutant(
         "shapes and numbers of a model",
         "files/packed.py",
-        "if self.taken != len(self.numbers):",
+        "if self.taken != len(self.values):",
         "if False:",
         "files/test_models.py",
     ),

@@ -81,7 +81,7 @@ REFUSED = {
     "14 flat in single precision": (
         lambda: (1e-2 * CLOUD / RADIUS + [5e5, 5.4e6, 0]).astype(np.float32),
         DegenerateError,
-        r"float32 numbers at 5.4e\+06 are 5.0e-01 apart: subtract an offset",
+        r"float32 values at 5.4e\+06 are 5.0e-01 apart: subtract an offset",
     ),
     "16 tiny": (lambda: 1e-160 * CLOUD, PointsError, "out of range"),
     "16 huge": (lambda: 1e160 * CLOUD, PointsError, "out of range"),

@@ -1,4 +1,4 @@
-"""NumPy arrays from .npy and .npz: headers are held against the bytes that are there before anything is allocated."""
+"""NumPy arrays from .npy and .npz: headers are compared with the bytes that follow before anything is allocated."""
 
 import io
 import struct
@@ -93,7 +93,8 @@ def _check_members(members: list[zipfile.ZipInfo], size: int, where: str) -> Non
     promised = sum(info.file_size for info in members)
     check_budget(promised, where)
     if promised > max(SMALL, MAX_EXPANSION * size):
-        raise FileFormatError(f"{where}: {size} bytes that unpack to {promised} are no honest archive of points")
+        limit = f"at most {MAX_EXPANSION} times {size} bytes"
+        raise FileFormatError(f"{where}: expected to unpack to {limit}, found {promised}")
 
 
 def _first(error: Exception) -> str:

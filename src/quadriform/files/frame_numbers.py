@@ -52,7 +52,7 @@ def in_time(files: Sequence[Path], by_hand: bool) -> list[Path]:
 
 
 def frame_numbers(files: Sequence[Path]) -> list[int] | None:
-    """The number of each frame as the names tell it; None where the names differ in no number, or in several."""
+    """The number of each frame by the names; None where the names differ in no number, or in several."""
     parts = [_parts(path) for path in files]
     columns = list(zip(*(numbers for _, numbers in parts)))
     varying = [column for column in columns if len(set(column)) > 1]
@@ -63,8 +63,8 @@ def frame_numbers(files: Sequence[Path]) -> list[int] | None:
 
 def missing_numbers(numbers: Sequence[int]) -> str:
     """The whole numbers between those of a list, as text such as "1 to 4, 6"; empty where none is missing."""
-    gaps = [(low + 1, high - 1) for low, high in pairwise(sorted(numbers)) if high - low > 1]
-    return ", ".join(f"{low}" if low == high else f"{low} to {high}" for low, high in gaps)
+    absent = [(low + 1, high - 1) for low, high in pairwise(sorted(numbers)) if high - low > 1]
+    return ", ".join(f"{low}" if low == high else f"{low} to {high}" for low, high in absent)
 
 
 def listed(names: Sequence[object]) -> str:

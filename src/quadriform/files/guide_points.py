@@ -243,19 +243,19 @@ def _read_frames(path: Path) -> list[GuidePoints]:
     """The frames of one file, in the order of their numbers.
 
     A file is one frame, as biv-me reads it, where no contour of a slice is there at two times and the file's name has
-    the frame, or the times are written in two ways: biv-me itself writes 1.0 in all rows of some slices.
+    the frame, or the times are written in two forms: biv-me itself writes 1.0 in all rows of some slices.
     """
     rows, number = _rows(path), _number_of(path)
     times = Counter(int(float(row.time)) for row in rows if row.time)
-    again, ways = _drawn_again(rows), _ways(rows)
-    if len(times) < 2 or not (again or (number is None and len(ways) == 1)):
+    again, forms = _drawn_again(rows), _time_forms(rows)
+    if len(times) < 2 or not (again or (number is None and len(forms) == 1)):
         common = times.most_common(1)[0][0] if times else 0
         return [_frame(rows, common if number is None else number)]
-    if len(ways) > 1:
-        found = "; ".join(f"as {way} in the slices {', '.join(map(str, sorted(at)))}" for way, at in ways.items())
+    if len(forms) > 1:
+        found = "; ".join(f"as {form} in the slices {', '.join(map(str, sorted(at)))}" for form, at in forms.items())
         raise FileFormatError(
-            f"{quoted(path)}: holds several time frames, and their numbers are written in {len(ways)} ways ({found}): "
-            "it is not clear of which frame each row is; expected one file for each frame, or one way to write them"
+            f"{quoted(path)}: holds several time frames, and their numbers are written in {len(forms)} forms "
+            f"({found}): it is not clear of which frame each row is; expected one file for each frame, or one form"
         )
     return [_frame([row for row in rows if int(float(row.time)) == time], time) for time in sorted(times)]
 
@@ -267,12 +267,12 @@ def _drawn_again(rows: Sequence[_Row]) -> bool:
     return any(seen.setdefault((kind, number), time) != time for kind, number, time in times)
 
 
-def _ways(rows: Sequence[_Row]) -> dict[str, set[int]]:
+def _time_forms(rows: Sequence[_Row]) -> dict[str, set[int]]:
     """From how times are written to the slices where they are."""
-    ways = defaultdict(set)
+    forms = defaultdict(set)
     for row in rows:
-        ways["1.0" if "." in row.time else "1" if row.time else "nothing"].add(row.slice)
-    return ways
+        forms["1.0" if "." in row.time else "1" if row.time else "nothing"].add(row.slice)
+    return forms
 
 
 def _frame(rows: Sequence[_Row], number: int) -> GuidePoints:

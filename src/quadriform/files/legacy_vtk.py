@@ -75,8 +75,8 @@ class _Cursor:
         if len(words) < count:
             raise FileFormatError(f"{self.where}: {count} numbers promised, found {len(words)}")
         self.at = len(self.data) - (len(words[count]) if len(words) > count else 0)
-        numbers = floats(words[:count], self.where)
-        return numbers.astype(dtype) if dtype.kind == "f" else whole(numbers, self.where)
+        values = floats(words[:count], self.where)
+        return values.astype(dtype) if dtype.kind == "f" else whole(values, self.where)
 
 
 def _sections(cursor: _Cursor, offsets: bool) -> dict[str, Any]:

@@ -28,7 +28,7 @@ def write_mesh(
 
     The comment (.ply, .obj), the header (.stl) or the field data (.vtp) carries `SPACE=` and `UNIT=`. STL
     holds single precision, PLY too unless that would move vertices by more than 1e-5 of the extent (then double
-    precision), OBJ nine digits of the extent, VTP the very same numbers.
+    precision), OBJ nine digits of the extent, VTP the coordinates exactly.
 
     Args:
         mesh: the triangles.

@@ -16,7 +16,7 @@ from quadriform.errors import FileFormatError, OptionError
 from quadriform.files.arrays import parse_npz
 from quadriform.files.atomic import write_bytes
 from quadriform.files.metadata import SPACES, UNITS, check_space_and_unit
-from quadriform.files.packed import NUMBERS, TEXT, Unpacking, packed
+from quadriform.files.packed import TEXT, VALUES, Unpacking, packed
 from quadriform.files.reading import quoted, read_bytes, signature, suffix_of, suffix_to_read
 from quadriform.files.records import FIELDS, read_record, record_document
 from quadriform.files.strict import Field
@@ -38,7 +38,7 @@ ARRAYS: dict[str, tuple[int, ...]] = {"semi_axes": (3,), "exponents": (2,), "rot
 
 
 def write_model(model: DeformableModel, path: str | os.PathLike[str], force: bool = False) -> None:
-    """Write a model as .json (under 12 kB for 386 numbers) or .npz (under 4 kB), all or nothing.
+    """Write a model as .json (under 12 kB for 386 parameters) or .npz (under 4 kB), all or nothing.
 
     Args:
         model: the model, with its frame, unit and the hash of its input.
@@ -55,7 +55,7 @@ def write_model(model: DeformableModel, path: str | os.PathLike[str], force: boo
 
 
 def read_model(path: str | os.PathLike[str]) -> DeformableModel:
-    """Read a model; its numbers are the very same that were written.
+    """The model of a file; its parameters are exactly those that were written.
 
     Raises:
         InputError: the file is missing or cannot be read.
@@ -69,8 +69,8 @@ def read_model(path: str | os.PathLike[str]) -> DeformableModel:
     return _model(Field(document, "", where))
 
 
-def holds_model(path: str | os.PathLike[str]) -> bool:
-    """Whether a .json, or a .npz (which may hold points instead), says that it is a model; damaged files are errors.
+def is_model_file(path: str | os.PathLike[str]) -> bool:
+    """Whether a .json, or a .npz (which may contain points), has the fields of a model; damaged files are errors.
 
     Raises:
         InputError, FileFormatError, FileLimitError: as for `read_model`.
@@ -90,7 +90,7 @@ def _document(model: DeformableModel) -> dict[str, Any]:
 
 
 def head_document(name: str, version: int, model: DeformableModel | MovingModel) -> dict[str, Any]:
-    """What the documents of models and of moving models begin with.
+    """The first fields of the documents of models and of moving models.
 
     Raises:
         OptionError: a frame, a unit or the name of a surface that no file can hold.
@@ -143,7 +143,7 @@ def check_extent(model: DeformableModel, where: str) -> None:
             vertices = model.mesh(name, resolution=4).vertices
         if not (np.abs(vertices) <= LARGEST).all():
             raise FileFormatError(
-                f"{where}: expected surfaces in the control box or near it, found surface {name!r} carried beyond "
+                f"{where}: expected surfaces in the control box or near it, found surface {name!r} deformed beyond "
                 f"{LARGEST:g}"
             )
 
@@ -232,7 +232,7 @@ def parse_json(data: bytes, where: str) -> Any:
         if len(dict(pairs)) != len(pairs):
             names = [name for name, _ in pairs]
             twice = next(name for name in names if names.count(name) > 1)
-            raise FileFormatError(f"{where}: the field {twice[:60]!r} stands there twice")
+            raise FileFormatError(f"{where}: the field {twice[:60]!r} occurs twice")
         return dict(pairs)
 
     try:
@@ -248,8 +248,8 @@ def parse_json(data: bytes, where: str) -> Any:
 def _parse_arrays(data: bytes, where: str) -> dict[str, Any]:
     """The document of two arrays; or as it was written at first, its leaves being arrays: `box.edges`."""
     arrays, document = parse_npz(data, where), dict[str, Any]()
-    if arrays.keys() == {TEXT, NUMBERS}:
-        return Unpacking(arrays[NUMBERS], where).document(parse_json(arrays[TEXT].tobytes(), where))
+    if arrays.keys() == {TEXT, VALUES}:
+        return Unpacking(arrays[VALUES], where).document(parse_json(arrays[TEXT].tobytes(), where))
     for name, array in arrays.items():
         group, _, key = name.rpartition(".")
         target = document.setdefault(group, {}) if group else document

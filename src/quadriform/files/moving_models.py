@@ -51,7 +51,7 @@ def write_moving_model(model: MovingModel, path: str | os.PathLike[str], force: 
 
 
 def read_moving_model(path: str | os.PathLike[str]) -> MovingModel:
-    """Read a moving model; its numbers are the very same that were written.
+    """The moving model of a file; its parameters are exactly those that were written.
 
     Raises:
         InputError: the file is missing or cannot be read.
@@ -91,7 +91,7 @@ def read_moving_model(path: str | os.PathLike[str]) -> MovingModel:
 
 
 def is_moving_model(path: str | os.PathLike[str]) -> bool:
-    """Whether a .json says that it is a moving model; damaged files are errors.
+    """Whether a .json is a moving model by its fields; damaged files are errors.
 
     Raises:
         InputError, FileFormatError, FileLimitError: as for `read_moving_model`.

@@ -1,4 +1,4 @@
-"""PLY: vertices and polygons of ASCII and binary files. What the header promises is held against what follows."""
+"""PLY: vertices and polygons of ASCII and binary files. What the header promises is compared with what follows."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,7 +21,7 @@ TYPES |= {"float": "f4", "float32": "f4", "double": "f8", "float64": "f8"}
 FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 CORNERS = ("vertex_indices", "vertex_index")
 Values = NDArray[Any] | tuple[NDArray[Any], NDArray[np.int64]]
-"""Numbers (count,) of a property; of a list all numbers one after the other, and how many each list has."""
+"""Values (count,) of a property; of a list all numbers one after the other, and how many each list has."""
 
 
 @dataclass(frozen=True)
@@ -198,9 +198,9 @@ def _ascii_rows(element: _Element, rows: list[list[bytes]], where: str) -> dict[
             lengths[n].append(len(part))
     found = dict[str, Values]()
     for n, each in enumerate(element.properties):
-        place = f"{where}, {each.name} of {element.name}"
-        values: NDArray[Any] = floats(words[n], place)
-        values = values if each.type[0] == "f" else whole(values, place)
+        in_element = f"{where}, {each.name} of {element.name}"
+        values: NDArray[Any] = floats(words[n], in_element)
+        values = values if each.type[0] == "f" else whole(values, in_element)
         found[each.name] = (values, np.array(lengths[n], dtype=np.int64)) if each.length else values
     return found
 

@@ -38,7 +38,7 @@ def read_record(root: Field, surfaces: Mapping[str, object]) -> ModelRecord:
 
     Args:
         root: the document.
-        surfaces: by name, which shares of the surface are told of.
+        surfaces: by name, which the coverage is recorded of.
 
     Raises:
         FileFormatError: a field that is missing, unknown or wrong, or a status that the warnings contradict.
@@ -98,6 +98,6 @@ def _by_surface(field: Field, surfaces: Mapping[str, object], most: float | None
 
 def _estimate(field: Field) -> Estimate:
     field.only(ESTIMATE)
-    shares = {key: field.optional(key) for key in ("supported", "sd")}
-    numbers = {key: None if item.value is None else item.number() for key, item in shares.items()}
+    optional = {key: field.optional(key) for key in ("supported", "sd")}
+    numbers = {key: None if item.value is None else item.number() for key, item in optional.items()}
     return Estimate(field.member("value").number(), field.member("unit").line(), **numbers)

@@ -84,7 +84,7 @@ def replaced_together(folder: Path, first: str, force: bool, old: Sequence[str] 
 
 
 def restore(folder: Path) -> None:
-    """Put the old files back where a process was killed between its moves; without such traces nothing is done.
+    """Put the old files back where a process was killed between its moves; otherwise nothing is done.
 
     Raises:
         OutputError: they cannot be moved.
@@ -104,12 +104,13 @@ def restore(folder: Path) -> None:
 def _exchange(staging: Path, folder: Path, first: str, old: Sequence[str]) -> None:
     """Move the old files out and the new ones in; whatever goes wrong, back again."""
     new = sorted((path.name for path in staging.iterdir()), key=lambda name: (name == first, name))
-    there = [name for name in sorted({*new, *old}, key=lambda name: (name != first, name)) if (folder / name).exists()]
-    for name in set(new) & set(there):
+    present = [name for name in {*new, *old} if (folder / name).exists()]
+    present.sort(key=lambda name: (name != first, name))
+    for name in set(new) & set(present):
         os.chmod(staging / name, (folder / name).stat().st_mode & 0o777)
     (staging / OLD).mkdir()
-    write_bytes(staging / NAMES, json.dumps([first, new, there]).encode())
-    moves = _moves(staging, folder, new, there)
+    write_bytes(staging / NAMES, json.dumps([first, new, present]).encode())
+    moves = _moves(staging, folder, new, present)
     try:
         for source, target in moves:
             os.replace(source, target)

@@ -1,4 +1,4 @@
-"""The two front doors: `save` and `load` choose the format by the suffix."""
+"""The entry points `save` and `load`, which choose the format by the suffix."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Literal
 from quadriform.errors import OptionError, QuadriformError
 from quadriform.files.mesh_formats import MESH_SUFFIXES, READ_SUFFIXES
 from quadriform.files.meshes import read_mesh, write_mesh
-from quadriform.files.models import MODEL_SUFFIXES, holds_model, read_model, write_model
+from quadriform.files.models import MODEL_SUFFIXES, is_model_file, read_model, write_model
 from quadriform.files.moving_models import is_moving_model, read_moving_model, write_moving_model
 from quadriform.files.points import POINT_SUFFIXES
 from quadriform.files.reading import suffix_of, suffix_to_read
@@ -23,8 +23,8 @@ PathLike = str | os.PathLike[str]
 def save(model_or_mesh: DeformableModel | MovingModel | Mesh, path: PathLike, force: bool = False) -> None:
     """Write a model (.json .npz), a moving model (.json) or a mesh (.ply .stl .obj .vtp), all or nothing.
 
-    A model with one surface can be given a mesh suffix: its surface is written, with its frame and unit. A mesh knows
-    neither and says so; `write_mesh` takes them.
+    A model with one surface can be given a mesh suffix: its surface is written, with its frame and unit. A mesh has
+    neither, and is written with "unknown"; `write_mesh` takes them.
 
     Args:
         model_or_mesh: what to write.
@@ -57,8 +57,8 @@ def save(model_or_mesh: DeformableModel | MovingModel | Mesh, path: PathLike, fo
 def content_of(path: PathLike) -> Literal["model", "mesh", "points"] | None:
     """Return what a file holds, for every entry point; None for other files.
 
-    The suffix names the format, whatever its case; readers hold the content against it. Only a .npz must be looked
-    into, as it may hold a model or points.
+    The suffix names the format, whatever its case; readers compare the content with it. Only a .npz is opened here,
+    as it may contain a model or points.
     """
     suffix = Path(path).suffix.lower()
     if suffix in READ_SUFFIXES:
@@ -72,13 +72,13 @@ def content_of(path: PathLike) -> Literal["model", "mesh", "points"] | None:
 
 def _is_model(path: PathLike) -> bool:
     try:
-        return holds_model(path)
+        return is_model_file(path)
     except QuadriformError:
-        return False  # the reader of points says what is wrong
+        return False  # the reader of points reports what is wrong
 
 
 def load(path: PathLike) -> DeformableModel | MovingModel | Mesh:
-    """Read back what `save` wrote: a model from .json or .npz, a moving one from .json, a mesh from its own suffixes.
+    """The object that `save` wrote: a model from .json or .npz, a moving one from .json, a mesh from its own suffixes.
 
     Raises:
         InputError: the file is missing or cannot be read.

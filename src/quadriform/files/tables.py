@@ -29,7 +29,7 @@ UNIT_COMMENT = re.compile(r"(?:length\s+)?units?\s*[:=]\s*\"?(\S+?)\"?", re.IGNO
 UNIT_AT_END = re.compile(r"([^\[(]*\S)\s+[\[(]([^\])]*)[\])]")
 OTHER_ORDERS = {"".join(order) for letters in (AXES, "ijk") for order in permutations(letters)} - {AXES, "ijk"}
 OF_IMAGES = ({"row"}, {"col", "column"}, {"slice", "plane"})
-"""Words for the axes of an image, whose order in space a table does not tell."""
+"""Words for the axes of an image, whose order in space a table does not define."""
 
 
 @dataclass(frozen=True)
@@ -62,13 +62,13 @@ def parse_table(data: bytes, where: str, columns: Chosen = None) -> PointSet:
         columns: which columns to take, as `chosen_columns` has it.
 
     Raises:
-        ColumnsError: columns that cannot be told apart.
+        ColumnsError: columns that cannot be distinguished.
         OptionError: columns that are not there.
         FileFormatError: not text, decimal commas, ragged rows or words among the numbers, with the line number; other
             rows than the first line promises.
     """
     lines = _lines(data, where)
-    text = _taken_apart(lines, where)
+    text = _parsed_lines(lines, where)
     first = text.split(text.rows[0])
     names, has_header = _names(text, first, columns)
     body = text.rows[has_header:]
@@ -102,16 +102,18 @@ def _point_set(
         found = columns_of(names, what)
     else:
         found = _unnamed(text, body, width, what)
-    places = found.points + (found.normals or ())
-    values = _values(text, body, width, places)
+    positions = found.points + (found.normals or ())
+    values = _values(text, body, width, positions)
     points = check_points(values[:, :3], text.where)
     normals = None if found.normals is None else unit_normals(values[:, 3:], len(points), f"{text.where}: normals")
     unit = _common_unit(text, found, what)
     return PointSet(points, normals, unit, notes=(found.note,) if found.note else ())
 
 
-def _values(text: _Text, body: list[tuple[int, str]], width: int, places: tuple[int, ...]) -> Array:
-    return np.array([_numbers(row, text, width, places) for row in body], dtype=np.float64).reshape(-1, len(places))
+def _values(text: _Text, body: list[tuple[int, str]], width: int, positions: tuple[int, ...]) -> Array:
+    return np.array([_numbers(row, text, width, positions) for row in body], dtype=np.float64).reshape(
+        -1, len(positions)
+    )
 
 
 # --- names of columns --------------------------------------------------------------------------------------------
@@ -119,18 +121,18 @@ def _values(text: _Text, body: list[tuple[int, str]], width: int, places: tuple[
 
 def _names(text: _Text, first: list[str], columns: Chosen) -> tuple[list[str] | None, bool]:
     """The names of the columns, or None, and whether the first row holds them."""
-    wanted = columns.split(",") if isinstance(columns, str) else columns or ()
-    if not any(map(_is_number, first)) or names_axes(first) or (wanted and _all_in(wanted, first)):
+    requested = columns.split(",") if isinstance(columns, str) else columns or ()
+    if not any(map(_is_number, first)) or names_axes(first) or (requested and _all_in(requested, first)):
         return first, True
-    _check_numbered(text, first, bool(wanted))
-    found = [names for comment in text.comments if (names := _names_in(comment, text.separator, len(first), wanted))]
+    _check_numbered(text, first, bool(requested))
+    found = [names for comment in text.comments if (names := _names_in(comment, text.separator, len(first), requested))]
     if any(columns_of(names, text.where) != columns_of(found[0], text.where) for names in found[1:]):
         raise ColumnsError(f"{text.where}: two comments name the columns differently; choose by --columns")
     return (found[0] if found else None), False
 
 
-def _all_in(wanted: Sequence[str | int], first: list[str]) -> bool:
-    return all(isinstance(name, str) and name.strip() in first for name in wanted)
+def _all_in(requested: Sequence[str | int], first: list[str]) -> bool:
+    return all(isinstance(name, str) and name.strip() in first for name in requested)
 
 
 def _check_numbered(text: _Text, first: list[str], is_chosen: bool) -> None:
@@ -148,8 +150,8 @@ def _check_numbered(text: _Text, first: list[str], is_chosen: bool) -> None:
     )
 
 
-def _names_in(comment: str, separator: str | None, width: int, wanted: Sequence[str | int]) -> list[str] | None:
-    """The names of the columns, where a comment holds as many, with x, y and z or those that are wanted among them."""
+def _names_in(comment: str, separator: str | None, width: int, requested: Sequence[str | int]) -> list[str] | None:
+    """The names of the columns, where a comment has as many, with x, y and z or the requested ones among them."""
     text = LABEL.sub("", comment, count=1) if LABEL.match(comment) else comment
     if (end := UNIT_AT_END.fullmatch(text)) and unit_of(end[2]):
         text = end[1]
@@ -158,7 +160,7 @@ def _names_in(comment: str, separator: str | None, width: int, wanted: Sequence[
         suffix = ""
     for each in dict.fromkeys([separator, ",", ";", "\t", None]):
         names = _fields(text, each)
-        if len(names) == width and (names_axes(names) or (wanted and _all_in(wanted, names))):
+        if len(names) == width and (names_axes(names) or (requested and _all_in(requested, names))):
             return [name + suffix for name in names]
     return None
 
@@ -189,7 +191,7 @@ def _may_name_another_order(comment: str) -> bool:
 
 
 def _looks(text: _Text, body: list[tuple[int, str]], width: int) -> str:
-    """How to name columns, and what they look like; nothing is said of words among the numbers."""
+    """How to name columns, and what they look like; nothing about words among the numbers."""
     rows = [text.split(row) for row in body]
     numbers = [[_to_number(field) for field in row] for row in rows if len(row) == width]
     every = np.array([[math.nan if each is None else each for each in row] for row in numbers]).reshape(-1, width)
@@ -199,8 +201,8 @@ def _looks(text: _Text, body: list[tuple[int, str]], width: int) -> str:
 
 def _common_unit(text: _Text, found: Columns, what: str) -> str:
     """The unit in the names of the columns, or that of a comment such as `# unit: mm`."""
-    said = [match[1] for comment in text.comments if (match := UNIT_COMMENT.fullmatch(comment))]
-    units = {unit for word in said if (unit := unit_of(word))} | ({found.unit} - {"unknown"})
+    stated = [match[1] for comment in text.comments if (match := UNIT_COMMENT.fullmatch(comment))]
+    units = {unit for word in stated if (unit := unit_of(word))} | ({found.unit} - {"unknown"})
     if len(units) > 1:
         raise ColumnsError(f"{what}: expected one unit of length, found {' and '.join(sorted(units))}")
     return next(iter(units), "unknown")
@@ -233,16 +235,16 @@ def _lines(data: bytes, where: str) -> list[str]:
     return text.splitlines() or [""]
 
 
-def _taken_apart(lines: list[str], where: str) -> _Text:
+def _parsed_lines(lines: list[str], where: str) -> _Text:
     """Comments, rows, separator, and the number of rows where the first line is nothing else."""
     given = SEPARATOR.fullmatch(lines[0].strip().strip('"'))
     comments: list[str] = []
     rows: list[tuple[int, str]] = []
     for number, line in enumerate(lines, 1):
-        mark = next((mark for mark in COMMENTS if line.lstrip().startswith(mark)), None)
-        if mark and not rows:
+        prefix = next((prefix for prefix in COMMENTS if line.lstrip().startswith(prefix)), None)
+        if prefix and not rows:
             comments.append(line.lstrip().lstrip("#/%! \t").rstrip())
-        content = "" if mark or (given and number == 1) else line.split("#", 1)[0].strip(" ")
+        content = "" if prefix or (given and number == 1) else line.split("#", 1)[0].strip(" ")
         if content.strip():
             rows.append((number, content))
     if not rows:
@@ -290,13 +292,13 @@ def _split(line: str, separator: str | None, where: str, number: int) -> list[st
     return fields
 
 
-def _numbers(row: tuple[int, str], text: _Text, width: int, places: tuple[int, ...]) -> list[float]:
+def _numbers(row: tuple[int, str], text: _Text, width: int, positions: tuple[int, ...]) -> list[float]:
     fields = text.split(row)
     if len(fields) != width:
         raise FileFormatError(
             f"{text.where}, line {row[0]}: expected {width} columns as in the first row, found {len(fields)}"
         )
-    chosen = [fields[place] for place in places]
+    chosen = [fields[position] for position in positions]
     values = [_to_number(field) for field in chosen]
     if None in values:
         raise FileFormatError(f"{text.where}, line {row[0]}: expected numbers, found {chosen[values.index(None)]!r}")

@@ -11,8 +11,8 @@ HEXAHEDRON = 12
 """VTK's number of this kind of cell."""
 
 
-def encode_vtu(mesh: HexMesh, marks: Mapping[str, str]) -> bytes:
-    """The bytes of a .vtu file in double precision; marks, such as frame and unit, as field data.
+def encode_vtu(mesh: HexMesh, metadata: Mapping[str, str]) -> bytes:
+    """The bytes of a .vtu file in double precision; metadata, such as frame and unit, as field data.
 
     The cells carry `radial`, `circumferential` and `longitudinal` unit vectors and `depth`, from 0 at the inner to 1
     at the outer surface.
@@ -30,7 +30,7 @@ def encode_vtu(mesh: HexMesh, marks: Mapping[str, str]) -> bytes:
         '<?xml version="1.0"?>',
         '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64">',
         "<UnstructuredGrid>",
-        field_data(marks),
+        field_data(metadata),
         f'<Piece NumberOfPoints="{n}" NumberOfCells="{m}">',
         f"<Points>{data_array('Points', mesh.vertices.astype('<f8'), 'Float64', 3)}</Points>",
         f"<Cells>{''.join(cells)}</Cells>",

@@ -290,7 +290,7 @@ def precision_loss(given: object, points: Array) -> Warnings:
     if step / half <= least:
         return {}
     text = (
-        f"neighbouring {name} numbers at {largest:.3g} are {step:.1e} apart, {step / half:.0e} of half the cloud's "
+        f"neighbouring {name} values at {largest:.3g} are {step:.1e} apart, {step / half:.0e} of half the cloud's "
         "diagonal; subtract an offset before they are stored"
     )
     return {WarningKind.PRECISION_LOSS: text}

@@ -95,7 +95,7 @@ class Superquadric:
     def _hole(self) -> float:
         return self.hole_radius or 0.0
 
-    # --- numbers -------------------------------------------------------------------------------------------------
+    # --- parameters -------------------------------------------------------------------------------------------------
 
     @property
     def parameters(self) -> Array:
