@@ -15,7 +15,7 @@ import quadriform as qf
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
-NOTEBOOK = DOCS / "front_doors.ipynb"
+NOTEBOOK = DOCS / "entry_points.ipynb"
 PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
 FETCHED = ("src", "srcset", "href", "xlink:href", "data", "poster")
 CSS_FETCH = re.compile(r"""(?:url\(|@import)\s*["']?\s*(?:https?:)?//""")
