@@ -43,7 +43,7 @@ def test_sides_run_in_turn_and_medians_are_theirs(harness):
     assert (laps["a"].result, laps["b"].result) == ("a5", "b6")
 
 
-def test_the_ratio_is_our_median_over_the_rivals(harness):
+def test_the_ratio_is_our_median_over_that_of_the_baseline(harness):
     ours, baseline = harness.Lap((1.0, 3.0, 2.0), None), harness.Lap((8.0, 8.0, 1.0), None)
     row = harness.against("comparison", harness.Goal(0.3, 0.2), ours, baseline, "them")
     assert row.value == 0.25

@@ -125,7 +125,7 @@ def test_the_temporary_file_is_for_nobody_else(tmp_path, monkeypatch):
     assert seen[0] == 0o600
 
 
-def test_what_cannot_be_created_is_told_and_leaves_nothing(tmp_path, monkeypatch):
+def test_what_cannot_be_created_is_refused_and_leaves_nothing(tmp_path, monkeypatch):
     """Unlike one more than there may be: that is left as it is."""
     assert atomic.create_bytes(tmp_path / "a", b"first") and not atomic.create_bytes(tmp_path / "a", b"second")
     assert (tmp_path / "a").read_bytes() == b"first"

@@ -146,7 +146,7 @@ def test_normals_are_found_among_other_columns(write, header):
         ("1,2\n3,4\n", "found 2"),
     ],
 )
-def test_what_cannot_be_told_is_refused_with_its_cause(write, content, message):
+def test_what_is_not_clear_is_refused_with_its_cause(write, content, message):
     with pytest.raises(ColumnsError, match=message) as caught:
         qf.read_points(write(content))
     assert "decimal" not in str(caught.value)

@@ -188,7 +188,7 @@ SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
         ("decimal.obj", SQUARE + "f 1.0 2.0 3.0\n", "line 5: expected three whole numbers"),
     ],
 )
-def test_what_is_wrong_with_a_mesh_is_said(tmp_path, name, content, message):
+def test_what_is_wrong_with_a_mesh_is_reported(tmp_path, name, content, message):
     (tmp_path / name).write_text(content)
     with pytest.raises(FileFormatError, match=message):
         qf.load(tmp_path / name)

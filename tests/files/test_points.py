@@ -50,7 +50,7 @@ def write(tmp_path):
 
 @pytest.mark.parametrize("suffix", [".xyz", ".csv", ".txt", ".TXT"])
 @pytest.mark.parametrize("separator", [",", ";", "\t", " ", "   ", ", ", " ; "])
-def test_every_separator_gives_the_same_numbers(write, suffix, separator):
+def test_every_separator_gives_the_same_values(write, suffix, separator):
     assert np.array_equal(read_points(write("p" + suffix, text(separator))), ROWS)
 
 
@@ -87,7 +87,7 @@ def test_every_separator_gives_the_same_numbers(write, suffix, separator):
         "no last line end",
     ],
 )
-def test_harmless_dress_is_accepted(write, content):
+def test_harmless_variants_are_accepted(write, content):
     assert np.array_equal(read_points(write("p.csv", content)), ROWS)
 
 

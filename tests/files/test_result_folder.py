@@ -137,7 +137,7 @@ def test_files_of_a_writer_at_work_are_left_alone(out):
     assert contents(out) == before and (out / ".quadriform-2.tmp").is_dir()
 
 
-def test_what_cannot_be_put_back_is_told(out, monkeypatch):
+def test_what_cannot_be_put_back_is_reported(out, monkeypatch):
     staging = out / ".quadriform-1.tmp"
     (staging / "old").mkdir(parents=True)
     (out / "model.json").rename(staging / "old" / "model.json")

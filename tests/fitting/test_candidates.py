@@ -32,7 +32,7 @@ def test_one_that_runs_into_the_outer_becomes_a_copy_of_it_through_the_points(ax
     assert 24 / 34 < shares[0] < 44 / 53
 
 
-def test_how_thin_a_wall_may_be_is_told_by_the_points():
+def test_how_thin_a_wall_may_be_is_found_in_the_points():
     """A gap of 2 % is much for a wall of 3 %, and next to nothing for one of 30 %."""
     inner = replace(OUTER, semi_axes=0.98 * OUTER.semi_axes)
     thin, thick = (replace(OUTER, semi_axes=share * OUTER.semi_axes) for share in (0.97, 0.7))

@@ -193,7 +193,7 @@ def test_a_larger_ruler_gives_larger_numbers(plain):
     assert np.trace(ten.covariance) == pytest.approx(100 * np.trace(one.covariance), rel=1e-3)
 
 
-def test_strangers_are_told_from_inliers_and_only_when_asked():
+def test_outliers_are_detected_and_only_on_request():
     strangers = np.array([[90.0, 10, 0], [-20, 80, 5], [0, 0, -120.0]])
     mixed = np.concatenate([CLOUD, strangers])
     start = qf.fit_superquadric(mixed).superquadric

@@ -58,7 +58,7 @@ def test_points_without_weight_are_not_sampled(rng):
     assert len(chosen) == pytest.approx(large_clouds.SAMPLE, rel=0.05)
 
 
-def test_all_points_tell_more_than_a_sample_and_no_less_than_at_once(small, monkeypatch):
+def test_all_points_determine_more_than_a_sample_and_no_less_than_at_once(small, monkeypatch):
     points = cloud(12_000)
     few = points[large_clouds.sampled(points, np.ones(len(points)))]
     alone, every = qf.fit(few), qf.fit(points)
@@ -85,7 +85,7 @@ def test_the_number_of_threads_changes_nothing(small, monkeypatch):
     np.testing.assert_array_equal(*found)
 
 
-def test_strangers_are_told_in_their_places(small, rng):
+def test_outliers_are_reported_at_their_indices(small, rng):
     points = np.concatenate([cloud(6000, seed=3), rng.uniform(-2, 2, (150, 3)) * np.abs(TRUTH).max()])
     fit = qf.fit(points)
     far = np.abs(fit.model.distance(points)) > 6 * NOISE

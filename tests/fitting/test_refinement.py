@@ -90,7 +90,7 @@ def test_the_record_is_what_it_says():
     assert ten.error == pytest.approx(10 * record.error, rel=1e-6)
 
 
-def test_the_stop_test_ends_early_and_progress_is_told():
+def test_the_stop_test_ends_early_and_progress_is_reported():
     cloud, told = ventricle(600), []
     s = qf.fit_superquadric(cloud, method="paper").superquadric
     fit = qf.refine(

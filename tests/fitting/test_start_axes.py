@@ -39,7 +39,7 @@ def bent(kind, axes, height, exponents, noise, seed):
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_the_axis_is_found_where_inertia_does_not_tell_it(case):
+def test_the_axis_is_found_where_inertia_does_not_determine_it(case):
     kind, axes, _, exponents, noise = CASES[case]
     for seed in range(3):
         points, axis = bent(*CASES[case], seed)

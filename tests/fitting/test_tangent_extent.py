@@ -70,7 +70,7 @@ def test_the_smallest_box_that_reaches_the_error_is_taken(start):
         assert "POOR_FIT" not in found.warnings
 
 
-def test_an_error_out_of_reach_is_said():
+def test_an_error_out_of_reach_is_reported():
     points = noisy_egg(200)
     found = qf.refine(qf.fit_superquadric(points).superquadric, points, box="auto", max_error=0.01)
     assert found.model.box.control_points.shape == (7, 7, 7, 3)

@@ -168,7 +168,7 @@ def test_the_strength_of_the_evidence_is_near_the_best_one(start, refined):
     assert error(refined.model) < min(error(weaker.model), error(stronger.model))
 
 
-def test_every_round_is_told_and_recorded(start):
+def test_every_round_is_reported_and_recorded(start):
     told = []
     fit = qf.refine(start, FEW[:300], progress=lambda done, total: told.append((done, total)))
     assert [done for done, _ in told] == list(range(1, fit.iterations + 1))

@@ -74,7 +74,7 @@ def test_lattice_points_that_touch_the_surface_are_inside_whatever_rounding_says
     assert (np.abs(surface.implicit(points) - 1) < 1e-12).sum() == 6
 
 
-def test_a_cure_leaves_the_surface_alone(folded):
+def test_removing_folds_leaves_the_surface_alone(folded):
     """Old bug: more strength everywhere cured a small fold inside, and the error grew eightfold."""
     unfolded = qf.fit(DENTED)
     assert folded.model.min_jacobian() < 0 < unfolded.model.min_jacobian()
@@ -123,7 +123,7 @@ def test_several_surfaces_are_unfolded_at_any_price_but_the_accepted_one_is_soug
     assert max(seen) < 0.5
 
 
-def test_a_fold_that_no_fair_price_cures_is_told(monkeypatch, folded):
+def test_a_fold_whose_removal_raises_the_noise_too_much_is_reported(monkeypatch, folded):
     monkeypatch.setattr(refinement, "accepted_noise", lambda refined: 0.0)
     fit = qf.fit(DENTED)
     assert "sampled points" in fit.warnings["FOLDING"]

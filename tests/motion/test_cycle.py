@@ -44,7 +44,7 @@ def with_one_far(frame):
     return [np.vstack([cloud, [[10 * RADIUS, 0, 0]]]) if n == frame else cloud for n, cloud in enumerate(FRAMES)]
 
 
-def test_a_stranger_is_said_of_its_frame_and_moves_little(plain):
+def test_an_outlier_is_reported_of_its_frame_and_changes_little(plain):
     found = tracked(with_one_far(1))
     assert found.warnings["OUTLIERS"] == f"frame 1: 1 of {len(FRAMES[1]) + 1} points are outliers: {len(FRAMES[1])}"
     assert max(gap(one, other) for one, other in zip(found.models, plain.models)) < 1e-2
@@ -70,7 +70,7 @@ def test_a_filled_body_among_surfaces_has_strangers():
     assert found.warnings["OUTLIERS"].startswith("frame 1: ")
 
 
-def test_what_is_not_proven_to_be_free_of_folds_is_said_of_its_frame(monkeypatch, plain):
+def test_what_is_not_verified_to_be_free_of_folds_is_reported_of_its_frame(monkeypatch, plain):
     boxes = []
 
     def all_but_the_second(box, surfaces):
@@ -85,7 +85,7 @@ def test_what_is_not_proven_to_be_free_of_folds_is_said_of_its_frame(monkeypatch
 
 
 @pytest.mark.parametrize("strategy", ["cycle", "previous", "alone"])
-def test_progress_is_told_to_its_end(strategy):
+def test_progress_is_reported_to_its_end(strategy):
     told = []
     tracked(strategy=strategy, progress=lambda done, total: told.append((done, total)))
     assert [done for done, _ in told] == sorted(done for done, _ in told)
@@ -181,7 +181,7 @@ def test_no_step_goes_far_up(monkeypatch, cycle, too_far):
         assert np.abs(cycle.displacement).max() < 2 * SMALLEST_STEP * np.abs(steps[0]).max()
 
 
-def test_a_cavity_that_empties_in_a_wall_at_rest_is_followed():
+def test_a_cavity_that_empties_in_a_wall_that_does_not_move_is_tracked():
     """Three quarters of all points do not move; those of the cavity at the other time are no outliers for that."""
     outside = lumpy(300)
     clouds = [{"endo": 0.7 * outside, "epi": outside}, {"endo": 0.5 * outside, "epi": outside}]

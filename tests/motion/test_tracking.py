@@ -180,7 +180,7 @@ def test_the_frame_that_is_wrong_is_named():
 
 
 @pytest.mark.parametrize("strategy", ["cycle", "alone"])
-def test_digits_that_a_frame_had_lost_are_said_with_its_number(strategy):
+def test_a_loss_of_digits_is_reported_with_its_frame(strategy):
     """As they came: once they are checked all are double precision."""
     far = [frame["endo"] + 1e6 for frame in heart()[:2]]
     found = qf.track([far[0], far[1].astype(np.float32)], strategy=strategy, box=BOX)

@@ -22,7 +22,7 @@ READINGS = [("svd", "auto"), ("svd", 1e-3), ("springs", "auto"), ("springs", 1e-
 
 
 @pytest.mark.parametrize(("regularity", "strength"), READINGS)
-def test_thirty_iterations_settle(superquadric, cloud, regularity, strength):
+def test_thirty_iterations_converge(superquadric, cloud, regularity, strength):
     """The last step is at most 10 % of the first, and the error never rises by more than 5 %."""
     fit = qf.refine(superquadric, cloud, method="paper", regularity=regularity, strength=strength)
     steps = [record.surface_motion for record in fit.history]

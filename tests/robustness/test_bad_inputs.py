@@ -206,7 +206,7 @@ def test_row_23_one_gross_outlier_moves_nothing(plain):
 @pytest.mark.parametrize(
     ("count", "share", "seed", "tolerance"), [(400, 0.1, 0, 2e-2), (400, 0.1, 1, 2e-2), (2000, 0.3, 0, 5e-2)]
 )
-def test_row_24_strangers_move_little(count, share, seed, tolerance):
+def test_row_24_outliers_change_little(count, share, seed, tolerance):
     """With 30 % of strangers 400 points are too few for the box, which is warned of: see `WARNED`."""
     cloud = lumpy(count)
     found = qf.fit(np.vstack([cloud, strangers(share, count, seed)]))

@@ -82,7 +82,7 @@ def read(tmp_path, content, name="p.csv"):
 
 
 @pytest.mark.parametrize("head", HEADS, ids=repr)
-def test_every_dress_gives_the_right_numbers_or_an_error(tmp_path, head):
+def test_every_variant_gives_the_right_numbers_or_an_error(tmp_path, head):
     right = 0
     for separator, end, number in itertools.product(SEPARATORS, ENDS, NUMBERS):
         rows = [separator.join(number % value for value in row) for row in ROWS.tolist()]

@@ -9,10 +9,10 @@ import wording
 from wording import LIST, main, read_list, search, without_prose
 
 ENTRIES = [
-    {"words": [("stranger",)], "allowed": [], "use": "outlier"},
-    {"words": [("at", "rest")], "allowed": [], "use": "undeformed"},
-    {"words": [("#", "numbers")], "allowed": [], "use": "parameters"},
-    {"words": [("turn",)], "allowed": [("turn", "table")], "use": "rotation", "where": "names"},
+    {"words": [["stranger"]], "allowed": [], "use": "outlier"},
+    {"words": [["at", "rest"]], "allowed": [], "use": "undeformed"},
+    {"words": [["#", "numbers"]], "allowed": [], "use": "parameters"},
+    {"words": [["turn"]], "allowed": [["turn", "table"]], "use": "rotation", "where": "names"},
 ]
 
 
@@ -28,6 +28,7 @@ def test_words_are_found_in_prose_and_within_identifiers():
 
 def test_phrases_go_on_in_the_next_line_of_a_comment():
     assert found("a.py", "# the box is at\n    # rest") == {1: ["a.py:1: at"]}
+    assert found("a.py", "float32 numbers; x[1]; numbers[1] numbers") == {}
     assert found("a.md", "386 numbers, 1,157 numbers; all numbers") == {2: ["a.md:1: 386", "a.md:1: 1,157"]}
 
 
@@ -57,5 +58,5 @@ def test_a_word_on_the_list_fails(tmp_path, monkeypatch, capsys):
 
 def test_the_list_gives_a_term_for_each_word():
     entries = read_list(LIST)
-    words = [word for entry in entries for word in entry["words"]]
+    words = [tuple(word) for entry in entries for word in entry["words"]]
     assert len(words) == len(set(words)) and all(entry["use"] for entry in entries)

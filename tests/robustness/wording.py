@@ -16,15 +16,16 @@ SEARCHED = (*CODE, ".md", ".j2", ".html")
 PYTHON_PROSE = re.compile(r'""".*?"""|"(?:\\.|[^"\\\n])*"|\'(?:\\.|[^\'\\\n])*\'|#[^\n]*', re.DOTALL)
 OTHER_PROSE = re.compile(r'/\*.*?\*/|`[^`]*`|"(?:\\.|[^"\\\n])*"|\'(?:\\.|[^\'\\\n])*\'|//[^\n]*', re.DOTALL)
 CAPITAL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
-WORD = re.compile(r"[a-z]+|\d[\d,.]*")
+COMMENT_START = re.compile(r"(?<=\n)[ \t]*(?:#|//|\*)")
+WORD = re.compile(r"[a-z]+|(?<![a-z\d])\d[\d,.]*|[^\w\s\"'`]")
 
 
 def read_list(path=LIST):
-    """The entries of the list, words and allowed uses as tuples of single words."""
+    """The entries of the list, words and allowed uses as lists of single words and signs."""
     entries = tomllib.loads(path.read_text(encoding="utf-8"))["term"]
     for entry in entries:
         for key in ("words", "allowed"):
-            entry[key] = [tuple(phrase.split()) for phrase in entry.get(key, ())]
+            entry[key] = [WORD.findall(phrase.replace("_", " ")) for phrase in entry.get(key, ())]
     return entries
 
 
@@ -51,7 +52,7 @@ def without_prose(name, text):
 def positions(words, phrase):
     """Where the phrase begins among the words; # stands for any number."""
     first = [i for i, word in enumerate(words) if word == phrase[0] or (phrase[0] == "#" and word[0].isdigit())]
-    return [i for i in first if words[i + 1 : i + len(phrase)] == list(phrase[1:])]
+    return [i for i in first if words[i + 1 : i + len(phrase)] == phrase[1:]]
 
 
 def uses(entry, words):
@@ -65,7 +66,7 @@ def search(entries, named_texts):
     found = defaultdict(list)
     for name, text in named_texts:
         for names_only, searched in ((False, text), (True, without_prose(name, text))):
-            separate = CAPITAL.sub(" ", searched).replace("_", " ").lower()
+            separate = CAPITAL.sub(" ", COMMENT_START.sub("", searched)).replace("_", " ").lower()
             matches = list(WORD.finditer(separate))
             words = [match[0] for match in matches]
             present = set(words) | ({"#"} if any(word[0].isdigit() for word in words) else set())

@@ -242,7 +242,7 @@ def made_in(unit, surface):
     )
 
 
-def test_settle_never_leads_away_and_few_slides_come_near(rng):
+def test_updates_of_foot_points_never_lead_away_and_few_come_near(rng):
     surface, box = deformed((0.7, 1.1))
     origins = surface.project(rng.normal(size=(2000, 3)))
     targets = box.deform(origins) + rng.normal(0, 0.05, origins.shape)

@@ -56,7 +56,7 @@ def test_semi_axes_exponents_and_handedness_stay():
 
 
 @pytest.mark.parametrize("make", [lps, moving])
-def test_there_and_back_are_the_same_numbers(make):
+def test_there_and_back_are_the_same_values(make):
     here = make()
     back = here.in_space("RAS").in_space("LPS")
     for one, other in ((here, back), (here, here.in_space("LPS"))):
