@@ -30,7 +30,7 @@ def test_a_lattice_has_equal_distances():
     assert np.diff(np.sort(np.linalg.norm(LOPSIDED, axis=1))).min() < 1e-14
 
 
-def test_neighbours_tell_the_same(change):
+def test_neighbours_are_the_same(change):
     turn, order = change
     one, two = Neighbourhood.of(LOPSIDED), Neighbourhood.of((LOPSIDED @ turn.T)[order])
     np.testing.assert_allclose(two.flatness, one.flatness[order], atol=1e-9)

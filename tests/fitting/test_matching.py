@@ -9,12 +9,12 @@ from quadriform.fitting.paper.displacement import data_to_model, model_to_data
 LINE = np.array([[0.0, 0, 0], [10, 0, 0], [20, 0, 0]])
 
 
-def test_each_data_point_pulls_its_closest_model_point():
+def test_each_data_point_attracts_its_closest_model_point():
     data = np.array([[0.0, 1, 0], [10, -2, 0], [20, 0, 3]])
     np.testing.assert_allclose(data_to_model(LINE, data), [[0, 1, 0], [0, -2, 0], [0, 0, 3]])
 
 
-def test_several_data_points_pull_by_their_mean():
+def test_several_data_points_displace_by_their_mean():
     data = np.array([[0.0, 1, 0], [1, 3, 0], [10, 0, 0], [20, 0, 0]])
     np.testing.assert_allclose(data_to_model(LINE, data), [[0.5, 2, 0], [0, 0, 0], [0, 0, 0]])
 

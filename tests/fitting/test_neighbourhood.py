@@ -110,7 +110,7 @@ def test_an_edge_is_seen_through_noise_and_outliers(rng):
         assert has_edge(cloud, Neighbourhood.of(cloud))
 
 
-def test_strangers_are_alone():
+def test_outliers_are_alone():
     """A hundred scattered through twenty-seven times the room of a sphere of 900."""
     strangers = np.random.default_rng(2).uniform(-3, 3, (100, 3))
     strangers = strangers[np.abs(np.linalg.norm(strangers, axis=1) - 1) > 0.5]

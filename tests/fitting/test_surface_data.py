@@ -115,7 +115,7 @@ def test_the_surface_that_nobody_claims_asks_for_data():
     assert len(nobody) == len(nothing) == 0
 
 
-def test_data_pulls_along_the_normal_and_hardly_along_the_surface(rng):
+def test_data_attracts_along_the_normal_and_hardly_along_the_surface(rng):
     """The metric of each point, by its weight and inlier probability, on a sphere where the normal is the radius."""
     points = even_directions(600)
     one = data_of(points, weights=rng.uniform(1, 3, 600))

@@ -47,7 +47,7 @@ def test_superquadrics_are_met_exactly(body):
 
 
 @pytest.mark.skip(reason="a foot point caught at a sharp edge makes an exact point a stranger: the last look is local")
-def test_a_pinched_superquadric_has_no_strangers():
+def test_a_pinched_superquadric_has_no_outliers():
     points = made().surface(even_directions(500))
     fit = qf.fit(points)
     assert np.abs(fit.residuals).max() < 1e-4 * Frame.of(points).scale
@@ -103,7 +103,7 @@ def test_what_few_control_points_cannot_say_is_in_the_uncertainty():
     assert (off < 2 * only_noise).mean() < 0.7
 
 
-def test_strangers_hardly_matter_and_are_named(fitted):
+def test_outliers_hardly_matter_and_are_named(fitted):
     fit = qf.fit(with_strangers(NOISY, 100))
     assert error(fit.model) < 1.2 * error(fitted.model)
     assert fit.noise == pytest.approx(1.0, rel=0.06)
@@ -113,7 +113,7 @@ def test_strangers_hardly_matter_and_are_named(fitted):
     assert f"{(fit.inliers < 0.5).sum()} of 1000 points" in fit.warnings["OUTLIERS"]
 
 
-def test_without_robustness_strangers_matter_and_nobody_is_one(start):
+def test_without_robustness_outliers_matter_and_nobody_is_one(start):
     cloud = with_strangers(FEW, 50)
     plain, robust = (qf.refine(start, cloud, robust=robust) for robust in (False, True))
     np.testing.assert_array_equal(plain.inliers, 1)

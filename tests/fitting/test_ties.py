@@ -66,7 +66,7 @@ def test_axes_of_isotropic_clouds_without_symmetry_turn_with_them(fold):
     np.testing.assert_allclose(values, np.sort(((points @ TURN.T @ other) ** 4).sum(axis=0)), rtol=1e-6)
 
 
-def test_axes_that_eigenvalues_tell_are_left_as_they_are():
+def test_axes_that_eigenvalues_determine_are_left_as_they_are():
     points = even_directions(50) * [1, 2, 3]
     given = np.linalg.eigh(points.T @ points)
     assert canonical_axes(*given, points) is given[1]

@@ -76,7 +76,7 @@ def test_what_is_held_is_smooth_along_a_stack_and_the_mean_of_slices_that_cross(
         more = len(clouds[0]["endo"]) - len(numbers[0]["endo"])
         numbers[0]["endo"] = np.concatenate([numbers[0]["endo"], np.full(more, 20)])
     planes = SlicePlanes.of(clouds, numbers)
-    held = planes.unseen()
+    held = planes.unobservable()
     assert held.shape == (2 * len(planes.numbers), 3 if crossed else 12)
     inside = np.linalg.lstsq(held, np.eye(len(held)), rcond=None)[0]
     height = planes.centres[:, 2] - planes.centres[:, 2].mean()

@@ -1,4 +1,4 @@
-"""The whole cycle at once: foot points slide in every frame, then all control points of all times move together."""
+"""A whole cycle at once: foot points of every frame are updated, then control points of all times are solved for."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -91,10 +91,10 @@ class Cycle:
         self.shape: tuple[int, int, int] = box.control_points.shape[:3]
         self.regularity, self.penalty = regularity, penalty_matrix(regularity, self.shape)
         self.noise = FIRST_NOISE * float(np.median(np.abs(np.concatenate(self._distances()))))
-        away = [np.concatenate([data.distances(box) for data in datasets]) for datasets in self.datasets]
-        order = np.argsort([distances @ distances for distances in away], kind="stable")
+        squared = [np.concatenate([data.distances(box) for data in datasets]) for datasets in self.datasets]
+        order = np.argsort([distances @ distances for distances in squared], kind="stable")
         self.ends = int(order[0]), int(order[-1])
-        self.shifts = np.zeros((0 if planes is None else len(planes[0].numbers), 2))
+        self.shifts = np.zeros((0 if planes is None else len(planes[0].axes), 2))
         count = sum(len(cloud) for cloud in frames[0].values())
         self.penalties = [JacobianPenalty.of(box, surfaces, count, self.noise)] * len(frames)
 
@@ -106,10 +106,10 @@ class Cycle:
         return [data.distances(box) for box, datasets in zip(self.boxes, self.datasets) for data in datasets]
 
     def fit(self, alpha: float | None, progress: Progress | None = None) -> CycleFit:
-        """From strengths under which nothing folds down to those of the largest evidence, then until it rests.
+        """From strengths at which nothing folds down to those of the largest evidence, then until it converges.
 
-        The strength in time is sought about the one that lets the whole cloud swing once a period at the price of the
-        noise.
+        The search for the strength in time begins at the one at which a motion of the whole cloud once a period costs
+        as much as the noise.
 
         Args:
             alpha: the strength in space; None for the evidence's.
@@ -122,8 +122,8 @@ class Cycle:
         report, total = progress or (lambda done, total: None), DESCENT + ROUNDS
         strengths = alpha or self._alone(None), self.noise**2 / (2 * np.pi) ** 4
         solved = []
-        for done, harder in enumerate(np.geomspace(STRONGEST, 1, DESCENT)):
-            solved.append(self._round((harder * strengths[0], harder * strengths[1])))
+        for done, factor in enumerate(np.geomspace(STRONGEST, 1, DESCENT)):
+            solved.append(self._round((factor * strengths[0], factor * strengths[1])))
             report(done + 1, total)
         certified: tuple[bool, ...] = ()
         for done in range(MOST_ROUNDS):
@@ -146,17 +146,17 @@ class Cycle:
         return CycleFit(control, datasets, self.noise, strengths, self.shifts, certified)
 
     def _alone(self, near: float | None) -> float:
-        """The strength in space that the frames nearest to rest and farthest from it, standing alone, both can bear.
+        """The smaller of the best strengths in space of the two frames with the least and the largest displacement.
 
-        Held more tightly than one of them asks for it would lag behind. Over a whole cycle smoothness in time could
-        take the place of this strength on the surface, but nothing would then hold the space inside.
+        With more strength one of them would lag behind. Over a whole cycle smoothness in time could replace this
+        strength on the surface, but nothing would then regularise the space inside.
         """
         nothing = [None] * len(self.surfaces)
         ends = [evidence_of(self.datasets[n], nothing, self.boxes[n], self.regularity) for n in self.ends]
         return min(each.select(None, near).strength for each in ends)
 
     def _round(self, strengths: tuple[float, float]) -> bool:
-        """Move everything as far towards the solution of the linear problem as lowers the sum; false without one."""
+        """Move everything towards the solution of the linear problem as far as lowers the sum; false without one."""
         self._update_foot_points()
         if self.robust:
             self._update_inliers()
@@ -234,8 +234,8 @@ class Cycle:
             count += sum(float((data.weights * data.inliers).sum()) for data in datasets)
             if self.planes:
                 rows.append(list(zip(found, self.planes[1][frame].values(), targets)))
-        border = self.planes[0].border(rows, self.boxes, self.noise) if self.planes else None
-        return CycleEvidence(equations, self.values, self.basis, self.penalty, self.shape, count, border)
+        bordered_block = self.planes[0].bordered_block(rows, self.boxes, self.noise) if self.planes else None
+        return CycleEvidence(equations, self.values, self.basis, self.penalty, self.shape, count, bordered_block)
 
     def _certified(self) -> tuple[bool, ...]:
         """Which frames are verified to be free of folds; the penalties of the others become stronger."""

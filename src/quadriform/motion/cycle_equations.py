@@ -33,7 +33,7 @@ class CycleSolution:
     """Displacements of the control points under one pair of strengths.
 
     Attributes:
-        displacement: (K, k, 3), from rest, at the knots.
+        displacement: (K, k, 3), from the undeformed box, at the knots.
         shifts: (m,), what else was solved for.
         noise: standard deviation of the data along the normal.
         criterion: minus twice the log evidence, up to a constant.
@@ -67,7 +67,7 @@ class CycleEvidence:
         penalty: Array,
         shape: tuple[int, int, int],
         count: float,
-        border: tuple[Array, Array, Array] | None = None,
+        bordered_block: tuple[Array, Array, Array] | None = None,
     ) -> None:
         self.count, self.knots, self.size = count, values.shape[1], 3 * len(penalty)
         mass = np.kron(np.kron(gram(shape[0] - 1), gram(shape[1] - 1)), gram(shape[2] - 1))
@@ -81,20 +81,20 @@ class CycleEvidence:
         self._values = kappa * (kappa > 1e-9 * kappa.max()), tau
         self.values = values @ self._in_time
         self.matrix, self.right, self.constant = self._sums(equations)
-        if border is not None:
-            self._add_border(*border)
+        if bordered_block is not None:
+            self._add_bordered_block(*bordered_block)
 
     def _sums(self, equations: Sequence[NormalEquations]) -> tuple[Array, Array, float]:
         """Matrix, right side and constant between the eigenvectors."""
-        turned = [equation.between(self._in_space) for equation in equations]
-        matrix = _in_time(self.values, np.stack([equation.matrix for equation in turned]))
-        right = (self.values.T @ np.stack([equation.right for equation in turned])).ravel()
+        rotated = [equation.between(self._in_space) for equation in equations]
+        matrix = _in_time(self.values, np.stack([equation.matrix for equation in rotated]))
+        right = (self.values.T @ np.stack([equation.right for equation in rotated])).ravel()
         return matrix, right, sum(equation.constant for equation in equations)
 
-    def _add_border(self, coupling: Array, own: Array, right: Array) -> None:
+    def _add_bordered_block(self, coupling: Array, own: Array, right: Array) -> None:
         by_point = coupling.reshape(*coupling.shape[:2], len(self._in_space), 3)
-        turned = np.einsum("mfki,kj->mfji", by_point, self._in_space)
-        across = np.einsum("fa,mfji->ajim", self.values, turned).reshape(len(self.matrix), -1)
+        rotated = np.einsum("mfki,kj->mfji", by_point, self._in_space)
+        across = np.einsum("fa,mfji->ajim", self.values, rotated).reshape(len(self.matrix), -1)
         self.matrix = np.block([[self.matrix, across], [across.T, own]])
         self.right = np.concatenate([self.right, right])
 
@@ -110,36 +110,36 @@ class CycleEvidence:
 
     def cost(self, displacement: Array, shifts: Array, alpha: float, gamma: float) -> float:
         """The sum at displacements (K, k, 3) and shifts (m,)."""
-        turned = np.einsum("jk,aki->aji", self._in_space.T, displacement.reshape(self.knots, -1, 3))
-        p = self._in_time.T @ self._mass_time @ turned.reshape(self.knots, -1)
+        rotated = np.einsum("jk,aki->aji", self._in_space.T, displacement.reshape(self.knots, -1, 3))
+        p = self._in_time.T @ self._mass_time @ rotated.reshape(self.knots, -1)
         energies, tau = self._costs
-        held = alpha * np.sum(p**2 @ energies) + gamma * tau @ np.sum((p @ self._mass) * p, axis=1)
+        penalties = alpha * np.sum(p**2 @ energies) + gamma * tau @ np.sum((p @ self._mass) * p, axis=1)
         q = np.concatenate([p.ravel(), shifts])
-        return float(q @ (self.matrix @ q) - 2 * self.right @ q + self.constant + self.count * held)
+        return float(q @ (self.matrix @ q) - 2 * self.right @ q + self.constant + self.count * penalties)
 
     def solve(self, alpha: float, gamma: float) -> CycleSolution | None:
         """The displacement at one pair of strengths; None where they leave control points undetermined."""
-        factor = cholesky_factor(self._held(alpha, gamma))
+        factor = cholesky_factor(self._penalised(alpha, gamma))
         if factor is None:
             return None
         found = cho_solve((factor, True), self.right, check_finite=False)
-        held = self.count * (alpha * self._values[0][:, None] + gamma * self._values[1])
-        ranked = held[held > 0]
-        rows = max(self.count - 3 * float((held <= 0).sum()), 1.0)
+        penalties = self.count * (alpha * self._values[0][:, None] + gamma * self._values[1])
+        ranked = penalties[penalties > 0]
+        rows = max(self.count - 3 * float((penalties <= 0).sum()), 1.0)
         variance = max((self.constant - float(self.right @ found)) / rows, NOISE_FLOOR**2)
         criterion = rows * np.log(variance) + 2 * np.log(np.diag(factor)).sum() - 3 * np.log(ranked).sum()
         size = self.knots * self.size
-        turned = self._in_time @ found[:size].reshape(self.knots, -1)
-        displacement = np.einsum("kj,aji->aki", self._in_space, turned.reshape(self.knots, -1, 3))
+        rotated = self._in_time @ found[:size].reshape(self.knots, -1)
+        displacement = np.einsum("kj,aji->aki", self._in_space, rotated.reshape(self.knots, -1, 3))
         return CycleSolution(displacement, found[size:], float(np.sqrt(variance)), float(criterion))
 
-    def _held(self, alpha: float, gamma: float) -> Array:
+    def _penalised(self, alpha: float, gamma: float) -> Array:
         """The matrix with both penalties added, which couple no two eigenvectors in time."""
-        held = self.matrix.copy()
+        penalties = self.matrix.copy()
         for knot, tau in enumerate(self._costs[1]):
             block = slice(knot * self.size, (knot + 1) * self.size)
-            held[block, block] += self.count * (alpha * np.diag(self._costs[0]) + gamma * tau * self._mass)
-        return held
+            penalties[block, block] += self.count * (alpha * np.diag(self._costs[0]) + gamma * tau * self._mass)
+        return penalties
 
     def best_in_time(self, alpha: float, gamma: float) -> float:
         """The strength in time with the largest evidence, near a given one.

@@ -1,7 +1,7 @@
 """Slices that moved: each was taken in its own breath-hold, and lies beside its place by a shift in its plane.
 
-A shift is the same for the whole cycle. It is one unknown pair more in the linear problem of the control points, held
-to zero as weakly as a spread of SPREAD says.
+A shift is the same for the whole cycle. It is one more pair of unknowns in the linear problem of the control points,
+with a prior of mean zero and standard deviation SPREAD.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,13 +19,15 @@ SPREAD = 0.05
 """Standard deviation of a shift before the data is seen, in RMS radii of the cloud: two or three millimetres."""
 FEWEST = 6
 TOGETHER = 1e6
-"""All slices together do not move: no data would notice, for the model moves with them. So much stronger is this held.
+"""All slices together do not move: no data would show it, for the model moves with them. The penalty on this is so many
+times larger.
 """
 PARALLEL = 0.9
 """Slices whose normals have at least this cosine with each other are a stack, with nothing that crosses it."""
 FOLLOWED = 3
-"""The degree along a stack up to which shifts are held likewise. A lean costs the model nothing either, and a bend or
-an S so little beside what it gains at the many points of an image that the heart's own form would be taken for shifts.
+"""The degree along a stack up to which shifts are penalised likewise. A shear costs the model nothing either, and a
+bend or an S so little beside its gain at the many points of an image that the form of the heart would be mistaken for
+shifts.
 """
 
 Numbers = NDArray[np.int64]
@@ -54,7 +56,8 @@ class SlicePlanes:
         """From the points of all frames; slices of fewer than six points, or numbered below 0, are not moved."""
         points = np.concatenate([cloud for frame in frames for cloud in frame.values()])
         numbers = np.concatenate([frame[name] for frame, clouds in zip(slices, frames) for name in clouds])
-        points, numbers = points[numbers >= 0], numbers[numbers >= 0]
+        numbered = numbers >= 0
+        points, numbers = points[numbered], numbers[numbered]
         kept, axes, centres, counts = [], [], [], []
         for number in np.unique(numbers):
             inside = points[numbers == number]
@@ -70,17 +73,17 @@ class SlicePlanes:
             np.array(counts),
         )
 
-    def unseen(self) -> Array:
-        """Weighted sums of the shifts that are held to zero, columns (2 S, m): the mean, and smooth ones of a stack."""
+    def unobservable(self) -> Array:
+        """Weighted sums of the shifts that are penalised, columns (2 S, m): the mean, and smooth ones of a stack."""
         if not len(self.numbers):
             return np.empty((0, 0))
-        shares = self.counts / self.counts.sum()
+        fractions = self.counts / self.counts.sum()
         normals = np.cross(self.axes[:, 0], self.axes[:, 1])
-        heights = (self.centres - shares @ self.centres) @ normals[0]
+        heights = (self.centres - fractions @ self.centres) @ normals[0]
         degree = FOLLOWED if (np.abs(normals @ normals.T) > PARALLEL).all() else 0
-        root = np.sqrt(shares)[:, None]
+        root = np.sqrt(fractions)[:, None]
         along = np.linalg.qr(root * np.vander(heights, degree + 1, increasing=True))[0]
-        return np.einsum("sp,ska->skpa", root * along, self.axes).reshape(2 * len(shares), -1)
+        return np.einsum("sp,ska->skpa", root * along, self.axes).reshape(2 * len(fractions), -1)
 
     def named(self, shifts: Array) -> dict[int, Array]:
         """Slice number -> shift (3,) in space."""
@@ -90,12 +93,12 @@ class SlicePlanes:
         """How far points (n,) of given slices are moved, (n, 3), under shifts (S, 2)."""
         vectors = np.einsum("sk,ska->sa", shifts, self.axes)
         result = np.zeros((len(numbers), 3))
-        place = np.searchsorted(self.numbers, numbers).clip(0, max(len(self.numbers) - 1, 0))
-        known = self.numbers[place] == numbers if len(self.numbers) else np.zeros(len(numbers), dtype=bool)
-        result[known] = vectors[place[known]]
+        index = np.searchsorted(self.numbers, numbers).clip(0, max(len(self.numbers) - 1, 0))
+        known = self.numbers[index] == numbers if len(self.numbers) else np.zeros(len(numbers), dtype=bool)
+        result[known] = vectors[index[known]]
         return result
 
-    def border(
+    def bordered_block(
         self,
         frames: Sequence[Sequence[tuple[Rows, Numbers, Array]]],
         boxes: Sequence[ControlBox],
@@ -110,20 +113,20 @@ class SlicePlanes:
         """
         count = 2 * len(self.numbers)
         coupling = np.zeros((count, len(frames), boxes[0].control_points.size))
-        unseen = self.unseen()
-        own = (noise / SPREAD) ** 2 * (np.eye(count) + TOGETHER * unseen @ unseen.T)
+        unobservable = self.unobservable()
+        own = (noise / SPREAD) ** 2 * (np.eye(count) + TOGETHER * unobservable @ unobservable.T)
         right = np.zeros(count)
         for frame, (surfaces, box) in enumerate(zip(frames, boxes)):
             for rows, numbers, targets in surfaces:
-                for place, number in enumerate(self.numbers):
+                for index, number in enumerate(self.numbers):
                     inside = numbers == number
                     if inside.any():
-                        self._add(place, rows, inside, targets, box, (coupling[:, frame], own, right))
+                        self._add(index, rows, inside, targets, box, (coupling[:, frame], own, right))
         return coupling, own, right
 
     def _add(
         self,
-        place: int,
+        index: int,
         rows: Rows,
         inside: NDArray[np.bool_],
         targets: Array,
@@ -132,10 +135,10 @@ class SlicePlanes:
     ) -> None:
         coupling, own, right = sums
         metric, local = rows.metric[inside], box.local(rows.origins[inside])
-        pulled = np.einsum("nij,kj->nki", metric, self.axes[place])
-        at = slice(2 * place, 2 * place + 2)
-        own[at, at] += np.einsum("nki,li->kl", pulled, self.axes[place])
-        right[at] -= np.einsum("nki,ni->k", pulled, targets[inside] - rows.origins[inside])
+        weighted = np.einsum("nij,kj->nki", metric, self.axes[index])
+        at = slice(2 * index, 2 * index + 2)
+        own[at, at] += np.einsum("nki,li->kl", weighted, self.axes[index])
+        right[at] -= np.einsum("nki,ni->k", weighted, targets[inside] - rows.origins[inside])
         for k in range(2):
-            along = np.broadcast_to(self.axes[place, k], (len(local), 3))
-            coupling[2 * place + k] -= normal_equations(local, metric, along, box.degrees).right
+            along = np.broadcast_to(self.axes[index, k], (len(local), 3))
+            coupling[2 * index + k] -= normal_equations(local, metric, along, box.degrees).right

@@ -1,7 +1,7 @@
 """Points at several times in, a moving model out: three strategies by name (after the companion paper).
 
-"alone" fits each frame for itself; "previous" holds the superquadrics of the first fit and goes on from the box of the
-frame before; "cycle" finds the control points of all times at once, smooth and periodic.
+"alone" fits each frame for itself; "previous" keeps the superquadrics of the first fit and continues from the box of
+the frame before; "cycle" finds the control points of all times at once, smooth and periodic.
 """
 
 from __future__ import annotations
@@ -111,12 +111,12 @@ class Track:
             OptionError: another frame.
             InputError: that of the models is unknown.
         """
-        turn = rotation_between(self.models[0].space, space)
+        rotation = rotation_between(self.models[0].space, space)
         return replace(
             self,
             models=tuple(model.in_space(space) for model in self.models),
             moving=None if self.moving is None else self.moving.in_space(space),
-            shifts={number: turn @ shift for number, shift in self.shifts.items()},
+            shifts={number: rotation @ shift for number, shift in self.shifts.items()},
         )
 
 
@@ -144,14 +144,14 @@ def track(
         strategy: "cycle", "previous" or "alone".
         slices: for each frame the slice number of each point, in the form of `frames`, below 0 for points of none;
             slices are then shifted in their planes, each by the same amount in all frames. Of parallel slices alone,
-            shifts that are smooth along the stack are not sought: they cannot be told from the form of the heart.
-            Only for "cycle".
+            shifts that are smooth along the stack are not sought: they cannot be distinguished from the form of the
+            heart. Only for "cycle".
         box: control points along each axis.
         regularity: "bending", "springs" or a regulariser of one's own.
-        strength: how strongly the box is held in space, alpha per data point; "auto": that of the evidence of single
-            frames. Contours have points closer to each other than they are independent: there a stronger hold than
-            the evidence's, such as 1e-6, keeps the open base smoother at the price of some tenths of a millimetre.
-        robust: whether strangers are told from inliers.
+        strength: of the regularisation in space, alpha per data point; "auto": that of the evidence of single
+            frames. Contours have points closer to each other than they are independent: there a larger strength than
+            that of the evidence, such as 1e-6, keeps the open base smoother, some tenths of a millimetre off.
+        robust: whether outliers are detected and down-weighted.
         progress: called with (steps done, about how many).
 
     Raises:
@@ -193,7 +193,7 @@ class _Task:
 
     @property
     def first(self) -> int:
-        """The frame that lends its shape before deformation: of many points and large, for a heart end diastole.
+        """The frame whose superquadrics are those of all frames: of many points and large, for a heart end diastole.
 
         Straight lines across its wall are the lines along which all frames are measured.
         """
@@ -201,7 +201,7 @@ class _Task:
         sizes = [np.median(np.linalg.norm(points - points.mean(axis=0), axis=1)) for points in every]
         return int(np.argmax([len(points) * size for points, size in zip(every, sizes)]))
 
-    def told(self, done: int) -> None:
+    def report(self, done: int) -> None:
         if self.progress is not None:
             self.progress(done, len(self.clouds))
 
@@ -210,7 +210,7 @@ def _alone(task: _Task) -> Track:
     fits = []
     for frame in task.clouds:
         fits.append(fit(frame, **task.options))
-        task.told(len(fits))
+        task.report(len(fits))
     return _of_fits("alone", task, fits, None)
 
 
@@ -225,7 +225,7 @@ def _previous(task: _Task) -> Track:
             fits[frame] = done  # the same points have the same model
             if not _equal(task.clouds[frame], task.clouds[frame + before]):
                 fits[frame] = refine(surfaces, task.clouds[frame], start=done.model.box, **options)
-            task.told(len(fits))
+            task.report(len(fits))
     ordered = [fits[frame] for frame in range(len(task.clouds))]
     box = ordered[0].model.box
     every = TimeBasis(task.times, task.basis.period)

@@ -265,8 +265,8 @@ def _with_arrays(points: _All, fit: Fit) -> Fit:
             pass
         for found, array in zip(arrays, made):
             found[surface.name] = array
-    strangers = named_texts({s.name: outliers(arrays[2][s.name], s.weights > 0) for s in points.surfaces})
-    warnings = {kind: text for kind, text in fit.warnings.items() if kind != WarningKind.OUTLIERS} | strangers
+    of_points = named_texts({s.name: outliers(arrays[2][s.name], s.weights > 0) for s in points.surfaces})
+    warnings = {kind: text for kind, text in fit.warnings.items() if kind != WarningKind.OUTLIERS} | of_points
     sha256 = points_sha256(surface.cloud for surface in points.surfaces)
     return replace(
         fit,

@@ -123,8 +123,8 @@ def _fine_stage(
     problem: Problem, datasets: Sequence[SurfaceData], coarse: Refined, state: Start | Refined, rounds: int
 ) -> Refined:
     stage = Stage(problem, TangentialSteps(), problem.kernel, StoppingRule(rounds, SCHEDULE.fine_motion))
-    placed = tuple(replace(data, origins=_first_origins(data, part)) for data, part in zip(datasets, coarse.datasets))
-    return stage.run(Start(state.box, placed, state.solution, state.noise, state.history))
+    first = tuple(replace(data, origins=_first_origins(data, part)) for data, part in zip(datasets, coarse.datasets))
+    return stage.run(Start(state.box, first, state.solution, state.noise, state.history))
 
 
 def _of_independent(problem: Problem, found: Refined) -> Refined:

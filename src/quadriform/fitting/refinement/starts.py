@@ -27,7 +27,7 @@ def candidates(
 ) -> list[dict[str, Superquadric]]:
     """Starts for all surfaces: the robust fit, the plain ellipsoid, and the paper's fit where it holds.
 
-    A shape that is no superquadric has no best one: the robust fit may follow half of it as if the rest were strangers,
+    A shape that is no superquadric has no best one: the robust fit may follow half of it as if the rest were outliers,
     the plain fits average over all of it.
 
     Args:
@@ -78,8 +78,8 @@ def nested(surfaces: dict[str, Superquadric], clouds: Mapping[str, Array]) -> di
 
 def _beside(points: Array, robust: Superquadric) -> Superquadric:
     """The plain ellipsoid that is reached from the moments of all points or from their robust fit."""
-    held, count = {"exponents": np.ones(2)}, len(points)
-    problem = Problem(points, np.ones(count), "ellipsoid", held, np.zeros(count))
+    fixed, count = {"exponents": np.ones(2)}, len(points)
+    problem = Problem(points, np.ones(count), "ellipsoid", fixed, np.zeros(count))
     with np.errstate(all="ignore"):
         return nearby(problem, [ellipsoid_by_moments(points), robust])
 
