@@ -1,6 +1,8 @@
 """Text in and out: numbers and ranges of a command line or table; text that is safe to show; what `repr` shows."""
 
-from collections.abc import Iterable, Mapping
+import csv
+import io
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from textwrap import shorten, wrap
 from typing import Any
@@ -60,6 +62,19 @@ def summary(title: str, *lines: str, most: int = 6) -> str:
     every = [title, *(f"  {line}" for line in lines if line)]
     kept = every if len(every) <= most else [*every[: most - 1], f"  and {len(every) - most + 1} more"]
     return "\n".join(line if len(line) <= 110 else line[:107] + "..." for line in kept)
+
+
+def first_of(texts: Sequence[str], most: int) -> str:
+    """Return the first `most` texts between commas, and the number of the others."""
+    more = f" and {len(texts) - most} more" if len(texts) > most else ""
+    return ", ".join(texts[:most]) + more
+
+
+def csv_bytes(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> bytes:
+    """Return a table as CSV in UTF-8; file names that are no UTF-8 are escaped."""
+    stream = io.StringIO(newline="")
+    csv.writer(stream, lineterminator="\n").writerows([header, *rows])
+    return stream.getvalue().encode("utf-8", "backslashreplace")
 
 
 def listed(values: Iterable[float]) -> str:

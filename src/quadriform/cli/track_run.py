@@ -1,7 +1,5 @@
 """What `quadriform track` does: points of the frames from files of any kind, the moving model, and its record."""
 
-import csv
-import io
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -25,6 +23,7 @@ from quadriform.imaging.file_points import files_of, space_to_write
 from quadriform.imaging.frame_series import FrameSeries, frame_files, keep_slices, read_frames
 from quadriform.imaging.input_files import input_files, title_of, without_folders
 from quadriform.shapes.record import remarks
+from quadriform.words import csv_bytes
 
 if TYPE_CHECKING:
     from quadriform.motion.tracking import Track
@@ -138,11 +137,7 @@ def _record(inputs: Sequence[Path], targets: Sequence[Path], found: "Track", sec
 def _csv(frames: Sequence[Mapping[str, Any]], found: "Track") -> bytes:
     """A row a frame with status, warnings and the number of all rows, by which a truncated table is recognised."""
     whole = {"rows": len(frames), "status": found.status, "warnings": "; ".join(map(str, remarks(found.warnings)))}
-    stream = io.StringIO(newline="")
-    writer = csv.DictWriter(stream, [*frames[0], *whole], lineterminator="\n")
-    writer.writeheader()
-    writer.writerows({**frame, **whole} for frame in frames)
-    return stream.getvalue().encode("utf-8", "backslashreplace")  # file names need not be UTF-8
+    return csv_bytes([*frames[0], *whole], [[*frame.values(), *whole.values()] for frame in frames])
 
 
 def _rows(record: Record) -> list[tuple[str, str]]:

@@ -1,7 +1,6 @@
 """The table of subjects without a result: one row each with the error and its kind."""
 
 import csv
-import io
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -9,6 +8,7 @@ from pathlib import Path
 from quadriform.cohort.stores import part_name
 from quadriform.cohort.subject import Outcome
 from quadriform.files.atomic import make_folder, write_bytes
+from quadriform.words import csv_bytes
 
 TABLE = "failures.csv"
 PARTS = "failures"
@@ -25,7 +25,7 @@ def write_part(results: Path, block: int, outcomes: Sequence[Outcome]) -> None:
     path = results / PARTS / part_name(block, ".csv")
     if failed:
         make_folder(path.parent)
-        write_bytes(path, _encoded(failed), force=True)
+        write_bytes(path, csv_bytes(HEADER, failed), force=True)
     else:
         with suppress(FileNotFoundError):
             path.unlink()
@@ -47,7 +47,7 @@ def gather(results: Path) -> int:
     while True:
         before = _state(results)
         rows = [row for part in before for row in _rows(part)]
-        write_bytes(results / TABLE, _encoded(rows), force=True)
+        write_bytes(results / TABLE, csv_bytes(HEADER, rows), force=True)
         if _state(results) == before:
             return len(rows)
 
@@ -71,11 +71,3 @@ def _rows(part: Path) -> list[tuple[str, ...]]:
             return [tuple(row) for row in csv.reader(stream)][1:]
     except FileNotFoundError:
         return []  # another process removed it: its block has no failures now
-
-
-def _encoded(rows: Sequence[Sequence[str]]) -> bytes:
-    stream = io.StringIO(newline="")
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(HEADER)
-    writer.writerows(rows)
-    return stream.getvalue().encode("utf-8", "backslashreplace")

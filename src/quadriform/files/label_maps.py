@@ -11,7 +11,7 @@ from quadriform.points import Array
 from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.spaces import rotation_between
-from quadriform.shapes.voxels import voxels_inside
+from quadriform.shapes.voxels import voxel_spacing, voxels_inside
 
 LABEL_SUFFIXES = (".nii", ".nii.gz", ".nrrd")
 """Of the files that labels are written to."""
@@ -107,7 +107,7 @@ def _nifti(values: NDArray[np.uint8], world_from_voxel: Array, space: str, unit:
     image.header["descrip"] = note
     image.set_sform(affine, ALIGNED)
     image.set_qform(affine, ALIGNED)  # without shear; the sizes of voxels are set too
-    spacing = np.linalg.norm(affine[:3, :3], axis=0)
+    spacing = voxel_spacing(affine)
     if np.abs(image.get_qform() - affine).max() > SQUARE * spacing.min() * max(values.shape):
         image.header["qform_code"] = 0
     content: bytes = image.to_bytes()

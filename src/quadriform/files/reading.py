@@ -95,6 +95,11 @@ def sha256_of(path: PathLike, *more: PathLike) -> str:
     return digest.hexdigest()
 
 
+def visible_files(folder: Path) -> list[Path]:
+    """Return the files of a folder in the order of their names, without hidden ones and folders."""
+    return sorted(file for file in folder.iterdir() if file.is_file() and not file.name.startswith("."))
+
+
 def quoted(path: PathLike) -> str:
     """The path as an error message shows it: quoted, line ends escaped."""
     return repr(os.fspath(path))

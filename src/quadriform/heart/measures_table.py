@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import os
 from collections.abc import Iterator
@@ -15,7 +13,7 @@ from quadriform.files.atomic import write_bytes
 from quadriform.files.reading import suffix_of
 from quadriform.points import Array
 from quadriform.shapes.record import ModelRecord, Remark, remarks, remarks_of, worst
-from quadriform.words import summary
+from quadriform.words import csv_bytes, summary
 
 TABLE_SUFFIXES = (".csv", ".json")
 SCHEMA = "quadriform-measures-2"
@@ -129,18 +127,17 @@ def write_measures(measures: Measures, path: str | os.PathLike[str], force: bool
         OutputError: the file cannot be written; an earlier one is unchanged.
     """
     if suffix_of(path, TABLE_SUFFIXES, "a table of measures") == ".csv":
-        text = _csv(measures)
+        data = _csv(measures)
     else:
-        text = json.dumps(measures.record(), indent=2, allow_nan=False) + "\n"
-    write_bytes(path, text.encode(), force)
+        data = (json.dumps(measures.record(), indent=2, allow_nan=False) + "\n").encode()
+    write_bytes(path, data, force)
 
 
-def _csv(measures: Measures) -> str:
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(["quantity", "value", "unit", "how", "observed", "rows", "status", "warnings"])
-    verdict = [measures.status, "; ".join(str(remark) for remark in measures.remarks if remark.kind)]
-    for row in measures.rows:
-        observed = "yes" if row.observed else "no"
-        writer.writerow([row.quantity, repr(row.value), row.unit, row.how, observed, len(measures.rows), *verdict])
-    return stream.getvalue()
+def _csv(measures: Measures) -> bytes:
+    header = ("quantity", "value", "unit", "how", "observed", "rows", "status", "warnings")
+    warnings = "; ".join(str(remark) for remark in measures.remarks if remark.kind)
+    whole = (len(measures.rows), measures.status, warnings)
+    rows = measures.rows
+    return csv_bytes(
+        header, [(r.quantity, repr(r.value), r.unit, r.how, "yes" if r.observed else "no", *whole) for r in rows]
+    )

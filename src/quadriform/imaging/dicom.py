@@ -22,6 +22,7 @@ from quadriform.imaging.dicom_values import is_segmentation, n_images
 from quadriform.imaging.reader_common import choose_frame, import_reader
 from quadriform.imaging.volume import Volume
 from quadriform.points import Array
+from quadriform.words import first_of
 
 if TYPE_CHECKING:
     from pydicom import Dataset
@@ -101,7 +102,7 @@ def _headers(path: Path, series: str | None = None) -> tuple[Headers, Warnings]:
     headers = own | chosen.headers
     whole = [file.name for file, header in headers.items() if _is_whole(header)]
     if whole and len(headers) > 1:
-        listed = ", ".join(whole[:LISTED])
+        listed = first_of(whole, LISTED)
         raise InputError(f"{quoted(path)}: the series has {len(whole)} files of many images; choose one of {listed}")
     return headers, _left_out(folder)
 
@@ -114,7 +115,7 @@ def _is_whole(header: "Dataset") -> bool:
 def _left_out(folder: Folder) -> Warnings:
     if not folder.unreadable:
         return {}
-    names = ", ".join(file.name for file in list(folder.unreadable)[:LISTED])
+    names = first_of([file.name for file in folder.unreadable], LISTED)
     why = next(iter(folder.unreadable.values()))
     return {
         WarningKind.UNREADABLE_FILES: f"{len(folder.unreadable)} files beside the series are left out, for they cannot "

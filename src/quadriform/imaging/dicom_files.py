@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
 from quadriform.errors import FileFormatError, InputError, QuadriformError
-from quadriform.files.reading import check_budget, check_readable, naming, quoted
+from quadriform.files.reading import check_budget, check_readable, naming, quoted, visible_files
 from quadriform.imaging.dicom_values import KEYWORDS, n_images
 from quadriform.imaging.reader_common import import_reader
 
@@ -105,8 +105,8 @@ def _begins_with_element(start: bytes) -> bool:
 def examine_folder(folder: Path) -> Folder:
     """Return what the DICOM files of a folder contain, without hidden files and indices."""
     found = Folder()
-    for file in sorted(folder.iterdir()):
-        if not file.is_file() or file.name.startswith(".") or file.name == "DICOMDIR" or not _meant_as_dicom(file):
+    for file in visible_files(folder):
+        if file.name == "DICOMDIR" or not _meant_as_dicom(file):
             continue
         examined = examine(file)
         if examined.header is not None:

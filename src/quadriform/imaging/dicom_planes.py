@@ -8,6 +8,7 @@ import numpy as np
 
 from quadriform.errors import InputError
 from quadriform.points import Array
+from quadriform.words import first_of
 
 SAME_ORIENTATION = 0.1
 """Two images have the same orientation when no corner moves by more than this many pixels."""
@@ -64,8 +65,7 @@ class ImagePlane:
 
 def names(planes: Sequence[ImagePlane]) -> str:
     """Return the names of images, the first LISTED of them."""
-    more = f" and {len(planes) - LISTED} more" if len(planes) > LISTED else ""
-    return ", ".join(plane.name for plane in planes[:LISTED]) + more
+    return first_of([plane.name for plane in planes], LISTED)
 
 
 def check_same_grid(planes: Sequence[ImagePlane]) -> None:

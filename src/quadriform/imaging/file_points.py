@@ -14,7 +14,7 @@ from quadriform.errors import FileFormatError, InputError, OptionError, Warnings
 from quadriform.files.guide_points import is_guide_points
 from quadriform.files.meshes import read_mesh_or_points, read_space_and_unit
 from quadriform.files.points import read_point_set
-from quadriform.files.reading import naming
+from quadriform.files.reading import naming, visible_files
 from quadriform.files.save_and_load import content_of
 from quadriform.fitting.diagnostics import precision_loss
 from quadriform.imaging.formats import image_format, is_pair, pair_of
@@ -182,8 +182,7 @@ def fits(path: Path) -> bool:
 def files_of(path: Path) -> list[Path]:
     """Return the files of an input: itself, both of a pair, or those of a folder without hidden and empty ones."""
     if path.is_dir():
-        inside = sorted(file for file in path.iterdir() if file.is_file() and not file.name.startswith("."))
-        return [file for file in inside if file.stat().st_size > 0]
+        return [file for file in visible_files(path) if file.stat().st_size > 0]
     return list(pair_of(path)) if is_pair(path) and path.is_file() else [path]
 
 

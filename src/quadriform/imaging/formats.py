@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from quadriform.errors import InputError
+from quadriform.files.reading import visible_files
 from quadriform.imaging.dicom_files import DICOM_SUFFIXES, PREAMBLE, is_dicom
 
 Format = Literal["nifti", "simpleitk", "dicom"]
@@ -32,7 +33,8 @@ def image_format(path: Path) -> Format | None:
         path: of a file or folder.
     """
     if path.is_dir():
-        return "dicom" if any(_in_series(file) for file in path.iterdir()) else None
+        slices = (file.suffix.lower() in DICOM_SUFFIXES or is_dicom(file) for file in visible_files(path))
+        return "dicom" if any(slices) else None
     return _by_content(path) or _by_name(path)
 
 
@@ -58,12 +60,6 @@ def pair_of(path: Path) -> tuple[Path, Path]:
             raise InputError(f"{str(path)!r}: expected a header (.hdr) and voxels (.img); {file.name!r} is missing")
         found.append(file)
     return found[0], found[1]
-
-
-def _in_series(file: Path) -> bool:
-    return (
-        file.is_file() and not file.name.startswith(".") and (file.suffix.lower() in DICOM_SUFFIXES or is_dicom(file))
-    )
 
 
 def _by_content(path: Path) -> Format | None:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from quadriform.errors import InputError, OptionError, Warnings, join_warnings
 from quadriform.files.frame_numbers import frame_numbers, in_time, listed, missing_numbers
 from quadriform.files.guide_points import FILE_NAME, GuidePoints, is_guide_points, read_guide_point_frames
+from quadriform.files.reading import visible_files
 from quadriform.fitting.result import ALONE
 from quadriform.imaging.file_points import (
     ImageOptions,
@@ -121,7 +122,7 @@ def frame_files(inputs: Sequence[Path]) -> list[Path]:
 
 
 def _files_in(folder: Path) -> list[Path]:
-    inside = sorted(file for file in folder.iterdir() if file.is_file() and not file.name.startswith("."))
+    inside = visible_files(folder)
     contours = [file for file in inside if FILE_NAME.fullmatch(file.name)]
     chosen = contours or [file for file in inside if fits(file)]
     if not chosen:

@@ -17,6 +17,7 @@ from quadriform.imaging.segments import LISTED, Segment
 from quadriform.imaging.selection import Labels
 from quadriform.imaging.tissue import BACKGROUND, CAVITY, WALL, enclosed_fraction
 from quadriform.imaging.volume import Volume
+from quadriform.words import first_of
 
 
 def surface_labels(cavity: Iterable[int], myocardium: Iterable[int], rv: Iterable[int] = ()) -> dict[str, Labels]:
@@ -149,9 +150,9 @@ def _contradiction(volume: Volume, convention: Convention) -> str:
         return str(error)
     rv = volume.label_values((convention.rv,)) if _has(volume, convention.rv) else ()
     if not (present & set(cavity) and present & set(myocardium)):
-        return f"one of them has no voxels; labels in the image: {_short(present)}"
+        return f"one of them has no voxels; labels in the image: {_listed(present)}"
     if convention.only and (others := present - {*cavity, *myocardium, *rv}):
-        return f"the image has other labels too: {_short(others)}"
+        return f"the image has other labels too: {_listed(others)}"
     # two data sets may have the same numbers for other parts: the cavity of the left ventricle is inside its wall
     left, right = (_enclosed_by(volume, part, myocardium) for part in (cavity, rv))
     if left < ENCLOSED or left <= right:
@@ -164,9 +165,8 @@ def _has(volume: Volume, label: int | str) -> bool:
     return not isinstance(label, str) or any(segment.name == label for segment in volume.segments)
 
 
-def _short(labels: set[int]) -> str:
-    shown = ", ".join(f"{label:g}" for label in sorted(labels)[:LISTED])
-    return f"{shown} and {len(labels) - LISTED} more" if len(labels) > LISTED else shown
+def _listed(labels: set[int]) -> str:
+    return first_of([f"{label:g}" for label in sorted(labels)], LISTED)
 
 
 def _enclosed_by(volume: Volume, part: tuple[int, ...], wall: tuple[int, ...]) -> float:

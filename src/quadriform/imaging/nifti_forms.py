@@ -18,6 +18,7 @@ import numpy as np
 from quadriform.errors import AffineError, OptionError, WarningKind, Warnings, choose
 from quadriform.imaging.volume import affine_fault
 from quadriform.points import Array
+from quadriform.shapes.voxels import voxel_spacing
 
 if TYPE_CHECKING:
     from nibabel.nifti1 import Nifti1Header
@@ -62,7 +63,7 @@ class Forms:
         usable = [name for name in (*self.given, "pixdim") if not affine_fault(self.stored[name])]
         choice = " or ".join(f"--affine {name} (affine={name!r})" for name in usable)
         advice = f"choose by {choice}" if usable else "repair the header, or build a Volume with your own transform"
-        return AffineError(f"{fault}; {self.described()}; pixdim {_words(self.sizes)}; {advice}")
+        return AffineError(f"{fault}; {self.described()}; pixdim {_size(self.sizes)}; {advice}")
 
 
 def read_forms(header: "Nifti1Header", shape: tuple[int, ...]) -> Forms:
@@ -102,7 +103,7 @@ def choose_form(forms: Forms, requested: str | None) -> tuple[str, Warnings]:
     fault = affine_fault(forms.stored["qform"])
     if "qform" not in forms.given or fault:
         if not _same_sizes(forms):
-            raise forms.refuse(f"the sform has voxels of {_words(_lengths(forms.stored['sform']))}, pixdim has others")
+            raise forms.refuse(f"sform has voxels of {_size(voxel_spacing(forms.stored['sform']))}, pixdim has others")
         text = f"the qform is unusable ({fault}); the sform is used"
         return first, {WarningKind.AFFINE_REPAIRED: text} if "qform" in forms.given else {}
     return _of_two(forms)
@@ -120,19 +121,19 @@ def _of_two(forms: Forms) -> tuple[str, Warnings]:
     """sform or qform, both given and usable."""
     sform, qform = forms.stored["sform"], forms.stored["qform"]
     distance = _corner_distance(forms)
-    if distance <= SAME_FORM * _lengths(sform).min():
+    if distance <= SAME_FORM * voxel_spacing(sform).min():
         return "sform", {}
     volumes = np.linalg.det(sform[:3, :3]), np.linalg.det(qform[:3, :3])
     if volumes[0] * volumes[1] < 0:
         raise forms.refuse("sform and qform are mirror images of each other: left and right are exchanged in one")
     both = (
-        f"sform (code {forms.codes['sform']}, voxels of {_words(_lengths(sform))}) and qform (code "
-        f"{forms.codes['qform']}, {_words(_lengths(qform))}) disagree: they put a corner of the image {distance:.4g} "
-        f"(in the unit of the file) apart and differ by {_degrees(sform, qform):.3g} degrees"
+        f"sform (code {forms.codes['sform']}, voxels of {_size(voxel_spacing(sform))}) and qform (code "
+        f"{forms.codes['qform']}, {_size(voxel_spacing(qform))}) disagree: they put a corner of the image "
+        f"{distance:.4g} (in the unit of the file) apart and differ by {_degrees(sform, qform):.3g} degrees"
     )
     if not _same_sizes(forms):
         return "qform", {
-            WarningKind.AFFINE_REPAIRED: f"{both}; pixdim {_words(forms.sizes)} supports the qform, which is used; "
+            WarningKind.AFFINE_REPAIRED: f"{both}; pixdim {_size(forms.sizes)} supports the qform, which is used; "
             "--affine sform (affine='sform') takes the other"
         }
     if abs(volumes[0] / volumes[1] - 1) > SAME_SIZE:
@@ -148,7 +149,7 @@ def _same_sizes(forms: Forms) -> bool:
     sizes = forms.sizes
     if not (np.isfinite(sizes).all() and (sizes > 0).all()):
         return True
-    return bool((np.abs(_lengths(forms.stored["sform"]) / sizes - 1) <= SAME_SIZE).all())
+    return bool((np.abs(voxel_spacing(forms.stored["sform"]) / sizes - 1) <= SAME_SIZE).all())
 
 
 def _corner_distance(forms: Forms) -> float:
@@ -158,15 +159,11 @@ def _corner_distance(forms: Forms) -> float:
 
 
 def _degrees(one: Array, other: Array) -> float:
-    cosines = (one[:3, :3] * other[:3, :3]).sum(axis=0) / (_lengths(one) * _lengths(other))
+    cosines = (one[:3, :3] * other[:3, :3]).sum(axis=0) / (voxel_spacing(one) * voxel_spacing(other))
     return float(np.degrees(np.arccos(np.clip(cosines, -1, 1))).max())
 
 
-def _lengths(form: Array) -> Array:
-    return np.linalg.norm(form[:3, :3], axis=0)
-
-
-def _words(sizes: Array) -> str:
+def _size(sizes: Array) -> str:
     return " x ".join(f"{size:.4g}" for size in sizes)
 
 

@@ -24,6 +24,7 @@ from quadriform.errors import MaskError
 from quadriform.imaging.segments import LISTED
 from quadriform.imaging.selection import Labels, Select
 from quadriform.imaging.volume import Volume
+from quadriform.words import first_of
 
 MAX_LABELS = 32
 """More are the organs of a body or the regions of a brain, which are no object together."""
@@ -108,10 +109,10 @@ def _of_segments(volume: Volume) -> Choice:
         one = next(iter(filled))
         return Labels(one.values), (f"the object is the segment {one.name!r}",)
     ordered = sorted(filled.items(), key=lambda item: -item[1])
-    shown = ", ".join(f"{one.name!r} ({one.number}): {size}" for one, size in ordered[:LISTED])
+    shown = first_of([f"{one.name!r} ({one.number}): {size}" for one, size in ordered], LISTED)
     raise MaskError(
         f"the image has {len(filled)} segments with voxels; choose with --label or --surface NAME=label:SEGMENT, "
-        f"by name or number, in Python with Labels((NAME,)). Voxels: {shown}{_more(len(ordered))}"
+        f"by name or number, in Python with Labels((NAME,)). Voxels: {shown}"
     )
 
 
@@ -164,13 +165,8 @@ def _check_interpolated(values: NDArray[Any], present: NDArray[Any], counts: NDA
 def _candidates(present: NDArray[Any], counts: NDArray[np.int64]) -> str:
     kept = present != 0
     order = np.argsort(-counts[kept], kind="stable")
-    shown = ", ".join(f"{present[kept][n]:g}: {counts[kept][n]}" for n in order[:LISTED])
+    shown = first_of([f"{present[kept][n]:g}: {counts[kept][n]}" for n in order], LISTED)
     return (
         "choose with --label or --surface NAME=label:VALUES, in Python with Labels((VALUE,)), or a grey image's object "
-        "with --threshold, as otsu. "
-        f"Labels and voxels: {shown}{_more(len(order))}"
+        f"with --threshold, as otsu. Labels and voxels: {shown}"
     )
-
-
-def _more(count: int) -> str:
-    return f" and {count - LISTED} more" if count > LISTED else ""

@@ -6,6 +6,7 @@ from quadriform.errors import MaskError
 from quadriform.imaging.segmentation import Mask
 from quadriform.imaging.tissue import BACKGROUND, CAVITY, WALL, Tissue, enclosed_fraction, faces_between
 from quadriform.points import Array
+from quadriform.shapes.voxels import voxel_spacing
 
 REACH = 1.5
 """The cavity reaches this many radii around the core of its largest ball: corners at the opening, but no slits."""
@@ -83,5 +84,5 @@ def _distance(mask: Mask, world_from_voxel: Array) -> Array:
     """Distance of each voxel of a mask to the nearest one outside, along the axes of the grid; a shear is ignored."""
     from scipy import ndimage
 
-    spacing = np.linalg.norm(world_from_voxel[:3, :3], axis=0)
-    return np.asarray(ndimage.distance_transform_edt(mask, sampling=spacing), dtype=np.float64)
+    distances = ndimage.distance_transform_edt(mask, sampling=voxel_spacing(world_from_voxel))
+    return np.asarray(distances, dtype=np.float64)

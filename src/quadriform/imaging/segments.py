@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.errors import OptionError
+from quadriform.words import first_of
 
 SEPARATORS = re.compile(r"[,+]")
 LISTED = 12
@@ -93,9 +94,7 @@ def listed(segments: tuple[Segment, ...]) -> str:
     """Return the segments of an image as a message lists them."""
     if not segments:
         return "the image names no segments; give the value of a label"
-    shown = ", ".join(f"{segment.number} {segment.name!r}" for segment in segments[:LISTED])
-    more = f" and {len(segments) - LISTED} more" if len(segments) > LISTED else ""
-    return f"the image has the segments {shown}{more}"
+    return f"the image has the segments {first_of([f'{one.number} {one.name!r}' for one in segments], LISTED)}"
 
 
 def _by_name(segments: tuple[Segment, ...], name: str) -> tuple[int, ...]:

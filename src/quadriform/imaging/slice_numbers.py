@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from quadriform.imaging.volume import Volume
 from quadriform.points import Array
+from quadriform.shapes.voxels import voxel_spacing
 
 CAP, BETWEEN = -1, -2
 """For points of no slice: beyond the first or the last outline, and between two slices."""
@@ -16,7 +17,7 @@ SAME_SPACING = 1e-3
 
 def slice_axis(world_from_voxel: Array) -> int:
     """Return the axis, 0 to 2, across which an image is sliced: that of the largest spacing, of equal ones the last."""
-    spacing = np.linalg.norm(world_from_voxel[:3, :3], axis=0)
+    spacing = voxel_spacing(world_from_voxel)
     return int(np.flatnonzero(spacing >= (1 - SAME_SPACING) * spacing.max())[-1])
 
 

@@ -12,6 +12,7 @@ from quadriform.errors import AffineError, MaskError, OptionError, Warnings, cho
 from quadriform.imaging.segments import Segment, values_of
 from quadriform.points import Array, check_points
 from quadriform.shapes.spaces import SPACES
+from quadriform.shapes.voxels import voxel_spacing
 from quadriform.words import short_repr
 
 Region = tuple[tuple[int, int], tuple[int, int], tuple[int, int]]
@@ -62,7 +63,7 @@ class Volume:
     @property
     def spacing(self) -> Array:
         """Distances between the centres of neighbouring voxels along i, j and k, (3,), from the full affine."""
-        return np.linalg.norm(self.world_from_voxel[:3, :3], axis=0)
+        return voxel_spacing(self.world_from_voxel)
 
     def points_world(self, voxels: ArrayLike) -> Array:
         """Return world points (n, 3) of voxel coordinates (n, 3), which may lie between voxel centres.
@@ -134,7 +135,7 @@ def affine_fault(affine: Array) -> str:
     if not np.array_equal(affine[3], [0, 0, 0, 1]):
         return "expected 0 0 0 1 as its last row"
     # relative to the spacing, so that small voxels are not singular
-    lengths = np.linalg.norm(affine[:3, :3], axis=0)
+    lengths = voxel_spacing(affine)
     if (lengths == 0).any() or abs(np.linalg.det(affine[:3, :3] / lengths)) < SINGULAR:
         return "it is singular: voxels have no volume"
     return ""

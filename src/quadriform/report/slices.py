@@ -13,6 +13,7 @@ from quadriform.points import Array
 from quadriform.report.page import Section
 from quadriform.report.parts import figure, image
 from quadriform.shapes.mesh import Mesh
+from quadriform.shapes.voxels import voxel_spacing
 
 COLOURS = ("#e69f00", "#56b4e9", "#009e73", "#cc79a7")
 """Okabe and Ito's, distinguishable for colour-blind readers."""
@@ -46,7 +47,7 @@ def slices_png(
     from matplotlib.figure import Figure
 
     outlines = {name: Mesh(_to_voxels(mesh.vertices, world_from_voxel), mesh.faces) for name, mesh in meshes.items()}
-    steps = np.linalg.norm(world_from_voxel[:3, :3], axis=0)
+    steps = voxel_spacing(world_from_voxel)
     rows = -(-count // columns)
     figure = Figure(figsize=(11, 0.6 + 2.9 * rows * values.shape[1] * steps[1] / (values.shape[0] * steps[0])))
     figure.suptitle(title, fontsize=10)
@@ -85,7 +86,7 @@ def slice_pictures(
     from matplotlib.figure import Figure
 
     outlines = [Mesh(_to_voxels(mesh.vertices, world_from_voxel), mesh.faces) for mesh in meshes.values()]
-    steps = np.linalg.norm(world_from_voxel[:3, :3], axis=0)
+    steps = voxel_spacing(world_from_voxel)
     window = _window(values)
     reached = np.concatenate([mesh.vertices[:, 2] for mesh in outlines]) if outlines else _uneven(values)
     height = 2.0 * values.shape[1] * steps[1] / (values.shape[0] * steps[0])

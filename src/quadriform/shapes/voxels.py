@@ -10,6 +10,11 @@ OFF_GRID = (0.5772157e-7, 0.6931472e-7)
 """Columns of voxel centres are moved so far, in voxels, lest they run along the edges of triangles."""
 
 
+def voxel_spacing(world_from_voxel: Array) -> Array:
+    """Return the distances (3,) between neighbouring voxel centres: the column lengths of a transform (4, 4)."""
+    return np.linalg.norm(world_from_voxel[:3, :3], axis=0)
+
+
 def voxels_inside(mesh: Mesh, shape: tuple[int, ...]) -> NDArray[np.bool_]:
     """Which voxels have their centre inside a closed mesh, given in voxel coordinates; by its windings."""
     corners = mesh.vertices[mesh.faces]
