@@ -10,7 +10,10 @@ from quadriform.heart.synthetic import SyntheticVentricle
 
 heart, times = SyntheticVentricle(), np.arange(4) / 4
 frames = [
-    {wall: heart.surface_points(wall, time, 80, noise=0.3, seed=k) for wall in ("epi", "endo")}
+    {
+        wall: heart.surface_points(wall, time, 80, noise=0.3, seed=k)
+        for wall in ("epi", "endo")
+    }
     for k, time in enumerate(times)
 ]
 

@@ -8,4 +8,6 @@ import quadriform as qf
 points = qf.examples.crossing_superquadrics(resolution=10)
 for method in ("paper", "tangent"):
     fit = qf.fit(points, method=method)
-    print(f"{method}: superquadric {fit.superquadric_rms:.2f} mm, model {fit.rms:.2f} mm")
+    print(
+        f"{method}: superquadric {fit.superquadric_rms:.2f} mm, model {fit.rms:.2f} mm"
+    )

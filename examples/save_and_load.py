@@ -17,5 +17,7 @@ with tempfile.TemporaryDirectory() as name:
     qf.save(model, folder / "box.json")
     qf.save(model, folder / "box.stl")
     again = qf.load(folder / "box.json")
-    print(sorted(f"{path.name}: {path.stat().st_size} bytes" for path in folder.iterdir()))
+    print(
+        sorted(f"{path.name}: {path.stat().st_size} bytes" for path in folder.iterdir())
+    )
 print("same surface:", np.array_equal(model.mesh().vertices, again.mesh().vertices))

@@ -13,7 +13,9 @@ models = []
 for _ in range(4):
     axes = np.array([40.0, 30.0, 20.0]) * rng.normal(1, [0.15, 0.05, 0.0])
     body = qf.Superquadric(semi_axes=axes, exponents=np.array([0.8, 1.0]))
-    models.append(qf.fit(qf.examples.noisy(body.mesh(8).vertices, sigma=0.2), box=(3, 3, 3)).model)
+    models.append(
+        qf.fit(qf.examples.noisy(body.mesh(8).vertices, sigma=0.2), box=(3, 3, 3)).model
+    )
 
 found = shape_modes(models, modes=2, box=(3, 3, 3))
 print("fraction of the variance:", found.variance_ratios.round(3))

@@ -7,7 +7,9 @@ import quadriform as qf
 from quadriform.heart.synthetic import SyntheticVentricle
 
 heart = SyntheticVentricle()
-clouds = {wall: heart.surface_points(wall, 0.0, 400, noise=0.5) for wall in ("epi", "endo")}
+clouds = {
+    wall: heart.surface_points(wall, 0.0, 400, noise=0.5) for wall in ("epi", "endo")
+}
 
 fit = qf.fit(clouds, unit="mm")
 muscle = fit.model.volume("epi") - fit.model.volume("endo")

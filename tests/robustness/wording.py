@@ -12,7 +12,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 LIST = ROOT / "docs" / "vocabulary.toml"
 CODE = (".py", ".cpp", ".hpp", ".js")
-SEARCHED = (*CODE, ".md", ".j2", ".html")
+SEARCHED = (*CODE, ".md", ".ipynb", ".j2", ".html")
 PYTHON_PROSE = re.compile(r'""".*?"""|"(?:\\.|[^"\\\n])*"|\'(?:\\.|[^\'\\\n])*\'|#[^\n]*', re.DOTALL)
 OTHER_PROSE = re.compile(r'/\*.*?\*/|`[^`]*`|"(?:\\.|[^"\\\n])*"|\'(?:\\.|[^\'\\\n])*\'|//[^\n]*', re.DOTALL)
 CAPITAL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
@@ -31,7 +31,7 @@ def read_list(path=LIST):
 
 def texts(root=ROOT):
     """Name and text of everything that is searched."""
-    paths = [*(root / "src").rglob("*"), *(root / "docs").rglob("*.md"), *root.glob("examples/*.py")]
+    paths = [*(root / "src").rglob("*"), *(root / "docs").rglob("*.*"), *root.glob("examples/*.py")]
     for path in sorted([*paths, root / "README.md", root / "CONTRIBUTING.md"]):
         if path.suffix in SEARCHED and path.is_file():
             yield str(path.relative_to(root)), path.read_text(encoding="utf-8")

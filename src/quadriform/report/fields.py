@@ -17,9 +17,7 @@ FAR = 1.5
 
 
 def residual_field(
-    models: Sequence[DeformableModel],
-    clouds: Mapping[str, Sequence[Array]],
-    residuals: Mapping[str, Sequence[Array]],
+    models: Sequence[DeformableModel], clouds: Mapping[str, Sequence[Array]], residuals: Mapping[str, Sequence[Array]]
 ) -> Field:
     """Mean signed distance of the data near each grid point of the surfaces; NaN without data.
 

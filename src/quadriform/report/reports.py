@@ -77,12 +77,7 @@ def _fit_scene(fit: Fit, clouds: Clouds, residuals: Clouds, title: str) -> Scene
 
 
 def track_report(
-    found: Track,
-    clouds: Sequence[Clouds],
-    *,
-    title: str,
-    record: Mapping[str, Any],
-    measures: Measures | None = None,
+    found: Track, clouds: Sequence[Clouds], *, title: str, record: Mapping[str, Any], measures: Measures | None = None
 ) -> bytes:
     """The page of a moving model; of frames that were fitted alone, that of their models without the viewer's slider.
 

@@ -24,12 +24,7 @@ GAMMA = 0.6
 
 
 def slices_png(
-    values: Array,
-    world_from_voxel: Array,
-    meshes: Mapping[str, Mesh],
-    title: str,
-    count: int = 12,
-    columns: int = 4,
+    values: Array, world_from_voxel: Array, meshes: Mapping[str, Mesh], title: str, count: int = 12, columns: int = 4
 ) -> bytes:
     """Draw even slices along the third axis of an image, each with the outlines where meshes cut it.
 

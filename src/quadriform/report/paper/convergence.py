@@ -50,14 +50,7 @@ def measure_convergence(subject: Subject, box: Box) -> Convergence:
     start = subject.paper.model.surfaces
 
     def after(iterations: int, tolerance: float | None) -> Fit:
-        return refine(
-            start,
-            subject.points,
-            method="paper",
-            box=box,
-            iterations=iterations,
-            tolerance=tolerance,
-        )
+        return refine(start, subject.points, method="paper", box=box, iterations=iterations, tolerance=tolerance)
 
     long = after(LONGEST, STOP)
     errors = {0: subject.paper.superquadric_rms} | {count: after(count, None).rms for count in STEPS}

@@ -76,12 +76,7 @@ def cloud(points: Array, colour: str = ORANGE, size: float = 2.0) -> Artist:
 def mesh(surface: Mesh, colour: str, alpha: float = 1.0) -> Artist:
     """A shaded surface."""
     return lambda axes: axes.plot_trisurf(
-        *surface.vertices.T,
-        triangles=surface.faces,
-        color=colour,
-        alpha=alpha,
-        linewidth=0,
-        antialiased=alpha < 1,
+        *surface.vertices.T, triangles=surface.faces, color=colour, alpha=alpha, linewidth=0, antialiased=alpha < 1
     )
 
 

@@ -79,12 +79,7 @@ def _rows(each: Convergence) -> list[Row]:
             mm(subject.paper.rms),
             mm(subject.default.rms),
         ),
-        (
-            f"distance RMS {end}, {name}",
-            NONE,
-            f"{mm(each.long.rms)} in {count}",
-            mm(subject.default.rms),
-        ),
+        (f"distance RMS {end}, {name}", NONE, f"{mm(each.long.rms)} in {count}", mm(subject.default.rms)),
         (f"least-squares error, first and last, {name}", "curve", f"{mm(first.error)}, {mm(last.error)}", NOT),
         (f"motion of the box, first and last, {name}", "curve", f"{mm(first.box_motion)}, {mm(last.box_motion)}", NOT),
         (f"iterations until the error stays within {WITHIN:.0%} of its last value, {name}", "30", converged, NOT),

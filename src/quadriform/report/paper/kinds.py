@@ -61,8 +61,5 @@ def _bent(truth: Superquadric, curvature: float, box: Box, resolution: int) -> B
     alone = DeformableModel({"surface": found.superquadric}, ControlBox.around(found.superquadric))
     error = rms(alone.distance(surface))
     moved = bend(points, curvature)
-    fits = (
-        fit(moved, kind=truth.kind, method="paper", box=box),
-        fit(moved, kind=truth.kind, box=box),
-    )
+    fits = (fit(moved, kind=truth.kind, method="paper", box=box), fit(moved, kind=truth.kind, box=box))
     return Bent(truth, points, found, error, moved, fits)
