@@ -83,6 +83,21 @@ def _as_numbers(values: ArrayLike, what: str) -> Array:
         return array.astype(np.float64, copy=False)
 
 
+def fixed_array(values: ArrayLike, name: str, shape: tuple[int, ...] | None = None) -> Array:
+    """A read-only float64 copy of finite numbers up to 1e30, of a shape where one is given.
+
+    Raises:
+        OptionError: naming the argument, what was expected and what was found.
+    """
+    array = np.array(values, dtype=np.float64)
+    if (shape and array.shape != shape) or not (np.abs(array) <= LARGEST).all():
+        expected = f" of shape {shape}" if shape else ""
+        found = f"shape {array.shape}, largest {np.abs(array).max(initial=0):g}"
+        raise OptionError(f"{name}: expected finite numbers{expected} up to {LARGEST:g}, found {found}")
+    array.setflags(write=False)
+    return array
+
+
 def check_weights(weights: ArrayLike | None, n: int) -> Array:
     """Return non-negative finite weights of shape (n,), all one for None.
 

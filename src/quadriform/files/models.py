@@ -26,15 +26,13 @@ from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
 from quadriform.shapes.record import SHA256, ModelRecord
-from quadriform.shapes.superquadric import Superquadric
+from quadriform.shapes.superquadric import SHAPES, Superquadric
 
 MODEL_SUFFIXES = (".json", ".npz")
 FORMAT = "quadriform-model"
 VERSION = 2
 """Since 2 the file holds the record of the fit; models of version 1 have the status "unknown"."""
 BODY = ("format", "version", "space", "unit", "input_sha256", "surfaces", "box")
-
-ARRAYS: dict[str, tuple[int, ...]] = {"semi_axes": (3,), "exponents": (2,), "rotation": (3, 3), "translation": (3,)}
 
 
 def write_model(model: DeformableModel, path: str | os.PathLike[str], force: bool = False) -> None:
@@ -116,7 +114,7 @@ def surface_document(name: str, surface: Superquadric) -> dict[str, Any]:
     if not name.isascii() and name.encode("utf-8", "replace").decode() != name:
         raise OptionError(f"surface {name!r}: expected a name without halves of surrogate pairs")
     fields: dict[str, Any] = {"name": name, "kind": surface.kind}
-    fields |= {key: getattr(surface, key).tolist() for key in ARRAYS}
+    fields |= {key: getattr(surface, key).tolist() for key in SHAPES}
     if extra := KINDS[surface.kind].extra:
         fields[extra] = float(getattr(surface, extra))
     return fields
@@ -191,8 +189,8 @@ def read_surfaces(field: Field) -> dict[str, Superquadric]:
 def _surface(field: Field) -> Superquadric:
     kind = field.member("kind").choice(tuple(KINDS))
     extra = tuple(filter(None, [KINDS[kind].extra]))
-    field.only(("name", "kind", *ARRAYS, *extra))
-    values: dict[str, Any] = {key: field.member(key).numbers(shape) for key, shape in ARRAYS.items()}
+    field.only(("name", "kind", *SHAPES, *extra))
+    values: dict[str, Any] = {key: field.member(key).numbers(shape) for key, shape in SHAPES.items()}
     values |= {key: field.member(key).number() for key in extra}
     try:
         return Superquadric(kind, **values)

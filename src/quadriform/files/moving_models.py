@@ -39,12 +39,9 @@ def write_moving_model(model: MovingModel, path: str | os.PathLike[str], force: 
         OutputError: the target cannot be written.
     """
     suffix_of(path, (".json",), "a moving model")
+    knots, frames = model.basis.knots.tolist(), model.frame_times.tolist()
     document = head_document(FORMAT, VERSION, model) | {
-        "time": {
-            "knots": model.basis.knots.tolist(),
-            "period": model.basis.period,
-            "frames": model.frame_times.tolist(),
-        },
+        "time": {"knots": knots, "period": model.basis.period, "frames": frames},
         "box": {name: getattr(model, name).tolist() for name in ("origin", "edges", "control_points")},
     }
     write_bytes(path, encode_json(document), force)
@@ -71,18 +68,14 @@ def read_moving_model(path: str | os.PathLike[str]) -> MovingModel:
     record = ModelRecord() if version < 3 else read_record(root, surfaces)
     try:
         basis, frame_times = _times(root.member("time"), version)
-        model = MovingModel(
-            surfaces,
-            values["origin"],
-            values["edges"],
-            basis,
-            values["control_points"],
-            space,
-            unit,
-            sha256,
-            frame_times,
-            record,
-        )
+        about: dict[str, Any] = {
+            "space": space,
+            "unit": unit,
+            "input_sha256": sha256,
+            "frame_times": frame_times,
+            "record": record,
+        }
+        model = MovingModel(surfaces=surfaces, basis=basis, **values, **about)
         for knot in basis.knots:
             check_extent(model.at(float(knot)), where)
         return model

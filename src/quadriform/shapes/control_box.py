@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from quadriform.errors import OptionError, PointsError
-from quadriform.points import LARGEST, Array, check_points
+from quadriform.points import LARGEST, Array, check_points, fixed_array
 from quadriform.shapes import _kernel, bernstein, pose
 from quadriform.shapes.superquadric import Superquadric
 from quadriform.shapes.threads import threads_for
@@ -49,15 +49,7 @@ class ControlBox:
 
     def __post_init__(self) -> None:
         for name, shape in (("origin", (3,)), ("edges", (3, 3)), ("control_points", None)):
-            array = np.array(getattr(self, name), dtype=np.float64)
-            if (shape and array.shape != shape) or not (np.abs(array) <= LARGEST).all():
-                expected = f"numbers of shape {shape}" if shape else "numbers"
-                raise OptionError(
-                    f"{name}: expected finite {expected} up to {LARGEST:g}, found shape {array.shape}, "
-                    f"largest {np.abs(array).max(initial=0):g}"
-                )
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+            object.__setattr__(self, name, fixed_array(getattr(self, name), name, shape))
         grid = self.control_points.shape
         if len(grid) != 4 or grid[3] != 3 or min(grid[:3]) < 2:
             raise OptionError(f"control_points: expected shape (l+1, m+1, n+1, 3) with l, m, n >= 1, found {grid}")
@@ -245,7 +237,7 @@ class ControlBox:
             raise OptionError(f"degrees={degrees}: expected none below the present {self.degrees}")
         raised = self.control_points
         for axis, (low, high) in enumerate(zip(self.degrees, degrees)):
-            raised = np.moveaxis(np.tensordot(bernstein.elevation(low, high), raised, (1, axis)), 0, axis)
+            raised = bernstein.along(axis, bernstein.elevation(low, high), raised)
         return replace(self, control_points=raised)
 
 

@@ -42,6 +42,9 @@ class Norm:
     v: str
 
 
+AROUND_Z, ACROSS, WAIST = Norm(1, "x", "y"), Norm(0, "inner", "z"), Norm(0, "one", "z")
+
+
 @dataclass(frozen=True)
 class Derivatives:
     """F at n scaled points and its derivatives.
@@ -66,6 +69,7 @@ class Kind:
     Attributes:
         name: what users call it by.
         title: in words.
+        layout: of the grid over the surface: a name in `LAYOUTS`.
         inner: the norm that is taken first; the hole radius is subtracted from it.
         outer: the norm that may be taken of it.
         over: F is this term ...
@@ -74,7 +78,6 @@ class Kind:
             surface is reached from the core of the tube instead.
         curves: of the latitude, along z, and of the longitude, in x and y, in the natural parametrisation: "circle"
             (cosine and sine) or "hyperbola" (secant and tangent).
-        layout: of the grid over the surface: a name in `LAYOUTS`.
         volume: (product of the semi-axes, e1, e2, hole radius) -> enclosed volume; None for open kinds.
         cut_axis: the coordinate that an open kind is cut along; None for closed kinds.
         least_cut: the least height of the cut, in units of the semi-axis.
@@ -83,13 +86,13 @@ class Kind:
 
     name: str
     title: str
-    inner: Norm
-    outer: Norm
-    over: str
-    under: str
-    powers: tuple[int, int, int]
-    curves: tuple[str, str]
     layout: str
+    inner: Norm = AROUND_Z
+    outer: Norm = ACROSS
+    over: str = "outer"
+    under: str = "one"
+    powers: tuple[int, int, int] = (-1, -1, -1)
+    curves: tuple[str, str] = ("circle", "circle")
     volume: Callable[[float, float, float, float], float] | None = None
     cut_axis: int | None = None
     least_cut: float = 0.0
@@ -276,59 +279,31 @@ def _toroid_volume(product: float, e1: float, e2: float, hole: float) -> float:
     return 8 * product * hole * e1 * e2 * beta(e1 / 2, e1 / 2 + 1) * beta(e2 / 2, e2 / 2 + 1)
 
 
-AROUND_Z, ACROSS, WAIST = Norm(1, "x", "y"), Norm(0, "inner", "z"), Norm(0, "one", "z")
-CIRCLES, OPEN_TUBE, TWO_SHEETS = ("circle", "circle"), ("hyperbola", "circle"), ("hyperbola", "hyperbola")
-
 KINDS: dict[str, Kind] = {
     kind.name: kind
     for kind in (
+        Kind("ellipsoid", "superellipsoid", "sphere", volume=_ellipsoid_volume),
+        Kind("toroid", "supertoroid", "torus", volume=_toroid_volume, has_hole=True),
         Kind(
-            name="ellipsoid",
-            title="superellipsoid",
-            inner=AROUND_Z,
-            outer=ACROSS,
-            over="outer",
-            under="one",
-            powers=(-1, -1, -1),
-            curves=CIRCLES,
-            layout="sphere",
-            volume=_ellipsoid_volume,
-        ),
-        Kind(
-            name="toroid",
-            title="supertoroid",
-            inner=AROUND_Z,
-            outer=ACROSS,
-            over="outer",
-            under="one",
-            powers=(-1, -1, -1),
-            curves=CIRCLES,
-            layout="torus",
-            volume=_toroid_volume,
-            has_hole=True,
-        ),
-        Kind(
-            name="hyperboloid1",
-            title="superhyperboloid of one sheet",
-            inner=AROUND_Z,
+            "hyperboloid1",
+            "superhyperboloid of one sheet",
+            "tube",
             outer=WAIST,
             over="inner",
             under="outer",
             powers=(-1, -1, 0),
-            curves=OPEN_TUBE,
-            layout="tube",
+            curves=("hyperbola", "circle"),
             cut_axis=2,
         ),
         Kind(
-            name="hyperboloid2",
-            title="superhyperboloid of two sheets",
+            "hyperboloid2",
+            "superhyperboloid of two sheets",
+            "two sheets",
             inner=WAIST,
             outer=Norm(1, "inner", "y"),
-            over="outer",
             under="x",
             powers=(1, 0, 0),
-            curves=TWO_SHEETS,
-            layout="two sheets",
+            curves=("hyperbola", "hyperbola"),
             cut_axis=0,
             least_cut=1.0,
         ),

@@ -8,14 +8,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from quadriform.errors import OptionError, choose
-from quadriform.points import LARGEST, Array, check_points
+from quadriform.points import LARGEST, Array, check_points, fixed_array
 from quadriform.shapes import _kernel, pose
 from quadriform.shapes.kinds import KINDS, Kind
-from quadriform.shapes.mesh import Faces, Mesh, split_quads
+from quadriform.shapes.mesh import Faces, Mesh, extrapolated, split_quads
 from quadriform.shapes.superellipse import quiet
 from quadriform.shapes.taubin import bounded_distance, squared_implicit
 from quadriform.words import short_repr
 
+SHAPES: dict[str, tuple[int, ...]] = {"semi_axes": (3,), "exponents": (2,), "rotation": (3, 3), "translation": (3,)}
+"""Of the arrays of a superquadric, by their names."""
 EXPONENTS = (0.01, 2.0)
 """The range of both exponents in fits: nearly a box, to flat bevels."""
 PINCHED = 4.0
@@ -54,19 +56,8 @@ class Superquadric:
 
     def __post_init__(self) -> None:
         choose(self.kind, tuple(KINDS), "kind")
-        for name, shape in (
-            ("semi_axes", (3,)),
-            ("exponents", (2,)),
-            ("rotation", (3, 3)),
-            ("translation", (3,)),
-        ):
-            array = np.array(getattr(self, name), dtype=np.float64)
-            if array.shape != shape or not (np.abs(array) <= LARGEST).all():
-                raise OptionError(
-                    f"{name}: expected finite numbers up to {LARGEST:g} of shape {shape}, found {array.tolist()}"
-                )
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+        for name, shape in SHAPES.items():
+            object.__setattr__(self, name, fixed_array(getattr(self, name), name, shape))
         self._check_ranges()
 
     def _check_ranges(self) -> None:
@@ -242,8 +233,7 @@ class Superquadric:
 
     def area(self) -> float:
         """Surface area in squared units, from two meshes by Richardson's extrapolation (about 1e-4 relative)."""
-        coarse, fine = self.mesh(48).area(), self.mesh(96).area()
-        return fine + (fine - coarse) / 3
+        return extrapolated(self.mesh(48).area(), self.mesh(96).area())
 
     def compiled(self) -> _kernel.Surface:
         """The superquadric in the form of the compiled loops."""
