@@ -20,7 +20,7 @@ version = release = quadriform.__version__
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 highlight_language = "text"  # of blocks that name none, such as commands
 default_role = "code"  # docstrings write `name`, as Markdown does
-napoleon_use_ivar = True  # attributes are told by their class alone, and by words
+napoleon_use_ivar = True  # attributes are documented in the text of their class
 napoleon_attr_annotations = False
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # the texts say shapes and units, which types cannot

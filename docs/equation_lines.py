@@ -41,7 +41,7 @@ def markers(path: Path) -> Iterator[tuple[str, str, int]]:
             yield from ((label, holders[0], line) for label in LABEL.findall(token.string))
 
 
-def places() -> dict[tuple[str, str], str]:
+def lines() -> dict[tuple[str, str], str]:
     """(label, module:function) of all markers of the source, and where each is: "file:line" of its first."""
     found: dict[tuple[str, str], str] = {}
     for path in sorted(SOURCE.rglob("*.py")):
@@ -53,10 +53,10 @@ def places() -> dict[tuple[str, str], str]:
 
 def with_lines(page: str) -> str:
     """The text of a page with the file and line beside each function of its table."""
-    where = places()
+    where = lines()
     return ROW.sub(lambda row: f"{row[0]} ({where[row[1], row[2]]})", page)
 
 
 if __name__ == "__main__":
-    for (equation, function), place in places().items():
-        print(equation, function, place)
+    for (equation, function), line in lines().items():
+        print(equation, function, line)

@@ -28,8 +28,8 @@ def browser() -> webdriver.Chrome:
     return webdriver.Chrome(options=options, service=webdriver.ChromeService(shutil.which("chromedriver")))
 
 
-def taken(driver: webdriver.Chrome, page: Path, size: tuple[int, int], share: float) -> Image.Image:
-    """The whole page at this width, as the window's height is made its own; smaller by `share`."""
+def taken(driver: webdriver.Chrome, page: Path, size: tuple[int, int], scale: float) -> Image.Image:
+    """The whole page at this width, as the window's height is made its own; smaller by `scale`."""
     metrics = {"width": size[0], "height": size[1], "deviceScaleFactor": 1, "mobile": size[0] < 600}
     driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
     driver.get(page.resolve().as_uri())
@@ -39,18 +39,18 @@ def taken(driver: webdriver.Chrome, page: Path, size: tuple[int, int], share: fl
     tall = driver.execute_script("return document.documentElement.scrollHeight")
     driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics | {"height": tall})
     image = Image.open(io.BytesIO(driver.get_screenshot_as_png())).convert("RGB")
-    return image.resize((round(image.width * share), round(image.height * share)), Image.Resampling.LANCZOS)
+    return image.resize((round(image.width * scale), round(image.height * scale)), Image.Resampling.LANCZOS)
 
 
 def main() -> None:
     demo, heart = map(Path, sys.argv[1:3])
     driver = browser()
-    for name, page, size, share in (
+    for name, page, size, scale in (
         ("report_demo", demo, DESKTOP, 0.5),
         ("report_heart", heart, DESKTOP, 0.5),
         ("report_phone", heart, PHONE, 0.6),
     ):
-        image = taken(driver, page, size, share).quantize(COLOURS)
+        image = taken(driver, page, size, scale).quantize(COLOURS)
         image.save(FIGURES / f"{name}.png", optimize=True)
     driver.quit()
 

@@ -14,7 +14,7 @@ SECTIONS = {"2", "2.2", "2.4", "3.2.1", "3.2.2", "3.2.3", "3.3", "3.4.2", "5", "
 spec = importlib.util.spec_from_file_location("equation_lines", ROOT / "docs" / "equation_lines.py")
 lines = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(lines)
-PLACES = lines.places()
+PLACES = lines.lines()
 
 
 def rows():

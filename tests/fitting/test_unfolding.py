@@ -84,7 +84,7 @@ def test_removing_folds_leaves_the_surface_alone(folded):
     assert unfolded.model.undeform(unfolded.model.deform(inside)) == pytest.approx(inside, abs=1e-7)
 
 
-def test_a_tangle_leaves_no_trace_in_its_cure(monkeypatch):
+def test_a_crossing_leaves_no_trace_after_its_removal(monkeypatch):
     """Old bug: foot points of a tangled surface led its cure astray, to 2 mm apart from two files of one image."""
 
     def tangled(seed):

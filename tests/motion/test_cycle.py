@@ -50,7 +50,7 @@ def test_an_outlier_is_reported_of_its_frame_and_changes_little(plain):
     assert max(gap(one, other) for one, other in zip(found.models, plain.models)) < 1e-2
 
 
-def test_where_strangers_are_not_sought_one_pulls(plain):
+def test_where_outliers_are_not_detected_one_attracts_the_surface(plain):
     found = tracked(with_one_far(1), robust=False)
     assert "OUTLIERS" not in found.warnings and "frame 1" in found.warnings["POOR_FIT"]
     assert max(gap(one, other) for one, other in zip(found.models, plain.models)) > 0.1
@@ -65,7 +65,7 @@ def test_filled_bodies_are_a_poor_fit():
     assert [text.split(":")[0] for text in found.warnings["POOR_FIT"].split("; ")] == ["frame 0", "frame 1", "frame 2"]
 
 
-def test_a_filled_body_among_surfaces_has_strangers():
+def test_a_filled_body_among_surfaces_has_outliers():
     found = tracked([FRAMES[0], filled(1), FRAMES[2]])
     assert found.warnings["OUTLIERS"].startswith("frame 1: ")
 
