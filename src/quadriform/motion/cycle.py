@@ -23,7 +23,7 @@ from quadriform.shapes.superquadric import Superquadric
 STRONGEST, DESCENT = 1e3, 6
 SEARCHES = 2
 ROUNDS, MOST_ROUNDS = 6, 24
-REST = 0.005
+TOLERANCE = 0.005
 """The cycle is fitted when the noise changes by less than this fraction, and no frame folds."""
 TANGENTIAL_STEPS = 3
 LEAST_INLIERS = 0.5
@@ -58,10 +58,32 @@ class CycleFit:
         return [{name: data.inliers for name, data in datasets.items()} for datasets in self.datasets]
 
 
-class Cycle:
-    """The state that goes from round to round.
+@dataclass(frozen=True)
+class CycleState:
+    """What goes from round to round.
 
-    Args:
+    Attributes:
+        displacement: (K, k, 3), of the control points from the undeformed box, at the knots.
+        shifts: (S, 2), of the slices in their planes.
+        boxes: of the frames.
+        datasets: for each frame one a surface.
+        noise: standard deviation of the data along the normal.
+        penalties: on folds, for each frame.
+    """
+
+    displacement: Array
+    shifts: Array
+    boxes: list[ControlBox]
+    datasets: list[list[SurfaceData]]
+    noise: float
+    penalties: list[JacobianPenalty]
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """A cycle to be fitted; everything in the centred, scaled frame.
+
+    Attributes:
         surfaces: name -> superquadric.
         box: undeformed, around the outermost surface.
         frames: name -> points, for each frame.
@@ -72,38 +94,35 @@ class Cycle:
         planes: of the slices whose shifts are sought, with the slice number of each point; or None.
     """
 
-    def __init__(
-        self,
-        surfaces: Mapping[str, Superquadric],
-        box: ControlBox,
-        frames: Sequence[Mapping[str, Array]],
-        values: Array,
-        basis: TimeBasis,
-        regularity: str | Regulariser,
-        robust: bool,
-        planes: tuple[SlicePlanes, SliceNumbers] | None,
-    ) -> None:
-        self.surfaces, self.values, self.basis, self.robust, self.planes = surfaces, values, basis, robust, planes
-        self.boxes = [box] * len(frames)
-        self.displacement = np.zeros((values.shape[1], box.rest.size // 3, 3))
-        self.frames = frames
-        self.datasets = [self._datasets(frame, box) for frame in frames]
-        self.shape: tuple[int, int, int] = box.control_points.shape[:3]
-        self.regularity, self.penalty = regularity, penalty_matrix(regularity, self.shape)
-        self.noise = FIRST_NOISE * float(np.median(np.abs(np.concatenate(self._distances()))))
-        squared = [np.concatenate([data.distances(box) for data in datasets]) for datasets in self.datasets]
-        order = np.argsort([distances @ distances for distances in squared], kind="stable")
-        self.ends = int(order[0]), int(order[-1])
-        self.shifts = np.zeros((0 if planes is None else len(planes[0].axes), 2))
-        count = sum(len(cloud) for cloud in frames[0].values())
-        self.penalties = [JacobianPenalty.of(box, surfaces, count, self.noise)] * len(frames)
+    surfaces: Mapping[str, Superquadric]
+    box: ControlBox
+    frames: Sequence[Mapping[str, Array]]
+    values: Array
+    basis: TimeBasis
+    regularity: str | Regulariser
+    robust: bool
+    planes: tuple[SlicePlanes, SliceNumbers] | None
 
-    def _datasets(self, frame: Mapping[str, Array], box: ControlBox) -> list[SurfaceData]:
-        found = [SurfaceData.of(self.surfaces[name], points, np.ones(len(points))) for name, points in frame.items()]
-        return [data.with_nearest_foot_points(box) for data in found]
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Control points along each axis."""
+        l, m, n, _ = self.box.control_points.shape
+        return l, m, n
 
-    def _distances(self) -> list[Array]:
-        return [data.distances(box) for box, datasets in zip(self.boxes, self.datasets) for data in datasets]
+    def init(self) -> CycleState:
+        """The undeformed box in all frames, with the nearest foot points."""
+        datasets = [[self._data(name, points) for name, points in frame.items()] for frame in self.frames]
+        distances = np.concatenate([data.distances(self.box) for frame in datasets for data in frame])
+        noise = FIRST_NOISE * float(np.median(distances))
+        count, frames = sum(len(cloud) for cloud in self.frames[0].values()), len(self.frames)
+        penalty = JacobianPenalty.of(self.box, self.surfaces, count, noise)
+        displacement = np.zeros((self.values.shape[1], self.box.rest.size // 3, 3))
+        shifts = np.zeros((0 if self.planes is None else len(self.planes[0].axes), 2))
+        return CycleState(displacement, shifts, [self.box] * frames, datasets, noise, [penalty] * frames)
+
+    def _data(self, name: str, points: Array) -> SurfaceData:
+        found = SurfaceData.of(self.surfaces[name], points, np.ones(len(points)))
+        return found.with_nearest_foot_points(self.box)
 
     def fit(self, alpha: float | None, progress: Progress | None = None) -> CycleFit:
         """From strengths at which nothing folds down to those of the largest evidence, then until it converges.
@@ -120,111 +139,107 @@ class Cycle:
             DegenerateError: so do all strengths.
         """
         report, total = progress or (lambda done, total: None), DESCENT + ROUNDS
-        strengths = alpha or self._alone(None), self.noise**2 / (2 * np.pi) ** 4
-        solved = []
+        state = first = self.init()
+        # the frames with the least and the largest displacement
+        squares = [sum((data.distances(self.box) ** 2).sum() for data in each) for each in state.datasets]
+        order = np.argsort(squares, kind="stable")
+        ends = int(order[0]), int(order[-1])
+        # a sine once a period has second derivatives (2 pi)^2 times as large as itself, and their squares count
+        strengths = alpha or self._alone(state, ends, None), state.noise**2 / (2 * np.pi) ** 4
         for done, factor in enumerate(np.geomspace(STRONGEST, 1, DESCENT)):
-            solved.append(self._round((factor * strengths[0], factor * strengths[1])))
+            state = self.step(state, (factor * strengths[0], factor * strengths[1])) or state
             report(done + 1, total)
         certified: tuple[bool, ...] = ()
         for done in range(MOST_ROUNDS):
             if done < SEARCHES:
-                in_space = alpha or self._alone(strengths[0])
-                strengths = in_space, self._evidence().best_in_time(in_space, strengths[1])
-            before = self.noise
-            solved.append(self._round(strengths))
+                in_space = alpha or self._alone(state, ends, strengths[0])
+                strengths = in_space, self.evidence(state).best_in_time(in_space, strengths[1])
+            before, after = state, self.step(state, strengths)
+            state = after or state
             report(min(DESCENT + done + 1, total), total)
             if done + 1 >= ROUNDS:
-                certified = self._certified()
-                if all(certified) and abs(self.noise - before) < REST * before:
+                certified, state = self.checked(state)
+                if all(certified) and abs(state.noise - before.noise) < TOLERANCE * before.noise:
                     break
-        if alpha is not None and not solved[-1] and self._evidence().solve(*strengths) is None:
+        if alpha is not None and after is None and self.evidence(state).solve(*strengths) is None:
             raise OptionError(f"option strength={alpha:g} leaves control points undetermined; expected a larger one")
-        if not any(solved):
+        if state.displacement is first.displacement:
             raise DegenerateError("frames leave control points undetermined; expected points all around the body")
-        control = self.displacement.reshape(-1, *self.shape, 3) + self.boxes[0].rest
-        datasets = tuple(dict(zip(frame, datasets)) for frame, datasets in zip(self.frames, self.datasets))
-        return CycleFit(control, datasets, self.noise, strengths, self.shifts, certified)
+        control = state.displacement.reshape(-1, *self.shape, 3) + self.box.rest
+        datasets = tuple(dict(zip(frame, each)) for frame, each in zip(self.frames, state.datasets))
+        return CycleFit(control, datasets, state.noise, strengths, state.shifts, certified)
 
-    def _alone(self, near: float | None) -> float:
+    def _alone(self, state: CycleState, ends: tuple[int, int], near: float | None) -> float:
         """The smaller of the best strengths in space of the two frames with the least and the largest displacement.
 
         With more strength one of them would lag behind. Over a whole cycle smoothness in time could replace this
         strength on the surface, but nothing would then regularise the space inside.
         """
-        nothing = [None] * len(self.surfaces)
-        ends = [evidence_of(self.datasets[n], nothing, self.boxes[n], self.regularity) for n in self.ends]
-        return min(each.select(None, near).strength for each in ends)
+        none = [None] * len(self.surfaces)
+        found = [evidence_of(state.datasets[n], none, state.boxes[n], self.regularity) for n in ends]
+        return min(each.select(None, near).strength for each in found)
 
-    def _round(self, strengths: tuple[float, float]) -> bool:
-        """Move everything towards the solution of the linear problem as far as lowers the sum; false without one."""
-        self._update_foot_points()
-        if self.robust:
-            self._update_inliers()
-        evidence = self._evidence()
-        penalties = [penalty.equations(box) for penalty, box in zip(self.penalties, self.boxes)]
+    def step(self, state: CycleState, strengths: tuple[float, float]) -> CycleState | None:
+        """The state moved towards the solution of the linear problem as far as lowers the sum; None without one."""
+        state = replace(state, datasets=self._updated(state))
+        evidence = self.evidence(state)
+        penalties = [penalty.equations(box) for penalty, box in zip(state.penalties, state.boxes)]
         solution = evidence.plus(penalties).solve(*strengths)
         if solution is None:
-            return False
-        moved, shifted = solution.displacement - self.displacement, solution.shifts - self.shifts.ravel()
+            return None
+        moved, shifted = solution.displacement - state.displacement, solution.shifts - state.shifts.ravel()
 
-        def total(length: float) -> float:
-            trial = self.displacement + length * moved, self.shifts.ravel() + length * shifted
-            return self._total(evidence, *trial, strengths)
+        def at(length: float) -> tuple[Array, Array]:
+            return state.displacement + length * moved, state.shifts.ravel() + length * shifted
 
-        length = step_length(total)
-        displacement, shifts = self.displacement + length * moved, self.shifts.ravel() + length * shifted
-        self.displacement, self.shifts = displacement, shifts.reshape(-1, 2)
-        self.boxes, self.noise = self._boxes(self.displacement), solution.noise
-        self._shift()
-        return True
+        displacement, shifts = at(step_length(lambda length: self.total(state, evidence, *at(length), strengths)))
+        boxes, shifts = self._boxes(displacement), shifts.reshape(-1, 2)
+        datasets = self._shifted(state.datasets, shifts)
+        return CycleState(displacement, shifts, boxes, datasets, solution.noise, state.penalties)
 
-    def _total(
-        self, evidence: CycleEvidence, displacement: Array, shifts: Array, strengths: tuple[float, float]
+    def total(
+        self,
+        state: CycleState,
+        evidence: CycleEvidence,
+        displacement: Array,
+        shifts: Array,
+        strengths: tuple[float, float],
     ) -> float:
-        penalties = [penalty.cost(box) for penalty, box in zip(self.penalties, self._boxes(displacement))]
+        """The sum that a round lowers: squared distances, regularisation, and penalties on folds."""
+        penalties = [penalty.cost(box) for penalty, box in zip(state.penalties, self._boxes(displacement))]
         return evidence.cost(displacement, shifts, *strengths) + sum(penalties)
 
     def _boxes(self, displacement: Array) -> list[ControlBox]:
-        rest = self.boxes[0].rest
+        rest = self.box.rest
+        # control points at the knots, times the splines at the frames
         in_time = np.einsum("fa,akc->fkc", self.values, displacement).reshape(-1, *rest.shape)
-        return [self.boxes[0].with_control_points(rest + moved) for moved in in_time]
+        return [self.box.with_control_points(rest + moved) for moved in in_time]
 
-    def _update_foot_points(self) -> None:
-        self.datasets = [
-            [data.with_tangential_steps(box, TANGENTIAL_STEPS) for data in datasets]
-            for box, datasets in zip(self.boxes, self.datasets)
-        ]
+    def _updated(self, state: CycleState) -> list[list[SurfaceData]]:
+        """Data with new foot points and inlier probabilities."""
+        result = []
+        for box, datasets in zip(state.boxes, state.datasets):
+            moved = [data.with_tangential_steps(box, TANGENTIAL_STEPS) for data in datasets]
+            result.append([_weighted(data, box, state.noise) for data in moved] if self.robust else moved)
+        return result
 
-    def _update_inliers(self) -> None:
-        self.datasets = [
-            [self._weighted(data, box) for data in datasets] for box, datasets in zip(self.boxes, self.datasets)
-        ]
-
-    def _weighted(self, data: SurfaceData, box: ControlBox) -> SurfaceData:
-        """With inlier probabilities at the noise of the cycle, or where most points are outliers, at their own."""
-        distances = data.distances(box)
-        found = data.weighted(distances, self.noise)
-        if np.average(found.inliers, weights=data.weights) >= LEAST_INLIERS:
-            return found
-        return data.weighted(distances, float(np.median(distances)) / MEDIAN)  # not yet near, rather than outliers
-
-    def _shift(self) -> None:
-        """Move the points of each slice by its shift."""
+    def _shifted(self, datasets: list[list[SurfaceData]], shifts: Array) -> list[list[SurfaceData]]:
+        """Data whose points are moved by the shifts of their slices."""
         if self.planes is None:
-            return
+            return datasets
         planes, slices = self.planes
-        self.datasets = [
-            [
-                replace(data, points=points + planes.offsets(self.shifts, numbers[name]))
-                for data, (name, points) in zip(datasets, frame.items())
-            ]
-            for frame, datasets, numbers in zip(self.frames, self.datasets, slices)
-        ]
+        result = []
+        for frame, each, numbers in zip(self.frames, datasets, slices):
+            moved = [points + planes.offsets(shifts, numbers[name]) for name, points in frame.items()]
+            result.append([replace(data, points=points) for data, points in zip(each, moved)])
+        return result
 
-    def _evidence(self) -> CycleEvidence:
+    def evidence(self, state: CycleState) -> CycleEvidence:
+        """The linear problem of a round as a function of the strengths."""
         equations, rows, count = [], [], 0.0
-        for frame, (box, datasets) in enumerate(zip(self.boxes, self.datasets)):
+        for frame, (box, datasets) in enumerate(zip(state.boxes, state.datasets)):
             found = [data_rows(data, box) for data in datasets]
+            # shifts are unknowns too, so the targets are the points before any shift
             targets = list(self.frames[frame].values()) if self.planes else [row.targets for row in found]
             parts = [
                 normal_equations(box.local(row.origins), row.metric, target - row.origins, box.degrees)
@@ -234,15 +249,21 @@ class Cycle:
             count += sum(float((data.weights * data.inliers).sum()) for data in datasets)
             if self.planes:
                 rows.append(list(zip(found, self.planes[1][frame].values(), targets)))
-        bordered_block = self.planes[0].bordered_block(rows, self.boxes, self.noise) if self.planes else None
-        return CycleEvidence(equations, self.values, self.basis, self.penalty, self.shape, count, bordered_block)
+        bordered = self.planes[0].bordered_block(rows, state.boxes, state.noise) if self.planes else None
+        penalty = penalty_matrix(self.regularity, self.shape)
+        return CycleEvidence(equations, self.values, self.basis, penalty, self.shape, count, bordered)
 
-    def _certified(self) -> tuple[bool, ...]:
-        """Which frames are verified to be free of folds; the penalties of the others become stronger."""
-        result = []
-        for frame, (box, penalty) in enumerate(zip(self.boxes, self.penalties)):
-            verified, penalty = penalty.check(box, self.surfaces)
-            result.append(verified)
-            if not verified:
-                self.penalties[frame] = penalty.stronger()
-        return tuple(result)
+    def checked(self, state: CycleState) -> tuple[tuple[bool, ...], CycleState]:
+        """Which frames are verified to be free of folds, and the state with stronger penalties on the others."""
+        found = [penalty.check(box, self.surfaces) for penalty, box in zip(state.penalties, state.boxes)]
+        penalties = [penalty if verified else penalty.stronger() for verified, penalty in found]
+        return tuple(verified for verified, _ in found), replace(state, penalties=penalties)
+
+
+def _weighted(data: SurfaceData, box: ControlBox, noise: float) -> SurfaceData:
+    """Data with inlier probabilities at the noise of the cycle, or where most points are outliers, at their own."""
+    distances = data.distances(box)
+    found = data.weighted(distances, noise)
+    if np.average(found.inliers, weights=data.weights) >= LEAST_INLIERS:
+        return found
+    return data.weighted(distances, float(np.median(distances)) / MEDIAN)  # not yet near, rather than outliers
