@@ -110,7 +110,9 @@ def canonical_order(points: Array) -> NDArray[np.int64]:
     """
     far = np.linalg.norm(points, axis=1)
     points, far = points / far.max(), far / far.max()
+    # the first moment weighted by distance: it rotates with the points
     heavier = far @ points / far.sum()
+    # rounded, so that equal distances compare as equal on every processor
     keys = np.round([*points.T, points @ heavier, far], DECIMALS)
     order = np.argsort(keys[-1], kind="stable")
     same = np.diff(keys[-1, order], prepend=-1.0, append=2.0) == 0
@@ -165,6 +167,7 @@ def canonical_axes(values: Array, axes: Array, points: Array) -> Array:
         alone = 2 if near[0] else 0
         return _around(axes[:, alone], alone, points)
     far = (points**2).sum(axis=1)
+    # where second moments are isotropic, fourth moments contracted to a matrix may not be
     fourth = (far[:, None] * points).T @ points
     spread, other = np.linalg.eigh(fourth)
     if (np.diff(spread) > DETERMINES * spread[-1]).any():
@@ -180,6 +183,7 @@ def _around(axis: Array, index: int, points: Array) -> Array:
     first = beside - (beside @ axis) * axis
     first /= np.linalg.norm(first)
     second = np.cross(axis, first)
+    # in the plane across the axis as complex numbers: a k-fold symmetry has moments of order k only
     plane = points @ first + 1j * (points @ second)
     far = np.linalg.norm(points, axis=1)
     for fold in FOLDS:

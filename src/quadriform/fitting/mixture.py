@@ -62,6 +62,7 @@ class Mixture:
         )
         outlier = np.log((1 - self.inlier_ratio) / DEPTH)[:, None]
         difference = inlier - outlier
+        # log(exp(a) + exp(b)) without overflow
         both = np.log1p(np.exp(-np.abs(difference)))
         total = np.maximum(inlier, outlier) + both
         return np.exp(inlier - total), total
@@ -111,5 +112,6 @@ def density_odds(reach: Array, inliers: Array) -> Array:
         return np.zeros(len(reach))
     distance = np.log(np.maximum(reach, 1e-300))
     near, far = (distance @ inliers) / inliers.sum(), (distance @ outliers) / outliers.sum()
+    # one variance for both kinds: with two the odds would rise again far from both means
     variance = (inliers @ (distance - near) ** 2 + outliers @ (distance - far) ** 2) / len(distance)
     return np.minimum(max(far - near, 0.0) / variance * ((near + far) / 2 - distance), 0)

@@ -57,6 +57,7 @@ class Neighbourhood:
         near, counts = nearest(points, points, NEIGHBOURS)
         middle = np.einsum("nk,nki->ni", counts, points[near]) / counts.sum(axis=1, keepdims=True)
         spread = counts[:, :, None] * (points[near] - middle[:, None])
+        # eigenvectors of the scatter: the smallest eigenvalue belongs to the normal
         values, axes = np.linalg.eigh(np.einsum("nki,nkj->nij", spread, spread))
         flatness = (values[:, 1] - values[:, 0]) / np.maximum(values[:, 2], 1e-300)
         return cls(axes[:, :, 2], axes[:, :, 0], np.clip(flatness, 0, 1))
@@ -113,10 +114,12 @@ def _flattest_paths(points: Array, normals: Array) -> coo_matrix:
     columns = near[rows, rank + 1]
     edge = points[columns] - points[rows]
     edge /= np.maximum(np.linalg.norm(edge, axis=1, keepdims=True), 1e-300)
+    # an edge along a normal leads through a thin wall to a surface that faces the other way
     through = [np.einsum("ij,ij->i", edge, normals[end]) ** 2 for end in (rows, columns)]
     deviation = 1 - np.abs(np.einsum("ij,ij->i", normals[rows], normals[columns]))
     cost = deviation + np.maximum(*through) + 1e-6  # zero would mean no edge
     graph = coo_matrix((cost, (rows, columns)), shape=(len(points),) * 2).tocsr()
+    # of both directions the smaller cost, so that the tree does not depend on the order of points
     tree = minimum_spanning_tree(graph.maximum(graph.T))
     return tree + tree.T
 
@@ -143,6 +146,7 @@ def has_edge(points: Array, neighbourhood: Neighbourhood) -> bool:
     axes = (neighbourhood.along, np.cross(neighbourhood.normals, neighbourhood.along), neighbourhood.normals)
     along, across, height = (np.einsum("nki,ni->nk", offset, axis) for axis in axes)
     angle = np.arctan2(across, along)
+    # neighbours that do not count repeat the first angle, which leaves no empty angle
     angle = np.sort(np.where(counts, angle, angle[:, :1]), axis=1)
     around = np.concatenate([angle, angle[:, :1] + 2 * np.pi], axis=1)
     wide = np.diff(around, axis=1).max(axis=1) > EDGE_ANGLE
@@ -162,6 +166,7 @@ def _creased(along: Array, across: Array, height: Array, counts: NDArray[np.bool
     dense = size[:, 0] < ISOLATED * np.median(size)
     x, y, z = (np.where(counts, each / np.maximum(size, 1e-300), 0.0) for each in (along, across, height))
     terms = np.stack([counts, x, y, x * x, x * y, y * y], axis=2)
+    # least squares of all points at once: a batched QR, with zero rows for neighbours that do not count
     basis = np.linalg.qr(terms)[0]
     left = np.abs(z - np.einsum("nkj,nj->nk", basis, np.einsum("nkj,nk->nj", basis, z)))
     left = np.sort(np.where(counts, left, np.inf), axis=1)
@@ -195,8 +200,10 @@ def effective_fraction(feet: Array, deviations: Array, weights: Array) -> float:
         weights: (n,), how much each counts; outliers nothing.
     """
     count = min(MOST_CORRELATED, len(feet) - 1) // 2 * 2
+    # the correlation is a mean over points, so an even sample of them is enough
     some = evenly_chosen(feet, ASKED)
     near = cKDTree(feet).query(feet[some], k=np.arange(2, count + 2), workers=threads_for(len(feet)))[1]
+    # pairs with an outlier carry no weight
     joint = weights[some, None] * weights[near]
     products = (joint * deviations[some, None] * deviations[near]).sum(axis=0)
     variance = float(weights @ deviations**2 / weights.sum())

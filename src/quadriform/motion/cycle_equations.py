@@ -72,6 +72,7 @@ class CycleEvidence:
         self.count, self.knots, self.size = count, values.shape[1], 3 * len(penalty)
         mass = np.kron(np.kron(gram(shape[0] - 1), gram(shape[1] - 1)), gram(shape[2] - 1))
         energies, self._in_space = spectrum(penalty.tobytes())
+        # eigenvectors of the penalty in time: knots decouple in it, and its null space stays exact
         swings, self._in_time = eigh(basis.bending(), basis.mass())
         self._mass_time = basis.mass()
         tau = swings * (swings > 1e-9 * swings.max())
@@ -86,6 +87,7 @@ class CycleEvidence:
 
     def _sums(self, equations: Sequence[NormalEquations]) -> tuple[Array, Array, float]:
         """Matrix, right side and constant between the eigenvectors."""
+        # space first: each frame has the same basis
         rotated = [equation.between(self._in_space) for equation in equations]
         matrix = _in_time(self.values, np.stack([equation.matrix for equation in rotated]))
         right = (self.values.T @ np.stack([equation.right for equation in rotated])).ravel()
@@ -94,6 +96,7 @@ class CycleEvidence:
     def _add_bordered_block(self, coupling: Array, own: Array, right: Array) -> None:
         by_point = coupling.reshape(*coupling.shape[:2], len(self._in_space), 3)
         rotated = np.einsum("mfki,kj->mfji", by_point, self._in_space)
+        # coupling of the shifts with the control points, in the same two bases
         across = np.einsum("fa,mfji->ajim", self.values, rotated).reshape(len(self.matrix), -1)
         self.matrix = np.block([[self.matrix, across], [across.T, own]])
         self.right = np.concatenate([self.right, right])
@@ -126,6 +129,7 @@ class CycleEvidence:
         penalties = self.count * (alpha * self._values[0][:, None] + gamma * self._values[1])
         ranked = penalties[penalties > 0]
         rows = max(self.count - 3 * float((penalties <= 0).sum()), 1.0)
+        # the minimum of the sum over the degrees of freedom
         variance = max((self.constant - float(self.right @ found)) / rows, NOISE_FLOOR**2)
         criterion = rows * np.log(variance) + 2 * np.log(np.diag(factor)).sum() - 3 * np.log(ranked).sum()
         size = self.knots * self.size
@@ -163,6 +167,7 @@ def _in_time(values: Array, matrices: Array) -> Array:
     """sum_f (v_f v_f') kron A_f, of frames' matrices (F, n, n): (K n, K n)."""
     frames, knots = values.shape
     n = matrices.shape[1]
+    # frames enter by products of two splines, so the sum over frames is one product of matrices
     pairs = (values[:, :, None] * values[:, None, :]).reshape(frames, -1)
     blocks = (pairs.T @ matrices.reshape(frames, -1)).reshape(knots, knots, n, n)
     return blocks.transpose(0, 2, 1, 3).reshape(knots * n, knots * n)

@@ -80,8 +80,10 @@ class SlicePlanes:
         fractions = self.counts / self.counts.sum()
         normals = np.cross(self.axes[:, 0], self.axes[:, 1])
         heights = (self.centres - fractions @ self.centres) @ normals[0]
+        # slices that cross the stack determine its shear and bend, so only the mean stays penalised
         degree = FOLLOWED if (np.abs(normals @ normals.T) > PARALLEL).all() else 0
         root = np.sqrt(fractions)[:, None]
+        # orthonormal in the weights of the slices
         along = np.linalg.qr(root * np.vander(heights, degree + 1, increasing=True))[0]
         return np.einsum("sp,ska->skpa", root * along, self.axes).reshape(2 * len(fractions), -1)
 
@@ -99,10 +101,7 @@ class SlicePlanes:
         return result
 
     def bordered_block(
-        self,
-        frames: Sequence[Sequence[tuple[Rows, Numbers, Array]]],
-        boxes: Sequence[ControlBox],
-        noise: float,
+        self, frames: Sequence[Sequence[tuple[Rows, Numbers, Array]]], boxes: Sequence[ControlBox], noise: float
     ) -> tuple[Array, Array, Array]:
         """The shifts' part of the linear problem: coupling (2 S, F, 3 k), own matrix (2 S, 2 S), right side (2 S,).
 
@@ -137,6 +136,7 @@ class SlicePlanes:
         metric, local = rows.metric[inside], box.local(rows.origins[inside])
         weighted = np.einsum("nij,kj->nki", metric, self.axes[index])
         at = slice(2 * index, 2 * index + 2)
+        # a shift moves the targets, so its sign is opposite to that of a displacement of the box
         own[at, at] += np.einsum("nki,li->kl", weighted, self.axes[index])
         right[at] -= np.einsum("nki,ni->k", weighted, targets[inside] - rows.origins[inside])
         for k in range(2):

@@ -70,6 +70,7 @@ class Solution:
     @property
     def condition(self) -> float:
         """Condition in the 1-norm of A + lambda K with its diagonal scaled to one: the precision that is lost."""
+        # scaled to unit diagonal first: units of the control points are no ill-conditioning
         scaled = self.factor / np.sqrt((self.factor**2).sum(axis=1))[:, None]
         largest = np.abs(scaled @ scaled.T).sum(axis=0).max()
         reciprocal, _ = lapack.dpocon(scaled, largest, uplo="L")
@@ -81,6 +82,7 @@ class Solution:
 
     def covariance(self) -> Array:
         """Posterior covariance (3 k, 3 k) of the control points."""
+        # by the factor, not by an inverse: the result stays symmetric and positive
         half = self._halved(np.eye(len(self.factor)))
         return self.noise**2 * half.T @ half
 
@@ -142,16 +144,20 @@ class Evidence:
         """The displacement at one strength; None where it leaves control points undetermined."""
         weight = strength * self.count
         matrix, right = self._data
+        # in this basis the strength adds to the diagonal alone
         matrix = matrix + np.diag(weight * np.repeat(self.values, 3))
         factor = cholesky_factor(matrix)
         if factor is None:
             return None
         rotated = cho_solve((factor, True), right)
         rows = max(self.count - self.null_dimension, 1.0)
+        # the minimum of the sum, without forming residuals; floored, for it cancels where the fit is exact
         misfit = self.equations.constant - right @ rotated  # RSS + lambda p' K p
         variance = max(float(misfit) / rows, NOISE_FLOOR**2)
         log_determinant = 2 * np.log(np.diag(factor)).sum()
+        # only independent points count as evidence against the regulariser, all of them for the noise
         independent = max(self.effective_fraction * self.count - self.null_dimension, 1.0)
+        # minus twice the log of the likelihood with the control points integrated out (REML)
         criterion = independent * np.log(variance) + log_determinant - self.rank * np.log(max(weight, 1e-300))
         displacement, noise = self.vectors @ rotated.reshape(-1, 3), float(np.sqrt(variance))
         return Solution(displacement, strength, noise, float(criterion), factor, self.vectors, self.effective_fraction)
@@ -202,6 +208,7 @@ class Evidence:
         derivative = self._derivative(x)
         if before.curvature <= 0 or derivative is None:
             return self.best(before.strength)
+        # one Newton step with the curvature of the round before: rounds differ little
         step = x - derivative / before.curvature
         root: tuple[float, float] | None = (step, before.curvature)
         if abs(step - x) >= BESIDE:
@@ -221,6 +228,7 @@ class Evidence:
 
     def _first(self) -> float:
         """Where a first search begins: the least of the strengths, a decade apart, that are as good as the best."""
+        # the criterion has flat ends, where a local search would stop: look at every decade first
         strengths = np.geomspace(*WIDEST, 17)
         criteria = np.array([self._criterion(float(strength)) for strength in strengths])
         return float(strengths[np.argmax(criteria <= criteria.min() + FLAT / 2)])
@@ -270,6 +278,7 @@ class Evidence:
         misfit = max(self.count - self.null_dimension, 1.0) * solution.noise**2
         independent = max(self.effective_fraction * self.count - self.null_dimension, 1.0)
         energy = self._energy(self.vectors.T @ solution.displacement)
+        # the null space comes first in the order of eigenvalues, and the strength does not act on it
         costly = solution.factor[self.null_dimension :, self.null_dimension :]
         inverse = solve_triangular(costly, np.eye(self.rank), lower=True)
         traced = np.repeat(self.values, 3)[self.null_dimension :] @ (inverse**2).sum(axis=0)

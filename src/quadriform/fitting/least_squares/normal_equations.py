@@ -42,6 +42,7 @@ class NormalEquations:
     def between(self, vectors: Array) -> "NormalEquations":
         """The same for coordinates in an orthonormal basis of the control points, the columns of `vectors` (k, k)."""
         size = len(vectors)
+        # one side at a time: the basis acts on control points and leaves coordinates alone
         half = (vectors.T @ self.matrix.reshape(size, -1)).reshape(3 * size, size, 3).transpose(0, 2, 1) @ vectors
         matrix = half.transpose(0, 2, 1).reshape(3 * size, 3 * size)
         return NormalEquations(matrix, (vectors.T @ self.right.reshape(size, 3)).ravel(), self.constant)
@@ -56,8 +57,10 @@ def normal_equations(local: Array, metric: Array, residual: Array, degrees: tupl
         residual: (n, 3) what the displacement of each should be.
         degrees: of the box.
     """
+    # M r of each point, used in the right side and in the constant
     weighted = np.einsum("nij,nj->ni", metric, residual)
     weights = np.stack([metric[:, a, b] for a, b in PAIRS], axis=1)
+    # products of two basis polynomials are multiples of those of twice the degree
     doubled = (2 * degrees[0], 2 * degrees[1], 2 * degrees[2])
     moments = _sums(local, weights, doubled)
     right = _sums(local, weighted, degrees)
@@ -80,6 +83,7 @@ def _sums(local: Array, values: Array, degrees: tuple[int, int, int]) -> Array:
         part = slice(start, start + bernstein.CHUNK)
         s, t, u = (bernstein.basis(local[part, axis], degree) for axis, degree in enumerate(degrees))
         n = len(s)
+        # two of three axes at once: the sum over points is then one product of matrices
         first = (s[:, :, None] * t[:, None, :]).reshape(n, -1)
         second = (u[:, :, None] * values[part, None, :]).reshape(n, -1)
         result += first.T @ second

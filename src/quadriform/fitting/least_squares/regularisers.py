@@ -53,6 +53,7 @@ class Bending:
             ((1, 0, 1), 2),
             ((0, 1, 1), 2),
         ):
+            # the integral of a product over the box is the product of integrals along its axes
             first, second, third = (along[axis][order] for axis, order in enumerate(orders))
             result += times * np.kron(np.kron(first, second), third)
         result.setflags(write=False)
@@ -66,6 +67,7 @@ class Bending:
             if order > degree:
                 result.append(np.zeros((degree + 1, degree + 1)))
                 continue
+            # differences of coefficients: the derivative of a Bernstein polynomial
             operator = derivative_matrix(degree - order + 1) @ operator
             result.append(operator.T @ gram(degree - order) @ operator)
         return result

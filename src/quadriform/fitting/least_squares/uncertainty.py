@@ -53,8 +53,10 @@ class EnrichedBox:
 
     def deviation(self, box: ControlBox, origins: Array, normals: Array) -> Array:
         """One standard deviation (n,) along the normals (n, 3) at (n, 3) points of the undeformed surface."""
+        # derivatives of the normal displacement by the control points of the enriched box
         rows = box.elevate(self.degrees).matrix(origins)[:, :, None] * normals[:, None, :]
         rows = rows.reshape(len(origins), -1)
         noise = self._solution.noise
         spread = self._solution.variance(rows) / noise**2
+        # the bias that the smaller box shows, and the variance of the enriched one
         return np.sqrt((rows @ self.shift) ** 2 + self.noise**2 * spread)

@@ -18,6 +18,7 @@ def data_to_model(model_points: Array, data: Array, neighbours: int = NEIGHBOURS
     """
     chosen = cKDTree(model_points).query(data)[1]  # section 3.2.2
     counts = np.bincount(chosen, minlength=len(model_points))
+    # sums over the data points of each model point, without a loop
     sums = np.stack([np.bincount(chosen, data[:, axis], len(model_points)) for axis in range(3)], axis=1)
     assigned = counts > 0
     displacements = np.zeros_like(model_points)

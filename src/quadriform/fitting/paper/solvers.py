@@ -71,8 +71,10 @@ def penalised_step(b: Array, penalty: Array, strength: float, on_displacement: b
     """
     strength = check_number(strength, "strength", 0)
     values, vectors = np.linalg.eigh(penalty)
+    # a square root of the penalty by its eigenvectors: it may be singular
     root = np.sqrt(np.maximum(values, 0))[:, None] * vectors.T * np.sqrt(strength * len(b))
     q, r = qr(np.vstack([b, root]), mode="economic")
+    # a small pivot of R: neither data nor penalty determines a control point
     diagonal = np.abs(np.diag(r))
     if diagonal.min() < 1e-13 * diagonal.max():
         raise OptionError(f"strength={strength:g} leaves control points undetermined; expected a larger one")

@@ -47,6 +47,7 @@ class Correspondence:
         """
         model, normals = surface_points(self.superquadric, box, self.origins)
         trust = FACING**2 * self.cloud.flatness
+        # |x - y|^2 + trust (1 - cos) expanded, so that all pairs are one product of matrices
         by_data = np.concatenate([-2 * self.cloud.points, -trust[:, None] * self.cloud.normals], axis=1)
         costs: Array = by_data @ np.concatenate([model, normals], axis=1).T
         costs += ((self.cloud.points**2).sum(axis=1) + trust)[:, None]

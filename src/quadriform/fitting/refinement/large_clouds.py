@@ -55,6 +55,7 @@ def sampled(cloud: Array, weights: Array) -> NDArray[np.int64]:
     """
     if len(cloud) <= MANY:
         return np.arange(len(cloud))
+    # a hash below this is chosen: the expected size of the sample is SAMPLE
     limit = np.uint64(min(SAMPLE / int(np.count_nonzero(weights)), 1.0) * (2**64 - 2**11))
     chosen = []
     for part in _parts(len(cloud)):
@@ -64,6 +65,7 @@ def sampled(cloud: Array, weights: Array) -> NDArray[np.int64]:
 
 
 def _hashes(points: Array) -> NDArray[np.uint64]:
+    # bits of the coordinates, mixed by odd constants: neighbours get unrelated hashes
     words = (points + 0.0).view(np.uint64) * MIX  # a zero has one sign
     mixed = words[:, 0] ^ (words[:, 1] >> np.uint64(21)) ^ (words[:, 2] >> np.uint64(42))
     mixed = (mixed ^ (mixed >> np.uint64(29))) * MIX[1]
@@ -107,6 +109,7 @@ class _All:
 
     def each(self, surfaces: Sequence[_Surface], work: Callable[[_Surface, slice], T]) -> Iterator[T]:
         """The work on every part, in their order."""
+        # sums are added in the order of the parts, whatever thread is done first
         jobs = [(surface, chosen) for surface in surfaces for chosen in _parts(len(surface.cloud))]
         with ThreadPoolExecutor(threads_for(PART * len(jobs))) as pool:
             yield from pool.map(lambda job: work(*job), jobs)

@@ -13,13 +13,7 @@ from quadriform.fitting.least_squares.marginal_likelihood import Solution
 from quadriform.fitting.least_squares.normal_equations import NormalEquations
 from quadriform.fitting.least_squares.regularisers import Regulariser
 from quadriform.fitting.refinement.correspondence import Correspondence
-from quadriform.fitting.refinement.point_to_plane import (
-    Attraction,
-    evidence_of,
-    moved,
-    record,
-    step_length,
-)
+from quadriform.fitting.refinement.point_to_plane import Attraction, evidence_of, moved, record, step_length
 from quadriform.fitting.refinement.surface_data import Subsample, SurfaceData
 from quadriform.fitting.result import Iteration, Progress
 from quadriform.points import Array

@@ -58,6 +58,7 @@ class Rows:
 def data_rows(data: SurfaceData, box: ControlBox) -> Rows:
     """The data's own part of the sum."""
     normals = surface_normals(data.superquadric, box, data.origins)
+    # directions of the data in the tangent plane of the model
     along = data.neighbourhood.along - np.einsum("ni,ni->n", data.neighbourhood.along, normals)[:, None] * normals
     across = np.cross(normals, along)
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
@@ -94,6 +95,7 @@ def evidence_of(
     ]
     origins, targets = np.concatenate([r.origins for r in rows]), np.concatenate([r.targets for r in rows])
     metric = np.concatenate([r.metric for r in rows])
+    # the unknown is the displacement of the control points from the undeformed box
     equations = normal_equations(box.local(origins), metric, targets - origins, box.degrees)
     count = sum(float((data.weights * data.inliers).sum()) for data in datasets)
     return evidence_from(equations, box, regularity, count, effective_fraction)

@@ -142,5 +142,6 @@ def _of_independent(problem: Problem, found: Refined) -> Refined:
 def _first_origins(data: SurfaceData, part: SurfaceData) -> Array:
     """First foot points (n, 3) of all data: of the nearest of the few points; the mean where several are as near."""
     near, counts = nearest(part.points, data.points, 1)
+    # the mean of tied neighbours lies inside the surface, so it is projected back
     middle = np.einsum("nk,nki->ni", counts, part.origins[near]) / counts.sum(axis=1, keepdims=True)
     return data.superquadric.project(middle)

@@ -72,6 +72,7 @@ class SurfaceData:
 
         With `robust` those without near neighbours are left out: sums over few points have no other defence.
         """
+        # the order is by distance from the centre, so every k-th point spreads over the whole cloud
         order = canonical_order(self.points - self.points.mean(axis=0))
         if robust:
             order = order[dense_points(self.points)[order]]
@@ -127,6 +128,7 @@ class SurfaceData:
         found = replace(self, inlier_ratio=FIRST_RATIO)
         for _ in range(EM_ROUNDS):
             inliers = found.probabilities(distances, noise)
+            # away from one: a later outlier must keep a chance
             ratio = float(np.clip(np.average(inliers, weights=self.weights), 0.02, 1 - 1e-6))
             found = replace(self, inliers=inliers, inlier_ratio=ratio)
         return found

@@ -86,6 +86,7 @@ class JacobianPenalty:
         determinants = box.jacobian_determinant(self.points)
         low = determinants < MIN_DETERMINANT
         rows = determinant_rows(box, self.points[low]) if low.any() else np.empty((0, box.control_points.size))
+        # first-order in the control points about this box, then moved to displacements from the undeformed one
         target = MIN_DETERMINANT - determinants[low] + rows @ (box.control_points - box.rest).ravel()
         return NormalEquations.of_rows(rows, target, self.weight)
 
@@ -190,6 +191,7 @@ def _descended(
         refined, above = _lifted(problem, refined, penalty, factor * strength)
         if above and refined.noise <= most and certified(refined.box, surfaces):
             found = refined
+        # the noise at the largest strength is that of a nearly affine map: no certified result need be worse
         if factor == STRONGEST:
             most = min(most, refined.noise)
     return remove_folds(problem, refined, penalty, strength, surfaces, most) or found
@@ -252,5 +254,6 @@ def _low_points(box: ControlBox, surfaces: Mapping[str, Superquadric]) -> Array:
     fine = np.concatenate([*inside, *(surface.grid(FINE_GRID)[0] for surface in surfaces.values())])
     low = fine[box.jacobian_determinant(fine) < VERIFIABLE]
     steps = np.linspace(-1, 1, 5) / FINE_LATTICE
+    # the proof subdivides cells, so its lowest bound lies between lattice points
     cluster = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3) @ box.edges
     return np.concatenate([jacobian_bound(box, surfaces.values()).where + cluster, low])

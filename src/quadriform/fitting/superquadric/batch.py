@@ -16,13 +16,7 @@ from quadriform.shapes import _kernel
 from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.superquadric import EXPONENTS, Superquadric
 
-AXES, POWERS, ROTATION, SHIFT, HOLE = (
-    slice(0, 3),
-    slice(3, 5),
-    slice(5, 8),
-    slice(8, 11),
-    slice(11, 12),
-)
+AXES, POWERS, ROTATION, SHIFT, HOLE = (slice(0, 3), slice(3, 5), slice(5, 8), slice(8, 11), slice(11, 12))
 """Slices of the parameters: log semi-axes, exponents, rotation and shift in the object's own frame, log(hole - 1)."""
 
 
@@ -65,13 +59,7 @@ class Candidates:
     @property
     def arrays(self) -> tuple[Array, ...]:
         """The five arrays."""
-        return (
-            self.log_axes,
-            self.exponents,
-            self.rotations,
-            self.translations,
-            self.log_holes,
-        )
+        return (self.log_axes, self.exponents, self.rotations, self.translations, self.log_holes)
 
     @property
     def n_parameters(self) -> int:
@@ -84,25 +72,21 @@ class Candidates:
 
     def joined(self, others: "Candidates") -> "Candidates":
         """These and the others of the same kind."""
-        return Candidates(
-            self.kind,
-            *(np.concatenate(pair) for pair in zip(self.arrays, others.arrays)),
-        )
+        return Candidates(self.kind, *(np.concatenate(pair) for pair in zip(self.arrays, others.arrays)))
 
     def where(self, chosen: Array, others: "Candidates") -> "Candidates":
         """These where `chosen` (M,) is true, the others elsewhere."""
         pairs = zip(self.arrays, others.arrays)
-        return Candidates(
-            self.kind,
-            *(np.where(chosen.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs),
-        )
+        return Candidates(self.kind, *(np.where(chosen.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs))
 
     def moved(self, step: Array, longest: float) -> "Candidates":
         """After a step (M, n_parameters), kept inside the bounds; no semi-axis above `longest`."""
         return replace(
             self,
+            # semi-axes by their logarithms: they stay positive, and steps are relative
             log_axes=np.clip(self.log_axes + step[:, AXES], np.log(longest) - 25, np.log(longest)),
             exponents=np.clip(self.exponents + step[:, POWERS], *EXPONENTS),
+            # in the own frame, so no Euler angles and no gimbal lock
             rotations=self.rotations @ Rotation.from_rotvec(step[:, ROTATION]).as_matrix(),
             translations=self.translations + (self.rotations @ step[:, SHIFT, None])[..., 0],
             log_holes=np.clip(self.log_holes + step[:, HOLE], -10, 10) if KINDS[self.kind].has_hole else self.log_holes,
@@ -110,10 +94,7 @@ class Candidates:
 
     def superquadric(self, index: int) -> Superquadric:
         """One of them as an object; a hyperboloid's height is left for the caller to set by the data."""
-        axes, hole = (
-            np.exp(self.log_axes[index]),
-            1 + float(np.exp(self.log_holes[index, 0])),
-        )
+        axes, hole = (np.exp(self.log_axes[index]), 1 + float(np.exp(self.log_holes[index, 0])))
         rotation = Rotation.from_matrix(self.rotations[index]).as_matrix()  # rounding off many small rotations
         return Superquadric(
             self.kind,

@@ -37,11 +37,7 @@ class Determined:
 
 @quiet
 def determined(
-    candidate: Candidates,
-    derivatives: Array,
-    weights: Array,
-    sigma: float,
-    fixed: NDArray[np.bool_],
+    candidate: Candidates, derivatives: Array, weights: Array, sigma: float, fixed: NDArray[np.bool_]
 ) -> Determined:
     """Rank, condition and covariance of one candidate.
 
@@ -54,6 +50,7 @@ def determined(
     """
     estimated = np.flatnonzero(~fixed)
     rows = (_natural(candidate, derivatives) * np.sqrt(weights))[estimated]
+    # by SVD of the derivatives: normal equations would square the condition
     left, singular, _ = np.linalg.svd(rows, full_matrices=False)
     rank = int((singular > 1e-10 * singular[0]).sum())
     weak = left[:, singular < singular[0] / UNDETERMINED]
@@ -78,5 +75,6 @@ def _natural(candidate: Candidates, derivatives: Array) -> Array:
 def _inverse(information: Array, estimated: NDArray[np.intp]) -> Array:
     """Inverse of the information and the exponents' prior; what nothing determines gets a huge variance."""
     information = information + np.diag(np.isin(estimated, np.r_[POWERS]) / EXPONENT_SPREAD**2)
+    # eigenvalues are floored, for nothing may determine a direction
     values, vectors = np.linalg.eigh(information)
     return (vectors / np.maximum(values, 1e-16 * values[-1])) @ vectors.T

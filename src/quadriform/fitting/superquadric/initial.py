@@ -53,6 +53,7 @@ def principal_frame(points: Array) -> tuple[Array, Array, Array]:
     axes = canonical_axes(moments, axes, offset)
     moments, axes = moments[::-1], axes[:, ::-1].copy()
     tails = ((offset @ axes) ** 3).sum(axis=0)
+    # signs by the third moments; of symmetric clouds they do not matter
     axes[:, tails < 0] *= -1
     axes[:, 0] = np.cross(axes[:, 1], axes[:, 2])
     return centre, axes, moments
@@ -74,6 +75,7 @@ def quadric_frame(points: Array) -> tuple[Array, Array]:
     middle, scale = points.mean(axis=0), np.ptp(points, axis=0).max()
     x, y, z = ((points - middle) / scale).T
     columns = (x * x, y * y, z * z, 2 * y * z, 2 * x * z, 2 * x * y, 2 * x, 2 * y, 2 * z, np.ones(len(x)))
+    # the smallest singular vector of R is that of all rows, at the cost of a 10 x 10 matrix
     rows = np.linalg.qr(np.stack(columns, axis=1), mode="r")
     xx, yy, zz, yz, xz, xy, *linear, _ = np.linalg.svd(rows)[2][-1]
     q = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
@@ -110,6 +112,7 @@ def _right_handed(axes: Array) -> Array:
 
 def _torus_about(points: Array, centre: Array, axes: Array) -> Superquadric:
     local = (points - centre) @ axes
+    # RMS extent along each axis: divided by it an elliptic ring is round
     spread = np.sqrt((local**2).mean(axis=0))
     around = np.linalg.norm(local[:, :2] / spread[:2], axis=1)  # the ring is round in these units
     tube = np.sqrt(2) * around.std()
@@ -233,6 +236,7 @@ def ellipsoids(points: Array, weights: Array, rotations: Array) -> Candidates:
     """
     centres, second = _moments(points, weights)
     count = rotations.shape[0] * rotations.shape[1]
+    # variances along the axes of each frame; on a sphere a third of the squared radius
     rotated = np.swapaxes(rotations, 2, 3) @ second[:, None] @ rotations
     spread = np.einsum("hkaa->hka", rotated).reshape(-1, 3)
     sizes = np.sqrt(3 * np.maximum(spread, THINNEST**2 * spread.max(axis=1, keepdims=True)))

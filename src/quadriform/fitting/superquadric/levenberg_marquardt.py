@@ -123,6 +123,7 @@ class Descent:
         weighted = self.derivatives * (self.weights * self.inliers)[:, None]
         normal = weighted @ np.swapaxes(self.derivatives, 1, 2)
         gradient = (weighted @ self.distances[:, :, None])[..., 0]
+        # a Gaussian prior on the exponents, in the units of the weighted squares
         prior = (self.mixture.sigma / EXPONENT_SPREAD) ** 2
         gradient[:, POWERS] += prior[:, None] * (self.candidates.exponents - 1)
         diagonal = np.einsum("mii->mi", normal)
@@ -134,6 +135,7 @@ class Descent:
         normal *= unblocked[:, :, None] & unblocked[:, None]
         largest = diagonal.max(axis=1, keepdims=True)
         diagonal += self.damping[:, None] * diagonal + 1e-13 * largest + 1e-300 + largest * ~unblocked
+        # blocked parameters have a diagonal of their own and no gradient, so they stay
         step = -np.linalg.solve(normal, gradient[:, :, None])[..., 0]
         return step * np.minimum(1, LARGEST_STEP / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
 
@@ -156,6 +158,7 @@ class Descent:
         """Take the step where it does not lose; which (M,) did."""
         moved = self.candidates.moved(step, self.longest)
         found, derivatives = distances(moved, self.points)
+        # at the same mixture: steps of candidates and of the mixture alternate
         inliers, log_density = self.mixture.densities(found, self.odds)
         before = (self.weights * self.log_density).sum(axis=1) + _log_prior(self.candidates)
         after = (self.weights * log_density).sum(axis=1) + _log_prior(moved)
@@ -185,5 +188,6 @@ def accelerated(positions: list[Array], proposals: list[Array]) -> Array:
     moved, changed = np.diff(positions, axis=0), np.diff(proposals, axis=0)
     if not np.isfinite(changed).all():
         return latest
+    # least squares, for the last proposals may be nearly dependent
     mix = np.linalg.lstsq(changed.T, latest, rcond=None)[0]
     return latest - (moved + changed).T @ mix

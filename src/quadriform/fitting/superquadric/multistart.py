@@ -147,6 +147,7 @@ def solve(problem: Problem) -> Solution:
     if problem.kind == "ellipsoid" and not accepted[best_first(best.scores())[0]]:
         best = search.wider(np.concatenate([parts, sides(cloud.points, core)]), best)
         accepted = acceptable(best)
+    # accepted candidates first: the likelihood does not see patterns in the distances
     winner = best_first(_ranking(best, accepted))[:1]
     if best.mixture.inlier_ratio[winner[0]] < LARGEST_RATIO:
         noisy = accepted[winner[0]] and best.mixture.sigma[winner[0]] > CLEAN
@@ -235,6 +236,7 @@ class Search:
         index = self.cloud.thinned(most)
         subset = self.cloud.sample(most)
         starts = subset.with_fixed(self._starts(parts, rotations))
+        # points of other parts keep a small weight, so that every problem has full rank
         own = np.repeat(np.maximum(parts[:, index], 1e-6) * subset.weights, -(-len(starts) // len(parts)), axis=0)
         sizes = np.sqrt(np.exp(2 * starts.log_axes).mean(axis=1))  # RMS radius of the part
         spread = Mixture(np.full(len(starts), LARGEST_RATIO), HOTTEST * sizes)
@@ -276,6 +278,7 @@ def distinct(descent: Descent, ranking: Array, most: int) -> NDArray[np.int64]:
     for index in best_first(ranking):
         sigma = SAME * descent.mixture.sigma[index]
         weight = descent.inliers[index]
+        # two candidates are the same surface when their distances agree at the inliers
         differences = descent.distances[chosen] - descent.distances[index]
         if not ((differences**2 @ weight) < sigma**2 * weight.sum()).any():
             chosen.append(int(index))

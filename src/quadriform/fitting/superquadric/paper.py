@@ -57,11 +57,7 @@ class _Unbounded:
     def in_frame(self, unbounded: Array) -> Superquadric:
         """The superquadric in the frame of the points."""
         found, _ = self.bound(unbounded)
-        return replace(
-            found,
-            rotation=self.axes @ found.rotation,
-            translation=self.axes @ found.translation,
-        )
+        return replace(found, rotation=self.axes @ found.rotation, translation=self.axes @ found.translation)
 
 
 def fit_paper(points: Array, kind: str) -> SuperquadricFit:
@@ -148,6 +144,7 @@ def determinacy(found: Superquadric, points: Array) -> tuple[int, float]:
     axes = found.rotation
     upright = replace(found, rotation=np.eye(3), translation=found.translation @ axes)
     _, by_parameter = upright.parameter_derivatives(points @ axes)
+    # relative to the largest singular value: the frame has no unit
     singular = np.linalg.svd(by_parameter, compute_uv=False)
     rank = int((singular > 1e-10 * singular[0]).sum())
     return rank, float(singular[0] / max(singular[-1], 1e-300))
