@@ -90,6 +90,7 @@ def _columns(names: Sequence[str], what: str) -> Columns:
     parsed = [_parsed(name) for name in names]
     points, note = _three(list(AXES), parsed, names, what), ""
     if points is None:
+        # napari orders axes as NumPy does, slowest first.
         points = _three(["axis 2", "axis 1", "axis 0"], parsed, names, what)
         note = "axis-0, axis-1, axis-2 are taken as z, y, x, as napari counts them; --columns chooses otherwise"
     if points is None or any(name.role == "axis 3" for name in parsed):
@@ -191,6 +192,7 @@ def _role(text: str) -> str:
 def _three(roles: list[str], parsed: list[_Name], names: Sequence[str], what: str) -> tuple[int, int, int] | None:
     """Positions of three roles, those by a plain letter before others; None where one is missing."""
     found = [[position for position, name in enumerate(parsed) if name.role == role] for role in roles]
+    # A column that is just a letter is preferred to longer names with the same meaning.
     plain = [[position for position in positions if parsed[position].is_plain] for positions in found]
     chosen = plain if all(plain) else found
     if not all(chosen):

@@ -64,6 +64,7 @@ def ventricle(resolution: int = 32) -> Array:
         resolution: n, even; the answer has 6 n^2 + 2 points: 6,146 for 32, as many as the paper's complete data.
     """
     u, _ = sphere_grid(resolution)
+    # The apex is longer than the base, which is cut nearly flat.
     height = np.where(u[:, 2] < 0, 70 * u[:, 2], 30 * u[:, 2])
     p = np.column_stack([33 * u[:, 0], 30 * u[:, 1], np.minimum(height, 18 + 0.2 * height)])
     for centre, push, width in (((24, 8, -10), (5, 1.5, 0), 12.0), ((-18, -18, -35), (3, 3, 0), 11.0)):
@@ -117,6 +118,7 @@ def _on_lattice_lines(points: Array, spacing: float) -> np.ndarray:
     node = np.floor(position)
     off = np.abs(position - node - 0.5)
     along = off.argmax(axis=1)
+    # The line is along the axis in which the point is farthest from a lattice plane.
     rows = np.arange(len(points))
     distance = np.sqrt(np.maximum((off**2).sum(axis=1) - off[rows, along] ** 2, 0))
     side = np.sign(points[rows, along])  # a line enters the body and leaves it

@@ -52,6 +52,7 @@ def check_points(points: ArrayLike, what: str = "points") -> Array:
         raise PointsError(f"{what}: expected an array of shape (n, 3), found {array.shape}{hint}")
     if len(array) == 0:
         raise PointsError(f"{what}: there are no points; expected at least one row x, y, z")
+    # One comparison of extremes is faster than a test of every number; NaN fails it.
     if not (array.min() >= -LARGEST and array.max() <= LARGEST):  # of NaN neither holds
         _refuse_rows(array, what)
     return np.ascontiguousarray(array, dtype=np.float64)

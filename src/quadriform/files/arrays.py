@@ -42,6 +42,7 @@ def parse_npy(data: bytes, where: str) -> NDArray[Any]:
     found = len(data) - stream.tell()
     if promised != found:
         raise FileFormatError(f"{where}: the header promises {promised} bytes of shape {shape}, found {found}")
+    # A view of the bytes: no copy, and nothing is executed.
     values = np.frombuffer(data, dtype=dtype, offset=stream.tell()) if found else np.zeros(0, dtype)
     return values.reshape(shape, order="F" if fortran_order else "C")
 

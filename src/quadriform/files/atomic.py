@@ -156,6 +156,7 @@ def _mode(target: Path) -> int:
     """Permissions of the file that is replaced, else what a plain `open` would have given."""
     if target.exists():
         return target.stat().st_mode & 0o777
+    # The umask can only be read by setting it.
     umask = os.umask(0)
     os.umask(umask)
     return 0o666 & ~umask

@@ -77,6 +77,7 @@ class GuidePoints:
         contour = SURFACES[choose(name, tuple(SURFACES), "surface")]
         if not self.has(name):
             raise PointsError(f"frame {self.frame}: no points of {contour}; found {', '.join(sorted(self.points))}")
+        # Short-axis contours come first, so that slice numbers and points correspond.
         kinds = [kind for kind in (f"SAX_{contour}", f"LAX_{contour}") if kind in self.points]
         counts = np.concatenate([self.weights[kind] for kind in kinds]) > 0
         return (
@@ -246,6 +247,7 @@ def _read_frames(path: Path) -> list[GuidePoints]:
     the frame, or the times are written in two forms: biv-me itself writes 1.0 in all rows of some slices.
     """
     rows, number = _rows(path), _number_of(path)
+    # biv-me writes the time of a frame as 1 or 1.0.
     times = Counter(int(float(row.time)) for row in rows if row.time)
     again, forms = _drawn_again(rows), _time_forms(rows)
     if len(times) < 2 or not (again or (number is None and len(forms) == 1)):

@@ -34,6 +34,7 @@ def label_map(model: DeformableModel, shape: tuple[int, ...], world_from_voxel: 
     """
     meshes = sorted((model.mesh(name, 96) for name in model.surfaces), key=lambda mesh: mesh.volume())
     labels = np.zeros(shape, dtype=np.uint8)
+    # From the outermost to the innermost, which overwrites the labels of the others.
     for number, mesh in reversed(list(enumerate(meshes, start=1))):
         moved = np.linalg.solve(world_from_voxel[:3, :3], (mesh.vertices - world_from_voxel[:3, 3]).T).T
         labels[voxels_inside(Mesh(moved.astype(np.float64), mesh.faces), shape)] = number
@@ -58,6 +59,7 @@ def grid_of_model(model: DeformableModel, world_from_voxel: Array, space: str, u
             f"a label map needs the frame and unit of the model, found space={model.space!r}, unit={model.unit!r}; "
             "set them in the model, e.g. to 'LPS' and 'mm'"
         )
+    # Image and model may differ in frame and unit.
     scale = METRES.get(unit, METRES["mm"]) / METRES[model.unit]
     to_model = np.eye(4)
     to_model[:3, :3] = scale * rotation_between(space, model.space)

@@ -51,6 +51,7 @@ def parse_record(data: bytes) -> ModelRecord | None:
     if status is None:
         return None
     known = [kind for kind in (kinds[1].decode().split(",") if kinds else ()) if kind in tuple(WarningKind)]
+    # A status that contradicts the warnings was edited by hand; nothing is known then.
     is_good = status[1] in (b"ok", b"unknown")
     if is_good == bool(known):  # one contradicts the other
         return ModelRecord()

@@ -138,6 +138,7 @@ def check_extent(model: DeformableModel, where: str) -> None:
     """
     for name in model.surfaces:
         with np.errstate(all="ignore"):
+            # Vertices of a coarse grid: overflow anywhere shows in them.
             vertices = model.mesh(name, resolution=4).vertices
         if not (np.abs(vertices) <= LARGEST).all():
             raise FileFormatError(
@@ -255,6 +256,7 @@ def _parse_arrays(data: bytes, where: str) -> dict[str, Any]:
             raise FileFormatError(f"{where}, field {group}: expected a group of arrays, found one array")
         target[key] = _plain(array, name, where)
     surfaces: list[Any] = []
+    # The first files stored each surface as a group of arrays with its number in their names.
     while f"surfaces[{len(surfaces)}]" in document:
         surfaces.append(document.pop(f"surfaces[{len(surfaces)}]"))
     return {"surfaces": surfaces} | document

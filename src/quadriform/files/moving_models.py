@@ -76,6 +76,7 @@ def read_moving_model(path: str | os.PathLike[str]) -> MovingModel:
             "record": record,
         }
         model = MovingModel(surfaces=surfaces, basis=basis, **values, **about)
+        # Between knots the splines stay near these states.
         for knot in basis.knots:
             check_extent(model.at(float(knot)), where)
         return model

@@ -19,6 +19,7 @@ def packed(document: dict[str, Any]) -> bytes:
     values: list[NDArray[np.float64]] = []
     text = json.dumps(_without_arrays(document, values), separators=(",", ":"), allow_nan=False)
     stream = io.BytesIO()
+    # Two arrays instead of one for each field: every member of an archive costs a header.
     arrays = {TEXT: np.frombuffer(text.encode(), np.uint8), VALUES: np.concatenate(values)}
     np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
     return stream.getvalue()

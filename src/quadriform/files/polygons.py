@@ -41,6 +41,7 @@ class Polygons:
         if (self.lengths == 3).all():
             return self.corners.reshape(-1, 3)
         starts = np.cumsum(self.lengths) - self.lengths
+        # A polygon of k corners gives k - 2 triangles; polygons of equal length are handled together.
         found = np.empty((int((self.lengths - 2).sum()), 3), dtype=np.int64)
         first = np.cumsum(self.lengths - 2) - (self.lengths - 2)
         for length in np.unique(self.lengths):

@@ -39,6 +39,7 @@ def parse_stl(data: bytes, where: str) -> Polygons:
     corners = _ascii(data, where) if corners is None else corners
     if len(corners) == 0:
         raise FileFormatError(f"{where}: expected an STL file with triangles, found {signature(data)} without any")
+    # Corners that are equal to the bit are one vertex, without any tolerance.
     vertices, index = np.unique(corners, axis=0, return_inverse=True)
     faces = index.reshape(-1).reshape(-1, 3)
     if np.isfinite(vertices).all() and not Mesh(vertices, faces).is_closed():

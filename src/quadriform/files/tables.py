@@ -140,6 +140,7 @@ def _check_numbered(text: _Text, first: list[str], is_chosen: bool) -> None:
     numbers = first[1:] if first[0] == "" else first
     if numbers != list(map(str, range(len(numbers)))) or len(text.rows) < 2:
         return
+    # A first row of whole numbers above whole numbers may be a point.
     whole = first[0] != "" and all(field.lstrip("+-").isdecimal() for field in text.split(text.rows[1]))
     if whole and (is_chosen or text.separator != ","):
         return
@@ -241,6 +242,7 @@ def _parsed_lines(lines: list[str], where: str) -> _Text:
     comments: list[str] = []
     rows: list[tuple[int, str]] = []
     for number, line in enumerate(lines, 1):
+        # A comment after the first row names no columns.
         prefix = next((prefix for prefix in COMMENTS if line.lstrip().startswith(prefix)), None)
         if prefix and not rows:
             comments.append(line.lstrip().lstrip("#/%! \t").rstrip())
@@ -286,6 +288,7 @@ def _split(line: str, separator: str | None, where: str, number: int) -> list[st
     if "," in line:
         # Between "1, 2, 3" and "1,5 2,5 3,5" the blanks decide: in the second they stand inside the fields.
         blanks_inside = any(len(field.split()) > 1 for field in fields)
+        # Only where blanks stand inside comma-separated fields can a comma be decimal.
         suspects = fields if separator != "," else line.split() if blanks_inside else []
         if any(DECIMAL_COMMA.fullmatch(suspect) for suspect in suspects):
             raise FileFormatError(f"{where}, line {number}: decimal commas are not read; write numbers with a point")

@@ -47,6 +47,7 @@ def encode_vtp(mesh: Mesh, metadata: Mapping[str, str]) -> bytes:
 def data_array(name: str, values: NDArray[Any], kind: str, components: int = 1) -> str:
     """An array of a VTK XML file, base64 in the file; `kind` is VTK's name of the type that `values` already have."""
     raw = values.tobytes()
+    # VTK precedes the bytes of an array by their number.
     content = base64.b64encode(np.uint64(len(raw)).astype("<u8").tobytes() + raw).decode()
     shape = f' NumberOfComponents="{components}"' if components > 1 else ""
     return f'<DataArray type="{kind}" Name="{name}"{shape} format="binary">{content}</DataArray>'

@@ -15,6 +15,7 @@ def basis(s: Array, degree: int) -> Array:
     """B_i(s) = C(l, i) (1 - s)^(l - i) s^i for i = 0 .. l, (n, l + 1): a factor of P18 and P19."""
     result, complement = np.ones((degree + 1, len(s))), 1 - s
     for k in range(degree):
+        # Powers of s upwards and of 1 - s downwards: no power function, no loss near 0 and 1.
         np.multiply(result[k], s, out=result[k + 1])
     result *= _choices(degree)[:, None]
     power = complement.copy()
@@ -43,6 +44,7 @@ def basis_derivative(s: Array, degree: int) -> Array:
 def products(factors: list[Array]) -> Array:
     """All products a_i b_j c_k of three factors, (n, (l + 1)(m + 1)(n + 1)), the last index running fastest."""
     along_s, along_t, along_u = factors
+    # Two outer products in turn: the first is small.
     pairs = (along_s[:, :, None] * along_t[:, None, :]).reshape(len(along_s), -1)
     return (pairs[:, :, None] * along_u[:, None, :]).reshape(len(along_s), -1)
 

@@ -54,6 +54,7 @@ def closest_on(superquadric: Superquadric, box: ControlBox, targets: Array) -> F
     found = _converge(superquadric, box, targets[owner], candidates.origins[vertex])
     owners, origins = [owner], [found.origins]
     best = _nearest(owner, targets[owner], found.points)
+    # Near a focal point the distance is flat, and a second minimum may lie within the same cell.
     flat = best[found.least[best] < SHALLOW]
     if len(flat):
         shifts = found.weak[flat] * candidates.cell[vertex[flat]][:, None]
@@ -61,6 +62,7 @@ def closest_on(superquadric: Superquadric, box: ControlBox, targets: Array) -> F
         again = np.tile(found.origins[flat], (4, 1)) + np.concatenate([k * shifts for k in (-2, -1, 1, 2)])
         origins.append(_converge(superquadric, box, targets[owners[-1]], superquadric.project(again)).origins)
     if has_ridges(superquadric):
+        # Newton steps in the tangent plane fail where the curvature is infinite.
         others, beside = beside_ridges(superquadric, box, targets, np.concatenate(owners), np.concatenate(origins))
         owners.append(others)
         origins.append(beside)
@@ -126,6 +128,7 @@ def _foot_points(
 ) -> FootPoints:
     normals = surface_normals(superquadric, box, origins)
     offset = targets - points
+    # A point on the surface has no side; it counts as outside, with distance zero.
     side = np.where(np.einsum("ij,ij->i", offset, normals) < 0, -1.0, 1.0)
     return FootPoints(origins, points, normals, side * np.linalg.norm(offset, axis=1))
 

@@ -55,10 +55,12 @@ class CandidateIndex:
         around = _neighbours(superquadric.kind)
         positions, normals = np.ascontiguousarray(points.T), np.ascontiguousarray(_vertex_normals(points, quads).T)
         chords = np.take(positions, around, axis=1) - positions[:, None]  # coordinate, neighbour, vertex
+        # The curvature of a cell is that of circles through its vertex and each neighbour: 2 sag / chord^2.
         squared = np.einsum("ikn,ikn->kn", chords, chords)
         sag = np.abs(np.einsum("ikn,in->kn", chords, normals))
         alike = np.einsum("ikn,in->kn", np.take(normals, around, axis=1), normals) > SAME_FACE
         curvature = (2 * sag / np.maximum(squared, 1e-300)).max(axis=0)
+        # A neighbour across an edge is replaced by the vertex itself, so that it hides no second minimum.
         around = np.where(alike, around, np.arange(len(points)))
         return cls(origins, points, around, 1.1 * np.sqrt(squared.max(axis=0)) / 2, SAFETY * curvature)
 
@@ -76,6 +78,7 @@ class CandidateIndex:
         n, slack = len(self.points), self._slack
         distance, vertex = cKDTree(self.points).query(targets, k=NEAREST, workers=threads_for(len(targets)))
         nearest = distance[:, :1]
+        # A vertex qualifies where its cell may come nearer than the nearest vertex (see `_slack`).
         room = distance**2 - nearest**2
         owner, column = np.nonzero(room <= self.cell[vertex] ** 2 + nearest * slack[vertex])
         ambiguous = np.flatnonzero(room[:, -1] <= self.cell.max() ** 2 + nearest[:, 0] * slack.max())
@@ -92,6 +95,7 @@ class CandidateIndex:
         for start in range(0, len(ambiguous), BLOCK):
             part = ambiguous[start : start + BLOCK]
             x, d = targets[part] - centre, nearest[part]
+            # |x - p|^2 - cell^2 - d slack for all vertices at once, as one matrix product.
             excess = np.column_stack([x, d]) @ columns
             excess += fixed
             row, vertex = np.nonzero(excess <= (d**2 - (x**2).sum(axis=1) * (1 - 1e-14))[:, None])
@@ -113,6 +117,7 @@ class CandidateIndex:
         owner, vertex = owner[kept], vertex[kept]
         _, first, count = np.unique(owner, return_index=True, return_counts=True)
         rank = np.arange(len(owner)) - np.repeat(first, count)
+        # Near the centre of a sphere all vertices are equally near; an even selection is enough.
         thinned = rank % np.repeat(-(-count // MOST), count) == 0
         return owner[thinned], vertex[thinned]
 

@@ -197,6 +197,7 @@ def _sampled(mesh: Mesh) -> _Samples:
     total = np.cumsum(areas)
     if not total[-1] > 0:
         raise DegenerateError(f"surface: expected triangles with an area, found {len(areas)} without any")
+    # Equal steps of the cumulated area spread the samples evenly, whatever the triangles.
     steps = (np.arange(SAMPLES) + 0.5) / SAMPLES * total[-1]
     triangle = np.searchsorted(total, steps).astype(np.int64)
     root, along = np.random.default_rng(0).random((2, SAMPLES))
@@ -214,6 +215,7 @@ def _to_surface(source: _Samples, target: _Samples) -> Distances:
     points, tree, found = source.points[: source.n_outer], cKDTree(target.points), []
     for start in range(0, len(points), AT_ONCE):
         part = points[start : start + AT_ONCE]
+        # The nearest triangle contains one of the nearest samples, or is beside it.
         nearest = target.triangle[tree.query(part, k=NEAREST)[1]].reshape(-1)
         every = _to_triangles(np.repeat(part, NEAREST, axis=0), target.corners[nearest])
         found.append(every.reshape(-1, NEAREST).min(axis=1))
@@ -235,6 +237,7 @@ def _to_triangles(points: Array, corners: Array) -> Array:
         along = _dot(offset, edge) / np.where(length > 0, length, 1.0)
         aside = offset - np.clip(along, 0, 1) * edge
         to_edges = np.minimum(to_edges, _dot(aside, aside))
+        # The foot of the perpendicular lies inside where it is on the inner side of all edges.
         above &= _dot(np.cross(edge, offset, axis=0), normal) >= 0
     to_plane = np.abs(_dot(position - first, normal)) / np.sqrt(np.where(squared > 0, squared, 1.0))
     return np.where(above, to_plane, np.sqrt(to_edges))

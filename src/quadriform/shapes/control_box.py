@@ -194,6 +194,7 @@ class ControlBox:
     def _grade(self, origins: Array, target: Array) -> Array:
         """The grade of each origin: INSIDE the box, exact but OUTSIDE by less than its side, or MISSED."""
         outside = np.abs(self.local(origins) - 0.5).max(axis=1) - 0.5
+        # Rounding grows with the coordinates, so the tolerance is four digits above that of the steps.
         exact = np.linalg.norm(self.deform(origins) - target, axis=1) <= 1e4 * EXACT * self._size
         return np.where(exact & (outside < 1), np.where(outside < 1e-9, INSIDE, OUTSIDE), MISSED)
 
@@ -211,9 +212,11 @@ class ControlBox:
         damping = np.ones(len(target))
         for _ in range(NEWTON_STEPS):
             active = np.flatnonzero(np.linalg.norm(error, axis=1) > EXACT * self._size)
+            # A damping this small means that the step does not descend: there is no solution from this start.
             active = active[damping[active] > 1e-9]
             if not len(active):
                 break
+            # Only points that have not converged are evaluated again.
             jacobian = self.jacobian(point[active])
             step = _solve_each(jacobian, error[active])
             trial = point[active] - damping[active, None] * step
@@ -254,6 +257,7 @@ def common_box(superquadrics: Mapping[str, Superquadric], shape: tuple[int, int,
         return box
     corner = pose.to_local(box.origin[None], outer.rotation, outer.translation)[0]
     grids = [pose.to_local(s.grid(12)[0], outer.rotation, outer.translation) for s in superquadrics.values()]
+    # In the frame of the largest surface, whose centre is the middle of its own box.
     low = np.minimum(corner, np.concatenate(grids).min(axis=0))
     high = np.maximum(-corner, np.concatenate(grids).max(axis=0))
     edges = (high - low)[:, None] * outer.rotation.T
@@ -291,5 +295,6 @@ def _solve_each(matrices: Array, right: Array) -> Array:
     """Solve (n, 3, 3) x = (n, 3) by least squares with a small damping, so that a singular one moves little."""
     transposed = matrices.transpose(0, 2, 1)
     gram = transposed @ matrices
+    # At a fold the Jacobian is singular, and the step is limited instead of infinite.
     gram = gram + 1e-14 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(3)
     return np.linalg.solve(gram, transposed @ right[:, :, None])[:, :, 0]

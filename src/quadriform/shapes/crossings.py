@@ -81,6 +81,7 @@ def _together(mesh: Mesh, other: Mesh | None) -> tuple[Array, Index, NDArray[np.
 
 def _sharing_a_cell(low: Array, high: Array) -> tuple[Index, Index]:
     """Pairs a < b of boxes that enter the same cell of a grid, once for each such cell."""
+    # Cells of the mean size, unless one triangle is so large that it would enter too many of them.
     size = max(CELL * float((high - low).mean()), float((high - low).max()) / 30, 1e-300)
     first = np.floor((low - low.min(axis=0)) / size).astype(np.int64)
     last = np.floor((high - low.min(axis=0)) / size).astype(np.int64)
@@ -97,6 +98,7 @@ def _sharing_a_cell(low: Array, high: Array) -> tuple[Index, Index]:
 
 def _pairs(code: Index, owner: Index) -> tuple[Index, Index]:
     """Pairs of owners within each run of equal codes."""
+    # The k-th entry of a run pairs with all later entries of the run.
     end = np.searchsorted(code, code, side="right")
     later = end - np.arange(len(code)) - 1
     a = np.repeat(np.arange(len(code)), later)
@@ -127,12 +129,14 @@ def _pierced(edges_of: Array, triangles: Array) -> Array:
     u, v = triangles[:, 1] - corner, triangles[:, 2] - corner
     normal = np.cross(u, v)
     height = np.einsum("kei,ki->ke", edges_of - corner[:, None], normal)
+    # An edge crosses the plane of a triangle where its ends lie on different sides.
     pair, edge = np.nonzero((height * np.roll(height, -1, axis=1) <= 0) & (height != np.roll(height, -1, axis=1)))
     start, stop = edges_of[pair, edge], edges_of[pair, (edge + 1) % 3]
     from_start, to_stop = height[pair, edge], height[pair, (edge + 1) % 3]
     points = start + (from_start / (from_start - to_stop))[:, None] * (stop - start)
     n, offset = normal[pair], points - corner[pair]
     squared = np.einsum("ki,ki->k", n, n)
+    # Barycentric coordinates of the crossing within the triangle.
     s = np.einsum("ki,ki->k", np.cross(offset, v[pair]), n) / squared
     t = np.einsum("ki,ki->k", np.cross(u[pair], offset), n) / squared
     return points[(s >= 0) & (t >= 0) & (s + t <= 1)]

@@ -25,6 +25,7 @@ def sphere_grid(resolution: int) -> tuple[Array, Faces]:
     """
     n = 2 * max(1, (resolution + 1) // 2)
     corners, quads = _cube_surface(n)
+    # Equal angles instead of equal lengths along the edges make the cells of similar size.
     tangents = np.tan(np.pi / 4 * (2 * corners / n - 1))
     directions = tangents / np.linalg.norm(tangents, axis=1, keepdims=True)
     directions.setflags(write=False)

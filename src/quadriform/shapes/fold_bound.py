@@ -106,9 +106,11 @@ def jacobian_bound(
     sampled, where = _first_sample(box, surfaces)
     leaves, closed, rounds, made = root, np.inf, 0, 1
     while True:
+        # A leaf without a point of the body cannot contain its minimum.
         leaves = leaves.at(~_outside_all(box, surfaces, leaves))
         sampled, where = _sample(box, surfaces, leaves, sampled, where)
         lowest = leaves.lowest()
+        # Leaves whose bound is close enough to a determinant that occurs need no further halving.
         close = lowest >= sampled - tolerance * abs(sampled)
         closed = min(closed, lowest[close].min(initial=np.inf))
         leaves, lowest = leaves.at(~close), lowest[~close]
@@ -118,6 +120,7 @@ def jacobian_bound(
         batch = min(max(BATCH, len(order) // 4), len(order))
         leaves = leaves.at(order[batch:]).joined(leaves.at(order[:batch]).halved())
         rounds, made = rounds + 1, made + 8 * batch
+    # Every halving rounds the coefficients once more.
     lower = min(closed, lowest.min(initial=np.inf), sampled)
     return Bound(float(lower - rounding * (1 + rounds)), float(sampled), where)
 
@@ -172,6 +175,7 @@ def _root(box: ControlBox, surfaces: tuple[Superquadric, ...]) -> tuple[_Leaves,
     derivatives, sizes = [], []
     for axis, degree in enumerate(box.degrees):
         derivative = degree * np.diff(box.control_points, axis=axis)
+        # Magnitudes are propagated beside the coefficients to bound their rounding errors.
         size = np.abs(derivative)
         for k in range(3):
             matrix = bernstein.restriction(derivative.shape[k] - 1, low[k], high[k])
@@ -203,6 +207,7 @@ def _range(box: ControlBox, surfaces: tuple[Superquadric, ...]) -> tuple[Array, 
     signs = np.array(list(every((-1, 1), repeat=3)))
     corners = []
     for surface in surfaces:
+        # The box around the surface in its own frame: its corners bound the region, also where the box is rotated.
         frame = surface.rotation, surface.translation
         half = np.abs(pose.to_local(surface.grid(16)[0], *frame)).max(axis=0)
         corners.append(box.local(pose.to_world(signs * half, *frame)))
@@ -256,6 +261,7 @@ def _outside(surface: Superquadric, centres: Array, halves: Array) -> NDArray[np
     """
     if KINDS[surface.kind].cut_axis is not None:
         return np.zeros(len(centres), dtype=bool)
+    # Interval arithmetic: the smallest and largest |x|, |y|, |z| within each parallelepiped.
     middle = np.abs(pose.to_local(centres, surface.rotation, surface.translation)) / surface.semi_axes
     reach = np.abs(halves @ surface.rotation).sum(axis=1) / surface.semi_axes
     near, far = np.maximum(middle - reach, 0), middle + reach

@@ -38,12 +38,14 @@ class Mesh:
 
     def volume(self) -> float:
         """Enclosed volume by the divergence theorem, in cubed units; meaningful for closed meshes."""
+        # Far from the origin the tetrahedra would cancel to few digits.
         centred = self.vertices - self.vertices.mean(axis=0)
         a, b, c = (centred[self.faces[:, k]] for k in range(3))
         return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
     def is_closed(self) -> bool:
         """Whether every edge occurs as often in one direction as in the other; vertices are compared by number."""
+        # Edges as single whole numbers: the directed edges of a closed mesh are a permutation of their reverses.
         start, stop, n = self.faces.reshape(-1), np.roll(self.faces, -1, axis=1).reshape(-1), len(self.vertices)
         return np.array_equal(np.sort(start * n + stop), np.sort(stop * n + start))
 

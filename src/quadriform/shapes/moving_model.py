@@ -88,6 +88,7 @@ class MovingModel(Recorded):
 
     def trajectories(self, points: ArrayLike, times: ArrayLike) -> Array:
         """Positions (T, n, 3) at (T,) times of material points, given before deformation (n, 3)."""
+        # The deformation is linear in the control points, and these are linear in the splines.
         matrix = self.rest.matrix(check_points(points))
         weights = self.basis.values(np.asarray(times, dtype=np.float64))
         return np.einsum(

@@ -76,6 +76,7 @@ def _distinct_feet(superquadric: Superquadric, box: ControlBox, targets: Array, 
     np.minimum.at(nearest, owner, distance)
     near = _beside(superquadric.scaled(origins)).any(axis=1) & (distance <= nearest[owner] + LEFT_OUT * size)
     index = np.flatnonzero(near)
+    # Foot points in one cell of a thousandth of the box lead to the same minimum.
     cells = np.column_stack([owner[index], np.round(origins[index] / (1e-3 * size)).astype(np.int64)])
     return np.asarray(index[np.unique(cells, axis=0, return_index=True)[1]], dtype=np.int64)
 
@@ -204,6 +205,7 @@ class _Search:
         """Where to begin: the best of the start and of a few logarithms of the coordinates that are beside planes."""
         best, every = start.copy(), np.arange(len(start))
         value = self.value(every, best)
+        # t runs along x and y, u along z: only the logarithms of coordinates beside a plane are scanned.
         sideways = np.stack([beside[:, 0] | beside[:, 1], beside[:, 2] | (beside[:, 0] & beside[:, 1])], axis=1)
         for t, u in ((t, u) for t in (None, *SCAN) for u in (None, *SCAN)):
             chosen = sideways[:, 0] == (t is not None)
@@ -239,6 +241,7 @@ class _Search:
                 radius[active],
             )
             at[active[closer]], value[active[closer]] = trial[closer], found[closer]
+            # Below this the promised gain is rounding.
             little = 1e-15 * size * np.sqrt(2 * value[active]) + 1e-28 * size**2
             active = active[(promised > little) & (radius[active] > 1e-9)]
         return at
@@ -251,9 +254,11 @@ class _Search:
             (self.gradient(index, at + shift) - gradient) / shift.sum() for shift in (ahead * [1, 0], ahead * [0, 1])
         )
         a, b, c = by_t[:, 0], (by_t[:, 1] + by_u[:, 0]) / 2, by_u[:, 1]
+        # Scaled to a unit diagonal, so that the Hessian is well conditioned.
         scale = np.sqrt(np.maximum(np.abs(np.stack([a, c], axis=1)), 1e-300))  # t may matter far less than u
         by_scaled = gradient / scale
         first, cross, last = a / scale[:, 0] ** 2, b / scale.prod(axis=1), c / scale[:, 1] ** 2
+        # Eigenvalues and eigenvectors of the symmetric 2 x 2 matrix in closed form.
         half, angle = np.hypot((first - last) / 2, cross), 0.5 * np.arctan2(cross, (first - last) / 2)
         step = np.zeros_like(at)
         for curvature, rotation in (((first + last) / 2 + half, 0.0), ((first + last) / 2 - half, np.pi / 2)):
@@ -261,6 +266,7 @@ class _Search:
             along = -(by_scaled * axis).sum(axis=1) / np.maximum(np.abs(curvature), 1e-12)
             step += along[:, None] * axis
         step = np.clip(step / scale, -radius[:, None], radius[:, None])
+        # Clipping may spoil the Newton step; a step along one coordinate is taken where it promises more.
         rise = (gradient * step).sum(axis=1) + (a * step[:, 0] ** 2 + c * step[:, 1] ** 2) / 2 + b * step.prod(axis=1)
         alone = np.clip(-gradient / scale**2, -radius[:, None], radius[:, None])
         gains = -(gradient * alone + np.stack([a, c], axis=1) * alone**2 / 2)

@@ -79,12 +79,14 @@ class TimeBasis:
         if self.period is None:
             return second
         phase = 2 * np.pi * (self.knots - self.knots[0]) / self.period
+        # A constant and one harmonic of the period are not penalised, as straight lines without a period.
         swing = np.stack([np.ones_like(phase), np.cos(phase), np.sin(phase)], axis=1)
         rest = np.eye(len(phase)) - swing @ np.linalg.pinv(swing)
         return rest.T @ second @ rest
 
     def _mean_product(self, order: int) -> Array:
         """Exact: four Gauss points integrate the square of a cubic between two knots."""
+        # The integrand is a polynomial of degree 6 between breaks.
         nodes, weights = np.polynomial.legendre.leggauss(4)
         breaks = self._spline.x
         half = np.diff(breaks)[:, None] / 2

@@ -42,6 +42,7 @@ def norm_derivatives(u: Array, v: Array, exponent: float) -> tuple[Array, Array,
     log_ratio = k * (log_u - log_v)
     ratio = np.exp(-np.abs(log_ratio))  # of the smaller term to the larger: one exponential gives both fractions
     excess = np.log1p(ratio)
+    # In logarithms no power overflows, whatever the exponent.
     n = np.exp(np.maximum(log_u, log_v) + excess / k)
     large = 1 / (1 + ratio)
     small = ratio * large

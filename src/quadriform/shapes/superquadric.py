@@ -67,6 +67,7 @@ class Superquadric:
             raise OptionError(
                 f"exponents: expected numbers from {EXPONENTS[0]} to {PINCHED}, found {self.exponents.tolist()}"
             )
+        # A reflection would turn the surface inside out.
         skewness = np.abs(self.rotation @ self.rotation.T - np.eye(3)).max()
         if skewness > ORTHOGONAL or np.linalg.det(self.rotation) < 0:
             raise OptionError("rotation: expected an orthogonal matrix with determinant +1")
@@ -91,6 +92,7 @@ class Superquadric:
     @property
     def parameters(self) -> Array:
         """The parameters: a1 a2 a3, e1 e2, three Euler angles (radians), tx ty tz; the toroid's hole radius is 12th."""
+        # The paper counts the rotation by three angles.
         euler = pose.euler_from_rotation(self.rotation)
         hole = [] if self.hole_radius is None else [self.hole_radius]
         return np.concatenate([self.semi_axes, self.exponents, euler, self.translation, hole])

@@ -21,11 +21,13 @@ def voxels_inside(mesh: Mesh, shape: tuple[int, ...]) -> NDArray[np.bool_]:
     triangle, i, j = _columns(corners, shape)
     a, b, c = (corners[triangle, n] for n in range(3))
     at = np.stack([i + OFF_GRID[0], j + OFF_GRID[1]], axis=1)
+    # A column meets a triangle where the three areas towards it have the sign of the whole.
     areas = [_cross(q - p, at - p) for p, q in ((b[:, :2], c[:, :2]), (c[:, :2], a[:, :2]), (a[:, :2], b[:, :2]))]
     total = np.sum(areas, axis=0)
     hit = (np.sign(areas) == np.sign(total)).all(axis=0) & (total != 0)
     height = (np.stack(areas) * [a[:, 2], b[:, 2], c[:, 2]]).sum(axis=0)[hit] / total[hit]
     first = np.clip(np.ceil(height), 0, shape[2]).astype(np.int64)
+    # Each crossing adds its orientation to all voxels above it; inside, the sum is not zero.
     windings = np.zeros((shape[0], shape[1], shape[2] + 1), dtype=np.int64)
     np.add.at(windings, (i[hit], j[hit], first), np.sign(total[hit]).astype(np.int64))
     inside: NDArray[np.bool_] = np.cumsum(windings, axis=2)[:, :, :-1] != 0

@@ -47,6 +47,7 @@ class HexMesh:
 
     def volumes(self) -> Array:
         """Volumes of the cells (m,), in cubed units, by two Gauss points along each axis: exact."""
+        # A trilinear determinant is quadratic in each coordinate, which two Gauss points integrate exactly.
         low = 0.5 - 0.5 / np.sqrt(3)
         points = np.where(CORNERS > 0, 1 - low, low)
         derivatives = _derivatives(points)
@@ -146,6 +147,7 @@ def _axes(corners: Array, axis: Array) -> Array:
     """Radial: the normal of a cell's layer in its middle; circumferential: around the axis; longitudinal: the rest."""
     along = np.einsum("cd,mcx->mdx", _derivatives(np.full((1, 3), 0.5))[0], corners)
     radial = _unit(np.cross(along[:, 0], along[:, 1]))
+    # On the axis the circumferential direction is undefined; any perpendicular one is taken.
     around = np.cross(axis, radial)
     on_axis = np.linalg.norm(around, axis=1) < 1e-9
     around[on_axis] = np.cross(np.eye(3)[np.abs(radial[on_axis]).argmin(axis=1)], radial[on_axis])
