@@ -4,7 +4,7 @@ BIN := .venv/bin
 READY := .venv/ready
 BENCH := .venv-bench
 
-.PHONY: results results-full stale-results demo test kernels check bench foreign fuzz mutants kill large coverage docs docs-figures clean
+.PHONY: results results-full stale-results demo test quick kernels check bench foreign fuzz mutants kill large coverage docs docs-figures clean
 
 demo: $(READY)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/quadriform demo -o out/demo --force
@@ -13,6 +13,10 @@ demo: $(READY)
 # as Python does unless told otherwise, for nearly a hundred processes start on the way.
 test: $(READY)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
+
+# The same without the tests marked as slow, which take more than about a third of a second; for every change of a line.
+quick: $(READY)
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder -m "not slow"
 
 # The numerical tests under each kernel of OpenBLAS that the processor has; another kernel rounds as another processor does.
 kernels: $(READY)

@@ -99,6 +99,7 @@ def test_no_machine_paths_in_the_project():
         assert "/home/" not in text and "/tmp/" not in text, path
 
 
+@pytest.mark.slow
 def test_importing_is_light():
     script = (
         "import sys, quadriform, quadriform.cli.main\n"

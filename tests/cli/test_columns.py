@@ -23,6 +23,7 @@ def fitted(terminal, path, tmp_path, *words):
     return json.loads(result.out)
 
 
+@pytest.mark.slow
 def test_columns_without_names_are_named_by_the_caller(terminal, six, tmp_path):
     refused = terminal("fit", six, "-o", tmp_path / "out")
     assert refused.code == 4 and "look like unit normals" in refused.err and "--columns x,y,z,nx,ny,nz" in refused.err
@@ -35,6 +36,7 @@ def test_columns_without_names_are_named_by_the_caller(terminal, six, tmp_path):
     assert terminal("info", six, "--columns", "z,y,x").code == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("header", "words", "unit"),
     [
@@ -75,6 +77,7 @@ def test_the_order_of_napari_is_reported(terminal, tmp_path):
     assert any("taken as z, y, x" in note for note in record["notes"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["p.xyz", "p.npy", "p.ply"])
 def test_points_far_from_the_origin_are_warned_of_and_written(terminal, tmp_path, name):
     """Single precision at 5e6: reported from every reader; results can be written."""
@@ -93,6 +96,7 @@ def test_points_far_from_the_origin_are_warned_of_and_written(terminal, tmp_path
     assert "PRECISION_LOSS" in terminal("info", tmp_path / name).err
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux has file names that are not UTF-8")
 @pytest.mark.parametrize("command", ["fit", "track"])
 def test_a_file_name_that_is_not_utf8(terminal, tmp_path, command):

@@ -73,6 +73,7 @@ def test_a_mesh_stands_for_its_model(terminal, files):
     assert by_mesh["a_to_b"] == by_model["a_to_b"] and by_mesh["dice"] == by_model["dice"]
 
 
+@pytest.mark.slow
 def test_a_surface_is_chosen_by_name(terminal, files):
     itself = compared(terminal, "both.json", "a.json", "--surface", "endo")
     assert itself["hausdorff"] < 1e-9 and itself["dice"] == 1

@@ -105,6 +105,7 @@ def test_the_slices_without_suffix_of_the_cases(terminal, shared):
     assert structure.code == 4 and "RT Structure Set Storage" in structure.err
 
 
+@pytest.mark.slow
 def test_a_folder_with_hidden_and_empty_files_is_fitted(terminal, tmp_path, grey, blank_figures):
     folder = dicom_folder(tmp_path / "slices", grey)
     (folder / ".hidden").write_bytes(b"")

@@ -92,6 +92,7 @@ def test_an_unforeseen_error_leaves_a_report(terminal, monkeypatch, tmp_path):
     assert "KeyError: 'a bug'" in report.read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_real_processes_end_with_one_line_and_the_code(tmp_path, cloud):
     (tmp_path / "nan.xyz").write_text("1 2 nan\n")
     for words, code in [
@@ -118,6 +119,7 @@ def test_a_fit_in_a_real_process(tmp_path, cloud):
     assert (tmp_path / "out/model.json").is_file()
 
 
+@pytest.mark.slow
 def test_a_reader_that_goes_away_is_no_error(cloud):
     read, write = os.pipe()
     os.close(read)
@@ -129,6 +131,7 @@ def test_a_reader_that_goes_away_is_no_error(cloud):
     assert done.stderr == b""
 
 
+@pytest.mark.slow
 def test_a_terminal_that_cannot_show_a_name(tmp_path, cloud):
     cloud.rename(tmp_path / "größe.xyz")
     done = process("info", "größe.xyz", cwd=tmp_path, env=os.environ | {"PYTHONIOENCODING": "ascii"})
@@ -136,6 +139,7 @@ def test_a_terminal_that_cannot_show_a_name(tmp_path, cloud):
     assert done.stderr == ""
 
 
+@pytest.mark.slow
 def test_no_color_is_respected(cloud):
     coloured = os.environ | {"FORCE_COLOR": "1", "NO_COLOR": "1"}
     assert "\x1b[3" not in process("info", cloud, env=coloured).stdout

@@ -49,6 +49,7 @@ def test_the_table_says_the_base_and_what_was_not_observed(terminal, beating):
     assert "not observed" not in terminal("measure", "0.json", "1.json", "--tracked").out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("base", ["0.7", "valve0.xyz"])
 def test_a_share_or_one_file_holds_for_all_frames(terminal, beating, base):
     result = terminal("measure", "0.json", "1.json", "--base", base, "--json")

@@ -65,6 +65,7 @@ def test_each_failure_is_a_row_and_leaves_no_model(serial):
     assert len(list((out / "subjects").glob("*/model.json"))) == SUBJECTS - len(BROKEN)
 
 
+@pytest.mark.slow
 def test_the_store_opens_with_xarray_and_holds_the_models_to_the_last_bit(serial):
     xarray = pytest.importorskip("xarray")
     out = serial[0]
@@ -103,6 +104,7 @@ def test_measures_are_one_number_a_row(serial):
     assert {row["quantity"] for row in mine if row["frame"] is None} >= {"rms", "noise", "points", "min det J"}
 
 
+@pytest.mark.slow
 def test_processes_give_the_same_bytes(cohort, serial, tmp_path):
     run(cohort, tmp_path / "out", partial(executors.processes, 2), CHOICES)
     assert differences(serial[0], tmp_path / "out") == []
@@ -175,6 +177,7 @@ def test_a_killed_run_resumes_without_repeating_finished_subjects(cohort, serial
     assert differences(serial[0], out) == []
 
 
+@pytest.mark.slow
 def test_shards_at_the_same_time_make_the_same_store(cohort, serial, tmp_path):
     out, summaries = tmp_path / "out", []
 
@@ -243,6 +246,7 @@ def test_shards_are_counted_from_one(shard):
         Choices(shard=shard)
 
 
+@pytest.mark.slow
 def test_on_a_terminal(tmp_path, capsys, monkeypatch):
     """Exit code 7, the record as data, and no id on the screen unless requested; threads in place of processes."""
     from quadriform.cli.main import main

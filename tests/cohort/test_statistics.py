@@ -66,6 +66,7 @@ def moved_anyhow(shapes):
     return [elsewhere(one, turn, 200 * rng.normal(size=3)) for one, turn in zip(shapes, turns)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", [as_they_lie, moved_a_little, moved_anyhow])
 def test_known_modes_are_found(place):
     found = shape_modes(place([model(amounts) for amounts in draws()]))
@@ -111,6 +112,7 @@ def test_position_and_orientation_change_nothing():
     assert np.abs(correspond.transform([elsewhere(s, tilt, np.zeros(3)) for s in shapes]) - rows).max() < 0.1
 
 
+@pytest.mark.slow
 def test_scores_and_reconstruction_from_k_modes():
     amounts = draws()
     shapes = [model(row) for row in amounts]

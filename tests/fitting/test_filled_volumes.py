@@ -22,6 +22,7 @@ def assert_unfolded_and_poor(found, points):
     assert np.linalg.norm(found.model.mesh().vertices, axis=1).max() < 2 * np.linalg.norm(points, axis=1).max()
 
 
+@pytest.mark.slow
 def test_a_filled_volume_does_not_end_with_a_map_that_folds():
     """Old bug: of a thousand points in a ball, control points many radii away and determinants of minus 80."""
     points = filled_ball(1000, seed=2)
@@ -33,6 +34,7 @@ def no_fold_removal(monkeypatch):
     monkeypatch.setattr(refine, "without_folds", lambda problem, refined, surfaces, most: iter(()))
 
 
+@pytest.mark.slow
 def test_where_no_fold_can_be_removed_a_poor_fit_is_regularised_until_nothing_folds(no_fold_removal):
     found = qf.fit(HALF_BALL)
     assert_unfolded_and_poor(found, HALF_BALL)
@@ -41,6 +43,7 @@ def test_where_no_fold_can_be_removed_a_poor_fit_is_regularised_until_nothing_fo
     assert found.rms < np.sqrt((undeformed.distance(HALF_BALL) ** 2).mean())
 
 
+@pytest.mark.slow
 def test_a_good_fit_that_folds_is_kept_with_its_warning(no_fold_removal):
     found = qf.fit(even_directions(300) * [3, 2, 2], box=(3, 3, 3))
     assert "FOLDING" in found.warnings and found.rms < 1e-3

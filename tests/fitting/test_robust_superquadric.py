@@ -175,6 +175,7 @@ def test_an_ellipsoid_is_a_superquadric_with_held_exponents(rng):
     assert found.noise > fit_superquadric(points).noise
 
 
+@pytest.mark.slow
 def test_the_covariance_is_that_of_repeated_measurements(rng):
     truth = made()
     clean = truth.surface(even_directions(500))

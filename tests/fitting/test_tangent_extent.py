@@ -25,17 +25,20 @@ def based(cut):
     return qf.refine(BODY, cut, base=(AT, UP))
 
 
+@pytest.mark.slow
 def test_a_cut_shape_is_warned_of_unless_the_cut_is_on_purpose(cut, based):
     bare = qf.refine(BODY, cut)
     assert "directions" in bare.warnings["PARTIAL_COVERAGE"]
     assert based.status == "ok"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("base", [(AT, -UP), (AT + 100 * UP, UP)], ids=["other side", "far away"])
 def test_a_base_elsewhere_excuses_nothing(cut, base):
     assert "PARTIAL_COVERAGE" in qf.refine(BODY, cut, base=base).warnings
 
 
+@pytest.mark.slow
 def test_a_loop_is_its_plane(cut, based):
     t = np.linspace(0, 2 * np.pi, 30, endpoint=False)
     ring = 20 * np.cos(t)[:, None] * BODY.rotation[:, 0] + 15 * np.sin(t)[:, None] * BODY.rotation[:, 1]
@@ -44,6 +47,7 @@ def test_a_loop_is_its_plane(cut, based):
     assert gap(loop.model, based.model) < 1e-9
 
 
+@pytest.mark.slow
 def test_where_nobody_measured_the_surface_is_less_sure(cut, based):
     whole = BODY.surface(even_directions(600))
     sigma, measured = based.uncertainty(whole), (whole - AT) @ UP < -5
@@ -59,6 +63,7 @@ def start():
     return qf.fit_superquadric(CLEAN).superquadric
 
 
+@pytest.mark.slow
 def test_the_smallest_box_that_reaches_the_error_is_taken(start):
     """A little more than what three a side reach, and a little less."""
     errors = {side: qf.refine(start, CLEAN, box=(side,) * 3) for side in (3, 5)}
@@ -77,6 +82,7 @@ def test_an_error_out_of_reach_is_reported():
     assert found.status == "warned" and "max_error" in found.warnings["POOR_FIT"]
 
 
+@pytest.mark.slow
 def test_sides_may_differ(start):
     found = qf.refine(start, CLEAN, box=(3, 4, 6))
     assert found.model.box.control_points.shape == (3, 4, 6, 3)
@@ -103,6 +109,7 @@ def test_two_surfaces_share_a_box_that_does_not_fold(both):
     assert "FOLDING" not in both.warnings
 
 
+@pytest.mark.slow
 def test_two_surfaces_have_one_noise_and_each_their_residuals(both, walls):
     assert both.noise == pytest.approx(0.3, rel=0.1)
     for name, cloud in walls.items():

@@ -38,6 +38,7 @@ def refined(start):
     return qf.refine(start, FEW)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("body", BODIES)
 def test_superquadrics_are_met_exactly(body):
     points = BODIES[body].surface(even_directions(500))
@@ -54,6 +55,7 @@ def test_a_pinched_superquadric_has_no_outliers():
     assert fit.inliers.min() > 0.5 and "OUTLIERS" not in fit.warnings
 
 
+@pytest.mark.slow
 def test_the_true_surface_is_nearer_than_the_noise_and_nearer_than_by_the_paper(fitted):
     """Three thousand numbers to find 386: a quarter of the noise. The paper's springs are at their best strength."""
     paper = qf.fit(NOISY, method="paper", strength=1e-7)
@@ -62,6 +64,7 @@ def test_the_true_surface_is_nearer_than_the_noise_and_nearer_than_by_the_paper(
     assert fitted.status == "ok" and fitted.model.n_parameters == 386
 
 
+@pytest.mark.slow
 def test_without_noise_the_paper_is_left_far_behind():
     ours = qf.refine(qf.fit_superquadric(CLEAN).superquadric, CLEAN)
     paper = qf.fit(CLEAN, method="paper", strength=1e-7)
@@ -91,6 +94,7 @@ def test_the_uncertainty_is_the_spread_of_the_finer_posterior_about_the_fit(refi
     np.testing.assert_allclose(np.sqrt((off**2).mean(axis=1)), refined.uncertainty(EGG[::100]), rtol=0.1)
 
 
+@pytest.mark.slow
 def test_what_few_control_points_cannot_say_is_in_the_uncertainty():
     """Old bug: it knew only the noise, and without noise claimed that a box of 27 points is right to a hundredth."""
     fit = qf.fit(noisy_egg(900, noise=0.02), box=(3, 3, 3))
@@ -132,6 +136,7 @@ class Recorded:
         return self.factor * Bending().matrix(shape)
 
 
+@pytest.mark.slow
 def test_a_regulariser_of_ones_own_is_used(start, refined):
     own = Recorded()
     same = qf.refine(start, FEW, regularity=own)
@@ -146,6 +151,7 @@ def test_twice_the_penalty_at_half_the_strength_is_the_same(start):
     assert (one.strength, other.strength) == (1e-5, 5e-6)
 
 
+@pytest.mark.slow
 def test_springs_are_another_regulariser(start, refined):
     springs = qf.refine(start, FEW, regularity="springs")
     assert gap(springs.model, refined.model) > 1e-4
@@ -162,6 +168,7 @@ def test_a_very_strong_box_only_moves_affinely(start, refined):
     assert fit.rms > 1.3 * refined.rms
 
 
+@pytest.mark.slow
 def test_the_strength_of_the_evidence_is_near_the_best_one(start, refined):
     """Thirty times weaker or stronger is farther from the truth."""
     weaker, stronger = (qf.refine(start, FEW, strength=k * refined.strength) for k in (1 / 30, 30))

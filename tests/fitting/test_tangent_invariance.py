@@ -49,6 +49,7 @@ EXACT = {
 TURNS = {"quarter": (QUARTER, 1.0, np.zeros(3)), "turn": (turned(1), 1.0, np.array([5.0, -30, 12]))}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", [*EXACT, "quarter", pytest.param("turn", marks=pytest.mark.skip(reason=LOCAL))])
 def test_a_refinement_moves_with_its_points(change, start, refined):
     """M1, M2, M9, from a start that is carried along."""
@@ -59,6 +60,7 @@ def test_a_refinement_moves_with_its_points(change, start, refined):
     assert found.strength == pytest.approx(refined.strength, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_whole_fit_moves_with_its_points():
     """In a box of five a side; the other motions, of a smaller one, are among the properties."""
     matrix, scale, offset = TURNS["turn"]
@@ -78,6 +80,7 @@ def test_points_of_weight_zero_are_no_inliers(start):
     assert found.inliers[:-50].mean() > 0.98
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("door", [qf.refine, qf.fit])
 def test_a_weight_of_zero_is_an_absent_point(door, start):
     """M4."""
@@ -89,6 +92,7 @@ def test_a_weight_of_zero_is_an_absent_point(door, start):
     assert zero.noise == pytest.approx(absent.noise, rel=1e-7)
 
 
+@pytest.mark.slow
 def test_nobody_is_warned_of_points_of_weight_zero(start):
     """M4: what the caller has left out is no outlier."""
     cloud, weights = with_strangers(CLOUD, 50), np.ones(len(CLOUD))
@@ -96,11 +100,13 @@ def test_nobody_is_warned_of_points_of_weight_zero(start):
     assert "OUTLIERS" not in qf.refine(start, cloud, weights=weights).warnings
 
 
+@pytest.mark.slow
 def test_all_weights_doubled_are_the_same_surface(start, refined):
     """M4."""
     assert gap(refined.model, qf.refine(start, CLOUD, weights=np.full(len(CLOUD), 2.0)).model) < 1e-7
 
 
+@pytest.mark.slow
 def test_a_weight_of_two_is_two_copies(start):
     """M4."""
     weights = 1.0 + (CLOUD[:, 2] > 0)

@@ -22,6 +22,7 @@ def test_one_thread_within_and_all_of_them_after():
         assert blas_threads() == before
 
 
+@pytest.mark.slow
 def test_a_fit_runs_on_one_thread_also_when_it_fails():
     seen = []
     points = np.random.default_rng(0).normal(size=(60, 3))

@@ -90,6 +90,7 @@ def test_rounding_does_not_choose_the_sides_of_a_lattice():
 VOXELS = {"a ball": (SIDE**2).sum(axis=-1) <= 49.5, "a prism": BODIES["square prism"]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", VOXELS)
 def test_voxels_have_one_surface_whatever_rounding_says(name):
     """Old bug: surfaces that differed by 3e-3 r between processors, without a warning."""

@@ -79,6 +79,7 @@ def test_curves_agree_with_rows(measured, truth):
         assert measured.curves[name][2] == pytest.approx(measured[name])
 
 
+@pytest.mark.slow
 def test_other_bases(heart, known):
     top = heart.endo[1] * (2 * SHARE - 1)
     before = true_volume(heart, "endo", 0.0, top)
@@ -97,6 +98,7 @@ def test_other_bases(heart, known):
         assert words in found.rows[0].how
 
 
+@pytest.mark.slow
 def test_units_are_kept(known, valve, measured):
     """The same heart in metres; segments aside, whose borders lie on symmetric lines of it."""
     metres = [replace(model.transformed(1e-3, np.zeros(3)), unit="m") for model in known]
@@ -107,6 +109,7 @@ def test_units_are_kept(known, valve, measured):
             assert row.value == pytest.approx(other.value, rel=1e-6), row.quantity
 
 
+@pytest.mark.slow
 def test_segments_average_to_the_whole(heart, known, valve):
     inserts = [CENTRE + ROTATION @ [40 * np.cos(a), 40 * np.sin(a), 0] for a in (-0.9, 0.9)]
     found = measure(known, base=valve, rv_inserts=inserts)
@@ -119,6 +122,7 @@ def test_segments_average_to_the_whole(heart, known, valve):
     assert min(parts) < found["radial strain"] < max(parts)
 
 
+@pytest.mark.slow
 def test_of_insertions_of_every_frame_those_at_end_diastole_count(known, valve):
     """Frame 0 is end diastole; the others' lie all on one side, which alone would be refused."""
     there = np.array([CENTRE + ROTATION @ [40 * np.cos(a), 40 * np.sin(a), 0] for a in (-0.9, 0.9)])
@@ -159,6 +163,7 @@ def test_one_frame_has_no_ejection_fraction(known):
         found["ejection fraction"]
 
 
+@pytest.mark.slow
 def test_the_cavity_alone_has_volumes(known):
     alone = [replace(model, surfaces={"endo": model.surfaces["endo"]}) for model in known[::2]]
     found = measure(alone)

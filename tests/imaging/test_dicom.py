@@ -322,6 +322,7 @@ class TestObjectsWithoutImages:
 
 
 class TestDamage:
+    @pytest.mark.slow
     def test_a_slice_cut_anywhere_is_refused(self, folder, values):
         """Refused where it names its series; else left out, with a warning that names it."""
         file = still(folder, values) / "I94.dcm"  # the last of the stack: its absence would not be seen

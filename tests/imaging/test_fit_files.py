@@ -84,6 +84,7 @@ def test_one_rule_decides_the_content_of_a_file(files, capsys):
     assert content_of("damaged.npz") == "points"
 
 
+@pytest.mark.slow
 def test_python_and_the_terminal_fit_a_file_alike(files, capsys):
     for name in ("points.xyz", "BLOCK.STL", "ball.nii.gz"):
         assert main(["fit", name, "-o", "out", *WORDS, "--force"]) == 0
@@ -133,6 +134,7 @@ def test_weights_go_with_points(files):
         qf.fit("points.xyz", weights=np.ones(300))
 
 
+@pytest.mark.slow
 def test_a_folder_is_fitted_without_the_models_in_it(files, capsys):
     (files / "in").mkdir()
     for name in ("points.npz", "model.npz", "model.json"):

@@ -60,6 +60,7 @@ def filled(seed):
     return np.cbrt(np.random.default_rng(seed).uniform(size=(100, 1))) * FRAMES[seed]
 
 
+@pytest.mark.slow
 def test_filled_bodies_are_a_poor_fit():
     found = tracked([filled(frame) for frame in range(3)])
     assert [text.split(":")[0] for text in found.warnings["POOR_FIT"].split("; ")] == ["frame 0", "frame 1", "frame 2"]
@@ -97,6 +98,7 @@ def test_the_rms_of_the_frames_is_that_of_all(plain):
     assert np.sqrt(np.average(plain.frame_rms**2, weights=counts)) == pytest.approx(plain.rms)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["cycle", "alone"])
 def test_in_the_other_frame_of_the_world_x_and_y_change_their_signs(strategy):
     numbers = [np.arange(100) // 50] * 3 if strategy == "cycle" else None
@@ -118,6 +120,7 @@ def test_a_motion_that_does_not_repeat_has_a_knot_at_either_end():
     np.testing.assert_array_equal(found.moving.basis.knots[[0, -1]], [2, 5])
 
 
+@pytest.mark.slow
 def test_points_of_no_slice_and_slices_of_few_points_are_not_moved(plain):
     few = np.full(100, -1)
     few[: FEWEST - 1] = 7

@@ -39,6 +39,7 @@ def cycle():
     return qf.track(heart(), box=BOX)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["alone", "previous"])
 def test_each_frame_comes_near_the_truth(strategy):
     found = qf.track(heart(), strategy=strategy, box=BOX)
@@ -68,6 +69,7 @@ def test_between_the_frames_it_is_near_the_truth_too(cycle):
     assert off(cycle.moving.at(1.5 + FRAMES), 1.5) < 0.25
 
 
+@pytest.mark.slow
 def test_a_sparse_frame_borrows_from_its_neighbours():
     """Of one frame only a sixth of the points is left, all on one side."""
     frames = heart()

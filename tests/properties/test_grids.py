@@ -86,6 +86,7 @@ def plain(request):
     return request.param, volume, fitted(volume, request.param)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", REORDERED)
 def test_the_order_of_the_axes_does_not_matter(plain, how):
     surfaces, volume, model = plain
@@ -93,6 +94,7 @@ def test_the_order_of_the_axes_does_not_matter(plain, how):
     assert max(gap(model, found, name) for name in surfaces) < EXACT
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", OTHERS)
 def test_another_grid_gives_the_same_surface_to_half_a_voxel(plain, how):
     """Half the longest side: its own to the true surface, that of the coarser grid to the plain fit."""
@@ -105,6 +107,7 @@ def test_another_grid_gives_the_same_surface_to_half_a_voxel(plain, how):
         assert farthest(model, found, name) < coarser
 
 
+@pytest.mark.slow
 def test_a_shape_of_revolution_has_one_surface_too():
     """Its voxels have partners equally far from everything, and 2.3 is no number of a computer."""
     volume = image(np.eye(3), (2.3, 2.3, 2.3), round_about_z)

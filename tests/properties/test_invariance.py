@@ -54,6 +54,7 @@ def assert_same_surface(found, plain, carry, tolerance):
     assert np.abs(found.model.distance(carry(plain.model.mesh(resolution=8).vertices))).max() < tolerance * radius
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", CHANGES)
 def test_a_fit_moves_with_its_points(plain, change):
     options, tolerance, fit = plain
@@ -81,6 +82,7 @@ def test_the_order_of_points_does_not_matter(plain, rng):
     np.testing.assert_allclose(found.inliers, fit.inliers[order], atol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("exponents", [(1.9, 1.0), (2.0, 1.0)])
 def test_a_shape_with_edges_moves_with_its_points_too(exponents, rng):
     """M1 and M3. Old bug: rounding chose to which side model points on an edge face, and fits were far apart."""
@@ -94,6 +96,7 @@ def test_a_shape_with_edges_moves_with_its_points_too(exponents, rng):
     assert np.abs(found.model.distance(vertices)).max() < 1e-7 * Frame.of(vertices).scale
 
 
+@pytest.mark.slow
 def test_a_weight_counts_copies_and_zero_is_absent(rng):
     """M4 and row A11, for the refinement from a given superquadric."""
     weights = rng.integers(0, 3, len(CLOUD)).astype(float)
@@ -112,6 +115,7 @@ def test_a_weight_counts_copies_and_zero_is_absent(rng):
     assert "DUPLICATES" not in weighted.warnings.keys() | plain.warnings.keys()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["ellipsoid", "toroid", "hyperboloid1", "hyperboloid2"])
 @pytest.mark.parametrize("method", ["robust", "paper"])
 def test_superquadric_fits_move_with_their_points(kind, method):
@@ -124,6 +128,7 @@ def test_superquadric_fits_move_with_their_points(kind, method):
         np.testing.assert_allclose(found.implicit(plain.grid(6)[0] @ TURN.T + offset), 1, atol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["tangent", "paper"])
 def test_names_of_surfaces_and_their_order_do_not_matter(method):
     clouds = two_walls(150)
@@ -186,6 +191,7 @@ print(fit.model.box.control_points.tobytes().hex(), fit.residuals["b"].tobytes()
 """
 
 
+@pytest.mark.slow
 def test_two_processes_give_the_same_bytes():
     """M13: no hash order, no global random state."""
     outputs = set()
@@ -197,6 +203,7 @@ def test_two_processes_give_the_same_bytes():
     assert len(outputs.pop()) > 10_000
 
 
+@pytest.mark.slow
 def test_the_global_random_state_is_neither_read_nor_written():
     state = np.random.get_state()[1].copy()
     first = qf.fit(CLOUD, box=(3, 3, 3)).model.box.control_points

@@ -230,6 +230,7 @@ def test_the_paper_is_quoted_with_its_own_ratios(text):
     assert "not given" not in summary
 
 
+@pytest.mark.slow
 def test_without_hearts_the_page_says_so(text, material):
     assert "No folder of real hearts was given" in text
     assert text.count("for no real data was given") == 2
@@ -264,6 +265,7 @@ def test_words_for_comparisons():
 # --- what the figures are made of --------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_fits_are_by_the_papers_own_algorithm(material):
     """P7 by SVD in 30 iterations, with the box that was asked for: what the two-step loop gives when told so."""
     points = qf.examples.crossing_superquadrics(8)
@@ -284,6 +286,7 @@ def test_displacements_are_those_of_the_paper_on_all_model_points(material):
     assert np.array_equal(rest.box.control_points, egg.paper.model.box.rest)
 
 
+@pytest.mark.slow
 def test_regularities_are_p8_and_p9_as_printed(monkeypatch):
     monkeypatch.setattr(trade_off, "STRENGTHS", (1e-6, 1e-2, 1.0))
     monkeypatch.setattr(trade_off, "BENDING", (1e-4,))
@@ -310,6 +313,7 @@ def test_motions_are_compared_at_equal_errors():
     assert turning(back) == 2
 
 
+@pytest.mark.slow
 def test_convergence_is_run_to_the_stop_test(monkeypatch):
     monkeypatch.setattr(convergence, "STEPS", (1,))
     points = qf.examples.crossing_superquadrics(6)
@@ -353,6 +357,7 @@ def test_slices_of_one_value_are_left_out():
     assert list(slice_pictures(values[:, :, :3], np.eye(4), {}, 5)) == [0, 1, 2]
 
 
+@pytest.mark.slow
 def test_the_page_fits_a_narrow_screen(material, tmp_path, browser):
     """390 pixels wide: nothing is cut off at the right, and no text is smaller than 12 pixels."""
     path = tmp_path / "paper.html"

@@ -132,6 +132,7 @@ WARNED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", WARNED)
 def test_what_is_doubtful_is_never_plain_ok(row):
     points, kinds = WARNED[row]
@@ -185,6 +186,7 @@ def whole():
     return points, fit(points)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [np.int8, np.int16, np.int32, np.int64, np.uint8])
 def test_row_17_whole_numbers_are_what_they_say(kind, whole):
     np.testing.assert_array_equal(fit(whole[0].astype(kind)).residuals, whole[1].residuals)

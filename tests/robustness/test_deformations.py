@@ -23,6 +23,7 @@ def test_normals_of_a_file_are_not_read(tmp_path, sign):
     np.testing.assert_array_equal(qf.read_points(tmp_path / "cloud.ply"), points)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("signs", ["flipped", "arbitrary", "zero"])
 def test_row_34_the_signs_of_normals_do_not_matter(signs):
     cloud, rng = lumpy(100), np.random.default_rng(3)
@@ -33,6 +34,7 @@ def test_row_34_the_signs_of_normals_do_not_matter(signs):
     np.testing.assert_allclose(found.residuals, plain.residuals, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_row_35_more_control_points_than_points():
     """40 points, 375 coordinates: what holds the box decides the rest, stays near the points and is uncertain there."""
     points = lumpy(40)
@@ -49,6 +51,7 @@ def test_row_35_nothing_that_holds_the_box_is_refused():
         qf.fit(lumpy(40), strength=0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("count", "strength", "vague"), [(40, 1e-12, True), (40, "auto", False), (150, 1e-10, False)])
 def test_row_35_a_strength_that_leaves_control_points_to_rounding_is_named(count, strength, vague):
     """Points in another order, of which sums round otherwise, have the same surface to 1e-6 r unless it is named."""
@@ -64,6 +67,7 @@ def side_by_side():
     return {"large": u * [3, 2, 4], "small": u * [1, 1.2, 0.8] + [8, 0, 0]}
 
 
+@pytest.mark.slow
 def test_row_38_the_box_grows_around_all_surfaces():
     found = qf.fit(side_by_side(), **SMALL)
     for name in found.model.surfaces:
@@ -72,6 +76,7 @@ def test_row_38_the_box_grows_around_all_surfaces():
     assert "OUTSIDE_LATTICE" not in found.warnings
 
 
+@pytest.mark.slow
 def test_row_38_the_papers_box_does_not_and_says_so():
     found = qf.fit(side_by_side(), method="paper", iterations=2)
     assert found.status == "warned"
@@ -99,6 +104,7 @@ def turned_over(volume):
     return Volume(values, affine)
 
 
+@pytest.mark.slow
 def test_row_43_each_frame_may_lie_on_a_grid_of_its_own():
     one, two, three = (body(shrink) for shrink in (1.0, 0.9, 0.8))
 

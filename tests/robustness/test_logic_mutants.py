@@ -51,6 +51,7 @@ def test_checks_messages_and_constants_are_left_alone(code):
     assert made(code) == []
 
 
+@pytest.mark.slow
 def test_a_sample_is_the_same_for_a_seed_and_changes_the_code():
     sample = mutants.drawn(40, 3)
     assert sample == mutants.drawn(40, 3) and sample != mutants.drawn(40, 4)

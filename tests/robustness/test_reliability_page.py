@@ -51,6 +51,7 @@ def test_a_row_names_tests_that_exist(row):
         assert name in names_in(TESTS / path), f"{path}::{name}"
 
 
+@pytest.mark.slow
 def test_every_test_that_the_page_names_exists():
     for path, name in re.findall(r"`([\w/]+\.py)::([\w:]*test_\w+)`", PAGE):
         assert name in names_in(TESTS / path), f"{path}::{name}"

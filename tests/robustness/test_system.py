@@ -98,6 +98,7 @@ def saved(cloud, tmp_path):
     return tmp_path / "model.json"
 
 
+@pytest.mark.slow
 def test_row_68_a_file_that_cannot_grow_leaves_the_old_one(saved, tmp_path):
     """As on a full disk: the system refuses the write itself."""
     before = sorted(path.name for path in tmp_path.iterdir())
@@ -108,6 +109,7 @@ def test_row_68_a_file_that_cannot_grow_leaves_the_old_one(saved, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limit", [1000, 12_000, 60_000])
 def test_row_68_results_that_do_not_fit_on_the_disk_leave_the_old_ones(cloud, tmp_path, limit):
     """The model fits, the surface too, the page does not: all files stay those of the earlier run."""
@@ -183,10 +185,12 @@ def same_numbers(cloud, run, names):
     assert f"{lumpy(300)[:, 0].min():.4g}"[:5] in table.stdout
 
 
+@pytest.mark.slow
 def test_row_71_numbers_have_a_point_on_a_poor_terminal(cloud):
     same_numbers(cloud, quadriform, {"LC_ALL": "C", "TERM": "dumb"})
 
 
+@pytest.mark.slow
 def test_row_71_numbers_have_a_point_where_others_write_commas(cloud, saved, tmp_path, german):
     """A program that has taken over the locale of its user, and what it writes."""
 

@@ -80,6 +80,7 @@ def test_bound_is_below_all_samples_and_close_to_the_least(seed, shape):
     assert surface.implicit(bound.where[None])[0] <= 1 + 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["ellipsoid", "toroid", "hyperboloid1", "hyperboloid2"])
 def test_bound_holds_inside_every_kind_in_a_box_turned_against_it(kind):
     surface = made(kind)
