@@ -10,7 +10,7 @@ from quadriform import fit_superquadric
 from quadriform.errors import OptionError
 from quadriform.fitting.mixture import Mixture
 from quadriform.fitting.superquadric.batch import Candidates
-from quadriform.fitting.superquadric.multistart import MOST_STEPS, NEARLY, Problem, em
+from quadriform.fitting.superquadric.multistart import SEARCH, Problem, em
 from quadriform.points import Frame
 from quadriform.shapes.superquadric import Superquadric
 
@@ -248,5 +248,5 @@ def test_a_descent_ends_where_shorter_steps_gain_nothing_either(seed, rests):
     best = Candidates.of([fit_superquadric(points).superquadric])
     problem = Problem(points, np.ones(1000), "ellipsoid", {}, np.zeros(1000))
     descent = problem.descent(best, Mixture(np.array([0.99]), np.array([0.02])), longest=10.0)
-    assert descent.run(MOST_STEPS, NEARLY, em) == rests
-    assert len(descent.history) < MOST_STEPS / 2
+    assert descent.run(SEARCH.most_steps, SEARCH.nearly, em) == rests
+    assert len(descent.history) < SEARCH.most_steps / 2

@@ -19,21 +19,48 @@ from quadriform.shapes.fold_bound import determinant_rows, jacobian_bound, latti
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
 
-MIN_DETERMINANT, VERIFIABLE = 0.1, 0.03
-"""The penalty acts on determinants below the first, 1 being no change of volume; above the second a proof is tried."""
-FIRST_WEIGHT, STRONGER, MOST_ROUNDS = 1e-3, 2.0, 30
-"""The penalty of a point begins with this fraction of all the data's, and grows by this factor from round to round."""
-LATTICE, GRID, FINE_LATTICE, FINE_GRID = 21, 12, 45, 32
-"""Points along an axis of the lattices inside, and cells of the grids on the surfaces, at first and in a search."""
-STRONGEST, DESCENT, ROUNDS = 1e3, 8, 4
-"""Fold removal begins at this many times the strength and reaches it in so many steps of at most so many rounds."""
-RENEWALS, NOT_NEARER = 8, 0.8
-"""Nearest foot points are sought so many times, while they lower the sum of squared distances to this fraction."""
-AFFINE = 1e3
-"""A strength at which the data bends nothing."""
-ACCEPTED, NEGLIGIBLE = 1.5, 0.025
-"""A fold is kept where its removal makes the noise this many times larger, and larger than this fraction of the
-cloud's RMS radius."""
+
+@dataclass(frozen=True)
+class FoldRemoval:
+    """The constants of fold removal; determinants of 1 mean no change of volume."""
+
+    min_determinant: float = 0.1
+    """The penalty acts on determinants below this, well before they reach zero."""
+    verifiable: float = 0.03
+    """A proof is only tried above this at all points of the penalty: below it, bounds seldom suffice."""
+    first_weight: float = 1e-3
+    """The penalty of a point at first, as a fraction of all the data: too little to move the surface."""
+    stronger: float = 2.0
+    """Growth of the penalty from round to round, slow enough for the surface to follow."""
+    most_rounds: int = 30
+    """By then the penalty has grown a billionfold."""
+    lattice: int = 21
+    """Points along an axis of the lattice inside: a fold of a box of 5 control points spans several."""
+    grid: int = 12
+    """Cells along an edge of the grids on the surfaces, where folds often begin."""
+    fine_lattice: int = 45
+    """The same in the search for low determinants where only the proof fails."""
+    fine_grid: int = 32
+    """The same on the surfaces."""
+    strongest: float = 1e3
+    """Fold removal begins at this many times the strength, where maps are nearly affine."""
+    descent: int = 8
+    """Steps from there to the strength, each less than a factor of three."""
+    rounds: int = 4
+    """At most, at each of these strengths: the surface need not converge on the way."""
+    renewals: int = 8
+    """Nearest foot points are sought at most so many times; each time fewer of them change."""
+    not_nearer: float = 0.8
+    """They are kept where they lower the sum of squared distances to this fraction: else nothing was wrong."""
+    affine: float = 1e3
+    """A strength at which the data bends nothing."""
+    accepted: float = 1.5
+    """A fold is kept where its removal makes the noise more than this many times larger."""
+    negligible: float = 0.025
+    """Noise up to this fraction of the RMS radius is accepted in any case."""
+
+
+FOLDS = FoldRemoval()
 
 
 class State(Protocol):
@@ -73,9 +100,9 @@ class JacobianPenalty:
     @classmethod
     def of(cls, box: ControlBox, surfaces: Mapping[str, Superquadric], count: float, noise: float) -> "JacobianPenalty":
         """On a lattice inside the surfaces and on them, for data of `count` points with a noise."""
-        grids = [surface.grid(GRID)[0] for surface in surfaces.values()]
-        points = np.concatenate([lattice_inside(box, list(surfaces.values()), LATTICE), *grids])
-        return cls(points, FIRST_WEIGHT * count * (noise / MIN_DETERMINANT) ** 2)
+        grids = [surface.grid(FOLDS.grid)[0] for surface in surfaces.values()]
+        points = np.concatenate([lattice_inside(box, list(surfaces.values()), FOLDS.lattice), *grids])
+        return cls(points, FOLDS.first_weight * count * (noise / FOLDS.min_determinant) ** 2)
 
     def minimum(self, box: ControlBox) -> float:
         """The smallest determinant at the points."""
@@ -84,23 +111,25 @@ class JacobianPenalty:
     def equations(self, box: ControlBox) -> NormalEquations:
         """The penalty, linear about a box, in the displacement of the control points from the undeformed box."""
         determinants = box.jacobian_determinant(self.points)
-        low = determinants < MIN_DETERMINANT
+        low = determinants < FOLDS.min_determinant
         rows = determinant_rows(box, self.points[low]) if low.any() else np.empty((0, box.control_points.size))
         # first-order in the control points about this box, then moved to displacements from the undeformed one
-        target = MIN_DETERMINANT - determinants[low] + rows @ (box.control_points - box.rest).ravel()
+        target = FOLDS.min_determinant - determinants[low] + rows @ (box.control_points - box.rest).ravel()
         return NormalEquations.of_rows(rows, target, self.weight)
 
     def cost(self, box: ControlBox) -> float:
         """The penalty itself."""
-        return self.weight * float((np.maximum(MIN_DETERMINANT - box.jacobian_determinant(self.points), 0) ** 2).sum())
+        return self.weight * float(
+            (np.maximum(FOLDS.min_determinant - box.jacobian_determinant(self.points), 0) ** 2).sum()
+        )
 
     def stronger(self) -> "JacobianPenalty":
         """With more weight."""
-        return replace(self, weight=STRONGER * self.weight)
+        return replace(self, weight=FOLDS.stronger * self.weight)
 
     def check(self, box: ControlBox, surfaces: Mapping[str, Superquadric]) -> tuple[bool, "JacobianPenalty"]:
         """Whether a box is verified not to fold; and the penalty, with more points where only the proof fails."""
-        if self.minimum(box) <= VERIFIABLE:
+        if self.minimum(box) <= FOLDS.verifiable:
             return False, self
         if certified(box, surfaces):
             return True, self
@@ -120,7 +149,7 @@ def remove_folds(
     None where that is not reached with a noise of at most `most`.
     """
     found: S | None = state
-    for _ in range(MOST_ROUNDS):
+    for _ in range(FOLDS.most_rounds):
         if found is None or found.solution.noise > most:
             return None
         verified, penalty = penalty.check(found.box, surfaces)
@@ -132,7 +161,7 @@ def remove_folds(
 
 def accepted_noise(refined: Refined) -> float:
     """The noise above which a fold is kept."""
-    return max(ACCEPTED * refined.noise, NEGLIGIBLE)
+    return max(FOLDS.accepted * refined.noise, FOLDS.negligible)
 
 
 def least_regularised(problem: Problem, refined: Refined, surfaces: dict[str, Superquadric]) -> Refined | None:
@@ -144,8 +173,8 @@ def least_regularised(problem: Problem, refined: Refined, surfaces: dict[str, Su
     """
     unfolded, best = _undeformed(refined), None
     penalty = _penalty(refined, surfaces)
-    decades = int(np.ceil(np.log10(AFFINE / refined.solution.strength)))
-    for strength in np.geomspace(AFFINE, refined.solution.strength, max(decades, 0) + 1):
+    decades = int(np.ceil(np.log10(FOLDS.affine / refined.solution.strength)))
+    for strength in np.geomspace(FOLDS.affine, refined.solution.strength, max(decades, 0) + 1):
         unfolded, above = _lifted(problem, problem.weighted(unfolded), penalty, float(strength))
         if not above or not certified(unfolded.box, surfaces):
             break
@@ -164,7 +193,7 @@ def without_folds(
     """
     penalty = _penalty(refined, surfaces)
     accepted = refined.noise <= most
-    if accepted and penalty.minimum(refined.box) > VERIFIABLE and certified(refined.box, surfaces):
+    if accepted and penalty.minimum(refined.box) > FOLDS.verifiable and certified(refined.box, surfaces):
         yield refined
     for undeformed in (True, False) if refined.self_intersecting else (False, True):
         start = _undeformed(refined) if undeformed else refined
@@ -187,12 +216,12 @@ def _descended(
     one on the way. None without success.
     """
     strength, found = refined.solution.strength, None
-    for factor in np.geomspace(STRONGEST, 1, DESCENT):
+    for factor in np.geomspace(FOLDS.strongest, 1, FOLDS.descent):
         refined, above = _lifted(problem, refined, penalty, factor * strength)
         if above and refined.noise <= most and certified(refined.box, surfaces):
             found = refined
         # the noise at the largest strength is that of a nearly affine map: no certified result need be worse
-        if factor == STRONGEST:
+        if factor == FOLDS.strongest:
             most = min(most, refined.noise)
     return remove_folds(problem, refined, penalty, strength, surfaces, most) or found
 
@@ -205,9 +234,9 @@ def with_nearest_foot_points(
     Foot points move along the surface, and where the surface is folded and unfolded some do not follow, such as on the
     wrong face beside a sharp rim. They distort the surface, and robust weights then treat the points as outliers.
     """
-    for _ in range(RENEWALS):
+    for _ in range(FOLDS.renewals):
         renewed = refined.nearest()
-        if _misfit(renewed) > NOT_NEARER * _misfit(refined):
+        if _misfit(renewed) > FOLDS.not_nearer * _misfit(refined):
             return refined
         if problem.robust:
             datasets = MixtureWeights().weighted(renewed.box, renewed.datasets, refined.noise)
@@ -228,12 +257,12 @@ def _misfit(refined: Refined) -> float:
 
 def _lifted(problem: Problem, refined: Refined, penalty: JacobianPenalty, strength: float) -> tuple[Refined, bool]:
     """The refinement after a few rounds with the penalty at one strength, and whether a proof may succeed."""
-    for _ in range(ROUNDS):
+    for _ in range(FOLDS.rounds):
         after = problem.penalised(refined, penalty, strength)
         if after is None:
             return refined, False
         refined = after
-        if penalty.minimum(refined.box) > VERIFIABLE:
+        if penalty.minimum(refined.box) > FOLDS.verifiable:
             return refined, True
     return refined, False
 
@@ -250,10 +279,10 @@ def certified(box: ControlBox, surfaces: Mapping[str, Superquadric]) -> bool:
 
 def _low_points(box: ControlBox, surfaces: Mapping[str, Superquadric]) -> Array:
     """More points for the penalty: those of finer lattices with a low determinant, and some around the lowest bound."""
-    inside = [lattice_inside(box, list(surfaces.values()), FINE_LATTICE)]
-    fine = np.concatenate([*inside, *(surface.grid(FINE_GRID)[0] for surface in surfaces.values())])
-    low = fine[box.jacobian_determinant(fine) < VERIFIABLE]
-    steps = np.linspace(-1, 1, 5) / FINE_LATTICE
+    inside = [lattice_inside(box, list(surfaces.values()), FOLDS.fine_lattice)]
+    fine = np.concatenate([*inside, *(surface.grid(FOLDS.fine_grid)[0] for surface in surfaces.values())])
+    low = fine[box.jacobian_determinant(fine) < FOLDS.verifiable]
+    steps = np.linspace(-1, 1, 5) / FOLDS.fine_lattice
     # the proof subdivides cells, so its lowest bound lies between lattice points
     cluster = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3) @ box.edges
     return np.concatenate([jacobian_bound(box, surfaces.values()).where + cluster, low])

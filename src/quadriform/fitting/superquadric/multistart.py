@@ -29,38 +29,62 @@ from quadriform.points import Array
 from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.superquadric import Superquadric
 
-CLOUD, FINE, COARSE, COARSE_WIDE = 1500, 500, 160, 320
-"""Points that density is taken from, that the best are compared on, and that all are tried on, narrowly and widely."""
-OWN_STEPS, ANNEALING_STEPS, EM_STEPS, COMPARE_STEPS, CLEAN_STEPS = 4, 8, 6, 8, 16
-"""Steps on the part that a start came from, while sigma is forced down, with sigma free, in comparison, and where all
-points count."""
-GROWTH = 16
-"""From one sample to the next, until all points are in it."""
-KEPT, KEPT_WIDE = 4, 8
-"""Distinct candidates on the larger sample, after the narrow and after the wide search."""
-TOLERANCE = 1e-10
-"""The last descent ends when no parameter moves more than this (lengths in RMS radii)."""
-NEAR = 1e-2
-"""Steps below this need no guard any more."""
-NEARLY = 1e-6
-"""The tolerance on a crease, where derivatives jump and no descent converges."""
-MOST_STEPS = 40
-PATTERN = 0.5
-"""Share of the distances' variance that neighbours must not have in common."""
-ENOUGH_PAIRS = (4 / (1 - PATTERN)) ** 2
+
+@dataclass(frozen=True)
+class Settings:
+    """The constants of the search; lengths in RMS radii."""
+
+    cloud: int = 1500
+    """Points that density is taken from: enough for 9 neighbours to be near."""
+    fine: int = 500
+    """Points that the best candidates are compared on."""
+    coarse: int = 160
+    """Points that all candidates of the narrow search are tried on: a dozen for each parameter."""
+    coarse_wide: int = 320
+    """The same in the wide search, whose parts have only some of them."""
+    own_steps: int = 4
+    """On the part that a start came from: it moves to that part, and no further."""
+    annealing_steps: int = 8
+    """While sigma is forced down, to a tenth of its first value."""
+    em_steps: int = 6
+    """With sigma free, until candidates can be compared."""
+    compare_steps: int = 8
+    """In the comparison on more points."""
+    clean_steps: int = 16
+    """Where all points count, and convergence must reach `exact`."""
+    growth: int = 16
+    """From one sample to the next, until all points are in it."""
+    kept: int = 4
+    """Distinct candidates on the larger sample after the narrow search."""
+    kept_wide: int = 8
+    """The same after the wide search, which finds more."""
+    tolerance: float = 1e-10
+    """The last descent ends when no parameter moves more than this."""
+    near: float = 1e-2
+    """Steps below this need no guard any more."""
+    nearly: float = 1e-6
+    """The tolerance on a crease, where derivatives jump and no descent converges."""
+    most_steps: int = 40
+    """Of one descent, more than convergence takes where there is a minimum."""
+    pattern: float = 0.5
+    """Fraction of the distances' variance that neighbours must not have in common."""
+    pattern_cost: float = 0.1
+    """Log likelihood per point that a pattern in the distances costs a candidate."""
+    exact: float = 1e-6
+    """Noise below this is rounding, of data in single precision too."""
+    clean: float = 0.02
+    """Where the best surface leaves more than this, points are no clean sample: on one a wrong one leaves less."""
+    alternative: float = 0.01
+    """Surfaces whose cost, sigma squared, is within this fraction of the best are alternative minima."""
+    hottest: float = 0.5
+    """Annealing starts no hotter than this fraction of a candidate's size."""
+    same: float = 0.5
+    """Surfaces nearer to each other than this many sigma at the points are one."""
+
+
+SEARCH = Settings()
+ENOUGH_PAIRS = (4 / (1 - SEARCH.pattern)) ** 2
 """With fewer neighbours pure noise has as much in common one time in 30,000 (four sigma), so nothing is concluded."""
-PATTERN_COST = 0.1
-"""Log likelihood per point that a pattern in the distances is held against a candidate."""
-EXACT = 1e-6
-CLEAN = 0.02
-"""With no surface as near as this fraction of the RMS radius, or an accepted one that leaves more, points are no clean
-sample: a wrong surface that is accepted on a clean one leaves less."""
-ALTERNATIVE = 0.01
-"""Surfaces whose cost, sigma squared, is within this fraction of the best are alternative minima."""
-HOTTEST = 0.5
-"""Annealing starts no hotter than this fraction of a candidate's size."""
-SAME = 0.5
-"""Surfaces nearer to each other than this many sigma at the points are one."""
 
 
 @dataclass(frozen=True)
@@ -137,12 +161,14 @@ def em(descent: Descent) -> Mixture:
 
 def solve(problem: Problem) -> Solution:
     """Fit one superquadric to points of which some may be outliers, parts of other things, or missing."""
-    cloud = problem.sample(CLOUD)
+    cloud = problem.sample(SEARCH.cloud)
     parts = dense_parts(cloud.points)
     core = parts[0] > 0
     longest = bound_of_axes(cloud.points[core])
     search = Search(cloud, longest)
-    best = search.compared(search.annealed_starts(parts, search.frames(parts, FRAMES), COARSE), KEPT, None)
+    best = search.compared(
+        search.annealed_starts(parts, search.frames(parts, FRAMES), SEARCH.coarse), SEARCH.kept, None
+    )
     accepted = acceptable(best)
     if problem.kind == "ellipsoid" and not accepted[best_first(best.scores())[0]]:
         best = search.wider(np.concatenate([parts, sides(cloud.points, core)]), best)
@@ -150,13 +176,15 @@ def solve(problem: Problem) -> Solution:
     # accepted candidates first: the likelihood does not see patterns in the distances
     winner = best_first(_ranking(best, accepted))[:1]
     if best.mixture.inlier_ratio[winner[0]] < LARGEST_RATIO:
-        noisy = accepted[winner[0]] and best.mixture.sigma[winner[0]] > CLEAN
+        noisy = accepted[winner[0]] and best.mixture.sigma[winner[0]] > SEARCH.clean
         if not noisy and (clean := search.met_by_all()):
             return _converged(problem, clean, 0, longest)
         problem = _with_density_odds(problem, best.picked(winner), longest)
     if problem.odds.any():
-        contest = problem.sample(CLOUD).descent(*best.picked(distinct(best, _ranking(best, accepted), KEPT)), longest)
-        contest.run(COMPARE_STEPS, NEAR, em)
+        contest = problem.sample(SEARCH.cloud).descent(
+            *best.picked(distinct(best, _ranking(best, accepted), SEARCH.kept)), longest
+        )
+        contest.run(SEARCH.compare_steps, SEARCH.near, em)
         best, accepted = contest, acceptable(contest)
     alternatives = _alternatives(best, _ranking(best, accepted))
     return _converged(problem, best.picked(alternatives), len(alternatives) - 1, longest)
@@ -164,20 +192,20 @@ def solve(problem: Problem) -> Solution:
 
 def nearby(problem: Problem, starts: list[Superquadric]) -> Superquadric:
     """The best of what lies near given starts, on a sample: no search, and no convergence to the last digit."""
-    cloud = problem.sample(FINE)
+    cloud = problem.sample(SEARCH.fine)
     candidates = cloud.with_fixed(Candidates.of(starts))
     longest = bound_of_axes(cloud.points)
-    spread = Mixture(np.full(len(starts), LARGEST_RATIO), np.full(len(starts), HOTTEST))
+    spread = Mixture(np.full(len(starts), LARGEST_RATIO), np.full(len(starts), SEARCH.hottest))
     descent = cloud.descent(candidates, spread, longest)
-    descent.run(ANNEALING_STEPS, 0, lambda d: everyone(d.distances, d.weights))
-    descent.run(MOST_STEPS, NEAR, em)
+    descent.run(SEARCH.annealing_steps, 0, lambda d: everyone(d.distances, d.weights))
+    descent.run(SEARCH.most_steps, SEARCH.near, em)
     return descent.candidates.superquadric(int(best_first(descent.scores())[0]))
 
 
 def _with_density_odds(problem: Problem, winner: tuple[Candidates, Mixture], longest: float) -> Problem:
     """The problem with the odds that crowding gives, when the best candidate leaves outliers."""
     inliers = problem.descent(*winner, longest).inliers[0]
-    return replace(problem, odds=density_odds(reach(problem.points, problem.sample(CLOUD).points), inliers))
+    return replace(problem, odds=density_odds(reach(problem.points, problem.sample(SEARCH.cloud).points), inliers))
 
 
 def bound_of_axes(points: Array) -> float:
@@ -196,11 +224,11 @@ class Search:
 
     def wider(self, parts: Array, earlier: Descent) -> Descent:
         """A search from many parts, another from the inliers of its best in their own frames, and the comparison."""
-        first = self.annealed_starts(parts, self.frames(parts, FRAMES[::3]), COARSE_WIDE)
-        winners, mixture = first.picked(distinct(first, first.scores(), KEPT_WIDE))
+        first = self.annealed_starts(parts, self.frames(parts, FRAMES[::3]), SEARCH.coarse_wide)
+        winners, mixture = first.picked(distinct(first, first.scores(), SEARCH.kept_wide))
         inliers = self.cloud.descent(winners, mixture, self.longest).inliers
-        second = self.annealed_starts(inliers, winners.rotations[:, None] @ FRAMES, COARSE_WIDE)
-        return self.compared(second, KEPT_WIDE, earlier)
+        second = self.annealed_starts(inliers, winners.rotations[:, None] @ FRAMES, SEARCH.coarse_wide)
+        return self.compared(second, SEARCH.kept_wide, earlier)
 
     def met_by_all(self) -> tuple[Candidates, Mixture] | None:
         """An ellipsoid that meets every point of a sample exactly, if one is found.
@@ -210,17 +238,17 @@ class Search:
         """
         if self.cloud.kind != "ellipsoid":
             return None
-        subset = self.cloud.sample(COARSE)
+        subset = self.cloud.sample(SEARCH.coarse)
         frames = self.frames(np.ones((1, len(self.cloud.points))), FRAMES)
         for _ in range(3):
             starts = subset.with_fixed(ellipsoids(subset.points, np.tile(subset.weights, (len(frames), 1)), frames))
-            spread = Mixture(np.full(len(starts), LARGEST_RATIO), np.full(len(starts), HOTTEST))
+            spread = Mixture(np.full(len(starts), LARGEST_RATIO), np.full(len(starts), SEARCH.hottest))
             descent = subset.descent(starts, spread, self.longest)
-            descent.run(CLEAN_STEPS, 0, lambda d: everyone(d.distances, d.weights))
-            best = distinct(descent, -descent.mixture.sigma, KEPT_WIDE)
-            if descent.mixture.sigma[best[0]] < EXACT:
+            descent.run(SEARCH.clean_steps, 0, lambda d: everyone(d.distances, d.weights))
+            best = distinct(descent, -descent.mixture.sigma, SEARCH.kept_wide)
+            if descent.mixture.sigma[best[0]] < SEARCH.exact:
                 return descent.picked(best[:1])
-            if descent.mixture.sigma[best[0]] > CLEAN:
+            if descent.mixture.sigma[best[0]] > SEARCH.clean:
                 break
             frames = descent.candidates.rotations[best, None] @ FRAMES
         return None
@@ -239,15 +267,15 @@ class Search:
         # points of other parts keep a small weight, so that every problem has full rank
         own = np.repeat(np.maximum(parts[:, index], 1e-6) * subset.weights, -(-len(starts) // len(parts)), axis=0)
         sizes = np.sqrt(np.exp(2 * starts.log_axes).mean(axis=1))  # RMS radius of the part
-        spread = Mixture(np.full(len(starts), LARGEST_RATIO), HOTTEST * sizes)
+        spread = Mixture(np.full(len(starts), LARGEST_RATIO), SEARCH.hottest * sizes)
         descent = Descent(
             starts, subset.points, own[: len(starts)], spread, self.longest, subset.fixed_mask, subset.odds
         )
-        descent.run(OWN_STEPS, 0, lambda d: everyone(d.distances, d.weights))
-        hot = Mixture(descent.mixture.inlier_ratio, np.minimum(descent.mixture.sigma, HOTTEST * sizes))
+        descent.run(SEARCH.own_steps, 0, lambda d: everyone(d.distances, d.weights))
+        hot = Mixture(descent.mixture.inlier_ratio, np.minimum(descent.mixture.sigma, SEARCH.hottest * sizes))
         descent = subset.descent(descent.candidates, hot, self.longest)
-        descent.run(ANNEALING_STEPS, 0, lambda d: annealed(d.mixture, sizes))
-        descent.run(EM_STEPS, 1e-4, em)
+        descent.run(SEARCH.annealing_steps, 0, lambda d: annealed(d.mixture, sizes))
+        descent.run(SEARCH.em_steps, 1e-4, em)
         return descent
 
     def _starts(self, parts: Array, rotations: Array) -> Candidates:
@@ -267,8 +295,8 @@ class Search:
         candidates, mixture = descent.picked(distinct(descent, descent.scores(), kept))
         if earlier is not None:
             candidates, mixture = (candidates.joined(earlier.candidates), mixture.joined(earlier.mixture))
-        descent = self.cloud.sample(FINE).descent(candidates, mixture, self.longest)
-        descent.run(COMPARE_STEPS, 1e-4, em)
+        descent = self.cloud.sample(SEARCH.fine).descent(candidates, mixture, self.longest)
+        descent.run(SEARCH.compare_steps, 1e-4, em)
         return descent
 
 
@@ -276,7 +304,7 @@ def distinct(descent: Descent, ranking: Array, most: int) -> NDArray[np.int64]:
     """The best candidates, at most `most`, no two of them the same surface at the points."""
     chosen: list[int] = []
     for index in best_first(ranking):
-        sigma = SAME * descent.mixture.sigma[index]
+        sigma = SEARCH.same * descent.mixture.sigma[index]
         weight = descent.inliers[index]
         # two candidates are the same surface when their distances agree at the inliers
         differences = descent.distances[chosen] - descent.distances[index]
@@ -297,35 +325,37 @@ def acceptable(descent: Descent) -> NDArray[np.bool_]:
     pair = descent.inliers * descent.inliers[:, neighbour] * descent.weights
     own, other = descent.distances, descent.distances[:, neighbour]
     difference, both = ((pair * (own - other) ** 2).sum(axis=1), (pair * (own**2 + other**2)).sum(axis=1))
-    white = (pair.sum(axis=1) > ENOUGH_PAIRS) & (difference > PATTERN * both)
-    return (descent.mixture.inlier_ratio >= 0.5) & (white | (descent.mixture.sigma < EXACT))
+    white = (pair.sum(axis=1) > ENOUGH_PAIRS) & (difference > SEARCH.pattern * both)
+    return (descent.mixture.inlier_ratio >= 0.5) & (white | (descent.mixture.sigma < SEARCH.exact))
 
 
 def _ranking(descent: Descent, accepted: NDArray[np.bool_]) -> Array:
     """Scores (M,), with an advantage for candidates that convince: the likelihood does not see patterns."""
-    return descent.scores() + PATTERN_COST * descent.weights.sum() * accepted
+    return descent.scores() + SEARCH.pattern_cost * descent.weights.sum() * accepted
 
 
 def _alternatives(descent: Descent, ranking: Array) -> NDArray[np.int64]:
-    """The best candidate and those within `ALTERNATIVE` of its cost."""
-    index = distinct(descent, ranking, KEPT_WIDE)
-    margin = ALTERNATIVE / 2 * descent.inliers[index[0]].sum()
+    """The best candidate and those within `alternative` of its cost."""
+    index = distinct(descent, ranking, SEARCH.kept_wide)
+    margin = SEARCH.alternative / 2 * descent.inliers[index[0]].sum()
     return index[ranking[index] >= ranking[index[0]] - margin]
 
 
 def _converged(problem: Problem, start: tuple[Candidates, Mixture], alternatives: int, longest: float) -> Solution:
     """Larger and larger samples, then all points; alternatives are compared up to the last."""
     candidates, mixture = start
-    size = FINE * GROWTH
+    size = SEARCH.fine * SEARCH.growth
     while size * 2 < len(problem.points):
         descent = problem.sample(size).descent(candidates, mixture, longest)
         descent.run(15, 1e-6, em)
         candidates, mixture = _winner(descent)
-        size *= GROWTH
+        size *= SEARCH.growth
     descent = problem.descent(candidates, mixture, longest)
-    descent.run(MOST_STEPS, NEAR, em)
+    descent.run(SEARCH.most_steps, SEARCH.near, em)
     descent = descent if len(candidates) == 1 else problem.descent(*_winner(descent), longest)
-    converged = descent.converge(MOST_STEPS, TOLERANCE, em) or descent.run(MOST_STEPS, NEARLY, em)
+    converged = descent.converge(SEARCH.most_steps, SEARCH.tolerance, em) or descent.run(
+        SEARCH.most_steps, SEARCH.nearly, em
+    )
     return Solution(descent, converged, alternatives)
 
 
