@@ -165,7 +165,7 @@ def _position(each: str | int, names: Sequence[str] | None, width: int, what: st
 
 
 def _parsed(name: str) -> _Name:
-    """What a name stands for; the role is empty where it is none of ours."""
+    """The role of a column by its name, and its unit; the role is empty where the name has none."""
     text = normalize("NFKC", name).strip().strip("\"'").strip().lower()
     unit: str | None = None
     if found := BRACKETS.fullmatch(text):

@@ -46,7 +46,7 @@ class PointSet:
 
 
 def point_set(given: Any, what: str = "points", columns: Chosen = None) -> PointSet:
-    """Return points with what is known of them.
+    """The points, with their normals, unit and number type where these are known.
 
     Args:
         given: (n, 3); or a structured array, or a data frame, whose columns have names; or (n, k) with `columns`; or a
@@ -88,7 +88,7 @@ def check_width(array: NDArray[Any], what: str) -> None:
 
 
 def naming_hint(array: NDArray[Any]) -> str:
-    """What an error says of columns (n, k) without names: how to name them, and what they look like."""
+    """A hint for columns (n, k) without names: how to name them, and what they look like."""
     how, looks = "x,y,z,...", ""
     if array.shape[1] >= 6 and _are_unit(array[:, -3:]):
         before = ",".join(["x", "y", "z"] + ["_"] * (array.shape[1] - 6))

@@ -186,7 +186,7 @@ def check_spread(points: Array, needed: int) -> None:
 
 
 def _precision_hint(points: Array) -> str:
-    """What a message adds where single precision so far from the origin may have made the points flat."""
+    """A hint for a message where single precision far from the origin may have made the points flat."""
     single, largest = points.astype(np.float32), float(np.abs(points).max())
     step = float(np.spacing(np.float32(largest)))
     if not (single == points).all() or step < COARSE * float(np.ptp(points, axis=0).max()):

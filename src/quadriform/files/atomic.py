@@ -79,7 +79,7 @@ def check_folder(folder: PathLike, names: Sequence[str] = ()) -> None:
 
 
 def make_folder(folder: PathLike) -> Path:
-    """Make `folder` with its parents where missing, and return it.
+    """The path of `folder`, made with its parents where missing.
 
     Raises:
         OutputError: it cannot be made.
@@ -106,10 +106,9 @@ def write_bytes(path: PathLike, data: bytes, force: bool = False) -> None:
 
 
 def create_bytes(path: PathLike, data: bytes) -> bool:
-    """Write `data` to a new file, all or nothing; of several processes that try at once one does.
+    """Whether this process wrote `data` to a new file, all or nothing; of several that try at once one does.
 
-    Returns:
-        Whether it was this one. A file that exists already is left as it is.
+    A file that exists already is left as it is.
 
     Raises:
         OutputError: it cannot be written.
@@ -185,5 +184,5 @@ def sync_folder(folder: Path) -> None:
 
 
 def reason(error: Exception) -> str:
-    """What the system says of an error."""
+    """The explanation of an error by the system."""
     return error.strerror if isinstance(error, OSError) and error.strerror else str(error)

@@ -160,7 +160,7 @@ def _uneven_rows(element: _Element, body: bytes, at: int, order: str, where: str
 def _lengths_of_row(
     element: _Element, body: bytes, at: int, order: str, where: str
 ) -> tuple[list[int], list[int], int]:
-    """How many numbers each property of the row at a byte has, where they begin, and where the row ends."""
+    """The count of numbers of each property of the row at a byte, where they begin, and where the row ends."""
     lengths, starts = [], []
     for each in element.properties:
         length = 1

@@ -26,7 +26,7 @@ POINT_SUFFIXES = (*TABLE_SUFFIXES, ".npy", ".npz")
 
 
 def read_points(path: str | os.PathLike[str], columns: Chosen = None) -> Array:
-    """Read points (n, 3), in the unit and frame of the file.
+    """The points (n, 3) of a file, in its unit and frame.
 
     Text (.xyz .csv .txt) is a table with three columns, or whose columns have names; an array (.npy .npz) has three
     columns or fields named x, y and z; a .npz holds one array, or one named `points`; a mesh (.ply .stl .obj .vtp
@@ -39,8 +39,8 @@ def read_points(path: str | os.PathLike[str], columns: Chosen = None) -> Array:
 
     Raises:
         InputError: the file is missing or cannot be read.
-        ColumnsError: columns of which nobody knows which are x, y and z.
-        OptionError: columns that are not there.
+        ColumnsError: it is not known which columns are x, y and z.
+        OptionError: columns that the file does not have.
         FileFormatError: it is not what its name says, or damaged; text with the line number.
         FileLimitError: it is, or promises to be, beyond the budget.
         PointsError: no points, wrong shape, or not finite values.
@@ -49,7 +49,7 @@ def read_points(path: str | os.PathLike[str], columns: Chosen = None) -> Array:
 
 
 def read_point_set(path: str | os.PathLike[str], columns: Chosen = None) -> PointSet:
-    """Read points, with the unit, the normals and the type of the numbers where the file has them.
+    """The points of a file, with the unit, the normals and the type of the numbers where it has them.
 
     Arguments and errors are those of `read_points`.
     """
@@ -69,8 +69,8 @@ def read_point_set(path: str | os.PathLike[str], columns: Chosen = None) -> Poin
 def write_points(points: ArrayLike, path: str | os.PathLike[str], force: bool = False) -> None:
     """Write points (n, 3) as .xyz or .txt (blanks), .csv (with the header x,y,z,rows), .npy or .npz, all or nothing.
 
-    Text has the fewest digits that give back the very same float64. It says how many points it has, which `read_points`
-    holds it to: a .xyz or .txt in its first line, `# points: 40`, a .csv in each row, as spreadsheets know no comments.
+    Text has the fewest digits that give back exactly the same float64. It contains the number of points, which
+    `read_points` checks: a .xyz or .txt in its first line, `# points: 40`, a .csv in each row.
 
     Raises:
         PointsError: not (n, 3), or not finite.

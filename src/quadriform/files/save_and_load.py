@@ -55,7 +55,7 @@ def save(model_or_mesh: DeformableModel | MovingModel | Mesh, path: PathLike, fo
 
 
 def content_of(path: PathLike) -> Literal["model", "mesh", "points"] | None:
-    """Return what a file holds, for every entry point; None for other files.
+    """The kind of content of a file, for every entry point; None for other files.
 
     The suffix names the format, whatever its case; readers compare the content with it. Only a .npz is opened here,
     as it may contain a model or points.

@@ -192,7 +192,7 @@ def _may_name_another_order(comment: str) -> bool:
 
 
 def _looks(text: _Text, body: list[tuple[int, str]], width: int) -> str:
-    """How to name columns, and what they look like; nothing about words among the numbers."""
+    """A hint how to name columns by what they look like; nothing about words among the numbers."""
     rows = [text.split(row) for row in body]
     numbers = [[_to_number(field) for field in row] for row in rows if len(row) == width]
     every = np.array([[math.nan if each is None else each for each in row] for row in numbers]).reshape(-1, width)

@@ -65,7 +65,7 @@ def fit(
     unit: str | None = None,
     space: str = "unknown",
 ) -> Fit:
-    """Fit a superquadric, and refine it by a free-form deformation.
+    """The fit of a superquadric to points, refined by a free-form deformation.
 
     `quadriform.fit` describes the options; here `points` are arrays or meshes in memory. More than 50,000 points
     are fitted to a sample first, then to all of them, a part at a time.
@@ -118,7 +118,7 @@ def refine(
     weights: Weights = None,
     progress: Progress | None = None,
 ) -> Fit:
-    """Refine given superquadric(s).
+    """The fit that refines given superquadric(s) by a free-form deformation.
 
     Args:
         superquadric: where to start from; a mapping when `points` is one, with the same names.

@@ -134,7 +134,7 @@ def track(
     robust: bool = True,
     progress: Progress | None = None,
 ) -> Track:
-    """Fit a moving model to the points of two or more frames.
+    """The moving model that fits the points of two or more frames.
 
     Args:
         frames: for each (n, 3) points or a mesh, or several by name, as in `fit`, the same names in all.

@@ -66,7 +66,7 @@ class CandidateIndex:
 
     @property
     def _slack(self) -> Array:
-        """How much farther a vertex may be, (n,).
+        """The distance (n,) by which a vertex may be farther than the nearest one.
 
         Where its cell holds the nearest point, at distance d, its squared distance is at most
         d^2 + cell^2 + d slack; to second order with the curvature, to first order at most.

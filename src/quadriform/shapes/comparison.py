@@ -166,9 +166,9 @@ def is_closed(mesh: Mesh) -> bool:
 
 
 def parameter_difference(a: DeformableModel, b: DeformableModel) -> ParameterDifference | None:
-    """How the numbers of two models differ; None where the shapes of their boxes or the kinds of surface do.
+    """The differences of the parameters of two models; None where the shapes of their boxes or the kinds differ.
 
-    Neither control points nor superquadrics are unique: much the same surface can have quite different numbers.
+    Neither control points nor superquadrics are unique: nearly the same surface can have quite different parameters.
 
     Args:
         a: a model.

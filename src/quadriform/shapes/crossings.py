@@ -107,7 +107,7 @@ def _pairs(code: Index, owner: Index) -> tuple[Index, Index]:
 
 
 def _overlapping(low: Array, high: Array, a: Index, b: Index) -> tuple[Index, Index]:
-    """Those of the pairs whose boxes overlap; axis by axis, for most are separate along the first."""
+    """The pairs whose boxes overlap; axis by axis, for most are separate along the first."""
     for lowest, highest in zip(low.T.copy(), high.T.copy()):
         met = (lowest[a] <= highest[b]) & (lowest[b] <= highest[a])
         a, b = a[met], b[met]
@@ -124,7 +124,7 @@ def _neighbours(faces: Index, a: Index, b: Index) -> NDArray[np.bool_]:
 
 
 def _pierced(edges_of: Array, triangles: Array) -> Array:
-    """Where edges of triangles (k, 3, 3) pass through their partners (k, 3, 3)."""
+    """Points where edges of triangles (k, 3, 3) pass through their partners (k, 3, 3)."""
     corner = triangles[:, 0]
     u, v = triangles[:, 1] - corner, triangles[:, 2] - corner
     normal = np.cross(u, v)

@@ -100,7 +100,7 @@ class Kind:
 
     @property
     def n_parameters(self) -> int:
-        """How many numbers a surface is: 11, and a hole radius where it has one."""
+        """The number of parameters of a surface: 11, and a hole radius where it has one."""
         return 12 if self.has_hole else 11
 
     @property
@@ -251,7 +251,7 @@ def _two_sheets(kind: Kind, resolution: int, e: Array, hole: float, cut: float) 
 
 
 def _reach(kind: Kind, disc: Array, e: Array, cut: float) -> Array:
-    """How far each ray of the (y, z) plane goes before the surface is at the cut, by bisection."""
+    """Length of each ray of the (y, z) plane up to where the surface is at the cut, by bisection."""
     ray = disc / np.maximum(np.linalg.norm(disc, axis=1), TINY)[:, None]
     low, high = np.zeros(len(ray)), np.full(len(ray), 2 * cut)
     for _ in range(60):

@@ -169,7 +169,7 @@ class Recorded:
 
     @property
     def status(self) -> str:
-        """How far the fit can be trusted: "ok", "warned", "unreliable", or "unknown"."""
+        """The reliability of the fit: "ok", "warned", "unreliable", or "unknown"."""
         return self.record.status
 
     @property

@@ -202,7 +202,7 @@ class _Search:
         return -np.stack([(undeformed * self.to_world(by)).sum(axis=1) for by in by_parameters], axis=1)
 
     def scanned(self, start: Array, beside: NDArray[np.bool_]) -> Array:
-        """Where to begin: the best of the start and of a few logarithms of the coordinates that are beside planes."""
+        """The best t and u among the start and a few logarithms of the coordinates that are beside planes."""
         best, every = start.copy(), np.arange(len(start))
         value = self.value(every, best)
         # t runs along x and y, u along z: only the logarithms of coordinates beside a plane are scanned.

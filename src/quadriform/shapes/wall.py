@@ -104,7 +104,7 @@ def wall_mesh(
 
 
 def _opposite(model: DeformableModel, inner: str, outer: str, start: Array) -> Array:
-    """Where the rays from the inner centre through its surface points (n, 3) leave the outer surface."""
+    """Points (n, 3) where the rays from the inner centre through its surface points leave the outer surface."""
     small, large = model.superquadric(inner), model.superquadric(outer)
     for name, surface in ((inner, small), (outer, large)):
         if surface.kind != "ellipsoid":

@@ -49,7 +49,7 @@ def fit_superquadric(
     weights: ArrayLike | None = None,
     fixed: Mapping[str, ArrayLike] | None = None,
 ) -> SuperquadricFit:
-    """Fit a superquadric to points around it.
+    """The superquadric that fits points around it.
 
     Args:
         points: (n, 3), in any unit and frame; at least 11 distinct ones (12 for the toroid), not on one plane. Or a
