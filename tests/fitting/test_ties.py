@@ -87,7 +87,12 @@ def test_rounding_does_not_choose_the_sides_of_a_lattice():
     np.testing.assert_array_equal(again, sides(points, core))
 
 
-VOXELS = {"a ball": (SIDE**2).sum(axis=-1) <= 49.5, "a prism": BODIES["square prism"]}
+VOXELS = {
+    "a ball": (SIDE**2).sum(axis=-1) <= 49.5,
+    "a prism": BODIES["square prism"],
+    "a cube of six": ((SIDE >= -2) & (SIDE <= 3)).all(axis=-1),
+    "a cube of ten": ((SIDE >= -4) & (SIDE <= 5)).all(axis=-1),
+}
 
 
 @pytest.mark.slow

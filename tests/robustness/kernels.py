@@ -39,6 +39,7 @@ TESTS = (
     "properties/test_costs.py",
     "robustness/test_bad_inputs.py",
     "shapes/test_certificate.py",
+    "shapes/test_closest.py",
     "shapes/test_control_box.py",
     "shapes/test_splines.py",
 )
@@ -75,6 +76,9 @@ def clouds() -> dict[str, Callable[[], np.ndarray]]:
         "edges": lambda: made(exponents=(0.1, 0.1)).surface(sphere),
         "planes without noise": lambda: np.vstack([sphere * [1, 1, 0] + [0, 0, z] for z in (-0.2, 0.2)]),
         "cube of voxels": lambda: grid[np.abs(grid).max(axis=1) == 4],
+        "cube of six voxels": lambda: grid[np.abs(grid - 0.5).max(axis=1) == 2.5],
+        "cube of ten voxels": lambda: grid[np.abs(grid - 0.5).max(axis=1) == 4.5],
+        "prism of voxels": lambda: grid[(np.abs(grid - 0.5) / [2.5, 2.5, 1.5]).max(axis=1) == 1],
         "ball of voxels": lambda: grid[np.abs(np.linalg.norm(grid, axis=1) - 6.6) < 0.4],
     }
 

@@ -275,3 +275,16 @@ def test_rounding_chooses_no_side_of_an_edge(exponents, rng):
         np.testing.assert_allclose(normals, wanted @ rotation.T, atol=1e-9)
         gradient = placed.gradient(points)
         np.testing.assert_allclose(gradient, plain.gradient(grid) @ rotation.T, atol=1e-9)
+
+
+@pytest.mark.parametrize("exponents", [(0.1, 0.1), (0.01, 1.9996), (2.0, 2.0)])
+@pytest.mark.parametrize("seed", range(3))
+def test_rounding_does_not_choose_between_faces_that_are_equally_near(exponents, seed):
+    """Old bug: of points on a plane of symmetry, such as voxels on edges, each kernel of BLAS led some elsewhere."""
+    surface = Superquadric(semi_axes=(1.0, 1.0, 1.0), exponents=exponents, rotation=turned(seed))
+    box = ControlBox.around(surface)
+    signs = np.array(list(product((-1, 0, 1), repeat=3)))[:, None]
+    targets = (signs * np.array([0.5, 0.55])[:, None]).reshape(-1, 3) @ surface.rotation.T
+    rounding = 1e-15 * np.random.default_rng(seed).normal(size=targets.shape)
+    one, other = closest_on(surface, box, targets), closest_on(surface, box, targets + rounding)
+    np.testing.assert_allclose(one.points, other.points, atol=1e-6)

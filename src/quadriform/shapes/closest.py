@@ -21,6 +21,10 @@ from quadriform.words import short_repr
 MAX_STEPS = 60
 SHALLOW = 0.3
 """Below this curvature of the squared distance (1 on a plane) a second minimum may be hidden within a cell."""
+EQUAL, SAME_POINT = 1e-10, 1e-6
+"""Distances are equal, and points are the same, but for rounding: below these shares of the box's diagonal."""
+ASYMMETRIC = np.array([1.0, 0.618, 0.271])
+"""A direction that no symmetry of a superquadric leaves unchanged."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -53,7 +57,7 @@ def closest_on(superquadric: Superquadric, box: ControlBox, targets: Array) -> F
     owner, vertex = candidates.starts(targets)
     found = _converge(superquadric, box, targets[owner], candidates.origins[vertex])
     owners, origins = [owner], [found.origins]
-    best = _nearest(owner, targets[owner], found.points)
+    best = _nearest(superquadric, box, owner, targets[owner], found.points)
     # Near a focal point the distance is flat, and a second minimum may lie within the same cell.
     flat = best[found.least[best] < SHALLOW]
     if len(flat):
@@ -68,7 +72,7 @@ def closest_on(superquadric: Superquadric, box: ControlBox, targets: Array) -> F
         origins.append(beside)
     every_owner, every_origin = np.concatenate(owners), np.concatenate(origins)
     points = box.deform(every_origin)
-    best = _nearest(every_owner, targets[every_owner], points)
+    best = _nearest(superquadric, box, every_owner, targets[every_owner], points)
     return _foot_points(superquadric, box, targets, every_origin[best], points[best])
 
 
@@ -117,10 +121,26 @@ def _diagonal(box: ControlBox) -> float:
     return float(np.linalg.norm(box.edges))
 
 
-def _nearest(owner: Index, targets: Array, points: Array) -> Index:
-    """Index of the nearest point for each owner, in the owners' order; the first of equals."""
-    order = np.lexsort((np.linalg.norm(targets - points, axis=1), owner))
+def _nearest(superquadric: Superquadric, box: ControlBox, owner: Index, targets: Array, points: Array) -> Index:
+    """Index of the nearest point for each owner, in the owners' order.
+
+    A target on a plane of symmetry, such as a voxel on the edge of a cube, has two or more nearest points. Rounding
+    does not choose among these: the one farthest along a direction of the superquadric's frame is taken.
+    """
+    distance, along = np.linalg.norm(targets - points, axis=1), points @ (superquadric.rotation @ ASYMMETRIC)
+    tied = distance <= _extreme(np.minimum, owner, distance) + EQUAL * _diagonal(box)
+    along = np.where(tied, along, -np.inf)
+    same = along >= _extreme(np.maximum, owner, along) - SAME_POINT * _diagonal(box)
+    order = np.lexsort((np.where(same, distance, np.inf), owner))
     return np.asarray(order[np.unique(owner[order], return_index=True)[1]], dtype=np.int64)
+
+
+def _extreme(least_or_most: np.ufunc, owner: Index, values: Array) -> Array:
+    """The least or the largest of the values (n,) of each one's owner, (n,)."""
+    found = np.empty(owner.max(initial=-1) + 1)
+    found[owner] = values
+    least_or_most.at(found, owner, values)
+    return np.asarray(found[owner])
 
 
 def _foot_points(

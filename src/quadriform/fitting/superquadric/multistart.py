@@ -10,10 +10,10 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from quadriform.fitting.cloud import best_first, canonical_axes, canonical_order
 from quadriform.fitting.mixture import LARGEST_RATIO, Mixture, annealed, density_odds, estimated, everyone
+from quadriform.fitting.neighbourhood import nearest
 from quadriform.fitting.superquadric.batch import Candidates
 from quadriform.fitting.superquadric.initial import (
     FRAMES,
@@ -321,9 +321,11 @@ def acceptable(descent: Descent) -> NDArray[np.bool_]:
     Distances of neighbours are compared by von Neumann's ratio: one for noise, less where the surface is not that of
     the points. Edges seen through strong noise alone give about 0.6.
     """
-    neighbour = cKDTree(descent.points).query(descent.points, 2)[1][:, 1]
-    pair = descent.inliers * descent.inliers[:, neighbour] * descent.weights
-    own, other = descent.distances, descent.distances[:, neighbour]
+    near, counts = nearest(descent.points, descent.points, 2)
+    point, rank = counts[:, 1:].nonzero()  # on a lattice several neighbours are at the same distance
+    neighbour, weights = near[point, rank + 1], descent.weights / counts[:, 1:].sum(axis=1)
+    pair = descent.inliers[:, point] * descent.inliers[:, neighbour] * weights[point]
+    own, other = descent.distances[:, point], descent.distances[:, neighbour]
     difference, both = ((pair * (own - other) ** 2).sum(axis=1), (pair * (own**2 + other**2)).sum(axis=1))
     white = (pair.sum(axis=1) > ENOUGH_PAIRS) & (difference > SEARCH.pattern * both)
     return (descent.mixture.inlier_ratio >= 0.5) & (white | (descent.mixture.sigma < SEARCH.exact))
