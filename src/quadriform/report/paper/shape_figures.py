@@ -68,8 +68,8 @@ def parametrisations(_: Material) -> Remake:
         f"{name}, {len(points)} points": drawing.in_space(window, name, drawing.cloud(points, size=5))
         for name, points in samples.items()
     }
-    far = [_largest_distance(points) for points in samples.values()]
-    curved, area = [_curved(points) for points in samples.values()], _curved_area()
+    far, curved = ([of(points) for points in samples.values()] for of in (_largest_distance, _curved))
+    area = _curved_area()
     words = "A rounded box, 100 mm long, on the closed grid of latitude and longitude, and on our grid."
     return Remake(
         "Fig. 2",
