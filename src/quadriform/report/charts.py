@@ -35,7 +35,7 @@ def histogram(residuals: Mapping[str, Array], unit: str, voxel: float | None) ->
     """Signed distances of the data points, surface by surface, with half a voxel to either side where there is one."""
     axes = _axes(6, 2.6, xlabel=f"signed distance to the model, {unit} (negative: inside)", ylabel="points")
     most = float(np.percentile(np.abs(np.concatenate(list(residuals.values()))), 99.5)) or 1.0
-    bins = np.linspace(-most, most, 41)
+    bins = np.linspace(-most, most, 41)  # outliers are clipped into the outermost bins
     for colour, (name, values) in zip(COLOURS, residuals.items()):
         axes.hist(
             np.clip(values, -most, most), bins.tolist(), histtype="stepfilled", alpha=0.55, color=colour, label=name
@@ -53,6 +53,7 @@ def convergence(history: Sequence[Iteration], unit: str) -> Markup:
     numbers = np.arange(1, len(history) + 1)
     for colour, key in zip(COLOURS, ("error", "surface_motion", "box_displacement")):
         values = np.array([getattr(one, key) for one in history])
+        # a step of zero length has no logarithm
         axes.plot(numbers, np.maximum(values, 1e-12), color=colour, label=key.replace("_", " "))
     axes.legend(frameon=False, fontsize=8)
     return _drawn(axes, "Error, surface motion and box displacement over the iterations")
@@ -88,6 +89,7 @@ def bullseye(values: Mapping[int, float], quantity: str, unit: str) -> Markup:
             axes.bar(left, 1, width, inner, align="edge", edgecolor=edge, color=tone)
             if np.isfinite(fraction):
                 at = (left + width / 2, inner + 0.5) if count > 1 else (0.0, 0.0)
+                # the colour map is dark below, so that the text must be white there
                 ink = "#fff" if fraction < 0.55 else "#000"
                 axes.text(*at, f"{value:.3g}", ha="center", va="center", fontsize=8, color=ink)
     axes.set_axis_off()

@@ -38,6 +38,7 @@ def _nearby(model: DeformableModel, name: str, cloud: Array, residuals: Array) -
     if not len(cloud):
         return np.full(len(points), np.nan)
     count = min(NEIGHBOURS, len(cloud))
+    # k as a list: for one neighbour the tree would return (n,) instead of (n, 1)
     distances, index = cKDTree(cloud).query(points, k=np.arange(1, count + 1))
     cell = np.sqrt(model.area(name) / len(points))
     return np.where(distances[:, 0] < FAR * cell, residuals[index].mean(axis=1), np.nan)

@@ -43,7 +43,7 @@ def slices_png(
 
     outlines = {name: Mesh(_to_voxels(mesh.vertices, world_from_voxel), mesh.faces) for name, mesh in meshes.items()}
     steps = voxel_spacing(world_from_voxel)
-    rows = -(-count // columns)
+    rows = -(-count // columns)  # rounded up
     figure = Figure(figsize=(11, 0.6 + 2.9 * rows * values.shape[1] * steps[1] / (values.shape[0] * steps[0])))
     figure.suptitle(title, fontsize=10)
     window = _window(values)
@@ -101,6 +101,7 @@ def slice_pictures(
 def _draw_grey(axes: Any, values: Array, window: tuple[float, float], aspect: float) -> None:
     low, high = window
     grey = np.clip((values - low) / (high - low), 0, 1) ** GAMMA
+    # transposed: images have rows first, voxels i first; the aspect is that of a voxel
     axes.imshow(grey.T, cmap="gray", origin="lower", aspect=aspect, vmin=0, vmax=1)
     axes.set_axis_off()
     axes.set(xticks=[], yticks=[])  # what is not shown would still be laid out
@@ -127,6 +128,7 @@ def planes_section(volume: Volume, meshes: Mapping[str, Mesh], title: str) -> Se
 
 
 def _to_voxels(points_world: Array, world_from_voxel: Array) -> Array:
+    # solved rather than inverted: the same result on every BLAS kernel to the last digits
     offset = points_world - world_from_voxel[:3, 3]
     return np.asarray(np.linalg.solve(world_from_voxel[:3, :3], offset.T).T, dtype=np.float64)
 
@@ -138,6 +140,7 @@ def _uneven(values: Array) -> Array:
 
 
 def _levels(heights: Array, size: int, count: int) -> list[int]:
+    # whole slices that the surface reaches; a set, for few slices give the same number twice
     low, high = max(0, int(np.ceil(heights.min()))), min(size - 1, int(np.floor(heights.max())))
     return sorted({int(k) for k in np.linspace(low, high, count).round()})
 

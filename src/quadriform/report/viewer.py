@@ -89,6 +89,7 @@ def payload(model: DeformableModel | MovingModel, scene: Scene) -> dict[str, Any
     box = model.rest if isinstance(model, MovingModel) else model.box
     centre, reach = _extent(model)
     scale, volume_unit = LITRES.get(model.unit, (1.0, "units^3"))
+    # 16 bits from the centre to the farthest point: steps of a 32767th of it, far below the noise of any data
     quantum = _reach(control, centre, scene) / 32767
     residual_quantum = _largest(scene.residuals) / 32767
     return {
@@ -118,7 +119,7 @@ def _surfaces(model: DeformableModel | MovingModel) -> list[dict[str, Any]]:
     volumes = {name: float(np.prod(surface.semi_axes)) for name, surface in model.surfaces.items()}
     result = []
     for k, (name, surface) in enumerate(model.surfaces.items()):
-        outer = several and volumes[name] == max(volumes.values())
+        outer = several and volumes[name] == max(volumes.values())  # the product of semi-axes orders them well enough
         result.append(
             {
                 "name": name,
@@ -166,7 +167,7 @@ def _largest(residuals: Mapping[str, Sequence[Array]]) -> float:
 
 def _points(scene: Scene, centre: Array, quantum: float, residual_quantum: float) -> dict[str, list[dict[str, str]]]:
     clouds = [cloud for frames in scene.points.values() for cloud in frames]
-    every = max(1, -(-sum(map(len, clouds)) // MOST_POINTS))
+    every = max(1, -(-sum(map(len, clouds)) // MOST_POINTS))  # rounded up: at most MOST_POINTS are left
     result = {}
     for name, frames in scene.points.items():
         residuals = scene.residuals.get(name, [np.zeros(len(cloud)) for cloud in frames])
@@ -184,9 +185,9 @@ def _field(one: Field) -> dict[str, Any]:
     """In 8 bits between the limits of its legend: the middle 98 % of what is known, even around zero if it has both."""
     known = np.concatenate([values[np.isfinite(values)] for frames in one.values.values() for values in frames])
     low, high = np.percentile(known, [1, 99]) if len(known) else (0.0, 1.0)
-    if low < 0 < high:
+    if low < 0 < high:  # a signed quantity: zero is the middle of the colours
         low, high = -max(-low, high), max(-low, high)
-    if not high > low:
+    if not high > low:  # one value: any range of colours shows it
         high = low + 1
     coded = {name: [_packed(_steps(values, low, high)) for values in frames] for name, frames in one.values.items()}
     return {

@@ -42,6 +42,7 @@ class Convergence:
             return None
         error = np.array([record.error for record in self.long.history])
         far = np.flatnonzero(np.abs(error - error[-1]) > WITHIN * error[-1])
+        # iterations count from 1, and the first one within the limit follows the last one outside of it
         return int(far[-1]) + 2 if len(far) else 1
 
 

@@ -103,7 +103,8 @@ def _distance_rows(of_two: Lengths, of_data: Lengths) -> list[tuple[str, ...]]:
 
 
 def _above(values: Array, exact: Array) -> float:
-    """Share of the points whose distance is overestimated."""
+    """Fraction of the points whose distance is overestimated."""
+    # points on the surface have two distances of nearly zero, which rounding orders
     return float((values > (1 + ROUNDING) * exact).mean())
 
 
@@ -173,6 +174,7 @@ def _draw_matching(axes: Axes) -> None:
     model = np.stack([x, 12 - x**2 / 160], 1)
     data = np.stack([x, 27 - x**2 / 160 - 13 * np.exp(-((x - 9) ** 2) / 25)], 1)
     m = model[np.argmin(np.abs(x))]
+    # model to data: M asks for its nearest data point; data to model: the data point that asks for M
     nearest = data[cKDTree(data).query(m)[1]]
     chosen = cKDTree(model).query(data)[1]
     asking = data[np.argmin(np.linalg.norm(model[chosen] - m, axis=1))]

@@ -161,7 +161,7 @@ def _object_and_box(body: Superquadric, undeformed: ControlBox, model: Deformabl
 
 
 def _bent(points: Array) -> Array:
-    """A bend towards x, and the upper half wider."""
+    """Points bent towards x, with a wider upper half."""
     z = points[..., 2:] / 40
     wide = points * np.concatenate([1 + 0.35 * z, 1 + 0.35 * z, np.ones_like(z)], axis=-1)
     return wide + np.concatenate([25 * z**2, 0 * z, 0 * z], axis=-1)

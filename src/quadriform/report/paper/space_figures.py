@@ -127,8 +127,8 @@ def _in_box(box: ControlBox, local: Array) -> Array:
 
 
 def _folded(box: ControlBox) -> float:
-    """Share of the undeformed box where the determinant of the map is not positive."""
-    middles = (np.arange(SAMPLES) + 0.5) / SAMPLES
+    """Fraction of the undeformed box where the determinant of the map is not positive."""
+    middles = (np.arange(SAMPLES) + 0.5) / SAMPLES  # middles of cells: faces and edges would count too much
     local = np.stack(np.meshgrid(middles, middles, middles, indexing="ij"), axis=-1).reshape(-1, 3)
     return float((np.linalg.det(box.jacobian(_in_box(box, local))) <= 0).mean())
 
@@ -144,22 +144,25 @@ def _section(model: DeformableModel, like: ControlBox) -> tuple[list[Array], lis
     lines = [_line(chosen[order], fine, at) for at in coarse for order in ([0, 1], [1, 0])]
     middle, normal = box.origin + box.edges.sum(axis=0) / 2, np.cross(*plane.T)
     cuts = [_cut(surface.mesh(WALL), normal, middle) for surface in model.surfaces.values()]
+    # the surfaces are cut before the deformation, so that the cut follows the map as the lines do
     deformed = [box.deform(_in_box(box, line)) @ plane for line in lines]
     return deformed, [(box.deform(cut.reshape(-1, 3)) @ plane).reshape(-1, 2, 2) for cut in cuts]
 
 
 def _nearest_edges(box: ControlBox, like: ControlBox) -> tuple[Index, Array]:
-    """Numbers (2,) of the edges along the first and the last edge of another box; their directions (3, 2), turned."""
+    """Indices (2,) of the edges along the first and the last edge of another box; their directions (3, 2), alike."""
     edges, others = (each.edges / np.linalg.norm(each.edges, axis=1, keepdims=True) for each in (box, like))
     cosines = edges @ others[[0, 2]].T
+    # absolute: an edge has no direction of its own; the last axis is chosen first, so that no edge serves twice
     last = int(np.abs(cosines[:, 1]).argmax())
     first = max((k for k in range(3) if k != last), key=lambda k: abs(cosines[k, 0]))
     chosen = np.array([first, last])
+    # the signs rotate both pictures alike
     return chosen, (edges[chosen] * np.sign(cosines[chosen, [0, 1]])[:, None]).T
 
 
 def _line(axes: Index, moving: Array, fixed: float) -> Array:
-    """Local coordinates (n, 3) of a line along the first of two axes, at a place along the second, in the middle."""
+    """Local coordinates (n, 3) of a line along the first of two axes, at a position along the second, in the middle."""
     local = np.full((len(moving), 3), 0.5)
     local[:, axes[0]], local[:, axes[1]] = moving, fixed
     return local

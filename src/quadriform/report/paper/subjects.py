@@ -116,6 +116,7 @@ def walls(name: str, source: str, points: Mapping[str, Array], box: Box, note: s
 
 def before(model: DeformableModel) -> DeformableModel:
     """The model in its undeformed box."""
+    # the superquadrics alone: without displacement the box is the identity
     return replace(model, box=model.box.with_control_points(model.box.rest))
 
 

@@ -105,6 +105,7 @@ def ratios(one: Curve, other: Curve, count: int = 50) -> Array:
     low, high = max(front[0][0] for front in fronts), min(front[0][-1] for front in fronts)
     if low >= high:
         return np.empty(0)
+    # interpolated between logarithms, where both curves are nearly straight
     errors = np.linspace(low, high, count)
     first, second = (np.interp(errors, *front) for front in fronts)
     return np.exp(second - first)
@@ -112,6 +113,7 @@ def ratios(one: Curve, other: Curve, count: int = 50) -> Array:
 
 def _front(curve: Curve) -> tuple[Array, Array]:
     """Logarithms of error and motion of the settings that no other beats in both, errors ascending."""
+    # sorted by error, then by motion; a setting stays where all with less error move the box more
     order = np.lexsort((curve.moved, curve.error))
     moved = curve.moved[order]
     best = moved < np.r_[np.inf, np.minimum.accumulate(moved)[:-1]]
