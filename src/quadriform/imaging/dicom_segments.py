@@ -34,7 +34,7 @@ def label_image(header: "Dataset", pixels: NDArray[Any], file: Path, warnings: W
         header: of the file.
         pixels: (frames, rows, columns) as stored.
         file: for messages.
-        warnings: of reading, which the image carries.
+        warnings: of reading, which are added to the image.
 
     Raises:
         InputError: a frame is contained twice, or frames differ in size or orientation.

@@ -39,7 +39,7 @@ def fit(points: Input, **options: Any) -> Fit:
             structured array or a data frame the columns named x, y and z are taken, with the normals nx, ny, nz and
             the unit in the names, such as "x [mm]".
         kind: of superquadric: "ellipsoid", "toroid", "hyperboloid1" or "hyperboloid2".
-        method: "tangent": the best fit of these numbers that we know; "paper": Bardinet, Cohen and Ayache 1998.
+        method: "tangent": our most accurate method; "paper": Bardinet, Cohen and Ayache 1998.
         box: control points along each axis, from 2 to 20; or "auto": the smallest box that reaches `max_error`.
         regularity: of the box. For method "tangent" "bending" (default), "springs", or an object with one method
             `matrix(shape)`, (n, n) over control points. For "paper" "svd" (default: P7 by SVD), "springs-paper" (P9

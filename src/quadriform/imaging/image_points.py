@@ -66,7 +66,7 @@ def points_from_image(
     Args:
         volume: grey image, mask or label image.
         select: a value, `Percentile(fraction, of)`, "otsu" or `Labels(values)`; objects are above a threshold. "auto"
-            decides by the whole image, as `quadriform.imaging.object_choice` says.
+            decides by the whole image, by the rules of `quadriform.imaging.object_choice`.
         region: half-open ranges of voxels ((i0, i1), (j0, j1), (k0, k1)); None is the whole image.
         component: "largest", "all", or a voxel (i, j, k) of the component.
         connectivity: 26 or 6.

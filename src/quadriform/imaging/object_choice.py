@@ -136,7 +136,7 @@ def _isolated(values: NDArray[Any]) -> float:
 
 def _equal_pairs(values: NDArray[Any], background: tuple[Any, ...]) -> float:
     """The fraction of equal pairs among voxels that share a face and are no background; 1 where there are none."""
-    # background has large regions in every image, and says nothing about the rest
+    # the background has large regions in every image, grey or labelled
     counted_voxels = ~np.isin(values, background)
     equal = pairs = 0
     for axis in range(values.ndim):

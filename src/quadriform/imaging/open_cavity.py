@@ -66,7 +66,7 @@ def _fill_pockets(tissue: Tissue, hull: Mask) -> None:
 def base_of_open_cavity(tissue: Tissue, world_from_voxel: Array) -> tuple[Array, Array]:
     """Return a plane across the opening: a point (3,), half the thickest wall below it, and the outward direction (3,).
 
-    That far below it, the rim, where the inner surface turns into the outer one, is behind the plane.
+    The rim, where the inner surface continues as the outer one, is cut off by a plane that far below it.
 
     Raises:
         MaskError: there is no opening.

@@ -78,7 +78,7 @@ def segment(
     Args:
         volume: grey image, mask or label image.
         select: a value, `Percentile(fraction, of)`, "otsu" or `Labels(values)`; "auto" decides by the whole image, as
-            `choose_object` says.
+            `choose_object` does.
         region: half-open ranges of voxels ((i0, i1), (j0, j1), (k0, k1)); None is the whole image. Nothing
             outside it is used, by Otsu and percentiles neither, and its edge counts as a border.
         component: "largest", "all", or a voxel (i, j, k) of the component.
