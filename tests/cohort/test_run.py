@@ -24,7 +24,7 @@ from quadriform.files import load
 
 zarr = pytest.importorskip("zarr", reason="the extra 'cohort' is not installed")
 parquet = pytest.importorskip("pyarrow.parquet", reason="the extra 'cohort' is not installed")
-SUBJECTS, BROKEN = 10, (3, 8)
+SUBJECTS, BROKEN = 8, (3, 6)
 CHOICES = Choices(options=TINY)
 WORDS = ("--set", "box=2,2,2", "--set", "robust=no", "--set", "strength=1e-4")
 
@@ -160,13 +160,13 @@ def test_a_killed_run_resumes_without_repeating_finished_subjects(cohort, serial
     out = tmp_path / "out"
     command = [sys.executable, "-m", "quadriform.cli.main", "cohort", cohort, "-o", out, "--processes", "1", *WORDS]
     process = subprocess.Popen(command, start_new_session=True, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
-    while len(list((out / "subjects").glob("*/model.json"))) < 4 and process.poll() is None:
+    while len(list((out / "subjects").glob("*/model.json"))) < 3 and process.poll() is None:
         time.sleep(0.05)
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
     time.sleep(0.5)
     before = {path: path.stat().st_mtime_ns for path in (out / "subjects").glob("*/model.json")}
-    assert 4 <= len(before) < SUBJECTS - len(BROKEN)
+    assert 3 <= len(before) < SUBJECTS - len(BROKEN)
     summary = run(cohort, out, one_thread, replace(CHOICES, resume=True))
     assert summary.counts == {
         "kept": len(before),
@@ -189,7 +189,7 @@ def test_shards_at_the_same_time_make_the_same_store(cohort, serial, tmp_path):
         thread.start()
     for thread in threads:
         thread.join()
-    assert sorted(summary.subjects for summary in summaries) == [5, 5]
+    assert sorted(summary.subjects for summary in summaries) == [4, 4]
     assert any(summary.complete for summary in summaries)
     # two blocks, not one: the parts are others, their content is the same
     assert {name.split(os.sep)[0] for name in differences(serial[0], out)} <= {
@@ -207,19 +207,19 @@ def test_shards_at_the_same_time_make_the_same_store(cohort, serial, tmp_path):
 
 
 def test_a_changed_option_or_file_is_processed_again(tmp_path):
-    cohort, out = listed(tmp_path, 3), tmp_path / "out"
+    cohort, out = listed(tmp_path, 2), tmp_path / "out"
     run(cohort, out, one_thread, CHOICES)
     again = replace(CHOICES, resume=True)
-    assert run(cohort, out, one_thread, again).counts == {"kept": 3}
+    assert run(cohort, out, one_thread, again).counts == {"kept": 2}
     cloud = tmp_path / "clouds" / "person01" / "0.npy"
     np.save(cloud, 1.01 * np.load(cloud))
-    assert run(cohort, out, one_thread, again).counts == {"kept": 2, "fitted": 1}
+    assert run(cohort, out, one_thread, again).counts == {"kept": 1, "fitted": 1}
     other = replace(again, options=TINY | {"strength": 1e-3})
-    assert run(cohort, out, one_thread, other).counts == {"fitted": 3}
-    (out / "subjects" / "person02" / "model.json").write_bytes(b"{")
-    assert run(cohort, out, one_thread, other).counts == {"kept": 2, "fitted": 1}
+    assert run(cohort, out, one_thread, other).counts == {"fitted": 2}
+    (out / "subjects" / "person00" / "model.json").write_bytes(b"{")
+    assert run(cohort, out, one_thread, other).counts == {"kept": 1, "fitted": 1}
     np.save(cloud, np.full((24, 3), np.nan))
-    assert run(cohort, out, one_thread, other).counts == {"kept": 2, "failed": 1}
+    assert run(cohort, out, one_thread, other).counts == {"kept": 1, "failed": 1}
     assert not (out / "subjects" / "person01" / "model.json").exists()
 
 
