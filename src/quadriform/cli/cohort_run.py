@@ -86,20 +86,14 @@ def _failure(outcome: Outcome, show_ids: bool) -> str:
 
 @contextmanager
 def _bar() -> Iterator[Callable[[int, int], None]]:
+    from rich import progress
     from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
 
-    rate = TextColumn("{task.fields[rate]}")
-    columns = (BarColumn(), MofNCompleteColumn(), rate, TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
+    rate = progress.TextColumn("{task.fields[rate]}")
+    bars = (progress.BarColumn(), progress.MofNCompleteColumn(), rate)
+    times = (progress.TimeElapsedColumn(), progress.TextColumn("left"), progress.TimeRemainingColumn())
     begin = time.monotonic()
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with progress.Progress(*bars, *times, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=None, rate="")
 
         def update(done: int, total: int) -> None:
