@@ -105,6 +105,7 @@ def test_measures_are_one_number_a_row(serial):
 
 
 @pytest.mark.slow
+@pytest.mark.slow
 def test_processes_give_the_same_bytes(cohort, serial, tmp_path):
     run(cohort, tmp_path / "out", partial(executors.processes, 2), CHOICES)
     assert differences(serial[0], tmp_path / "out") == []
@@ -178,6 +179,7 @@ def test_a_killed_run_resumes_without_repeating_finished_subjects(cohort, serial
 
 
 @pytest.mark.slow
+@pytest.mark.slow
 def test_shards_at_the_same_time_make_the_same_store(cohort, serial, tmp_path):
     out, summaries = tmp_path / "out", []
 
@@ -206,6 +208,7 @@ def test_shards_at_the_same_time_make_the_same_store(cohort, serial, tmp_path):
         assert np.array_equal(one, other, equal_nan=one.dtype.kind == "f")
 
 
+@pytest.mark.slow
 def test_a_changed_option_or_file_is_processed_again(tmp_path):
     cohort, out = listed(tmp_path, 2), tmp_path / "out"
     run(cohort, out, one_thread, CHOICES)

@@ -67,7 +67,7 @@ def moved_anyhow(shapes):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("place", [as_they_lie, moved_a_little, moved_anyhow])
+@pytest.mark.parametrize("place", [as_they_lie, moved_a_little, pytest.param(moved_anyhow, marks=pytest.mark.slow)])
 def test_known_modes_are_found(place):
     found = shape_modes(place([model(amounts) for amounts in draws()]))
     steps = [found.shapes.transform([model(h * row) for h in (0.5, -0.5)]) for row in np.eye(4)]
@@ -156,6 +156,7 @@ def test_two_walls_have_one_box():
     assert np.allclose(volumes, [[one.volume(name) for name in ("endo", "epi")] for one in walls], rtol=2e-3)
 
 
+@pytest.mark.slow
 def test_it_is_the_first_step_of_a_pipeline_and_accepts_clouds():
     clouds = [model(amounts).mesh(resolution=4).vertices for amounts in draws(2)]
     line = make_pipeline(CorrespondingShapes(box=(3, 3, 3)), PCA(1)).set_params(correspondingshapes__passes=1)

@@ -348,6 +348,7 @@ class TestDamage:
         file.write_bytes(file.read_bytes()[:-1])
         refused(folder, FileFormatError, "I94.dcm")
 
+    @pytest.mark.slow
     def test_a_flipped_byte_is_a_typed_error_or_none(self, folder, values):
         file = still(folder, values[:, :, :2]) / "I98.dcm"
         data = file.read_bytes()
