@@ -26,8 +26,8 @@ BATCH = 32
 """So many of the worst leaves are split at once, or a quarter of all if that is more."""
 SLACK = 1e-9
 """Share of its size by which a surface counts as larger, so that rounding drops no leaf or point that touches it."""
-LOOSE = 0.5
-"""Tolerance where only the sign of the bound is asked for."""
+CLOSE, LOOSE = 0.02, 0.5
+"""Tolerances: that of a bound which is reported, and where only its sign is asked for."""
 LATTICE = 25
 """Points along each axis of the lattice on which `folds` evaluates the determinant."""
 
@@ -90,7 +90,7 @@ def _halves(degree: int) -> tuple[Array, Array]:
 
 
 def jacobian_bound(
-    box: ControlBox, used: Iterable[Superquadric] = (), tolerance: float = 0.02, budget: int = BUDGET
+    box: ControlBox, used: Iterable[Superquadric] = (), tolerance: float = CLOSE, budget: int = BUDGET
 ) -> Bound:
     """A lower bound of det(d deformed / d point) over the inside of surfaces, or over the whole box.
 
@@ -128,6 +128,16 @@ def jacobian_bound(
 def never_folds(box: ControlBox, used: Iterable[Superquadric]) -> bool:
     """Whether the determinant is provably positive all over the inside of surfaces."""
     return jacobian_bound(box, used, tolerance=LOOSE).lower > 0
+
+
+def least_determinant(box: ControlBox, used: Iterable[Superquadric], budget: int = BUDGET) -> float:
+    """The largest proven lower bound of the determinant over the inside of surfaces; positive where none folds.
+
+    The search of a close bound spends its budget on more leaves and can end below a loose one, such as that of
+    `never_folds`.
+    """
+    surfaces = tuple(used)
+    return max(jacobian_bound(box, surfaces, tolerance, budget).lower for tolerance in (LOOSE, CLOSE))
 
 
 def folds(box: ControlBox, used: Iterable[Superquadric]) -> Array:

@@ -128,7 +128,7 @@ class DeformableModel(Recorded):
 
     def min_jacobian(self) -> float:
         """A proven lower bound of det(d deformed / d point) over the inside of the surfaces; positive: no fold."""
-        return fold_bound.jacobian_bound(self.box, self.surfaces.values()).lower
+        return fold_bound.least_determinant(self.box, self.surfaces.values())
 
     def folds(self) -> Array:
         """Points (n, 3) of the inside, before deformation, where det(d deformed / d point) is not positive.
