@@ -1,4 +1,4 @@
-"""Rate against distortion: RMS of points to the surface against the numbers stored, a table and a plot.
+"""Rate against distortion: RMS of points to the surface against the parameters stored, a table and a plot.
 
 python benchmarks/rate_distortion.py
 
@@ -22,7 +22,7 @@ from quadriform.shapes.mesh import split_quads
 
 SIDES, DEGREES, FACES = (3, 5, 7), (2, 4, 6, 9, 12, 16, 20), (50, 100, 250, 700, 2_000, 6_000)
 FIGURE = REPOSITORY / "docs" / "figures" / "rate_distortion.png"
-HEADER = ("body", "way", "numbers stored", "RMS")
+HEADER = ("body", "way", "parameters stored", "RMS")
 Measured = tuple[str, str, int, float]
 
 
@@ -111,7 +111,7 @@ def draw(found: list[Measured], path: Path = FIGURE) -> None:
             points = [(n, error) for body, label, n, error in found if body == name and label.startswith(way)]
             if points:
                 axes.loglog(*zip(*points), marker=marker, label=way)
-        axes.set(title=name, xlabel="numbers stored", ylabel="RMS to the surface")
+        axes.set(title=name, xlabel="parameters stored", ylabel="RMS to the surface")
         axes.grid(alpha=0.3, which="both")
     axes.legend(fontsize="small")
     figure.savefig(path, dpi=110)

@@ -82,20 +82,14 @@ def search(entries, named_texts):
 
 
 def main(path=LIST):
-    """Print what is found; 1 where a word is found that may not occur any more."""
+    """Print the words that are found; 1 where there are some."""
     entries = read_list(path)
     found = search(entries, texts())
-    open_, failing = [], 0
-    for number, entry in enumerate(entries):
-        label = " ".join(entry["words"][0])
-        if entry.get("open"):
-            open_.append(f"{label} {len(found[number])}")
-        elif found[number]:
-            failing += len(found[number])
-            print(*found[number], f"  -> {entry['use']} ({path.name}: {label})", sep="\n")
-    if open_:
-        print("words still to be replaced, with their uses: " + ", ".join(open_))
-    return 1 if failing else 0
+    for number, uses_of in found.items():
+        print(
+            *uses_of, f"  -> {entries[number]['use']} ({path.name}: {' '.join(entries[number]['words'][0])})", sep="\n"
+        )
+    return 1 if found else 0
 
 
 if __name__ == "__main__":
