@@ -18,7 +18,7 @@ SURFACE = 0.4
 EVEN = 0.25
 """Flatness that 12 neighbours on an evenly sampled surface have at least; a curve has less."""
 DENSE_RANK, ISOLATED_RATIO = 10, 3.0
-"""A point is alone when its tenth neighbour is farther than three times the usual."""
+"""A point is isolated when its tenth neighbour is farther than three times the usual."""
 TIE, TIED = 1e-6, 12
 """Distances that differ by this fraction are equal, but for rounding; so many more neighbours are compared for them."""
 DISAGREE = 0.05

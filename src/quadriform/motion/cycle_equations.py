@@ -149,7 +149,7 @@ class CycleEvidence:
         """The strength in time with the largest evidence, near a given one.
 
         The strength in space stays that of single frames: over a whole cycle smoothness in time could take its place
-        on the surface, but nothing would then hold the space inside.
+        on the surface, but nothing would then regularise the space inside.
         """
 
         def criterion(log: float) -> float:

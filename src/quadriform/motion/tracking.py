@@ -255,7 +255,7 @@ def _of_fits(strategy: str, task: _Task, fits: Sequence[Fit], moving: MovingMode
 def _cycle(task: _Task) -> Track:
     frame = Frame.of(np.concatenate([cloud for clouds in task.clouds for cloud in clouds.values()]))
     local = [{name: frame.to_local(cloud) for name, cloud in clouds.items()} for clouds in task.clouds]
-    surfaces = ellipsoids(local[task.first])  # of an open surface no frame knows the exponents, and least those of all
+    surfaces = ellipsoids(local[task.first])  # data on an open surface does not determine exponents
     box = common_box(surfaces, check_box(task.options["box"]))
     planes = None if task.slices is None else (SlicePlanes.of(local, task.slices), task.slices)
     cycle = Cycle(

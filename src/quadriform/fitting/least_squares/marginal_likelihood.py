@@ -1,12 +1,10 @@
 """The strength of the regularisation and the noise of the data, both by the evidence of the data itself (REML).
 
 Everything is solved in the eigenvectors of the regulariser. There the strength adds to the diagonal alone, so that even
-a very large one does not drown in rounding what the data determines of the displacements that the regulariser leaves
-free.
+a very large one leaves the digits of the displacements that the regulariser does not penalise.
 """
 
-from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -93,41 +91,48 @@ class Solution:
         return halved
 
 
+@dataclass(frozen=True)
 class Evidence:
     """The linearised problem seen as a function of the strength.
 
-    Args:
+    Attributes:
         equations: of the data.
         penalty: (k, k), K of the regulariser for one coordinate.
         count: number of residual rows, the sum of the weights.
         effective_fraction: of them, as independent points.
+        values, vectors: of K.
+        rank, null_dimension: of K for all coordinates.
 
     Raises:
         OptionError: K has negative eigenvalues.
     """
 
-    def __init__(
-        self, equations: NormalEquations, penalty: Array, count: float, effective_fraction: float = 1.0
-    ) -> None:
-        self.equations = equations
-        self.values, self.vectors = spectrum(penalty.tobytes())
-        self.count, self.effective_fraction = count, effective_fraction
-        self.rank = 3 * int(np.count_nonzero(self.values))
-        self.null_dimension = 3 * len(self.values) - self.rank
+    equations: NormalEquations
+    penalty: Array
+    count: float
+    effective_fraction: float = 1.0
+    values: Array = field(init=False)
+    vectors: Array = field(init=False)
+    rank: int = field(init=False)
+    null_dimension: int = field(init=False)
+
+    def __post_init__(self) -> None:
+        values, vectors = spectrum(self.penalty.tobytes())
+        rank = 3 * int(np.count_nonzero(values))
+        found = dict(values=values, vectors=vectors, rank=rank, null_dimension=3 * len(values) - rank)
+        for name, value in found.items():
+            object.__setattr__(self, name, value)
 
     def plus(self, equations: NormalEquations) -> "Evidence":
-        """The same with something else to be met."""
-        other = copy(self)
-        other.equations = self.equations + equations
-        other.__dict__.pop("_data", None)
-        return other
+        """The problem with the normal equations of a penalty added."""
+        return replace(self, equations=self.equations + equations)
 
     @cached_property
     def _data(self) -> tuple[Array, Array]:
         """The data's matrix (3 k, 3 k) and right side (3 k,) between the eigenvectors of the regulariser."""
         rotated = self.equations.between(self.vectors)
-        null_dimension = np.flatnonzero(np.repeat(self.values == 0, 3))
-        rotated.matrix[null_dimension, null_dimension] += NULL_SPACE_WEIGHT * np.abs(rotated.matrix.diagonal()).max()
+        null = np.flatnonzero(np.repeat(self.values == 0, 3))
+        rotated.matrix[null, null] += NULL_SPACE_WEIGHT * np.abs(rotated.matrix.diagonal()).max()
         return rotated.matrix, rotated.right
 
     def cost(self, displacement: Array, strength: float) -> float:

@@ -18,7 +18,7 @@ from quadriform.shapes.control_box import ControlBox
 
 @dataclass(frozen=True)
 class EnrichedBox:
-    """The same data seen by a finer box, which is solved for when it is asked for: a fit alone has no need of it.
+    """The same data in a box with more control points, solved on first use: a fit without uncertainties needs none.
 
     Attributes:
         box: the fitted one raised to the finer degrees, in the centred, scaled frame.

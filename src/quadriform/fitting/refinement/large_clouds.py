@@ -1,7 +1,7 @@
 """Clouds of very many points: fitted to a sample, then a few rounds on all of them, a part at a time.
 
-Memory does not grow with the cloud, apart from what is returned. What a point must know of its neighbours, and which
-way the surface is, it takes from the nearest point of the sample.
+Memory does not grow with the cloud, apart from what is returned. Neighbourhoods and first foot points are those of the
+nearest point of the sample.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence

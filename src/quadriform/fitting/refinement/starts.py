@@ -25,7 +25,7 @@ LONGEST = 2.0
 def candidates(
     clouds: Mapping[str, Array], robust: Mapping[str, Superquadric], kind: str
 ) -> list[dict[str, Superquadric]]:
-    """Starts for all surfaces: the robust fit, the plain ellipsoid, and the paper's fit where it holds.
+    """Starts for all surfaces: the robust fit, the plain ellipsoid, and the paper's fit where it is no runaway.
 
     A shape that is no superquadric has no best one: the robust fit may follow half of it as if the rest were outliers,
     the plain fits average over all of it.

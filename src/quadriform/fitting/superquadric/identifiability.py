@@ -26,7 +26,7 @@ class Determined:
         condition: their largest singular value over the smallest.
         symmetric: whether a rotation of the surface is undetermined.
         covariance: (p, p) in the order a1 a2 a3, e1 e2, three rotations about the object's own axes in radians,
-            tx ty tz, hole radius; zero for held parameters.
+            tx ty tz, hole radius; zero for fixed parameters.
     """
 
     rank: int

@@ -332,7 +332,7 @@ def acceptable(descent: Descent) -> NDArray[np.bool_]:
 
 
 def _ranking(descent: Descent, accepted: NDArray[np.bool_]) -> Array:
-    """Scores (M,), with an advantage for candidates that convince: the likelihood does not see patterns."""
+    """Scores (M,), with an advantage for accepted candidates: the likelihood does not see patterns."""
     return descent.scores() + SEARCH.pattern_cost * descent.weights.sum() * accepted
 
 
