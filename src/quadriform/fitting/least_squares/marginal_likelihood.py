@@ -96,10 +96,11 @@ class Evidence:
     """The linearised problem seen as a function of the strength.
 
     Attributes:
-        equations: of the data.
+        equations: of the data, and of penalties where there are any.
         penalty: (k, k), K of the regulariser for one coordinate.
         count: number of residual rows, the sum of the weights.
         effective_fraction: of them, as independent points.
+        data: the equations of the data alone; None where there is no penalty.
         values, vectors: of K.
         rank, null_dimension: of K for all coordinates.
 
@@ -111,6 +112,7 @@ class Evidence:
     penalty: Array
     count: float
     effective_fraction: float = 1.0
+    data: NormalEquations | None = None
     values: Array = field(init=False)
     vectors: Array = field(init=False)
     rank: int = field(init=False)
@@ -124,8 +126,8 @@ class Evidence:
             object.__setattr__(self, name, value)
 
     def plus(self, equations: NormalEquations) -> "Evidence":
-        """The problem with the normal equations of a penalty added."""
-        return replace(self, equations=self.equations + equations)
+        """The problem with the normal equations of a penalty added, which is no part of the noise."""
+        return replace(self, equations=self.equations + equations, data=self.data or self.equations)
 
     @cached_property
     def _data(self) -> tuple[Array, Array]:
@@ -136,10 +138,10 @@ class Evidence:
         return rotated.matrix, rotated.right
 
     def cost(self, displacement: Array, strength: float) -> float:
-        """The sum at a displacement: squares of residuals, and the regulariser's part."""
-        p, equations = displacement.ravel(), self.equations
-        data = float(p @ (equations.matrix @ p) - 2 * equations.right @ p + equations.constant)
-        return data + strength * self.count * self._energy(self.vectors.T @ p.reshape(-1, 3))
+        """The sum at a displacement: squares of the data's residuals, and the regulariser's part."""
+        p, data = displacement.ravel(), self.data or self.equations
+        squares = float(p @ (data.matrix @ p) - 2 * data.right @ p + data.constant)
+        return squares + strength * self.count * self._energy(self.vectors.T @ p.reshape(-1, 3))
 
     def _energy(self, rotated: Array) -> float:
         """The regulariser's energy of displacements (k, 3) between its eigenvectors."""
@@ -157,14 +159,16 @@ class Evidence:
         rotated = cho_solve((factor, True), right)
         rows = max(self.count - self.null_dimension, 1.0)
         # the minimum of the sum, without forming residuals; floored, for it cancels where the fit is exact
-        misfit = self.equations.constant - right @ rotated  # RSS + lambda p' K p
+        displacement = self.vectors @ rotated.reshape(-1, 3)
+        alone = self.data is None  # RSS + lambda p' K p, without what a penalty adds
+        misfit = self.equations.constant - right @ rotated if alone else self.cost(displacement, strength)
         variance = max(float(misfit) / rows, NOISE_FLOOR**2)
         log_determinant = 2 * np.log(np.diag(factor)).sum()
         # only independent points count as evidence against the regulariser, all of them for the noise
         independent = max(self.effective_fraction * self.count - self.null_dimension, 1.0)
         # minus twice the log of the likelihood with the control points integrated out (REML)
         criterion = independent * np.log(variance) + log_determinant - self.rank * np.log(max(weight, 1e-300))
-        displacement, noise = self.vectors @ rotated.reshape(-1, 3), float(np.sqrt(variance))
+        noise = float(np.sqrt(variance))
         return Solution(displacement, strength, noise, float(criterion), factor, self.vectors, self.effective_fraction)
 
     def select(self, strength: float | None, before: Solution | float | None) -> Solution:
