@@ -11,6 +11,7 @@ from unicodedata import normalize
 import typer
 
 from quadriform.errors import OptionError, choose
+from quadriform.words import numbers, ranges
 
 if TYPE_CHECKING:
     from quadriform.imaging.file_points import ImageOptions
@@ -73,18 +74,28 @@ class ObjectInImage:
     affine: Affine = None
 
     def parse(self, border: str | None = None) -> "ImageOptions":
-        """The options as `read_source` takes them.
+        """Return the options as an argument of `read_source`.
 
         Args:
-            border: what happens where the object is cut by the border of the image.
+            border: "open" or "close", where the border of the image cuts the object.
 
         Raises:
             OptionError: an option that cannot be read.
         """
-        from quadriform.imaging.file_points import ImageOptions
+        from quadriform.imaging.file_points import ImageOptions, parse_labels, parse_threshold
 
-        chosen = (self.label, self.threshold, self.region, self.seed, self.closing, self.fill_holes)
-        return ImageOptions.parse(*chosen, border, self.frame, self.affine)
+        if self.label is not None and self.threshold is not None:
+            raise OptionError("options --label and --threshold exclude each other; give one")
+        labels = None if self.label is None else parse_labels(self.label)
+        threshold = None if self.threshold is None else parse_threshold(self.threshold)
+        segment = {
+            "fill_holes": self.fill_holes,
+            "region": None if self.region is None else ranges(self.region, "--region"),
+            "component": None if self.seed is None else numbers(self.seed, 3, "--seed"),
+            "closing": self.closing,
+        }
+        given = {name: value for name, value in segment.items() if value is not None}
+        return ImageOptions(labels, threshold, self.frame, given, border, self.affine)
 
 
 def grouped(command: Callable[..., None]) -> Callable[..., None]:

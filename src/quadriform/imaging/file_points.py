@@ -22,7 +22,7 @@ from quadriform.point_sets import PointSet
 from quadriform.points import Array
 from quadriform.shapes.mesh_points import mesh_points
 from quadriform.shapes.spaces import rotation_between
-from quadriform.words import numbers, ranges
+from quadriform.words import numbers
 
 if TYPE_CHECKING:
     from quadriform.imaging.labels import Preset
@@ -66,35 +66,6 @@ class ImageOptions:
     columns: str | None = None
     unit: str | None = None
 
-    @classmethod
-    def parse(
-        cls,
-        label: str | None,
-        threshold: str | None,
-        region: str | None,
-        seed: str | None,
-        closing: int | None,
-        fill_holes: bool,
-        border: str | None,
-        frame: int | None,
-        affine: str | None = None,
-    ) -> "ImageOptions":
-        """Return the options of the command line, as text.
-
-        Raises:
-            OptionError: a value that cannot be parsed, or a label and a threshold at once.
-        """
-        if label is not None and threshold is not None:
-            raise OptionError("options --label and --threshold exclude each other; give one")
-        segment: dict[str, Any] = {"fill_holes": fill_holes}
-        if region is not None:
-            segment["region"] = ranges(region, "--region")
-        if seed is not None:
-            segment["component"] = numbers(seed, 3, "--seed")
-        if closing is not None:
-            segment["closing"] = closing
-        return cls(_labels(label), _threshold(threshold), frame, segment, border, affine)
-
     @property
     def of_images(self) -> list[str]:
         """The given options that do not apply to points and meshes, as the command line names them."""
@@ -103,7 +74,7 @@ class ImageOptions:
 
     def with_label(self, label: str) -> "ImageOptions":
         """Return the same options with other labels."""
-        return replace(self, labels=_labels(label))
+        return replace(self, labels=parse_labels(label))
 
     def with_surface(self, rule: "Labels | Preset") -> "ImageOptions":
         """Return the same options with the labels of a surface, or with the preset."""
@@ -112,17 +83,24 @@ class ImageOptions:
         return replace(self, preset=rule) if isinstance(rule, Preset) else replace(self, labels=rule.values)
 
 
-def _labels(text: str | None) -> tuple[int | str, ...] | None:
-    """Numbers between commas, or one text with the names of segments, which are known when the image is read."""
-    if text is None or not text.strip():
-        return None if text is None else numbers(text, 1, "--label")
+def parse_labels(text: str) -> tuple[int | str, ...]:
+    """Return numbers between commas, or one text with the names of segments, which are known when the image is read.
+
+    Raises:
+        OptionError: no numbers, and no name.
+    """
     if any(letter.isalpha() for letter in text):  # a name may contain commas and digits
         return (text,)
     return numbers(text, text.count(",") + 1, "--label")
 
 
-def _threshold(text: str | None) -> float | str | tuple[float, float] | None:
-    if text is None or text == "otsu":
+def parse_threshold(text: str) -> float | str | tuple[float, float]:
+    """Return a value, "otsu", or (fraction, percentile) of a text such as 50%p99.9.
+
+    Raises:
+        OptionError: another text.
+    """
+    if text == "otsu":
         return text
     if found := PERCENTILE.fullmatch(text):
         return float(found[1] or 100) / 100, float(found[2])
