@@ -316,7 +316,7 @@ def test_a_frame_that_is_not_known_cannot_be_changed(terminal, cloud, tmp_path, 
     from quadriform.cli import fit_run
 
     monkeypatch.setattr(fit_run, "fit_sources", lambda *_args, **_options: pytest.fail("worked before refusing"))
-    assert_refused(terminal("fit", cloud, "-o", "out", "--space", "RAS"), 4, "frame of the world is not known", "cloud")
+    assert_refused(terminal("fit", cloud, "-o", "out", "--space", "RAS"), 4, "frame of the world is unknown", "cloud")
     refused = terminal("fit", cloud, "-o", "out", "--space", "LAS")
     assert refused.code == 2 and "--space='LAS'" in refused.err
     assert not (tmp_path / "out").exists()

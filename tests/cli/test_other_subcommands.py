@@ -218,7 +218,7 @@ def test_export_in_ras(terminal, model, tmp_path):
         )
     save(replace(model, space="unknown"), tmp_path / "somewhere.json")
     refused = terminal("export", "somewhere.json", "--to", "ply", "-o", "none", "--space", "RAS")
-    assert refused.code == 4 and "somewhere.json" in refused.err and "not known" in refused.err
+    assert refused.code == 4 and "somewhere.json" in refused.err and "unknown" in refused.err
     assert terminal("export", "model.json", "--to", "ply", "-o", "none", "--space", "ras").code == 2
     assert not (tmp_path / "none").exists()
 
