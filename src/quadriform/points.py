@@ -84,6 +84,11 @@ def _as_numbers(values: ArrayLike, what: str) -> Array:
         return array.astype(np.float64, copy=False)
 
 
+def unit_vectors(vectors: NDArray[Any]) -> Array:
+    """Vectors (..., 3) divided by their lengths; zero vectors stay."""
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300), dtype=np.float64)
+
+
 def fixed_array(values: ArrayLike, name: str, shape: tuple[int, ...] | None = None) -> Array:
     """A read-only float64 copy of finite numbers up to 1e30, of a shape where one is given.
 

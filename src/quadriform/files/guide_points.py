@@ -18,11 +18,10 @@ from numpy.typing import NDArray
 
 from quadriform.errors import FileFormatError, InputError, PointsError, choose
 from quadriform.files.guide_point_lines import SLICE_NAMES, fields_of, is_number, lines_of, number_in, plain
-from quadriform.files.reading import quoted, read_bytes
+from quadriform.files.reading import PathLike, quoted, read_bytes
 from quadriform.points import Array
 from quadriform.words import short_repr
 
-PathLike = str | os.PathLike[str]
 Slices = NDArray[np.int64]
 
 COLUMNS = ("x", "y", "z", "contour type", "slice", "weight", "time frame")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Literal
 
@@ -12,12 +11,10 @@ from quadriform.files.meshes import read_mesh, write_mesh
 from quadriform.files.models import MODEL_SUFFIXES, is_model_file, read_model, write_model
 from quadriform.files.moving_models import is_moving_model, read_moving_model, write_moving_model
 from quadriform.files.points import POINT_SUFFIXES
-from quadriform.files.reading import suffix_of, suffix_to_read
+from quadriform.files.reading import PathLike, suffix_of, suffix_to_read
 from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
-
-PathLike = str | os.PathLike[str]
 
 
 def save(model_or_mesh: DeformableModel | MovingModel | Mesh, path: PathLike, force: bool = False) -> None:

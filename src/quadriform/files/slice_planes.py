@@ -3,17 +3,14 @@
 Reference: https://github.com/UOA-Heart-Mechanics-Research/biv-me
 """
 
-import os
 from dataclasses import dataclass
 
 import numpy as np
 
 from quadriform.errors import FileFormatError
 from quadriform.files.guide_point_lines import SLICE_NAMES, lines_of, number_in, plain
-from quadriform.files.reading import quoted, read_bytes
+from quadriform.files.reading import PathLike, quoted, read_bytes
 from quadriform.points import Array
-
-PathLike = str | os.PathLike[str]
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from quadriform.errors import WarningKind, Warnings
 from quadriform.fitting.least_squares.marginal_likelihood import Solution
 from quadriform.fitting.result import HalfSpace, Result, SuperquadricFit, rms
-from quadriform.points import Array
+from quadriform.points import Array, unit_vectors
 from quadriform.shapes import pose
 from quadriform.shapes.directions import sphere_grid
 from quadriform.shapes.kinds import KINDS
@@ -258,7 +258,7 @@ def covered_fraction(superquadric: Superquadric, points: Array, half_space: Half
     resolution = int(np.clip(np.sqrt(len(points) / PER_CELL / 6), 2, 8)) // 2 * 2
     cells, _ = sphere_grid(resolution)
     scaled = pose.to_local(points, superquadric.rotation, superquadric.translation) / superquadric.semi_axes
-    directions = scaled / np.maximum(np.linalg.norm(scaled, axis=1, keepdims=True), 1e-300)
+    directions = unit_vectors(scaled)
     seen = np.zeros(len(cells), dtype=bool)
     seen[cKDTree(cells).query(directions)[1]] = True
     if half_space is not None:

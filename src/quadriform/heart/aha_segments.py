@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quadriform.errors import OptionError
-from quadriform.heart.axis import LongAxis, unit_vectors
-from quadriform.points import Array, check_points
+from quadriform.heart.axis import LongAxis
+from quadriform.points import Array, check_points, unit_vectors
 from quadriform.shapes.superquadric import Superquadric
 
 SIX = ("anterior", "anteroseptal", "inferoseptal", "inferior", "inferolateral", "anterolateral")

@@ -1,10 +1,8 @@
 """The long axis of the left ventricle, from the apex to the base."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from quadriform.errors import OptionError, WarningKind, Warnings
 from quadriform.heart.base import BasePlane
@@ -14,11 +12,6 @@ from quadriform.shapes.model import DeformableModel
 
 AMBIGUOUS = 0.05
 """Ends of the cavity whose volumes differ by a smaller fraction do not determine which is the apex."""
-
-
-def unit_vectors(vectors: NDArray[Any]) -> Array:
-    """Return vectors (..., 3) divided by their lengths."""
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True), dtype=np.float64)
 
 
 @dataclass(frozen=True)

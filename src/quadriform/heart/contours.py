@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from quadriform.heart.axis import LongAxis, unit_vectors
+from quadriform.heart.axis import LongAxis
 from quadriform.heart.base import BasePlane
 from quadriform.heart.volumes import section
-from quadriform.points import Array
+from quadriform.points import Array, unit_vectors
 from quadriform.shapes.mesh import Mesh
 
 CUTS = 12

@@ -8,8 +8,7 @@ vector N of the reference is |F N| - 1 = sqrt(1 + 2 N.E N) - 1.
 
 import numpy as np
 
-from quadriform.heart.axis import unit_vectors
-from quadriform.points import Array
+from quadriform.points import Array, unit_vectors
 from quadriform.shapes.control_box import ControlBox
 
 

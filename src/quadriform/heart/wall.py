@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.errors import OptionError
-from quadriform.heart.axis import unit_vectors
-from quadriform.points import Array
+from quadriform.points import Array, unit_vectors
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.directions import sphere_grid
 from quadriform.shapes.mesh import Faces, solid_angles

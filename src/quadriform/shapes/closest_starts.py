@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from quadriform.points import Array
+from quadriform.points import Array, unit_vectors
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.mesh import sorted_unique
@@ -140,4 +140,4 @@ def _vertex_normals(points: Array, quads: Index) -> Array:
     corners = points[quads]
     area = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
     total = np.stack([np.bincount(quads.ravel(), np.repeat(area[:, k], 4), len(points)) for k in range(3)], axis=1)
-    return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-300)
+    return unit_vectors(total)

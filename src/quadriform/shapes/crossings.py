@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from quadriform.points import Array
+from quadriform.points import Array, unit_vectors
 from quadriform.shapes.mesh import Mesh, solid_angles, sorted_unique
 
 CELL = 1.5
@@ -63,8 +63,7 @@ def _seen_whole(mesh: Mesh) -> bool:
 
     Every triangle turns its inside to the middle, and all together fill the view once.
     """
-    rays = mesh.vertices - mesh.vertices.mean(axis=0)
-    rays /= np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), 1e-300)
+    rays = unit_vectors(mesh.vertices - mesh.vertices.mean(axis=0))
     views = solid_angles(*(rays[corner] for corner in mesh.faces.T))
     return bool((views > LEAST).all() and abs(views.sum() - 4 * np.pi) < FILLED) and mesh.is_closed()
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quadriform.errors import InputError, OptionError
-from quadriform.points import Array, check_points
+from quadriform.points import Array, check_points, unit_vectors
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
 from quadriform.words import short_repr
@@ -95,7 +95,7 @@ def wall_mesh(
     axis = (
         _long_axis(model, inner)
         if long_axis is None
-        else _unit(check_points(np.reshape(long_axis, (1, -1)), "long_axis"))[0]
+        else unit_vectors(check_points(np.reshape(long_axis, (1, -1)), "long_axis"))[0]
     )
     depth = np.repeat((np.arange(layers) + 0.5) / layers, len(quads))
     mesh = HexMesh(vertices, cells, _axes(vertices[cells], axis), depth)
@@ -140,18 +140,18 @@ def _long_axis(model: DeformableModel, inner: str) -> Array:
     ends = model.deform(superquadric.translation + np.stack([-step, step]))
     middle = model.mesh(inner, 8).vertices.mean(axis=0)
     apex, base = ends[np.argsort(-np.linalg.norm(ends - middle, axis=1), kind="stable")]
-    return _unit(base - apex)
+    return unit_vectors(base - apex)
 
 
 def _axes(corners: Array, axis: Array) -> Array:
     """Radial: the normal of a cell's layer in its middle; circumferential: around the axis; longitudinal: the rest."""
     along = np.einsum("cd,mcx->mdx", _derivatives(np.full((1, 3), 0.5))[0], corners)
-    radial = _unit(np.cross(along[:, 0], along[:, 1]))
+    radial = unit_vectors(np.cross(along[:, 0], along[:, 1]))
     # On the axis the circumferential direction is undefined; any perpendicular one is taken.
     around = np.cross(axis, radial)
     on_axis = np.linalg.norm(around, axis=1) < 1e-9
     around[on_axis] = np.cross(np.eye(3)[np.abs(radial[on_axis]).argmin(axis=1)], radial[on_axis])
-    around = _unit(around)
+    around = unit_vectors(around)
     return np.stack([radial, around, np.cross(radial, around)], axis=1)
 
 
@@ -171,8 +171,3 @@ def _check_unfolded(mesh: HexMesh, inner: str, outer: str) -> None:
             f"{int(folded.sum())} of {len(folded)} cells between {inner!r} and {outer!r} are folded, the worst at "
             f"{np.round(where, 3).tolist()}; try a higher resolution, or fit the model with a larger strength"
         )
-
-
-def _unit(vectors: Array) -> Array:
-    unit: Array = vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)
-    return unit

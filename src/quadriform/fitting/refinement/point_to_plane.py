@@ -20,7 +20,7 @@ from quadriform.fitting.least_squares.regularisers import Regulariser, penalty_m
 from quadriform.fitting.neighbourhood import effective_fraction
 from quadriform.fitting.refinement.surface_data import SurfaceData
 from quadriform.fitting.result import Iteration
-from quadriform.points import Array
+from quadriform.points import Array, unit_vectors
 from quadriform.shapes.closest import surface_normals
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superquadric import Superquadric
@@ -60,8 +60,7 @@ def data_rows(data: SurfaceData, box: ControlBox) -> Rows:
     normals = surface_normals(data.superquadric, box, data.origins)
     # directions of the data in the tangent plane of the model
     along = data.neighbourhood.along - np.einsum("ni,ni->n", data.neighbourhood.along, normals)[:, None] * normals
-    across = np.cross(normals, along)
-    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
+    across = unit_vectors(np.cross(normals, along))
     across_curves = data.neighbourhood.alone_across()[:, None, None] * _squares(across)
     weights = (data.weights * data.inliers)[:, None, None]
     return Rows(data.origins, data.points, weights * (_tangential(normals) + across_curves))
