@@ -60,7 +60,7 @@ KNOWN: dict[str, str] = {
     "shapes/mesh_points.py: _unit_corners: `2` -> `3`": (
         "another unit of length, in which nothing but the cells of the curve that orders triangles is measured"
     ),
-    "imaging/object_choice.py: choose_object: `0.5` -> `0.55`": "any threshold of an image of zeros gives an empty mask",
+    "imaging/object_choice.py: choose_object: `0.5` -> `0.55`": "an image of zeros is empty above any threshold",
     "files/label_maps.py: label_map: `96` -> `97`": "how finely a surface is drawn before its voxels are filled",
 }
 """From a change, as it is printed, to why no test can notice it."""

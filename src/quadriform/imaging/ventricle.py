@@ -1,4 +1,4 @@
-"""Points of the two surfaces of a left ventricle from an image: measured wall only, the base left open."""
+"""Points of the endocardium and epicardium of a left ventricle from an image, none where the image cuts it."""
 
 from __future__ import annotations
 
@@ -21,25 +21,26 @@ from quadriform.points import Array, check_number, check_points
 from quadriform.words import short_repr
 
 Plane = tuple[Array, Array]
-"""A point (3,) of the base plane and the direction (3,) to the side without data, in the world: `base` of a fit."""
+"""A point (3,) of the base plane and its normal (3,) away from the apex, in world coordinates: the `base` of `fit`."""
 
 HALF = Percentile(0.5, 99.9)
 OFF_CENTRE = 1e-5
 """No vertex is nearer to the centre of a voxel than this, in voxels."""
 MIN_POINTS = 125
-"""As many as the default box has control points; with fewer, the evidence cannot determine the strength."""
+"""As many as the default box has control points; fewer do not determine the weight of the regularisation."""
 ON_PLANE = 1e-9
 """Points beyond a plane by less than this fraction of the extent are on it."""
 
 
 @dataclass(frozen=True, repr=False)
 class VentriclePoints:
-    """Points on the walls of a ventricle.
+    """Points on the endocardium and epicardium of a ventricle.
 
     Attributes:
-        clouds: "endo", and "epi" where there is a wall, (n, 3) each, in the world of the image; an argument of `fit`.
+        clouds: "endo", and "epi" where there is a wall, (n, 3) each, in world coordinates; an argument of `fit`.
         isosurfaces: the same before thinning.
-        base: where the ventricle is open; None when the image shows it closed.
+        base: the plane beyond which points were removed, as given or found; None where there is none. A cavity that
+            meets the background inside the image has no base plane unless one is given, and OPEN_WALL.
         warnings: of reading and segmentation, BORDER_CUT, OPEN_BASE, OPEN_WALL.
         record: number of voxels of cavity and wall, number of points beyond the base by surface, spacing of the points.
     """
@@ -66,7 +67,9 @@ def ventricle_from_labels(
     """Return points of the endocardium, the boundary of the cavity, and of the epicardium, the outside of the wall.
 
     Points lie halfway between voxels. Where the image or the region cuts the ventricle there are none, and the
-    face that cuts most of the cavity is the base.
+    base plane is the face of the image or region that cuts the cavity over the largest area; anatomy is not checked, so
+    give `base` where the apex is cut too. Where the cavity meets the background inside the image, as at the valve plane
+    of a closed label, "endo" has points and "epi" has none; `base` removes them.
 
     Args:
         volume: label image.
@@ -74,9 +77,9 @@ def ventricle_from_labels(
         wall: labels of the muscle; without it there is no epicardium.
         region: half-open ranges of voxels, such as the slices below the base; its edge cuts like the image's.
         base: plane beyond which nothing is taken, in the world of the image.
-        spacing: side of the cubes of which each keeps one point; 0 keeps all points. None is a voxel's longest side,
-            halved while it leaves fewer than MIN_POINTS points of a surface. Neighbouring points of an isosurface are
-            no independent measurements, and a fit takes every point for one.
+        spacing: of the points kept, in the unit of the image: one for each cube of this side; 0 keeps all points. If
+            None, the longest side of a voxel, halved while a surface has fewer than 125 points and the value is above
+            the shortest side. A fit treats points as independent measurements; neighbouring vertices are not.
         apart: the name of `spacing` in earlier versions.
 
     Raises:
@@ -85,21 +88,21 @@ def ventricle_from_labels(
         OptionError: the region leaves the image, `base` is no plane, or both labels are the same.
     """
     blood = segment(volume, select=cavity, region=region)
-    inner = volume.crop(blood.region)
+    cropped = volume.crop(blood.region)
     tissue = _inside(blood).astype(np.int8) * CAVITY
     warnings = dict(blood.warnings)
-    surfaces = {"endo": _surface(tissue == CAVITY, tissue, inner)[0]}
+    surfaces = {"endo": _surface(tissue == CAVITY, tissue, cropped)[0]}
     if wall is not None:
         tissue[_wall(volume, cavity, wall, blood.region) & (tissue != CAVITY)] = WALL
-        _check_order(tissue, cavity, wall, inner.world_from_voxel)
-        points, ends = _surface(tissue != BACKGROUND, tissue, inner)
+        _check_order(tissue, cavity, wall, cropped.world_from_voxel)
+        points, ends = _surface(tissue != BACKGROUND, tissue, cropped)
         # an edge from cavity to background is the open base, not epicardium
         surfaces["epi"] = points[ends.max(axis=1) == WALL]
-        warnings |= _open_wall(tissue, inner.world_from_voxel)
-    if cut := border_cut(tissue != BACKGROUND, inner.world_from_voxel):
+        warnings |= _open_wall(tissue, cropped.world_from_voxel)
+    if cut := border_cut(tissue != BACKGROUND, cropped.world_from_voxel):
         warnings[WarningKind.BORDER_CUT] = f"{cut}; left open there"
-    plane = _cut_face(tissue == CAVITY, inner) if base is None else _check_plane(base)
-    return _finish(surfaces, plane, warnings, tissue, inner, _renamed(spacing, apart))
+    plane = _cut_face(tissue == CAVITY, cropped) if base is None else _check_plane(base)
+    return _finish(surfaces, plane, warnings, tissue, cropped, _renamed(spacing, apart))
 
 
 def ventricle_from_perfusion(
@@ -114,15 +117,18 @@ def ventricle_from_perfusion(
 ) -> VentriclePoints:
     """Return points of both surfaces of a bright wall that is open at the base: the horseshoe of a perfusion image.
 
-    The cavity is what the convex hull adds to the wall, as far as its largest balls reach. The isosurface of the wall
-    is endocardium where it faces the cavity and epicardium elsewhere; across the base there is no wall, so no points.
+    The cavity is the part of the wall's convex hull, outside the wall, that its largest inscribed balls cover (a
+    morphological opening), which leaves out thin gaps between the wall and its hull. The isosurface of the wall is
+    endocardium where it faces the cavity and epicardium elsewhere; across the base there is no wall, so no points.
 
     Args:
         volume: grey image with a bright wall.
-        select: which voxels are wall; half of the 99.9th percentile, as usual in nuclear cardiology.
+        select: which voxels are wall; 50 % of the 99.9th percentile of the grey values: like the customary 50 % of the
+            maximum, but independent of single bright voxels.
         region: half-open ranges of voxels about the ventricle.
         component: "largest", or a voxel (i, j, k) of the wall.
-        base: plane beyond which nothing is taken; None finds it: half the thickest wall below the opening.
+        base: plane beyond which nothing is taken. If None, it is estimated: parallel to the opening, moved towards the
+            apex by half of the greatest thickness of the wall.
         spacing: as in `ventricle_from_labels`.
         apart: the name of `spacing` in earlier versions.
 
@@ -131,19 +137,19 @@ def ventricle_from_perfusion(
         OptionError: an option is out of its range.
     """
     found = segment(volume, select=select, region=region, component=component)
-    inner = volume.crop(found.region)
-    tissue = fill_open_cavity(_inside(found), inner.world_from_voxel)
+    cropped = volume.crop(found.region)
+    tissue = fill_open_cavity(_inside(found), cropped.world_from_voxel)
     warnings = dict(found.warnings)
-    plane = base_of_open_cavity(tissue, inner.world_from_voxel) if base is None else _check_plane(base)
+    plane = base_of_open_cavity(tissue, cropped.world_from_voxel) if base is None else _check_plane(base)
     shown, level = found.object_volume(), 0.5
     if found.threshold is not None:
         level = found.threshold
-        shown = height_of(shown, inner, level)
+        shown = height_of(shown, cropped, level)
     points, ends = _vertices(shown, level, tissue)
-    inner_side = ends.max(axis=1) == CAVITY
-    outer_side = (ends == BACKGROUND).any(axis=1) & ~inner_side  # a dark spot within the wall is neither
-    surfaces = {"endo": points[inner_side], "epi": points[outer_side]}
-    result = _finish(surfaces, plane, warnings, tissue, inner, _renamed(spacing, apart))
+    is_endo = ends.max(axis=1) == CAVITY
+    is_epi = (ends == BACKGROUND).any(axis=1) & ~is_endo  # a dark spot within the wall is neither
+    surfaces = {"endo": points[is_endo], "epi": points[is_epi]}
+    result = _finish(surfaces, plane, warnings, tissue, cropped, _renamed(spacing, apart))
     if base is None:
         removed = sum(result.record["beyond_base"].values())
         total = sum(map(len, surfaces.values()))
@@ -167,8 +173,8 @@ def _wall(volume: Volume, cavity: Labels, wall: Labels, region: Region) -> Mask:
     return _inside(segment(volume, select=wall, region=region))
 
 
-def _surface(mask: Mask, tissue: Tissue, inner: Volume) -> tuple[Array, Tissue]:
-    return _vertices(Volume(mask, inner.world_from_voxel, inner.space, inner.unit), 0.5, tissue)
+def _surface(mask: Mask, tissue: Tissue, cropped: Volume) -> tuple[Array, Tissue]:
+    return _vertices(Volume(mask, cropped.world_from_voxel, cropped.space, cropped.unit), 0.5, tissue)
 
 
 def _vertices(shown: Volume, level: float, tissue: Tissue) -> tuple[Array, Tissue]:
@@ -181,12 +187,12 @@ def _vertices(shown: Volume, level: float, tissue: Tissue) -> tuple[Array, Tissu
 
 
 def _check_order(tissue: Tissue, cavity: Labels, wall: Labels, world_from_voxel: Array) -> None:
-    """Refuse a cavity that touches the background over more than its wall does."""
+    """Raise an error if the contact area of the cavity with the background exceeds that of the wall."""
     blood, muscle = (contact_area(tissue, kind, BACKGROUND, world_from_voxel) for kind in (CAVITY, WALL))
     if blood > muscle:
         raise MaskError(
-            f"cavity={cavity.values} meets the background over {blood:.4g}, wall={wall.values} over {muscle:.4g} "
-            "squared units: expected the wall around the cavity; are the labels swapped?"
+            f"cavity={cavity.values} has a contact area of {blood:.4g} squared units with the background, "
+            f"wall={wall.values} only {muscle:.4g}: expected the wall around the cavity; are the labels swapped?"
         )
 
 
@@ -199,10 +205,10 @@ def _open_wall(tissue: Tissue, world_from_voxel: Array) -> Warnings:
     return {WarningKind.OPEN_WALL: text}
 
 
-def _cut_face(cavity: Mask, inner: Volume) -> Plane | None:
+def _cut_face(cavity: Mask, cropped: Volume) -> Plane | None:
     """Through the outermost voxel centres of the face of the image that cuts most of the cavity."""
     # compared by area, for faces across thick slices are larger
-    areas = face_area_vectors(inner.world_from_voxel)
+    areas = face_area_vectors(cropped.world_from_voxel)
     faces = [(axis, end) for axis in range(3) for end in (0, -1)]
     cuts = [float(cavity.take(end, axis).sum() * np.linalg.norm(areas[axis])) for axis, end in faces]
     if max(cuts) == 0:
@@ -211,7 +217,7 @@ def _cut_face(cavity: Mask, inner: Volume) -> Plane | None:
     at = 0 if end == 0 else cavity.shape[axis] - 1
     voxels = np.insert(np.argwhere(cavity.take(at, axis)).astype(np.float64), axis, at, axis=1)
     outward = areas[axis] * (-1 if end == 0 else 1)
-    return inner.points_world(voxels).mean(axis=0), outward / np.linalg.norm(outward)
+    return cropped.points_world(voxels).mean(axis=0), outward / np.linalg.norm(outward)
 
 
 def _check_plane(base: Plane) -> Plane:
@@ -226,7 +232,7 @@ def _finish(
     plane: Plane | None,
     warnings: Warnings,
     tissue: Tissue,
-    inner: Volume,
+    cropped: Volume,
     spacing: float | None,
 ) -> VentriclePoints:
     """The points without those beyond the plane, thinned."""
@@ -234,9 +240,10 @@ def _finish(
     for name, points in kept.items():
         if not len(points):
             raise MaskError(
-                f"{name}: none of the {len(surfaces[name])} points lies below the base; reverse its direction"
+                f"{name}: all {len(surfaces[name])} points lie beyond the base plane; where you gave `base`, its "
+                "direction must point away from the apex: try the reverse"
             )
-    side = _default_spacing(kept, inner) if spacing is None else check_number(spacing, "spacing", 0.0)
+    side = _default_spacing(kept, cropped) if spacing is None else check_number(spacing, "spacing", 0.0)
     record = {
         "cavity_voxels": int((tissue == CAVITY).sum()),
         "wall_voxels": int((tissue == WALL).sum()),
