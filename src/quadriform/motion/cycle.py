@@ -8,7 +8,7 @@ import numpy as np
 from quadriform.errors import DegenerateError, OptionError
 from quadriform.fitting.least_squares.normal_equations import normal_equations
 from quadriform.fitting.least_squares.regularisers import Regulariser, penalty_matrix
-from quadriform.fitting.refinement.multiresolution import FIRST_NOISE
+from quadriform.fitting.refinement.multiresolution import MAD_TO_SIGMA
 from quadriform.fitting.refinement.point_to_plane import data_rows, evidence_of, step_length
 from quadriform.fitting.refinement.surface_data import SurfaceData
 from quadriform.fitting.refinement.unfolding import JacobianPenalty
@@ -113,7 +113,7 @@ class Cycle:
         """The undeformed box in all frames, with the nearest foot points."""
         datasets = [[self._data(name, points) for name, points in frame.items()] for frame in self.frames]
         distances = np.concatenate([data.distances(self.box) for frame in datasets for data in frame])
-        noise = FIRST_NOISE * float(np.median(distances))
+        noise = MAD_TO_SIGMA * float(np.median(distances))
         count, frames = sum(len(cloud) for cloud in self.frames[0].values()), len(self.frames)
         penalty = JacobianPenalty.of(self.box, self.surfaces, count, noise)
         displacement = np.zeros((self.values.shape[1], self.box.rest.size // 3, 3))

@@ -1,7 +1,9 @@
-"""The strength of the regularisation and the noise of the data, both by the evidence of the data itself (REML).
+"""The strength of the regularisation and the noise of the data, by the marginal likelihood of the data (REML).
 
-Everything is solved in the eigenvectors of the regulariser. There the strength adds to the diagonal alone, so that even
-a very large one leaves the digits of the displacements that the regulariser does not penalise.
+The displacements p of the control points minimise |J p - r|^2 + lambda p' K p, with A = J' J of the weighted residuals,
+the regulariser K, which acts on each coordinate alike, and lambda = alpha n; alpha is the `strength`, n the `count`.
+The unit of length is the RMS radius of the points. All is solved in the eigenbasis of K, where lambda adds to the
+diagonal alone: even for a very large one the data's part on the null space of K is not lost in rounding.
 """
 
 from dataclasses import dataclass, field, replace
@@ -16,39 +18,39 @@ from quadriform.fitting.least_squares.normal_equations import NormalEquations
 from quadriform.points import Array
 
 WIDEST = (1e-13, 1e3)
-"""Strengths per data point that a first search looks through, in steps of a decade."""
+"""Range of strengths of the first search, in steps of a decade."""
 NEARBY = 30.0
 """A later search stays within this factor of the strength before it."""
 NEAR = 0.1
-"""Of the logarithm of the strength: how near a search by values comes. From there the slope's root is found, for a
-search by values alone jumps by as much as it may when data differ by rounding."""
-STEPS, ROUNDING = 8, 1e-6
-"""At most so many secant steps to the root, until one is shorter than that; what is left then is its square."""
-BESIDE = 0.03
-"""From round to round a step that is shorter than this will do: the rounds that follow shorten it."""
+"""Tolerance, in the logarithm of the strength, of the derivative-free minimisation. The root of the derivative is found
+from there, for rounding of the data may change the result of the minimisation by this much."""
+MAX_SECANT_STEPS = 8
+STEP_TOLERANCE = 1e-6
+"""Length, in the logarithm of the strength, of the last secant step to the root; what is left is of higher order."""
+ROUND_TOLERANCE = 0.03
+"""The same within the rounds of a fit, of which each continues where the one before stopped."""
 FLAT = 0.02
-"""A criterion that changes by less than this per unit of the logarithm does not distinguish strengths: the evidence of
-data without any sign of bending grows with the regularisation, down to the rounding of the criterion."""
+"""Strengths are equally good where the derivative of the criterion by their logarithm is below this: for data that the
+null space of K fits, the criterion decreases for ever with the strength, and its derivative tends to zero."""
 NOISE_FLOOR = 1e-9
-"""Of the cloud's RMS radius: no data is more exact than that."""
+"""Least standard deviation: the logarithm of the variance stays finite where a fit is exact."""
 NULL_SPACE_WEIGHT = 1e-12
-"""Weight, relative to the data's largest, that keeps displacements free of cost at zero where no point determines
-them."""
+"""Added on the null space of K, relative to the largest diagonal entry of A: what no point determines there is zero."""
 
 
 @dataclass(frozen=True)
 class Solution:
-    """Control points' displacement under one strength, and how sure it is; lengths in the frame of the data.
+    """The displacements of the control points at one strength, with their uncertainty.
 
     Attributes:
         displacement: (k, 3).
-        strength: alpha, per data point.
-        noise: standard deviation of the data along the normal.
+        strength: alpha.
+        noise: standard deviation of the residuals.
         criterion: minus twice the log evidence, up to a constant.
-        factor: lower Cholesky factor (3 k, 3 k) of A + lambda K between the eigenvectors of K.
-        vectors: (k, k), these eigenvectors as columns, for one coordinate.
-        effective_fraction: how many independent points each point was taken for.
-        curvature: second derivative of the criterion by the logarithm of the strength, where it was sought.
+        factor: lower Cholesky factor (3 k, 3 k) of A + lambda K in the eigenbasis of K.
+        vectors: (k, k), the eigenvectors as columns, for one coordinate.
+        effective_fraction: independent residuals by residuals, in (0, 1]; below 1 where neighbours are correlated.
+        curvature: second derivative of the criterion by the logarithm of the strength; 0 where it was not computed.
     """
 
     displacement: Array
@@ -62,7 +64,7 @@ class Solution:
 
     @property
     def independent_noise(self) -> float:
-        """The noise at which as many independent points would determine no more than these do."""
+        """The noise at which n independent residuals would have the information of these: noise / sqrt(fraction)."""
         return float(self.noise / np.sqrt(self.effective_fraction))
 
     @property
@@ -75,11 +77,11 @@ class Solution:
         return float(1 / max(reciprocal, np.finfo(float).tiny))
 
     def variance(self, rows: Array) -> Array:
-        """Posterior variance of linear functions (n, 3 k) of the displacement."""
+        """Posterior variance of linear functions (n, 3 k) of the displacement, for independent residuals."""
         return self.noise**2 * (self._halved(rows) ** 2).sum(axis=0)
 
     def covariance(self) -> Array:
-        """Posterior covariance (3 k, 3 k) of the control points."""
+        """Posterior covariance (3 k, 3 k) of the control points, for independent residuals."""
         # by the factor, not by an inverse: the result stays symmetric and positive
         half = self._halved(np.eye(len(self.factor)))
         return self.noise**2 * half.T @ half
@@ -93,13 +95,13 @@ class Solution:
 
 @dataclass(frozen=True)
 class Evidence:
-    """The linearised problem seen as a function of the strength.
+    """The linear least-squares problem of one round, and its marginal likelihood as a function of the strength.
 
     Attributes:
         equations: of the data, and of penalties where there are any.
         penalty: (k, k), K of the regulariser for one coordinate.
-        count: number of residual rows, the sum of the weights.
-        effective_fraction: of them, as independent points.
+        count: n, the sum of the weights of the residuals.
+        effective_fraction: as in `Solution`.
         data: the equations of the data alone; None where there is no penalty.
         values, vectors: of K.
         rank, null_dimension: of K for all coordinates.
@@ -131,20 +133,20 @@ class Evidence:
 
     @cached_property
     def _data(self) -> tuple[Array, Array]:
-        """The data's matrix (3 k, 3 k) and right side (3 k,) between the eigenvectors of the regulariser."""
+        """The data's matrix (3 k, 3 k) and right side (3 k,) in the eigenbasis of K."""
         rotated = self.equations.between(self.vectors)
         null = np.flatnonzero(np.repeat(self.values == 0, 3))
         rotated.matrix[null, null] += NULL_SPACE_WEIGHT * np.abs(rotated.matrix.diagonal()).max()
         return rotated.matrix, rotated.right
 
     def cost(self, displacement: Array, strength: float) -> float:
-        """The sum at a displacement: squares of the data's residuals, and the regulariser's part."""
+        """The penalised sum of squares |J p - r|^2 + lambda p' K p at a displacement."""
         p, data = displacement.ravel(), self.data or self.equations
         squares = float(p @ (data.matrix @ p) - 2 * data.right @ p + data.constant)
         return squares + strength * self.count * self._energy(self.vectors.T @ p.reshape(-1, 3))
 
     def _energy(self, rotated: Array) -> float:
-        """The regulariser's energy of displacements (k, 3) between its eigenvectors."""
+        """The regulariser's energy p' K p of displacements (k, 3) in the eigenbasis of K."""
         return float(self.values @ (rotated**2).sum(axis=1))
 
     def solve(self, strength: float) -> Solution | None:
@@ -157,17 +159,17 @@ class Evidence:
         if factor is None:
             return None
         rotated = cho_solve((factor, True), right)
-        rows = max(self.count - self.null_dimension, 1.0)
+        dof = max(self.count - self.null_dimension, 1.0)
         # the minimum of the sum, without forming residuals; floored, for it cancels where the fit is exact
         displacement = self.vectors @ rotated.reshape(-1, 3)
         alone = self.data is None  # RSS + lambda p' K p, without what a penalty adds
         misfit = self.equations.constant - right @ rotated if alone else self.cost(displacement, strength)
-        variance = max(float(misfit) / rows, NOISE_FLOOR**2)
+        variance = max(float(misfit) / dof, NOISE_FLOOR**2)
         log_determinant = 2 * np.log(np.diag(factor)).sum()
-        # only independent points count as evidence against the regulariser, all of them for the noise
-        independent = max(self.effective_fraction * self.count - self.null_dimension, 1.0)
+        # REML with fewer degrees of freedom for correlated residuals; the noise is still estimated from all of them
+        effective_dof = max(self.effective_fraction * self.count - self.null_dimension, 1.0)
         # minus twice the log of the likelihood with the control points integrated out (REML)
-        criterion = independent * np.log(variance) + log_determinant - self.rank * np.log(max(weight, 1e-300))
+        criterion = effective_dof * np.log(variance) + log_determinant - self.rank * np.log(max(weight, 1e-300))
         noise = float(np.sqrt(variance))
         return Solution(displacement, strength, noise, float(criterion), factor, self.vectors, self.effective_fraction)
 
@@ -187,7 +189,7 @@ class Evidence:
         return self.after(before) if isinstance(before, Solution) else self.best(before)
 
     def best(self, near: float | None = None) -> Solution:
-        """The displacement at the strength with the largest evidence.
+        """The solution at the strength of the largest marginal likelihood.
 
         Args:
             near: the strength of an earlier, similar problem; without it, or where the criterion is flat there, the
@@ -199,16 +201,18 @@ class Evidence:
         start = self._first() if near is None else near
         low, high = _nearby(start)
         x = float(np.clip(np.log(start), low, high))
-        root = self._root(x, min(x + NEAR, high), (low, high), ROUNDING)
+        root = self._root(x, min(x + NEAR, high), (low, high), STEP_TOLERANCE)
         if root == (x, 0.0) and near is not None:
             return self.best()
         if root is None:
             x, reach = self._by_values(low, high), 3 * NEAR
-            root = self._root(x, x + NEAR, (x - reach, x + reach), ROUNDING) or (x, 0.0)
+            root = self._root(x, x + NEAR, (x - reach, x + reach), STEP_TOLERANCE) or (x, 0.0)
         return self._determined(*root)
 
     def after(self, before: Solution) -> Solution:
-        """The same in the round after another: its bend leads beside the root, and later rounds go nearer.
+        """The solution near the best strength, by one Newton step from the strength and curvature of the round before.
+
+        The strength is found to within about ROUND_TOLERANCE; later rounds refine it.
 
         Raises:
             DegenerateError: no strength determines the control points.
@@ -220,8 +224,8 @@ class Evidence:
         # one Newton step with the curvature of the round before: rounds differ little
         step = x - derivative / before.curvature
         root: tuple[float, float] | None = (step, before.curvature)
-        if abs(step - x) >= BESIDE:
-            root = self._root(x, step, _nearby(before.strength), BESIDE, derivative)
+        if abs(step - x) >= ROUND_TOLERANCE:
+            root = self._root(x, step, _nearby(before.strength), ROUND_TOLERANCE, derivative)
         return self.best(before.strength) if root is None else self._determined(*root)
 
     def _determined(self, x: float, curvature: float) -> Solution:
@@ -231,7 +235,7 @@ class Evidence:
             if found is not None:
                 return replace(found, curvature=curvature if factor_of_strength == 1 else 0.0)
         raise DegenerateError(
-            "points: those that count leave even shifts of the control points undetermined; expected a cloud with an "
+            "points: those with a weight do not determine the control points at any strength; expected a cloud with an "
             "extent in three dimensions that is not made of outliers alone"
         )
 
@@ -254,28 +258,34 @@ class Evidence:
         return float(found.x)
 
     def _root(
-        self, one: float, other: float, within: tuple[float, float], enough: float, derivative: float | None = None
+        self, x0: float, x1: float, bounds: tuple[float, float], tolerance: float, derivative: float | None = None
     ) -> tuple[float, float] | None:
-        """Where the criterion is least, by secant steps on its slope until one is short enough, and its bend there.
+        """The minimum of the criterion by secant steps on its derivative, and the curvature there.
 
-        The first place with bend zero where the criterion is flat; None where the steps leave the range, climb, or
-        come to where control points are undetermined. `slope` is the one at `one`, where it is known.
+        (x0, 0.0) where the criterion is flat at both first points. None where a step leaves the bounds, the curvature
+        is not positive, a strength leaves control points undetermined, or the steps do not converge.
+
+        Args:
+            x0, x1: first two logarithms of the strength.
+            bounds: of the steps.
+            tolerance: length of the last step.
+            derivative: at x0, where it was computed already.
         """
-        derivatives = self._derivative(one) if derivative is None else derivative, self._derivative(other)
+        derivatives = self._derivative(x0) if derivative is None else derivative, self._derivative(x1)
         if all(each is not None and abs(each) < FLAT for each in derivatives):
-            return one, 0.0
-        for _ in range(STEPS):
+            return x0, 0.0
+        for _ in range(MAX_SECANT_STEPS):
             if derivatives[0] is None or derivatives[1] is None:
                 return None
-            if (derivatives[1] - derivatives[0]) * (other - one) <= 0:
+            if (derivatives[1] - derivatives[0]) * (x1 - x0) <= 0:
                 return None
-            curvature = (derivatives[1] - derivatives[0]) / (other - one)
-            step = other - derivatives[1] / curvature
-            if not within[0] <= step <= within[1]:
+            curvature = (derivatives[1] - derivatives[0]) / (x1 - x0)
+            step = x1 - derivatives[1] / curvature
+            if not bounds[0] <= step <= bounds[1]:
                 return None
-            if abs(step - other) < enough:
+            if abs(step - x1) < tolerance:
                 return step, curvature
-            one, other, derivatives = other, step, (derivatives[1], self._derivative(step))
+            x0, x1, derivatives = x1, step, (derivatives[1], self._derivative(step))
         return None
 
     def _derivative(self, x: float) -> float | None:
@@ -285,13 +295,13 @@ class Evidence:
             return None
         weight = solution.strength * self.count
         misfit = max(self.count - self.null_dimension, 1.0) * solution.noise**2
-        independent = max(self.effective_fraction * self.count - self.null_dimension, 1.0)
+        effective_dof = max(self.effective_fraction * self.count - self.null_dimension, 1.0)
         energy = self._energy(self.vectors.T @ solution.displacement)
         # the null space comes first in the order of eigenvalues, and the strength does not act on it
         costly = solution.factor[self.null_dimension :, self.null_dimension :]
         inverse = solve_triangular(costly, np.eye(self.rank), lower=True)
         traced = np.repeat(self.values, 3)[self.null_dimension :] @ (inverse**2).sum(axis=0)
-        return float(weight * (independent * energy / misfit + traced) - self.rank)
+        return float(weight * (effective_dof * energy / misfit + traced) - self.rank)
 
     def _criterion(self, strength: float) -> float:
         solution = self.solve(strength)

@@ -1,7 +1,9 @@
-"""The rounds of the refinement: few control points and few data points first, all of them at the end.
+"""One stage of the coarse-to-fine refinement: its state, its parts, and the rounds at one number of control points.
 
-One round updates the foot points (a correspondence), the inlier probabilities (a robust kernel) and the control points
-(the linear problem at a selected strength). A stage makes rounds until its stopping rule is met.
+A round updates the foot points (a correspondence), the inlier probabilities (a robust kernel) and the control points
+(the linear problem at a selected strength). A stage makes rounds until its stopping rule is met. `stages.py` has the
+sequence of stages, from few control points and few data points to all of them. All lengths are in the normalised frame:
+the origin is the centroid of the points, the unit their RMS distance from it.
 """
 
 from dataclasses import dataclass, replace
@@ -26,39 +28,42 @@ Attractions = tuple[Attraction | None, ...]
 
 @dataclass(frozen=True)
 class Schedule:
-    """The constants of the stages; lengths of the data in RMS radii."""
+    """The constants of the stages: numbers of points and rounds, and fractions of the noise."""
 
     first_points: int = 400
-    """Of a surface in the first stage: enough to compare starts."""
+    """Points of each surface in the first stage, in which superquadrics to start from are compared."""
     coarse_points: tuple[int, ...] = (1000, 700, 1500)
-    """In the coarse stages; another number gives another path, for a surface that is self-intersecting after it."""
+    """Points of each surface in the coarse stages: the first number, and the next ones only if the result intersects
+    itself, for another subsample may lead to another minimum."""
     medium_points: int = 3000
-    """More than these are used in the last rounds only: the surface has nearly converged by then."""
+    """Points of each surface in the fine stage; a last stage uses all, when the surface has nearly converged."""
     coarse_rounds: int = 8
+    """Most rounds of each coarse stage; most stages stop earlier."""
     fine_rounds: int = 10
+    """Most rounds of the fine stage."""
     last_rounds: int = 3
-    """At most so many in a coarse stage, in the fine stage, and on all points; most stages stop earlier."""
+    """Most rounds of the last stage, on all points."""
     coarse_motion: float = 0.2
     fine_motion: float = 0.02
-    """A stage ends when the surface moves less than this fraction of the noise: less does not change inliers."""
+    """A stage ends when the RMS motion of the surface in a round is below this fraction of the noise."""
     tangential_steps: int = 3
-    """Of a foot point in a round, which converges quadratically: more would not move it."""
+    """Gauss-Newton steps of each foot point in a round; the next round continues from there."""
 
 
 SCHEDULE = Schedule()
-FIRST_NOISE = 1.4826
-"""Times the median absolute distance: the standard deviation of a Gaussian, even if half of the points are outliers."""
+MAD_TO_SIGMA = 1.4826
+"""From the median absolute distance to the standard deviation of a Gaussian; bounded for less than half of outliers."""
 
 
 @dataclass(frozen=True)
 class Start:
-    """What a stage begins from.
+    """The state before the first round of a stage.
 
     Attributes:
         box: deformed.
-        datasets: one a surface.
-        solution: of an earlier, similar problem, or None.
-        noise: of the data, or None where it is not known.
+        datasets: one for each surface.
+        solution: of the stage before, where the search for the strength begins; or None.
+        noise: standard deviation of the inliers' point-to-plane residuals, or None where it is not known.
         history: one record for each round so far.
     """
 
@@ -75,7 +80,7 @@ class Refined:
 
     Attributes:
         box: deformed.
-        datasets: one a surface, with foot points and inlier probabilities.
+        datasets: one for each surface, with foot points and inlier probabilities.
         solution: of the last round.
         history: one record for each round.
     """
@@ -87,7 +92,7 @@ class Refined:
 
     @property
     def noise(self) -> float:
-        """Standard deviation of the data along the normal."""
+        """Standard deviation of the inliers' point-to-plane residuals."""
         return self.solution.noise
 
     @property
@@ -97,7 +102,10 @@ class Refined:
 
     @property
     def self_intersecting(self) -> bool:
-        """Whether surfaces cross although the data covers them: more strength would not undo that."""
+        """Whether a surface intersects itself or another, of data that covers every surface.
+
+        False for data with gaps: there a greater strength is tried instead.
+        """
         if not self.covered:
             return False
         surfaces = {str(number): data.superquadric for number, data in enumerate(self.datasets)}
@@ -112,7 +120,7 @@ class Penalty(Protocol):
     """A cost of the box besides the data's and the regulariser's."""
 
     def equations(self, box: ControlBox) -> NormalEquations:
-        """Its normal equations, linear about a box, in the displacement from the undeformed box."""
+        """Its normal equations, linearised at a box; the unknowns are displacements from the undeformed box."""
 
     def cost(self, box: ControlBox) -> float:
         """The cost itself."""
@@ -122,7 +130,7 @@ class FootPoints(Protocol):
     """A correspondence of data points and the surface."""
 
     def update(self, box: ControlBox, datasets: Datasets) -> tuple[Datasets, Attractions]:
-        """Data with new foot points, and model points that are attracted to the data besides."""
+        """Data with new foot points, and residuals from model points to the data where there are some."""
 
 
 class TangentialSteps:
@@ -144,7 +152,11 @@ class Nearest:
 
 @dataclass(frozen=True)
 class Facing:
-    """Foot points near the data that face the same way, and an attraction of the surface where the data covers it."""
+    """Correspondence in both directions between points of similar normals.
+
+    Each data point is paired with a near surface point of similar normal. For a surface that the data covers
+    completely, model points without a data point are paired with their nearest data points as well.
+    """
 
     pairs: tuple[Correspondence, ...]
     covered: tuple[bool, ...]
@@ -156,7 +168,7 @@ class Facing:
         return cls(tuple(Correspondence.between(data.superquadric, cloud) for data, cloud in both), sample.covered)
 
     def update(self, box: ControlBox, datasets: Datasets) -> tuple[Datasets, Attractions]:
-        """Data with foot points sought anew, then moved tangentially; and the attraction of other model points."""
+        """Data with foot points searched anew, then moved tangentially; and residuals of model points without data."""
         result, attractions = list[SurfaceData](), list[Attraction | None]()
         for pairs, covered, data in zip(self.pairs, self.covered, datasets):
             costs = pairs.costs(box)
@@ -186,9 +198,9 @@ class MixtureWeights:
     """Inlier probabilities by a mixture of Gaussian inliers and uniform outliers."""
 
     def weighted(self, box: ControlBox, datasets: Datasets, noise: float | None) -> Datasets:
-        """Data with probabilities at a noise; without one at that of the median distance."""
+        """Data with probabilities at a noise; if it is None, at an estimate from the median distance."""
         distances = [data.distances(box) for data in datasets]
-        sigma = FIRST_NOISE * float(np.median(np.concatenate(distances))) if noise is None else noise
+        sigma = MAD_TO_SIGMA * float(np.median(np.concatenate(distances))) if noise is None else noise
         return tuple(data.weighted(each, sigma) for data, each in zip(datasets, distances))
 
 
@@ -221,7 +233,7 @@ class Problem:
         box: undeformed, around the outermost surface, with the requested number of control points.
         probes: (n, 3) points of all surfaces before deformation, of which the motion is measured.
         regularity: name or object.
-        strength: alpha per data point; None for the evidence's.
+        strength: alpha, the weight of the regulariser per data point; None for that of the largest marginal likelihood.
         robust: whether outliers are down-weighted.
         report: of the rounds.
     """
@@ -235,11 +247,11 @@ class Problem:
 
     @property
     def kernel(self) -> Kernel:
-        """Of the fine stage."""
+        """The rule for the inlier probabilities in the fine stage; coarse stages keep those of their data."""
         return MixtureWeights() if self.robust else FixedWeights()
 
     def weighted(self, state: Refined) -> Refined:
-        """The state with the inliers of its own distances."""
+        """The state with inlier probabilities at a noise estimated anew from its distances."""
         return replace(state, datasets=self.kernel.weighted(state.box, state.datasets, None))
 
     def recorded(self, before: ControlBox, state: Refined) -> Refined:
@@ -249,9 +261,10 @@ class Problem:
         return replace(state, history=(*state.history, entry))
 
     def penalised(self, state: Refined, penalty: Penalty, strength: float) -> Refined | None:
-        """The state after a round at a given strength with a penalty that is not linear: as far as it lowers the sum.
+        """The state after one Gauss-Newton step with a further penalty, at fixed strength and inlier probabilities.
 
-        None where penalty and strength leave control points undetermined.
+        The step is shortened until data, regulariser and penalty together decrease. None where the control points are
+        undetermined.
         """
         box, (datasets, none) = state.box, TangentialSteps().update(state.box, state.datasets)
         evidence = evidence_of(datasets, none, box, self.regularity, state.solution.effective_fraction)
@@ -274,7 +287,15 @@ class Problem:
 
 @dataclass(frozen=True)
 class Stage:
-    """A solver: rounds with one correspondence and one kernel until a stopping rule is met."""
+    """Rounds with one correspondence and one kernel until a stopping rule is met.
+
+    Attributes:
+        problem: what the stages have in common.
+        foot_points: the correspondence.
+        kernel: the rule for the inlier probabilities.
+        stop: the stopping rule.
+        effective_fraction: independent data points by data points, in (0, 1]; it scales the log likelihood.
+    """
 
     problem: Problem
     foot_points: FootPoints
