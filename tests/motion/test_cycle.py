@@ -12,7 +12,7 @@ from quadriform.fitting.least_squares.regularisers import Bending
 from quadriform.fitting.refinement import unfolding
 from quadriform.fitting.refinement.point_to_plane import SMALLEST_STEP
 from quadriform.fitting.refinement.starts import ellipsoids
-from quadriform.motion.cycle import DESCENT, MOST_ROUNDS, ROUNDS, Cycle
+from quadriform.motion.cycle import FIRST_ROUNDS, LEAST_ROUNDS, MOST_ROUNDS, Cycle
 from quadriform.motion.cycle_equations import CycleEvidence
 from quadriform.motion.slice_shifts import FEWEST
 from quadriform.points import Frame
@@ -82,7 +82,7 @@ def test_what_is_not_verified_to_be_free_of_folds_is_reported_of_its_frame(monke
     found = tracked()
     assert found.warnings["FOLDING"].startswith("frame 1: the map is not verified to be free of folds")
     assert "FOLDING" not in plain.warnings
-    assert len(boxes) == 3 * (MOST_ROUNDS - ROUNDS + 1)  # as often as it may try
+    assert len(boxes) == 3 * (MOST_ROUNDS - LEAST_ROUNDS + 1)  # as often as it may try
 
 
 @pytest.mark.parametrize("strategy", ["cycle", "previous", "alone"])
@@ -90,7 +90,7 @@ def test_progress_is_reported_to_its_end(strategy):
     told = []
     tracked(strategy=strategy, progress=lambda done, total: told.append((done, total)))
     assert [done for done, _ in told] == sorted(done for done, _ in told)
-    assert told[-1][0] == told[-1][1] == (DESCENT + ROUNDS if strategy == "cycle" else 3)
+    assert told[-1][0] == told[-1][1] == (FIRST_ROUNDS + LEAST_ROUNDS if strategy == "cycle" else 3)
 
 
 def test_the_rms_of_the_frames_is_that_of_all(plain):

@@ -1,4 +1,10 @@
-"""A whole cycle at once: foot points of every frame are updated, then control points of all times are solved for."""
+"""One moving box fitted to the points of all frames of a periodic motion, such as a heartbeat.
+
+Rounds alternate between the foot points of every frame, which are the nearest points on its current surface, and one
+linear problem for the control points at all knots of the splines in time and, on request, the in-plane shifts of
+slices. Below are F frames, K knots, k control points and S slices. Coordinates are relative to the centroid of the
+points and divided by their RMS radius; noise and shifts have that unit.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -20,27 +26,31 @@ from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.splines import TimeBasis
 from quadriform.shapes.superquadric import Superquadric
 
-STRONGEST, DESCENT = 1e3, 6
+STRONGEST, FIRST_ROUNDS = 1e3, 6
+"""Factor on both strengths in the first round, and the number of rounds in which it falls geometrically to 1: frames
+that are far from the undeformed surface do not fold on the way."""
 SEARCHES = 2
-ROUNDS, MOST_ROUNDS = 6, 24
+"""Rounds after these in which the strengths are estimated again; later they hardly change."""
+LEAST_ROUNDS, MOST_ROUNDS = 6, 24
+"""Rounds at the estimated strengths."""
 TOLERANCE = 0.005
-"""The cycle is fitted when the noise changes by less than this fraction, and no frame folds."""
+"""Converged when the noise changes by less than this fraction from one round to the next, and no frame folds."""
 TANGENTIAL_STEPS = 3
+"""Gauss-Newton steps of each foot point in a round; the next round continues from there."""
 LEAST_INLIERS = 0.5
-"""Of the points of a surface in a frame at least this fraction belongs to it."""
-MEDIAN = 0.6745
-"""Of the distance of normally distributed values from their mean, in standard deviations."""
+"""A surface with a smaller mean inlier probability in a frame is still far from its points: sigma is then estimated
+from these alone."""
 
 
 @dataclass(frozen=True)
 class CycleFit:
-    """The fitted cycle, in the centred, scaled frame.
+    """The fitted cycle.
 
     Attributes:
         control_points: (K, l+1, m+1, n+1, 3), at the knots.
         datasets: for each frame the surfaces with their points, moved by the shifts, and inlier probabilities.
-        noise: standard deviation of the data along the normal.
-        strengths: alpha in space, gamma in time.
+        noise: standard deviation of the inliers' point-to-plane residuals.
+        strengths: alpha in space, gamma in time, both per data point.
         shifts: (S, 2), of the slices in their planes; none without slice numbers.
         certified: whether each frame is proven not to fold.
     """
@@ -63,11 +73,11 @@ class CycleState:
     """What goes from round to round.
 
     Attributes:
-        displacement: (K, k, 3), of the control points from the undeformed box, at the knots.
+        displacement: (K, k, 3), of the control points from the undeformed box, at the knots in time.
         shifts: (S, 2), of the slices in their planes.
-        boxes: of the frames.
-        datasets: for each frame one a surface.
-        noise: standard deviation of the data along the normal.
+        boxes: the deformed box of each frame, by the splines.
+        datasets: for each frame one for each surface.
+        noise: standard deviation of the inliers' point-to-plane residuals.
         penalties: on folds, for each frame.
     """
 
@@ -81,7 +91,7 @@ class CycleState:
 
 @dataclass(frozen=True)
 class Cycle:
-    """A cycle to be fitted; everything in the centred, scaled frame.
+    """A cycle to be fitted.
 
     Attributes:
         surfaces: name -> superquadric.
@@ -125,39 +135,39 @@ class Cycle:
         return found.with_nearest_foot_points(self.box)
 
     def fit(self, alpha: float | None, progress: Progress | None = None) -> CycleFit:
-        """From strengths at which nothing folds down to those of the largest evidence, then until it converges.
+        """Fit at large strengths first, then at those of largest marginal likelihood, in at most MOST_ROUNDS rounds.
 
-        The search for the strength in time begins at the one at which a motion of the whole cloud once a period costs
-        as much as the noise.
+        The search for gamma, the strength in time, begins where a sinusoidal motion of one period, with the RMS radius
+        as its amplitude and time in periods, has a penalty of the noise squared.
 
         Args:
-            alpha: the strength in space; None for the evidence's.
+            alpha: the strength in space; None for the one that maximises the marginal likelihood.
             progress: called after each round.
 
         Raises:
             OptionError: the strength that the user gave leaves control points undetermined.
-            DegenerateError: so do all strengths.
+            DegenerateError: no strength that was tried gave a solvable problem.
         """
-        report, total = progress or (lambda done, total: None), DESCENT + ROUNDS
+        report, total = progress or (lambda done, total: None), FIRST_ROUNDS + LEAST_ROUNDS
         state = first = self.init()
-        # the frames with the least and the largest displacement
+        # the frames whose points have the least and the largest sum of squared distances to the undeformed surfaces
         squares = [sum((data.distances(self.box) ** 2).sum() for data in each) for each in state.datasets]
         order = np.argsort(squares, kind="stable")
         ends = int(order[0]), int(order[-1])
-        # a sine once a period has second derivatives (2 pi)^2 times as large as itself, and their squares count
-        strengths = alpha or self._alone(state, ends, None), state.noise**2 / (2 * np.pi) ** 4
-        for done, factor in enumerate(np.geomspace(STRONGEST, 1, DESCENT)):
+        # the second derivative of a sine of one period is (2 pi)^2 times its amplitude, and is squared in the penalty
+        strengths = alpha or self._strength_in_space(state, ends, None), state.noise**2 / (2 * np.pi) ** 4
+        for done, factor in enumerate(np.geomspace(STRONGEST, 1, FIRST_ROUNDS)):
             state = self.step(state, (factor * strengths[0], factor * strengths[1])) or state
             report(done + 1, total)
         certified: tuple[bool, ...] = ()
         for done in range(MOST_ROUNDS):
             if done < SEARCHES:
-                in_space = alpha or self._alone(state, ends, strengths[0])
+                in_space = alpha or self._strength_in_space(state, ends, strengths[0])
                 strengths = in_space, self.evidence(state).best_in_time(in_space, strengths[1])
             before, after = state, self.step(state, strengths)
             state = after or state
-            report(min(DESCENT + done + 1, total), total)
-            if done + 1 >= ROUNDS:
+            report(min(FIRST_ROUNDS + done + 1, total), total)
+            if done + 1 >= LEAST_ROUNDS:
                 certified, state = self.checked(state)
                 if all(certified) and abs(state.noise - before.noise) < TOLERANCE * before.noise:
                     break
@@ -169,18 +179,21 @@ class Cycle:
         datasets = tuple(dict(zip(frame, each)) for frame, each in zip(self.frames, state.datasets))
         return CycleFit(control, datasets, state.noise, strengths, state.shifts, certified)
 
-    def _alone(self, state: CycleState, ends: tuple[int, int], near: float | None) -> float:
-        """The smaller of the best strengths in space of the two frames with the least and the largest displacement.
+    def _strength_in_space(self, state: CycleState, ends: tuple[int, int], near: float | None) -> float:
+        """The smaller of the best strengths in space of two frames, each alone.
 
-        With more strength one of them would lag behind. Over a whole cycle smoothness in time could replace this
-        strength on the surface, but nothing would then regularise the space inside.
+        A larger one would over-smooth one of them. Maximising the marginal likelihood over the whole cycle could give
+        a strength in space near zero, for smoothness in time regularises the surface; the space inside would be free.
         """
         none = [None] * len(self.surfaces)
         found = [evidence_of(state.datasets[n], none, state.boxes[n], self.regularity) for n in ends]
         return min(each.select(None, near).strength for each in found)
 
     def step(self, state: CycleState, strengths: tuple[float, float]) -> CycleState | None:
-        """The state moved towards the solution of the linear problem as far as lowers the sum; None without one."""
+        """The state after a round: foot points, inlier probabilities, and a step to the solution of the linear problem.
+
+        The step is shortened until `total` decreases. None where the linear problem is singular.
+        """
         state = replace(state, datasets=self._updated(state))
         evidence = self.evidence(state)
         penalties = [penalty.equations(box) for penalty, box in zip(state.penalties, state.boxes)]
@@ -261,9 +274,9 @@ class Cycle:
 
 
 def _weighted(data: SurfaceData, box: ControlBox, noise: float) -> SurfaceData:
-    """Data with inlier probabilities at the noise of the cycle, or where most points are outliers, at their own."""
+    """Data with inlier probabilities at the noise of the cycle, or at their own while most points are far."""
     distances = data.distances(box)
     found = data.weighted(distances, noise)
     if np.average(found.inliers, weights=data.weights) >= LEAST_INLIERS:
         return found
-    return data.weighted(distances, float(np.median(distances)) / MEDIAN)  # not yet near, rather than outliers
+    return data.weighted(distances, MAD_TO_SIGMA * float(np.median(distances)))  # still far, rather than outliers
