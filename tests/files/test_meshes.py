@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 from quadriform.errors import FileFormatError, FileLimitError, OptionError, OutputError, PointsError
-from quadriform.files.mesh_formats import MESH_SUFFIXES
+from quadriform.files.mesh_formats import WRITE_SUFFIXES
 from quadriform.files.meshes import encode_mesh, read_mesh, read_space_and_unit, write_mesh
 from quadriform.shapes.mesh import Mesh
 
@@ -20,7 +20,7 @@ PLY = (
 )
 
 
-@pytest.mark.parametrize("suffix", MESH_SUFFIXES)
+@pytest.mark.parametrize("suffix", WRITE_SUFFIXES)
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_round_trip(tmp_path, mesh, suffix, scale):
     mesh = Mesh(mesh.vertices * scale, mesh.faces)
@@ -34,7 +34,7 @@ def test_round_trip(tmp_path, mesh, suffix, scale):
     assert back.volume() == pytest.approx(mesh.volume(), rel=1e-5)
 
 
-@pytest.mark.parametrize("suffix", MESH_SUFFIXES)
+@pytest.mark.parametrize("suffix", WRITE_SUFFIXES)
 def test_the_same_mesh_gives_the_same_bytes(mesh, suffix):
     assert encode_mesh(mesh, suffix, "LPS", "mm") == encode_mesh(mesh, suffix, "LPS", "mm")
 
@@ -93,14 +93,14 @@ def test_bad_vtp(tmp_path, old, new, message):
 @pytest.mark.parametrize(
     ("content", "error", "message"),
     [
-        (PLY[:-8], FileFormatError, "promises 6 rows, found 5"),
-        (PLY + "1 1 1\n", FileFormatError, "promises 6 rows, found 7"),
-        (PLY.replace("vertex 4", "vertex 3"), FileFormatError, "promises 5 rows, found 6"),
+        (PLY[:-8], FileFormatError, "declares 6 rows, found 5"),
+        (PLY + "1 1 1\n", FileFormatError, "declares 6 rows, found 7"),
+        (PLY.replace("vertex 4", "vertex 3"), FileFormatError, "declares 5 rows, found 6"),
         (PLY.replace("vertex 4", "vertex 2000000000000"), FileLimitError, "budget"),
         (PLY.replace("ascii", "binary_little_endian").replace("vertex 4", "vertex 2000"), FileFormatError, "only"),
         (PLY.replace("3 0 1 3", "3 0 1 4"), FileFormatError, "names vertex 4"),
         (PLY.replace("3 0 1 3", "3 0 1 -1"), FileFormatError, "names vertex|face"),
-        (PLY.replace("3 0 1 3", "3 0 1"), FileFormatError, "PLY|ply|promises"),
+        (PLY.replace("3 0 1 3", "3 0 1"), FileFormatError, "PLY|ply|declares"),
         (PLY.replace("0 0 1", "0 0 nan"), PointsError, "not finite"),
         (PLY.replace("0 0 1\n", "a b c\n"), FileFormatError, "expected a number"),
         ("hello", FileFormatError, "expected a PLY header, found text"),
@@ -136,7 +136,7 @@ def test_a_binary_mesh_cut_anywhere_is_refused(tmp_path, mesh, suffix):
 def test_a_binary_ply_with_more_than_it_promises_is_refused(tmp_path, mesh, more):
     path = tmp_path / "m.ply"
     path.write_bytes(encode_mesh(mesh, ".ply", "LPS", "mm") + more)
-    with pytest.raises(FileFormatError, match="bytes after it, found"):
+    with pytest.raises(FileFormatError, match="bytes are left after the last row"):
         read_mesh(path)
 
 
@@ -208,7 +208,7 @@ def test_unknown_suffix_frame_and_unit(tmp_path, mesh):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("suffix", MESH_SUFFIXES)
+@pytest.mark.parametrize("suffix", WRITE_SUFFIXES)
 @pytest.mark.parametrize("marks", [("LPS", "mm"), ("RAS", "m"), ("unknown", "unknown")])
 def test_marks_are_read_back(tmp_path, mesh, suffix, marks):
     write_mesh(mesh, tmp_path / f"m{suffix}", *marks)

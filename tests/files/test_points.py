@@ -163,8 +163,8 @@ def test_npz_takes_the_only_array_or_the_one_called_points(write):
         (npy(np.zeros(2, dtype=[("x", "f8")])), FileFormatError, "columns named x, y and z, found 'x'"),
         (npy(np.zeros(2, dtype=[("x", [("y", "f8")])])), FileFormatError, "plain numbers"),
         (npy(np.array([["a", "b", "c"]])), PointsError, "real numbers"),
-        (npy(ROWS)[:-1], FileFormatError, "promises 72 bytes.*found 71"),
-        (npy(ROWS) + b"\0", FileFormatError, "promises 72 bytes.*found 73"),
+        (npy(ROWS)[:-1], FileFormatError, "declares 72 bytes.*found 71"),
+        (npy(ROWS) + b"\0", FileFormatError, "declares 72 bytes.*found 73"),
         (npy(ROWS)[:20], FileFormatError, "expected a .npy array"),
         (npy_claiming("{'descr':'<f8','fortran_order':False,'shape':(2000000000,3)}"), FileLimitError, "budget"),
         (

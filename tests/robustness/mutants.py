@@ -128,7 +128,7 @@ MUTANTS = [
         "if False:",
         "files/test_points.py",
     ),
-    Mutant("bytes of a .npy", "files/arrays.py", "if promised != found:", "if False:", "files/test_points.py"),
+    Mutant("bytes of a .npy", "files/arrays.py", "if declared != found:", "if False:", "files/test_points.py"),
     Mutant(
         "objects in a .npy",
         "files/arrays.py",
@@ -140,7 +140,7 @@ MUTANTS = [
     Mutant(
         "archives that swell",
         "files/arrays.py",
-        "if promised > max(SMALL, MAX_EXPANSION * size):",
+        "if declared > max(SMALL, MAX_EXPANSION * size):",
         "if False:",
         "files/test_points.py",
     ),
@@ -184,7 +184,7 @@ MUTANTS = [
         "imaging/test_simpleitk_images.py",
     ),
     Mutant(
-        "number of points in a text", "files/tables.py", "if promised != found:", "if False:", "files/test_points.py"
+        "number of points in a text", "files/tables.py", "if declared != found:", "if False:", "files/test_points.py"
     ),
     Mutant(
         "shapes and numbers of a model",

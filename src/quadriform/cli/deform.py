@@ -32,12 +32,12 @@ def deform(
     from quadriform.cli.status import repeat_warnings
     from quadriform.files import read_model
     from quadriform.files.atomic import check_writable
-    from quadriform.files.mesh_formats import MESH_SUFFIXES
+    from quadriform.files.mesh_formats import WRITE_SUFFIXES
     from quadriform.files.points import POINT_SUFFIXES
     from quadriform.files.reading import naming, suffix_of
     from quadriform.imaging.file_points import space_to_write
 
-    as_mesh = suffix_of(output, (*POINT_SUFFIXES, *MESH_SUFFIXES), "points or a mesh") in MESH_SUFFIXES
+    as_mesh = suffix_of(output, (*POINT_SUFFIXES, *WRITE_SUFFIXES), "points or a mesh") in WRITE_SUFFIXES
     check_writable(output, common.force, inputs=[model, points])
     carrier, asked = read_model(model), check_space(space)
     status = repeat_warnings(carrier.record, common.strict, model)

@@ -27,7 +27,7 @@ def parse_npy(data: bytes, where: str) -> NDArray[Any]:
     Raises:
         FileFormatError: not .npy, damaged, too short or too long for its header, or of a type with objects or nested
             fields.
-        FileLimitError: the header promises more than the budget.
+        FileLimitError: the header declares more than the budget.
     """
     stream = io.BytesIO(data)
     shape, fortran_order, dtype = _npy_header(stream, data, where)
@@ -35,13 +35,13 @@ def parse_npy(data: bytes, where: str) -> NDArray[Any]:
         raise FileFormatError(f"{where}: expected an array of plain numbers, found type {dtype}")
     if any(length < 0 for length in shape):
         raise FileFormatError(f"{where}: the header has a negative length in shape {shape}")
-    promised = dtype.itemsize
+    declared = dtype.itemsize
     for length in shape:  # Python integers: NumPy's would overflow silently
-        promised *= length
-    check_budget(promised, where)
+        declared *= length
+    check_budget(declared, where)
     found = len(data) - stream.tell()
-    if promised != found:
-        raise FileFormatError(f"{where}: the header promises {promised} bytes of shape {shape}, found {found}")
+    if declared != found:
+        raise FileFormatError(f"{where}: the header declares {declared} bytes of shape {shape}, found {found}")
     # A view of the bytes: no copy, and nothing is executed.
     values = np.frombuffer(data, dtype=dtype, offset=stream.tell()) if found else np.zeros(0, dtype)
     return values.reshape(shape, order="F" if fortran_order else "C")
@@ -91,11 +91,11 @@ def _check_members(members: list[zipfile.ZipInfo], size: int, where: str) -> Non
         path = PurePosixPath(info.filename.replace("\\", "/"))
         if path.is_absolute() or ".." in path.parts or info.flag_bits & 1 or not info.filename.endswith(".npy"):
             raise FileFormatError(f"{where}: the archive has a member {info.filename!r} that is no plain .npy array")
-    promised = sum(info.file_size for info in members)
-    check_budget(promised, where)
-    if promised > max(SMALL, MAX_EXPANSION * size):
+    declared = sum(info.file_size for info in members)
+    check_budget(declared, where)
+    if declared > max(SMALL, MAX_EXPANSION * size):
         limit = f"at most {MAX_EXPANSION} times {size} bytes"
-        raise FileFormatError(f"{where}: expected to unpack to {limit}, found {promised}")
+        raise FileFormatError(f"{where}: expected to unpack to {limit}, found {declared}")
 
 
 def _first(error: Exception) -> str:

@@ -25,7 +25,7 @@ def parse_legacy_vtk(data: bytes, where: str) -> Polygons:
 
     Raises:
         FileFormatError: no such file, another data set than POLYDATA, cut short, or counts that do not agree.
-        FileLimitError: a header promises more than the budget.
+        FileLimitError: a header declares more than the budget.
     """
     head = HEAD.match(data)
     if head is None:
@@ -67,13 +67,13 @@ class _Cursor:
         check_budget(count * dtype.itemsize, self.where)
         if self.binary:
             if count * dtype.itemsize > len(self.data) - self.at:
-                raise FileFormatError(f"{self.where}: {count} numbers promised, found {len(self.data) - self.at} bytes")
+                raise FileFormatError(f"{self.where}: {count} numbers declared, found {len(self.data) - self.at} bytes")
             values = np.frombuffer(self.data, dtype, count, self.at)
             self.at += count * dtype.itemsize
             return values
         words = self.data[self.at :].split(None, count)
         if len(words) < count:
-            raise FileFormatError(f"{self.where}: {count} numbers promised, found {len(words)}")
+            raise FileFormatError(f"{self.where}: {count} numbers declared, found {len(words)}")
         self.at = len(self.data) - (len(words[count]) if len(words) > count else 0)
         values = floats(words[:count], self.where)
         return values.astype(dtype) if dtype.kind == "f" else whole(values, self.where)
@@ -129,11 +129,11 @@ def _cells_by_lengths(cursor: _Cursor, count: int, size: int) -> tuple[Indices, 
     is_length = np.zeros(size, dtype=bool)
     for cell in range(count):
         if at >= size or values[at] < 0:
-            raise FileFormatError(f"{cursor.where}: {count} cells promised, found {cell} in {size} numbers")
+            raise FileFormatError(f"{cursor.where}: {count} cells declared, found {cell} in {size} numbers")
         lengths[cell], is_length[at] = values[at], True
         at += 1 + int(values[at])
     if at != size:
-        raise FileFormatError(f"{cursor.where}: {count} cells with {size} numbers promised, found {at}")
+        raise FileFormatError(f"{cursor.where}: {count} cells with {size} numbers declared, found {at}")
     return values[~is_length], lengths
 
 

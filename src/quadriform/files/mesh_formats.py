@@ -1,4 +1,4 @@
-"""The formats of triangle meshes, a table with one entry each: what all other modules know of them stands here."""
+"""The table of mesh formats, one entry each: the only place that lists them."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -14,12 +14,12 @@ from quadriform.shapes.mesh import Mesh
 
 @dataclass(frozen=True)
 class MeshFormat:
-    """A format of triangle meshes.
+    """A format of meshes: polygons are read, and triangles written.
 
     Attributes:
         suffix: in lower case, with its dot.
-        parse: (content of a file, its name in messages) -> polygons. It holds the content against the suffix, and
-            raises `FileFormatError` where they differ.
+        parse: (content of a file, its name in messages) -> polygons. It raises `FileFormatError` for a content
+            that is not of this format.
         encode: (mesh, metadata by name, such as SPACE and UNIT) -> content; None for formats that are only read.
     """
 
@@ -39,6 +39,5 @@ FORMATS = {
     )
 }
 ENCODERS = {suffix: each.encode for suffix, each in FORMATS.items() if each.encode is not None}
-MESH_SUFFIXES = tuple(ENCODERS)
-"""Of the formats that are written."""
+WRITE_SUFFIXES = tuple(ENCODERS)
 READ_SUFFIXES = tuple(FORMATS)

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 from quadriform.errors import FileFormatError
 from quadriform.files.atomic import write_bytes
-from quadriform.files.mesh_formats import ENCODERS, FORMATS, MESH_SUFFIXES, READ_SUFFIXES
+from quadriform.files.mesh_formats import ENCODERS, FORMATS, READ_SUFFIXES, WRITE_SUFFIXES
 from quadriform.files.metadata import check_space_and_unit, parse_record, parse_space_and_unit
 from quadriform.files.reading import quoted, read_bytes, suffix_of, suffix_to_read
 from quadriform.points import check_points
@@ -42,7 +42,7 @@ def write_mesh(
         FileFormatError: another suffix.
         OutputError: the target cannot be written, or single precision would spoil an STL.
     """
-    suffix = suffix_of(path, MESH_SUFFIXES, "a mesh")
+    suffix = suffix_of(path, WRITE_SUFFIXES, "a mesh")
     write_bytes(path, encode_mesh(mesh, suffix, space, unit, more), force)
 
 
@@ -66,7 +66,7 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
     Raises:
         InputError: the file is missing or cannot be read.
         FileFormatError: not what its name says, damaged, or without triangles.
-        FileLimitError: it is, or promises to be, beyond the budget.
+        FileLimitError: it is, or declares to be, beyond the budget.
         PointsError: vertices that are not finite.
     """
     mesh = read_mesh_or_points(path)
@@ -87,7 +87,7 @@ def parse_mesh(data: bytes, suffix: str, where: str) -> Mesh:
 
     Raises:
         FileFormatError: not what its suffix says, or damaged.
-        FileLimitError: the header promises more than the budget.
+        FileLimitError: the header declares more than the budget.
         PointsError: vertices that are not finite.
     """
     polygons = FORMATS[suffix].parse(data, where)

@@ -42,7 +42,7 @@ def read_points(path: str | os.PathLike[str], columns: Chosen = None) -> Array:
         ColumnsError: it is not known which columns are x, y and z.
         OptionError: columns that the file does not have.
         FileFormatError: it is not what its name says, or damaged; text with the line number.
-        FileLimitError: it is, or promises to be, beyond the budget.
+        FileLimitError: it is, or declares to be, beyond the budget.
         PointsError: no points, wrong shape, or not finite values.
     """
     return read_point_set(path, columns).points

@@ -67,7 +67,7 @@ def check_readable(path: PathLike) -> int:
 
 
 def check_budget(size: int, where: str) -> None:
-    """Refuse a size, found or promised by a header, that is beyond the budget.
+    """Refuse a size, found or declared by a header, that is beyond the budget.
 
     Raises:
         FileLimitError: above `MAX_BYTES`.

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from quadriform.errors import OptionError, QuadriformError
-from quadriform.files.mesh_formats import MESH_SUFFIXES, READ_SUFFIXES
+from quadriform.files.mesh_formats import READ_SUFFIXES, WRITE_SUFFIXES
 from quadriform.files.meshes import read_mesh, write_mesh
 from quadriform.files.models import MODEL_SUFFIXES, is_model_file, read_model, write_model
 from quadriform.files.moving_models import is_moving_model, read_moving_model, write_moving_model
@@ -42,7 +42,7 @@ def save(model_or_mesh: DeformableModel | MovingModel | Mesh, path: PathLike, fo
     if not isinstance(model_or_mesh, DeformableModel):
         raise OptionError(f"save: expected a DeformableModel or a Mesh, found {type(model_or_mesh).__name__}")
     model = model_or_mesh
-    if suffix_of(path, MODEL_SUFFIXES + MESH_SUFFIXES, "a model") in MODEL_SUFFIXES:
+    if suffix_of(path, MODEL_SUFFIXES + WRITE_SUFFIXES, "a model") in MODEL_SUFFIXES:
         write_model(model, path, force)
         return
     if len(model.surfaces) != 1:

@@ -56,7 +56,7 @@ def _binary(data: bytes, where: str) -> Array | None:
     if more < 0 or (more >= TRIANGLE and any(data[HEAD + TRIANGLE * count :])):
         if data.lstrip()[:5].lower() == b"solid" or b"\0" not in data:
             return None
-        found = f"the header promises {count} triangles, found {len(data) - HEAD} bytes of {TRIANGLE} each"
+        found = f"the header declares {count} triangles, found {len(data) - HEAD} bytes of {TRIANGLE} each"
         raise FileFormatError(f"{where}: {found}")
     record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
     return np.frombuffer(data, record, count, HEAD)["corners"].astype(np.float64).reshape(-1, 3)

@@ -65,15 +65,15 @@ def parse_table(data: bytes, where: str, columns: Chosen = None) -> PointSet:
         ColumnsError: columns that cannot be distinguished.
         OptionError: columns that are not there.
         FileFormatError: not text, decimal commas, ragged rows or words among the numbers, with the line number; other
-            rows than the first line promises.
+            rows than the first line declares.
     """
     lines = _lines(data, where)
     text = _parsed_lines(lines, where)
     first = text.split(text.rows[0])
     names, has_header = _names(text, first, columns)
     body = text.rows[has_header:]
-    if promised := COUNT.fullmatch(lines[0]):
-        _check_count(int(promised[1]), len(body), where)
+    if declared := COUNT.fullmatch(lines[0]):
+        _check_count(int(declared[1]), len(body), where)
         _check_end(data, where)
     if text.count is not None:
         _check_count(text.count, len(body), where)
@@ -212,9 +212,9 @@ def _common_unit(text: _Text, found: Columns, what: str) -> str:
 # --- lines and fields --------------------------------------------------------------------------------------------
 
 
-def _check_count(promised: float, found: int, where: str) -> None:
-    if promised != found:
-        raise FileFormatError(f"{where}: the table says that it has {promised:.15g} points, found {found}")
+def _check_count(declared: float, found: int, where: str) -> None:
+    if declared != found:
+        raise FileFormatError(f"{where}: the table says that it has {declared:.15g} points, found {found}")
 
 
 def _check_end(data: bytes, where: str) -> None:

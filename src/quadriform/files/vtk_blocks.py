@@ -25,21 +25,21 @@ def unpacked(packed: bytes, header: str, compressor: str, where: str) -> bytes:
 
     Raises:
         FileFormatError: an unknown compressor, or one that is not installed.
-        FileLimitError: the header promises more than the budget.
-        DAMAGED: the content is not what the header promises.
+        FileLimitError: the header declares more than the budget.
+        DAMAGED: the content is not what the header declares.
     """
     width = np.dtype(header).itemsize
     if not compressor:
         size = int(np.frombuffer(packed[:width], header)[0])
         if size > len(packed) - width:
-            raise ValueError(f"{size} bytes promised, {len(packed) - width} found")
+            raise ValueError(f"{size} bytes declared, {len(packed) - width} found")
         if size < len(packed) - width and packed[width + size :].strip():
-            raise ValueError(f"{size} bytes promised, {len(packed) - width} found")
+            raise ValueError(f"{size} bytes declared, {len(packed) - width} found")
         return packed[width : width + size]
     decompress = _decompressor(compressor, where)
     count = int(np.frombuffer(packed[:width], header)[0])
     if count * width > len(packed):
-        raise ValueError(f"{count} blocks promised in {len(packed)} bytes")
+        raise ValueError(f"{count} blocks declared in {len(packed)} bytes")
     sizes = np.frombuffer(packed[: (3 + count) * width], header).astype(object)[1:]  # Python's integers: no overflow
     if count == 0:
         return b""
@@ -49,7 +49,7 @@ def unpacked(packed: bytes, header: str, compressor: str, where: str) -> bytes:
     for size, length in zip(sizes[2:], lengths):
         blocks.append(decompress(packed[at : at + size], length))
         if len(blocks[-1]) != length:
-            raise ValueError(f"a block of {length} bytes promised, {len(blocks[-1])} found")
+            raise ValueError(f"a block of {length} bytes declared, {len(blocks[-1])} found")
         at += size
     return b"".join(blocks)
 

@@ -69,7 +69,7 @@ def parse_vtp(data: bytes, where: str) -> Polygons:
 
     Raises:
         FileFormatError: no such XML, entities, an unknown compression, or counts that do not agree.
-        FileLimitError: an array promises more than the budget.
+        FileLimitError: an array declares more than the budget.
     """
     file = _opened(data, where)
     pieces = [_piece(piece, file) for piece in file.root.findall("PolyData/Piece")]
@@ -125,7 +125,7 @@ def _piece(piece: ElementTree.Element, file: _File) -> Polygons:
     count = _count(piece, "NumberOfPoints", where)
     vertices = np.empty(0) if points is None and count == 0 else _values(points, "Points/DataArray", file)
     if len(vertices) != 3 * count:
-        raise FileFormatError(f"{where}: NumberOfPoints promises other than the {len(vertices) / 3:g} points found")
+        raise FileFormatError(f"{where}: NumberOfPoints declares other than the {len(vertices) / 3:g} points found")
     corners, lengths = _cells(piece, "Polys", file)
     strips = strip_triangles(*_cells(piece, "Strips", file))
     corners, lengths = np.append(corners, strips), np.append(lengths, np.full(len(strips), 3))
@@ -144,7 +144,7 @@ def _cells(piece: ElementTree.Element, name: str, file: _File) -> tuple[Indices,
     corners, ends = (_values(piece.find(path), path, file).astype(np.int64) for path in arrays)
     lengths = np.diff(ends, prepend=0)
     if len(ends) != count or (lengths < 0).any() or len(corners) != (ends[-1] if count else 0):
-        raise FileFormatError(f"{file.where}: NumberOf{name} promises {count} cells, found other offsets")
+        raise FileFormatError(f"{file.where}: NumberOf{name} declares {count} cells, found other offsets")
     return corners, lengths
 
 
