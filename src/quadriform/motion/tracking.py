@@ -20,7 +20,7 @@ from quadriform.fitting.inputs import Given, common_unit, point_sets, points_sha
 from quadriform.fitting.options import check_box, check_strength
 from quadriform.fitting.refinement.starts import ellipsoids
 from quadriform.fitting.result import ALONE, Fit, Progress, flat, rms_of_inliers
-from quadriform.motion.cycle import Cycle
+from quadriform.motion.cycle import Cycle, CycleFit
 from quadriform.motion.slice_shifts import SlicePlanes
 from quadriform.point_sets import PointSet
 from quadriform.points import Array, Frame, by_name
@@ -258,33 +258,24 @@ def _cycle(task: _Task) -> Track:
     surfaces = ellipsoids(local[task.first])  # data on an open surface does not determine exponents
     box = common_box(surfaces, check_box(task.options["box"]))
     planes = None if task.slices is None else (SlicePlanes.of(local, task.slices), task.slices)
-    cycle = Cycle(
-        surfaces,
-        box,
-        local,
-        task.basis.values(task.times),
-        task.basis,
-        task.options["regularity"],
-        task.options["robust"],
-        planes,
-    )
+    values, options = task.basis.values(task.times), task.options
+    cycle = Cycle(surfaces, box, local, values, task.basis, options["regularity"], options["robust"], planes)
     found = cycle.fit(check_strength(task.options["strength"]), task.progress)
+    sha256 = points_sha256(cloud for clouds in task.clouds for cloud in clouds.values())
     moving = MovingModel(
-        surfaces,
-        box.origin,
-        box.edges,
-        task.basis,
-        found.control_points,
-        input_sha256=points_sha256(cloud for frame in task.clouds for cloud in frame.values()),
-        frame_times=task.times,
+        surfaces, box.origin, box.edges, task.basis, found.control_points, input_sha256=sha256, frame_times=task.times
     )
-    moving = frame.shape_to_world(moving)
+    shifts = {} if planes is None else planes[0].named(frame.scale * found.shifts)
+    return _cycle_in_world(task, frame, frame.shape_to_world(moving), found, shifts)
+
+
+def _cycle_in_world(task: _Task, frame: Frame, moving: MovingModel, found: CycleFit, shifts: dict[int, Array]) -> Track:
+    """The track in the unit and frame of the points, with distances and warnings."""
     models = tuple(moving.at(time) for time in task.times)
     residuals = tuple(
         {name: model.distance(frame.to_world(data.points), name) for name, data in datasets.items()}
         for model, datasets in zip(models, found.datasets)
     )
-    shifts = {} if planes is None else planes[0].named(frame.scale * found.shifts)
     return Track(
         strategy="cycle",
         times=task.times,

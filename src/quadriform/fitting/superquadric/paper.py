@@ -70,9 +70,8 @@ def fit_paper(points: Array, kind: str) -> SuperquadricFit:
         # Euler angles of the candidate are the free ones themselves, so no gimbal lock can swap them
         value, by_parameter = candidate.parameter_derivatives(rotated)
         residual = value - 1
-        return float(residual @ residual) / len(residual), 2 * (residual @ by_parameter) * derivative / len(
-            residual
-        )  # P3
+        gradient = 2 * (residual @ by_parameter) * derivative / len(residual)
+        return float(residual @ residual) / len(residual), gradient  # P3
 
     history: list[float] = []
     result = minimize(
@@ -84,20 +83,24 @@ def fit_paper(points: Array, kind: str) -> SuperquadricFit:
         options={"gtol": GRADIENT_TOLERANCE, "maxiter": MAX_ITERATIONS},
     )
     found = cut_to(coordinates.in_frame(result.x), points)
+    return _with_covariance(found, points, int(result.nit), tuple(history))
+
+
+def _with_covariance(
+    found: Superquadric, points: Array, iterations: int, history: tuple[float, ...]
+) -> SuperquadricFit:
+    """The fit with its warnings, noise and covariance, of the distances to first order."""
     rank, condition = determinacy(found, points)
     warnings = (
         undetermined(rank, condition, len(found.parameters))
         | at_bound(found, 2 * float(np.ptp(points, axis=0).max()))
-        | not_converged(result.nit < MAX_ITERATIONS, int(result.nit))
+        | not_converged(iterations < MAX_ITERATIONS, iterations)
     )
-    distance, derivatives = distances(Candidates.of([found]), points)
+    candidates, ones = Candidates.of([found]), np.ones(len(points))
+    distance, derivatives = distances(candidates, points)
     noise = max(float(np.sqrt((distance**2).mean())), LEAST_SIGMA)
-    unbounded = np.zeros(len(found.parameters), dtype=np.bool_)
-    state = determined(Candidates.of([found]), derivatives[0], np.ones(len(points)), noise, unbounded)
-    covariance, iterations = state.covariance, int(result.nit)
-    return SuperquadricFit(
-        found, warnings, rank, condition, covariance, np.ones(len(points)), noise, tuple(history), iterations
-    )
+    state = determined(candidates, derivatives[0], ones, noise, np.zeros(len(found.parameters), dtype=np.bool_))
+    return SuperquadricFit(found, warnings, rank, condition, state.covariance, ones, noise, history, iterations)
 
 
 def least_criterion(points: Array, kind: str) -> Superquadric:
