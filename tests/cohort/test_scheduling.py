@@ -53,6 +53,31 @@ def test_a_workersthat_cannot_restart_raises():
         list(completed(range(3), doubled, workers))
 
 
+class Closing(Executor):
+    """Breaks while a task is submitted, as a pool of processes does whose pipes are closed already."""
+
+    def submit(self, fn, /, *args, **kwargs):
+        raise OSError("handle is closed")
+
+
+class Restarted:
+    """A pool of workers that works once it was restarted."""
+
+    def __init__(self):
+        self.executor = Closing()
+
+    def max_pending(self):
+        return 2
+
+    def restart(self):
+        self.executor = ThreadPoolExecutor(1)
+
+
+def test_a_pool_that_breaks_while_a_task_is_submitted_loses_none():
+    """Old bug: OSError instead of BrokenExecutor ended the whole run, now and then."""
+    assert dict(completed(range(5), str, Restarted())) == {task: str(task) for task in range(5)}
+
+
 class Silent(Executor):
     """Breaks with the third task, and never completes the others."""
 

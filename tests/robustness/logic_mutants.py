@@ -46,7 +46,7 @@ WIDER = {
     "motion": ["heart", "cli/test_track.py"],
     "heart": ["cli/test_measure.py", "report"],
     "imaging": ["cli"],
-    "files": ["cli", "cohort"],
+    "files": ["robustness/test_mesh_dialects.py", "robustness/test_table_dialects.py", "cli", "cohort"],
 }
 SWAPPED = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Pow: ast.Mult}
 TURNED = {ast.Lt: ast.GtE, ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.GtE: ast.Lt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq}
@@ -60,6 +60,7 @@ KNOWN: dict[str, str] = {
     "shapes/mesh_points.py: _unit_corners: `2` -> `3`": (
         "another unit of length, in which nothing but the cells of the curve that orders triangles is measured"
     ),
+    "motion/cycle_equations.py: solve: `1` -> `2`": "NumPy computes the size that is given as any negative number",
     "imaging/object_choice.py: choose_object: `0.5` -> `0.55`": "an image of zeros is empty above any threshold",
     "files/label_maps.py: label_map: `96` -> `97`": "how finely a surface is drawn before its voxels are filled",
 }

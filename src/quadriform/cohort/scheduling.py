@@ -63,7 +63,7 @@ def _fill(waiting: dict[Future[R], T], source: Iterator[T], work: Callable[[T], 
     for task in islice(source, max(0, engine.max_pending() - len(waiting))):
         try:
             waiting[engine.executor.submit(work, task)] = task
-        except BrokenExecutor:
+        except (BrokenExecutor, OSError):  # a pool of processes that breaks just now closes the pipes of a new worker
             return [task]
     return []
 
