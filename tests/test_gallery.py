@@ -12,6 +12,7 @@ gallery = runpy.run_path(str(ROOT / "docs" / "gallery_figures.py"))
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", gallery["ORDER"])
 def test_an_example_runs_and_finds_the_truth(name):
     if name == "shape_modes":

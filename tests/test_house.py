@@ -71,6 +71,7 @@ def test_everything_public_has_a_docstring():
     assert [name for name, tree in TREES if tree.body and not ast.get_docstring(tree)] == []
 
 
+@pytest.mark.slow
 def test_nothing_runs_code_from_data_or_inverts_matrices():
     found = []
     for name, _ in TREES:

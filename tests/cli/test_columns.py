@@ -71,6 +71,7 @@ def test_units_that_contradict_each_other_are_refused(terminal, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_the_order_of_napari_is_reported(terminal, tmp_path):
     np.savetxt(tmp_path / "p.csv", CLOUD[:, ::-1], delimiter=",", header="axis-0,axis-1,axis-2", comments="")
     record = fitted(terminal, tmp_path / "p.csv", tmp_path)

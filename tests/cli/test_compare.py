@@ -93,6 +93,7 @@ def test_what_is_unknown_or_open_is_noted(terminal, files):
     assert "none" in terminal("compare", "a.json", "open.obj").out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["b.vtp", "b.npz"])
 def test_what_lies_in_the_other_frame_is_brought_to_the_first_with_a_note(terminal, files, tmp_path, name):
     turned = "ras.ply" if name == "b.vtp" else "ras.json"

@@ -322,6 +322,7 @@ def test_a_frame_that_is_not_known_cannot_be_changed(terminal, cloud, tmp_path, 
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_labels_are_chosen_or_taken_together_with_a_note(terminal, nifti, body):
     path = nifti("labels.nii", body)
     assert "labels 1, 2 together" in terminal("fit", path, "-o", "all", *QUICK).err
@@ -338,6 +339,7 @@ def test_labels_as_surfaces(terminal, nifti, body):
     assert list(read_model("out/model.json").surfaces) == ["a", "b"]
 
 
+@pytest.mark.slow
 def test_otsu_is_noted_where_no_threshold_is_given(terminal, nifti, body, rng):
     path = nifti("grey.nii.gz", (body == 1) * 1000.0 + rng.normal(size=body.shape))
     assert "Otsu" in terminal("fit", path, "-o", "out", *QUICK).err

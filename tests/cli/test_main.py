@@ -110,6 +110,7 @@ def test_real_processes_end_with_one_line_and_the_code(tmp_path, cloud):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["cloud.xyz", "nan.xyz"]
 
 
+@pytest.mark.slow
 def test_a_fit_in_a_real_process(tmp_path, cloud):
     done = process(
         "fit", cloud, "-o", tmp_path / "out", "--method", "paper", "--regularity", "springs-paper", "--iterations", "2"

@@ -57,6 +57,7 @@ def test_a_share_or_one_file_holds_for_all_frames(terminal, beating, base):
     assert json.loads(result.out)["measures"][0]["value"] == expected.rows[0].value
 
 
+@pytest.mark.slow
 def test_a_moving_model_brings_its_frames_and_times(terminal, beating, tmp_path):
     boxes = [model.box for model in beating]
     points = np.stack([box.control_points for box in boxes])
@@ -96,6 +97,7 @@ def contours_written(folder, inserts=True, valve=8):
     return [folder / f"GPFile_{number:03d}.txt" for number in range(len(TIMES))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", ["folder", "glob", "one by one"])
 def test_contours_bring_each_frames_base_and_the_insertions_of_ed(terminal, beating, tmp_path, how):
     files = contours_written(tmp_path / "frames")
@@ -125,6 +127,7 @@ def test_one_file_of_contours_is_the_plane_of_its_frame(terminal, beating, tmp_p
     assert json.loads(result.out)["measures"][0]["value"] == expected.rows[0].value
 
 
+@pytest.mark.slow
 def test_models_in_ras_take_contours_in_lps(terminal, beating, tmp_path):
     """Everything that is measured is the same, for a half-turn changes no measure."""
     contours_written(tmp_path / "frames")

@@ -88,6 +88,7 @@ def words(request, made, tmp_path):
     return [word.replace("OUT", str(tmp_path / "out")) for word in USES[request.param]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", USES, indirect=True, ids=lambda name: name)
 def test_every_use_repeats_the_warnings(call, made, words):
     source = "cycle" if "cycle/model.json" in words else "ed"
@@ -161,6 +162,7 @@ def test_meshes_say_the_status(call, made, tmp_path):
     assert b"WARNINGS=PARTIAL_COVERAGE" in (tmp_path / "out" / "surface-epi.ply").read_bytes()[:400]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["ply", "stl", "obj", "vtp"])
 def test_meshes_alone_repeat_the_warnings(call, made, tmp_path, suffix):
     out = tmp_path / "meshes"

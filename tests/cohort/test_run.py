@@ -47,6 +47,7 @@ def serial(cohort, tmp_path_factory):
     return out, summary, calls
 
 
+@pytest.mark.slow
 def test_a_run_returns_a_summary_and_reports_each_outcome(serial):
     _, summary, calls = serial
     assert summary.counts == {"fitted": SUBJECTS - len(BROKEN), "failed": len(BROKEN)}

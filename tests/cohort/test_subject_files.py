@@ -103,6 +103,7 @@ def test_one_frame_is_fitted_and_marks_are_kept(one, tmp_path):
     assert metres.failure.kind == "InputError" and "lengths in mm; expected m" in metres.failure.error
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by_wall", [False, True])
 def test_columns_of_arrays_are_named_by_the_row(one, tmp_path, by_wall):
     """An array with three more columns is read as `columns` of the row says, z before y before x."""

@@ -282,6 +282,7 @@ def frames(shared):
 
 
 class TestRealFrames:
+    @pytest.mark.slow
     def test_there_are_as_many_points_as_the_data_says(self, frames):
         assert [found.frame for found in frames] == list(range(25))
         counts = [len(found.surface("endo")[0]) + len(found.surface("epi")[0]) for found in frames]

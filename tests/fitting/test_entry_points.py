@@ -96,6 +96,7 @@ def test_the_cloud_at_fault_is_named():
         qf.fit({})
 
 
+@pytest.mark.slow
 def test_a_slab_is_fitted_and_warned_of():
     """Row A10: thin, not flat. The paper's descent creeps, or says that it did not arrive; the condition is told."""
     slab = CLOUD * [1, 1, 1e-3]
@@ -115,6 +116,7 @@ KINDS_OF_ARRAY = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS_OF_ARRAY)
 def test_the_kind_of_array_does_not_matter(kind):
     """Rows A17 and A19: the same bytes as its contiguous float64 copy; other dresses are among the common checks."""
@@ -124,6 +126,7 @@ def test_the_kind_of_array_does_not_matter(kind):
     assert found.input_sha256 == plain.input_sha256
 
 
+@pytest.mark.slow
 def test_the_input_is_left_alone():
     """Row A21: read-only arrays are accepted, and nothing is written anywhere."""
     clouds = two_walls(150)
@@ -141,6 +144,7 @@ def test_the_input_is_left_alone():
     assert [hashlib.sha256(cloud.tobytes()).digest() for cloud in clouds.values()] == before
 
 
+@pytest.mark.slow
 def test_callers_who_let_numpy_raise():
     """Row D78: nothing inside leans on a silenced overflow."""
     with np.errstate(all="raise"):
@@ -153,6 +157,7 @@ def test_callers_who_let_numpy_raise():
         qf.fit_superquadric(wall + 0.3 * np.sin(wall[:, [1, 2, 0]]))  # some chances to be of it are near 1e-308
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["tangent", "paper"])
 def test_a_fit_holds_together(method, plain):
     fit = plain if method == "tangent" else qf.fit(CLOUD, **QUICK)
@@ -166,6 +171,7 @@ def test_a_fit_holds_together(method, plain):
     assert fit.model.input_sha256 == hashlib.sha256(CLOUD.tobytes()).hexdigest()
 
 
+@pytest.mark.slow
 def test_the_default_says_how_sure_it_is(plain):
     """Noise, inliers and the spread of the surface, in the unit of the points; the paper's method has no spread."""
     assert plain.status == "ok" and plain.strength > 0 and plain.noise > 0
@@ -182,6 +188,7 @@ def test_the_default_says_how_sure_it_is(plain):
         paper.uncertainty(CLOUD)
 
 
+@pytest.mark.slow
 def test_a_larger_ruler_gives_larger_numbers(plain):
     """Everything with a length in it scales with the points: noise, covariance, uncertainty."""
     start = qf.fit_superquadric(CLOUD).superquadric
@@ -193,6 +200,7 @@ def test_a_larger_ruler_gives_larger_numbers(plain):
     assert np.trace(ten.covariance) == pytest.approx(100 * np.trace(one.covariance), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_outliers_are_detected_and_only_on_request():
     strangers = np.array([[90.0, 10, 0], [-20, 80, 5], [0, 0, -120.0]])
     mixed = np.concatenate([CLOUD, strangers])
@@ -207,6 +215,7 @@ def test_outliers_are_detected_and_only_on_request():
     assert (trusting.residuals[:300] ** 2).mean() > 4 * (fit.residuals[:300] ** 2).mean()
 
 
+@pytest.mark.slow
 def test_a_box_grows_until_the_error_is_reached():
     start = qf.fit_superquadric(CLOUD).superquadric
     three = qf.refine(start, CLOUD, **SMALL)
@@ -237,6 +246,7 @@ def test_two_surfaces_share_a_box_by_default():
     assert fit.uncertainty(clouds["endo"], "endo").shape == (150,)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [QUICK, SMALL], ids=["paper", "tangent"])
 def test_partial_and_poor_clouds_are_warned_of(options):
     octant = made(exponents=(1, 1)).surface(np.abs(even_directions(600)))
@@ -248,6 +258,7 @@ def test_partial_and_poor_clouds_are_warned_of(options):
         poor.require_ok()
 
 
+@pytest.mark.slow
 def test_where_the_data_ends_on_purpose_coverage_is_not_asked_for():
     """The upper third is missing: warned of, unless the base says so, as a plane or as the loop of its edge."""
     whole = made(exponents=(1, 1), semi_axes=(3, 2.5, 4)).surface(even_directions(900))

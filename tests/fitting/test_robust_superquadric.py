@@ -32,6 +32,7 @@ def cloud(rng, exponents=(0.6, 1.4), n=600, noise=0.02):
     return truth, points + noise * rng.normal(size=points.shape)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("exponents", [(1, 1), (0.6, 1.4), (0.1, 0.1), (0.02, 1.0), (1.9, 0.3), (1.7, 1.8)])
 @pytest.mark.parametrize("semi_axes", [(3, 2, 4), (3, 3, 3.1), (0.3, 0.25, 4)])
 def test_noise_free_points_give_the_shape_back(exponents, semi_axes, rng):

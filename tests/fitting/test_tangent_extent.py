@@ -75,6 +75,7 @@ def test_the_smallest_box_that_reaches_the_error_is_taken(start):
         assert "POOR_FIT" not in found.warnings
 
 
+@pytest.mark.slow
 def test_an_error_out_of_reach_is_reported():
     points = noisy_egg(200)
     found = qf.refine(qf.fit_superquadric(points).superquadric, points, box="auto", max_error=0.01)
@@ -101,6 +102,7 @@ def both(walls):
     return qf.fit(walls)
 
 
+@pytest.mark.slow
 def test_two_surfaces_share_a_box_that_does_not_fold(both):
     assert both.model.n_parameters == 397
     assert both.model.min_jacobian() > 0 and not len(both.model.folds())

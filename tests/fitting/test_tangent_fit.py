@@ -72,11 +72,13 @@ def test_without_noise_the_paper_is_left_far_behind():
     assert ours.noise < 0.03
 
 
+@pytest.mark.slow
 def test_the_noise_is_found(fitted):
     assert fitted.noise == pytest.approx(1.0, rel=0.05)
     assert fitted.rms < fitted.noise < fitted.superquadric_rms
 
 
+@pytest.mark.slow
 def test_the_uncertainty_is_what_it_says(fitted):
     """Of the true surface between 85 and 99.9 % is within two sigma, and sigma is the size of the error."""
     sigma, off = fitted.uncertainty(EGG), np.abs(fitted.model.distance(EGG))
@@ -84,6 +86,7 @@ def test_the_uncertainty_is_what_it_says(fitted):
     assert 0.6 < np.sqrt((off**2).mean() / (sigma**2).mean()) < 1.6
 
 
+@pytest.mark.slow
 def test_the_uncertainty_is_the_spread_of_the_finer_posterior_about_the_fit(refined, rng):
     """Finer boxes drawn around the fit: their surfaces lie along the normal as far away as was said."""
     foot, enriched = refined.model.foot_points(EGG[::100]), refined.enriched
@@ -107,6 +110,7 @@ def test_what_few_control_points_cannot_say_is_in_the_uncertainty():
     assert (off < 2 * only_noise).mean() < 0.7
 
 
+@pytest.mark.slow
 def test_outliers_hardly_matter_and_are_named(fitted):
     fit = qf.fit(with_strangers(NOISY, 100))
     assert error(fit.model) < 1.2 * error(fitted.model)
@@ -117,6 +121,7 @@ def test_outliers_hardly_matter_and_are_named(fitted):
     assert f"{(fit.inliers < 0.5).sum()} of 1000 points" in fit.warnings["OUTLIERS"]
 
 
+@pytest.mark.slow
 def test_without_robustness_outliers_matter_and_nobody_is_one(start):
     cloud = with_strangers(FEW, 50)
     plain, robust = (qf.refine(start, cloud, robust=robust) for robust in (False, True))
@@ -144,6 +149,7 @@ def test_a_regulariser_of_ones_own_is_used(start, refined):
     np.testing.assert_array_equal(same.model.box.control_points, refined.model.box.control_points)
 
 
+@pytest.mark.slow
 def test_twice_the_penalty_at_half_the_strength_is_the_same(start):
     one = qf.refine(start, FEW, strength=1e-5, box=(4, 4, 4))
     other = qf.refine(start, FEW, strength=5e-6, box=(4, 4, 4), regularity=Recorded(2.0))

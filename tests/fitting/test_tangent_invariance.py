@@ -68,10 +68,12 @@ def test_a_whole_fit_moves_with_its_points():
     assert moved(plain.model, found.model, matrix, scale, offset) < 1e-7
 
 
+@pytest.mark.slow
 def test_weights_of_one_are_no_weights(start, refined):
     assert gap(qf.refine(start, CLOUD, weights=np.ones(len(CLOUD))).model, refined.model) < 1e-12
 
 
+@pytest.mark.slow
 def test_points_of_weight_zero_are_no_inliers(start):
     cloud, weights = with_strangers(CLOUD, 50), np.ones(len(CLOUD))
     weights[-50:] = 0

@@ -77,6 +77,7 @@ def test_lattice_points_that_touch_the_surface_are_inside_whatever_rounding_says
     assert (np.abs(surface.implicit(points) - 1) < 1e-12).sum() == 6
 
 
+@pytest.mark.slow
 def test_removing_folds_leaves_the_surface_alone(folded):
     """Old bug: more strength everywhere cured a small fold inside, and the error grew eightfold."""
     unfolded = qf.fit(DENTED)
@@ -87,6 +88,7 @@ def test_removing_folds_leaves_the_surface_alone(folded):
     assert unfolded.model.undeform(unfolded.model.deform(inside)) == pytest.approx(inside, abs=1e-7)
 
 
+@pytest.mark.slow
 def test_a_crossing_leaves_no_trace_after_its_removal(monkeypatch):
     """Old bug: foot points of a tangled surface led its cure astray, to 2 mm apart from two files of one image."""
 
@@ -108,6 +110,7 @@ def test_a_crossing_leaves_no_trace_after_its_removal(monkeypatch):
     assert np.abs(one.distance(other.mesh().vertices)).max() < 1e-4
 
 
+@pytest.mark.slow
 def test_several_surfaces_are_unfolded_at_any_price_but_the_accepted_one_is_sought_first(monkeypatch):
     seen = []
     unfolded = {0: [1.0, 0.4], 1: [0.5], 2: []}
@@ -126,6 +129,7 @@ def test_several_surfaces_are_unfolded_at_any_price_but_the_accepted_one_is_soug
     assert max(seen) < 0.5
 
 
+@pytest.mark.slow
 def test_a_fold_whose_removal_raises_the_noise_too_much_is_reported(monkeypatch, folded):
     monkeypatch.setattr(refinement, "accepted_noise", lambda refined: 0.0)
     fit = qf.fit(DENTED)

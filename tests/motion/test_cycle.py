@@ -44,6 +44,7 @@ def with_one_far(frame):
     return [np.vstack([cloud, [[10 * RADIUS, 0, 0]]]) if n == frame else cloud for n, cloud in enumerate(FRAMES)]
 
 
+@pytest.mark.slow
 def test_an_outlier_is_reported_of_its_frame_and_changes_little(plain):
     found = tracked(with_one_far(1))
     assert found.warnings["OUTLIERS"] == f"frame 1: 1 of {len(FRAMES[1]) + 1} points are outliers: {len(FRAMES[1])}"
@@ -71,6 +72,7 @@ def test_a_filled_body_among_surfaces_has_outliers():
     assert found.warnings["OUTLIERS"].startswith("frame 1: ")
 
 
+@pytest.mark.slow
 def test_what_is_not_verified_to_be_free_of_folds_is_reported_of_its_frame(monkeypatch, plain):
     boxes = []
 
@@ -85,6 +87,7 @@ def test_what_is_not_verified_to_be_free_of_folds_is_reported_of_its_frame(monke
     assert len(boxes) == 3 * (MOST_ROUNDS - LEAST_ROUNDS + 1)  # as often as it may try
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["cycle", "previous", "alone"])
 def test_progress_is_reported_to_its_end(strategy):
     told = []
@@ -185,6 +188,7 @@ def test_no_step_goes_far_up(monkeypatch, cycle, too_far):
         assert np.abs(moved).max() < 2 * SMALLEST_STEP * np.abs(steps[0]).max()
 
 
+@pytest.mark.slow
 def test_a_cavity_that_empties_in_a_wall_that_does_not_move_is_tracked():
     """Three quarters of all points do not move; those of the cavity at the other time are no outliers for that."""
     outside = lumpy(300)

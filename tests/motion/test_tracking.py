@@ -48,6 +48,7 @@ def test_each_frame_comes_near_the_truth(strategy):
     assert (found.moving is None) == (strategy == "alone")
 
 
+@pytest.mark.slow
 def test_the_cycle_comes_near_the_truth_and_does_not_fold(cycle):
     for time, model in enumerate(cycle.models):
         assert off(model, time) < 0.12 and off(model, time, "epi") < 0.12
@@ -79,6 +80,7 @@ def test_a_sparse_frame_borrows_from_its_neighbours():
     assert off(together.models[2], 2) < 0.6 * off(alone.model, 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["previous", "cycle"])
 def test_a_strength_that_is_asked_for_is_used(strategy):
     assert qf.track(heart()[:3], strategy=strategy, box=BOX, strength=1e-3).strengths[0] == pytest.approx(1e-3)
@@ -181,6 +183,7 @@ def test_the_frame_that_is_wrong_is_named():
         qf.track(frames)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["cycle", "alone"])
 def test_a_loss_of_digits_is_reported_with_its_frame(strategy):
     """As they came: once they are checked all are double precision."""

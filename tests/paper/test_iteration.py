@@ -21,6 +21,7 @@ def superquadric(cloud):
 READINGS = [("svd", "auto"), ("svd", 1e-3), ("springs", "auto"), ("springs", 1e-5)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("regularity", "strength"), READINGS)
 def test_thirty_iterations_converge(superquadric, cloud, regularity, strength):
     """The last step is at most 10 % of the first, and the error never rises by more than 5 %."""
@@ -58,6 +59,7 @@ def test_the_papers_direction_of_matching_is_the_better(superquadric, cloud):
     assert fits["data-to-model"].rms < fits["model-to-data"].rms
 
 
+@pytest.mark.slow
 def test_springs_to_the_letter_draw_the_box_in(superquadric, cloud):
     """P9 as printed pulls on P itself: stronger springs make the body smaller; on the displacement they do not."""
     volumes = {

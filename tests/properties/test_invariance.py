@@ -72,6 +72,7 @@ def test_a_fit_moves_with_its_points(plain, change):
     assert set(found.warnings) == set(fit.warnings)
 
 
+@pytest.mark.slow
 def test_the_order_of_points_does_not_matter(plain, rng):
     """M3."""
     options, tolerance, fit = plain

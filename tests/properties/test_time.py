@@ -28,6 +28,7 @@ def plain(request):
     return options, tracked(FRAMES, **options)
 
 
+@pytest.mark.slow
 def test_the_frames_differ(plain):
     models = plain[1].models
     assert min(gap(one, other) for one, other in pairwise(models)) > 1e-2

@@ -116,6 +116,7 @@ def verdict(text, figure):
     return re.search(r'class="verdict">(.*?)</p>', sections(text)[figure], re.DOTALL)[1]
 
 
+@pytest.mark.slow
 def test_every_figure_is_there_in_the_papers_order(text):
     names = [name for name in sections(text) if name.startswith("Fig. ")]
     assert names == [f"Fig. {k}" for k in range(1, 23)]

@@ -70,6 +70,7 @@ def test_a_report_begins_with_the_verdict_and_holds_the_fit(egg):
     assert "Bardinet" in text and f"quadriform {qf.__version__}" in text
 
 
+@pytest.mark.slow
 def test_warnings_are_shown_first(egg):
     fit, points = egg
     far = np.concatenate([points, [[90.0, 0, 0], [0, 95, 0]]])
@@ -150,6 +151,7 @@ def test_the_page_of_a_ventricle_says_what_python_says(browser, cycle, page_of_a
     assert text.count("Bullseye of wall thickness") == 2
 
 
+@pytest.mark.slow
 def test_frames_that_were_tracked_alone_show_the_first(cycle):
     found, clouds, _ = cycle
     alone = Track("alone", found.times, found.models, None, found.residuals, 0.4, (1e-6,))

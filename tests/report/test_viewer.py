@@ -32,6 +32,7 @@ def written(folder, model, scene=None, title="model"):
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", SHAPES)
 def test_every_vertex_is_where_python_has_it(browser, tmp_path, kind):
     model = bent({"surface": SHAPES[kind]}, unit="mm")
@@ -43,6 +44,7 @@ def test_every_vertex_is_where_python_has_it(browser, tmp_path, kind):
     assert browser.colours() > 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["ellipsoid", "toroid"])
 def test_volumes_are_those_of_python(browser, tmp_path, kind):
     model = bent({"surface": SHAPES[kind]}, unit="mm")
@@ -50,6 +52,7 @@ def test_volumes_are_those_of_python(browser, tmp_path, kind):
     assert browser.text("volume-surface") == f"{float(f'{model.volume() / 1000:.4g}')} ml"
 
 
+@pytest.mark.slow
 def test_a_moved_control_point_changes_the_volume_as_python_says(browser, tmp_path):
     model = bent({"surface": SHAPES["ellipsoid"]}, unit="mm")
     browser.open(written(tmp_path, model))
@@ -68,6 +71,7 @@ def test_a_moved_control_point_changes_the_volume_as_python_says(browser, tmp_pa
     browser.check()
 
 
+@pytest.mark.slow
 def test_a_control_point_is_dragged_by_the_mouse(every_browser, tmp_path):
     from selenium.webdriver.common.action_chains import ActionChains
 
@@ -89,6 +93,7 @@ def test_a_control_point_is_dragged_by_the_mouse(every_browser, tmp_path):
     every_browser.check()
 
 
+@pytest.mark.slow
 def test_time_moves_surface_and_volume(browser, tmp_path):
     model = beating()
     browser.open(written(tmp_path, model, Scene(errors=[0.5] * 10, cavity="endo")))
@@ -110,6 +115,7 @@ def test_time_moves_surface_and_volume(browser, tmp_path):
     browser.check()
 
 
+@pytest.mark.slow
 def test_play_runs_and_stops(browser, tmp_path):
     browser.open(written(tmp_path, beating(), Scene(errors=[None] * 10)))
     browser.run("document.getElementById('play').click()")
@@ -120,6 +126,7 @@ def test_play_runs_and_stops(browser, tmp_path):
     assert 0 < stopped == browser.number("time-now")
 
 
+@pytest.mark.slow
 def test_the_base_cuts_the_cavity_as_in_python(browser, tmp_path):
     model, ventricle = beating(), SyntheticVentricle()
     point, direction = ventricle.base_plane(0.8)
@@ -130,6 +137,7 @@ def test_the_base_cuts_the_cavity_as_in_python(browser, tmp_path):
     assert browser.number("ejection") == float(f"{measured['ejection fraction']:.4g}")
 
 
+@pytest.mark.slow
 def test_every_colour_and_switch_draws_something_else(every_browser, tmp_path):
     model = bent({"inner part": SHAPES["ellipsoid"], "outer": made(semi_axes=(4.0, 3.0, 5.0))}, unit="mm")
     places = {name: model.box.deform(s.grid(FIELD_CELLS)[0]) for name, s in model.surfaces.items()}
@@ -153,6 +161,7 @@ def test_every_colour_and_switch_draws_something_else(every_browser, tmp_path):
     every_browser.check()
 
 
+@pytest.mark.slow
 def test_keys_turn_zoom_and_reset(every_browser, tmp_path):
     from selenium.webdriver.common.keys import Keys
 

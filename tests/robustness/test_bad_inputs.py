@@ -165,6 +165,7 @@ def same_surface(found, plain, carry=lambda points: points, tolerance=1e-7):
     assert np.abs(found.model.distance(vertices)).max() < tolerance * Frame.of(carry(CLOUD)).scale
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("row", "offset", "tolerance"), [("12", 1e6, 1e-7), ("13", 1e8, 1e-6)])
 def test_far_from_the_origin(plain, row, offset, tolerance):
     same_surface(fit(CLOUD + offset), plain, lambda points: points + offset, tolerance)
@@ -174,6 +175,7 @@ def test_row_13_at_worse_offsets_the_digits_that_are_gone_are_named():
     assert set(fit(CLOUD + 1e10).warnings) >= {"PRECISION_LOSS"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [1e-6, 1e-3, 1e3, 1e6])
 def test_row_15_any_unit(plain, scale):
     same_surface(fit(scale * CLOUD), plain, lambda points: scale * points)
@@ -205,6 +207,7 @@ def test_row_23_one_gross_outlier_moves_nothing(plain):
     assert found.warnings["OUTLIERS"].endswith("200")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("count", "share", "seed", "tolerance"), [(400, 0.1, 0, 2e-2), (400, 0.1, 1, 2e-2), (2000, 0.3, 0, 5e-2)]
 )

@@ -68,6 +68,7 @@ def test_tests_of_a_file_begin_with_those_of_its_name():
     assert "fitting" in [name for names in mutants.stages("fitting/refinement/surface_data.py") for name in names]
 
 
+@pytest.mark.slow
 def test_what_is_explained_is_there():
     """An explanation goes with its change."""
     for text in mutants.KNOWN:

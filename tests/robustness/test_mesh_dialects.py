@@ -28,6 +28,7 @@ def test_there_are_dialects_of_every_format():
     assert len(GOOD) > 180 and len(BAD) > 60
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cases", by_suffix(GOOD))
 def test_a_dialect_is_read_as_the_body_that_it_is(tmp_path, cases):
     for suffix, name, content in cases:

@@ -43,6 +43,7 @@ def test_every_row_and_property_stands_once():
     assert sorted(re.findall(r"^\| (M?\d+) \|", PAGE, re.MULTILINE)) == sorted(WANTED)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", WANTED)
 def test_a_row_names_tests_that_exist(row):
     assert HELD[row]

@@ -151,6 +151,7 @@ def test_no_vertex_of_a_dense_mesh_leads_closer(exponents, size, rng):
     np.testing.assert_allclose(box.deform(found.origins), found.points, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("exponents", [(1, 1), (0.6, 1.2), (0.1, 0.1), (0.01, 0.01), (1.9, 1.9)])
 def test_sign_is_that_of_the_implicit_function(exponents, rng):
     surface, box = undeformed(exponents=exponents)
