@@ -427,6 +427,7 @@ def test_outputs_that_cannot_be_written_are_refused_before_the_work(terminal, cl
     assert cloud.read_bytes() == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "words",
     [

@@ -49,6 +49,7 @@ def grey(body, rng):
     return np.rint((body == 1) * 1000 + rng.normal(0, 20, body.shape)).astype(np.int16)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("writer", WRITERS)
 @pytest.mark.parametrize("suffix", [".nii.gz", ".nrrd"])
 def test_a_mask_lies_where_its_image_lies(terminal, tmp_path, body, grey, writer, suffix):

@@ -28,6 +28,7 @@ def test_every_subcommand_has_help():
         assert "Usage" in result.output
 
 
+@pytest.mark.slow
 def test_help_and_version_start_without_heavy_libraries():
     code = (
         "import sys; from quadriform.cli.main import main\n"

@@ -28,6 +28,7 @@ def beating(tmp_path):
     return models
 
 
+@pytest.mark.slow
 def test_numbers_are_those_of_the_library(terminal, beating):
     words = ["0.json", "1.json", "--base", "valve0.xyz", "--base", "valve1.xyz", "--json", "-o", "m.csv"]
     result = terminal("measure", *words)
@@ -40,6 +41,7 @@ def test_numbers_are_those_of_the_library(terminal, beating):
         assert [float(row["value"]) for row in csv.DictReader(stream)] == [row.value for row in expected.rows]
 
 
+@pytest.mark.slow
 def test_the_table_says_the_base_and_what_was_not_observed(terminal, beating):
     point, direction = HEART.base_plane()
     result = terminal("measure", "0.json", "1.json", "--base=" + ",".join(map(str, [*point, *direction])))
@@ -111,6 +113,7 @@ def test_contours_bring_each_frames_base_and_the_insertions_of_ed(terminal, beat
     ]
 
 
+@pytest.mark.slow
 def test_contours_without_insertions_leave_the_segments_unanchored(terminal, beating, tmp_path):
     contours_written(tmp_path / "frames", inserts=False)
     result = terminal("measure", "0.json", "1.json", "--contours", "frames")
@@ -120,6 +123,7 @@ def test_contours_without_insertions_leave_the_segments_unanchored(terminal, bea
     assert "UNANCHORED" not in terminal("measure", "0.json", "1.json", "--contours", "frames", *points).err
 
 
+@pytest.mark.slow
 def test_one_file_of_contours_is_the_plane_of_its_frame(terminal, beating, tmp_path):
     file = contours_written(tmp_path / "frames")[1]
     result = terminal("measure", "0.json", "1.json", "--base", file, "--json")
@@ -142,6 +146,7 @@ def test_models_in_ras_take_contours_in_lps(terminal, beating, tmp_path):
             assert other["value"] == pytest.approx(one["value"], rel=1e-6, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_marked_loop_is_brought_to_the_models(terminal, beating, tmp_path):
     ring = HEART.mitral_points(0.0)
     fan = Mesh(ring * [-1, -1, 1], np.array([[0, k, k + 1] for k in range(1, len(ring) - 1)]))
@@ -151,6 +156,7 @@ def test_a_marked_loop_is_brought_to_the_models(terminal, beating, tmp_path):
     assert json.loads(result.out)["measures"][0]["value"] == pytest.approx(expected.rows[0].value, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_models_are_taken_in_the_order_of_their_numbers(terminal, beating, tmp_path):
     """Frame 10 comes after frame 9, although a shell lists it before."""
     for number, model in zip((9, 10), beating):

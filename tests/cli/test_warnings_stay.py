@@ -100,6 +100,7 @@ def test_every_use_repeats_the_warnings(call, made, words):
         assert "warned" in found.out and all(kind in found.out for kind in warnings_of(made, source))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", [name for name in USES if "report" not in name], indirect=True, ids=lambda name: name)
 def test_json_has_status_warnings_and_notes(call, made, words):
     source = "cycle" if "cycle/model.json" in words else "ed"

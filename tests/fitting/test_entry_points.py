@@ -235,6 +235,7 @@ def test_two_surfaces_share_a_box():
     np.testing.assert_allclose(fit.residuals["endo"], fit.model.distance(clouds["endo"], "endo"), atol=1e-6)
 
 
+@pytest.mark.slow
 def test_two_surfaces_share_a_box_by_default():
     clouds = two_walls(150)
     starts = {name: qf.fit_superquadric(cloud).superquadric for name, cloud in clouds.items()}

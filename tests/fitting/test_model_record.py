@@ -23,6 +23,7 @@ def warned():
     return qf.fit(CAP, **SMALL)
 
 
+@pytest.mark.slow
 def test_the_model_carries_the_warnings_of_its_fit(warned):
     assert warned.status == "warned" and "PARTIAL_COVERAGE" in warned.warnings
     assert warned.model.warnings == warned.warnings and warned.model.status == "warned"

@@ -53,6 +53,7 @@ def test_the_other_kinds_come_back(kind, exponents):
         assert np.abs(one.implicit(other.grid(8)[0]) - 1).max() < 1e-7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_a_turned_moved_scaled_mirrored_or_shuffled_cloud_has_the_same_surface(seed, rng):
     exponents = [(0.6, 1.4), (0.2, 0.8), (1.2, 1.0)][seed]

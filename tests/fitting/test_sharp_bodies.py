@@ -30,6 +30,7 @@ def test_no_point_of_a_clean_cone_is_an_outlier():
     assert found.rms < 1e-2
 
 
+@pytest.mark.slow
 def test_where_robust_weights_end_in_folds_the_fit_without_them_is_tried(monkeypatch):
     tried = []
 

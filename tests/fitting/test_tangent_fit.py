@@ -164,6 +164,7 @@ def test_springs_are_another_regulariser(start, refined):
     assert error(springs.model) < 0.5
 
 
+@pytest.mark.slow
 def test_a_very_strong_box_only_moves_affinely(start, refined):
     """What bending does not feel: the displacement of the control points has no second differences."""
     fit = qf.refine(start, FEW, strength=1e6)
@@ -181,6 +182,7 @@ def test_the_strength_of_the_evidence_is_near_the_best_one(start, refined):
     assert error(refined.model) < min(error(weaker.model), error(stronger.model))
 
 
+@pytest.mark.slow
 def test_every_round_is_reported_and_recorded(start):
     told = []
     fit = qf.refine(start, FEW[:300], progress=lambda done, total: told.append((done, total)))

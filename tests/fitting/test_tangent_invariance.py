@@ -117,6 +117,7 @@ def test_a_weight_of_two_is_two_copies(start):
     assert gap(double.model, copies.model) < 1e-7
 
 
+@pytest.mark.slow
 def test_what_weighs_more_is_met_more_closely(start):
     """At a given strength; half of the points count a hundred times the others."""
     heavy = np.arange(len(CLOUD)) % 2 == 0

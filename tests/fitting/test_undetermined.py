@@ -66,6 +66,7 @@ def test_a_body_as_thin_as_the_noise_is_warned_of(noise, rng):
     assert ("ILL_CONDITIONED" in found.warnings) == (noise > 0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("strength", [1e-30, 1e-18])
 def test_a_strength_that_the_user_gave_is_named_where_it_is_too_small(strength):
     ellipsoid = made(exponents=(1, 1))

@@ -64,6 +64,7 @@ def test_noise_has_the_requested_size_and_repeats(heart):
 # --- the known model ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_every_measure_of_the_known_model(measured, truth):
     """Half a percent is asked for; nothing here needs more than a fifth."""
     for name, value in truth.items():

@@ -73,6 +73,7 @@ KINDS = {
 }
 
 
+@pytest.mark.slow
 def test_one_rule_decides_the_content_of_a_file(files, capsys):
     for name, kind in KINDS.items():
         assert kind_of(files / name) == kind
@@ -116,6 +117,7 @@ def test_python_and_the_terminal_refuse_an_image_in_the_same_words(files, capsys
     assert capsys.readouterr().err == f"quadriform: {refused.value}\n"
 
 
+@pytest.mark.slow
 def test_several_files_by_name(files):
     block = box_mesh()
     write_mesh(Mesh(block.vertices * 0.5 + [2, 5, 7], block.faces), "inner.ply", "RAS", "mm")

@@ -67,6 +67,7 @@ def test_filled_bodies_are_a_poor_fit():
     assert [text.split(":")[0] for text in found.warnings["POOR_FIT"].split("; ")] == ["frame 0", "frame 1", "frame 2"]
 
 
+@pytest.mark.slow
 def test_a_filled_body_among_surfaces_has_outliers():
     found = tracked([FRAMES[0], filled(1), FRAMES[2]])
     assert found.warnings["OUTLIERS"].startswith("frame 1: ")

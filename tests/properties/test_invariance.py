@@ -161,6 +161,7 @@ def measures(model):
     return [model.volume(n) for n in names], [model.area(n) for n in names], np.sort(thickness)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", [change for change in CHANGES if change.startswith(("M1", "M5", "M6"))])
 def test_measures_do_not_see_where_a_model_lies(wall, change):
     """M26. The mirror image of a superellipsoid is one whose own first axis points the other way."""

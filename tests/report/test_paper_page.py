@@ -132,6 +132,7 @@ def test_every_figure_has_a_picture_and_every_picture_a_source(text):
             assert "<svg" in picture or 'src="data:image/png;base64,' in picture, name
 
 
+@pytest.mark.slow
 def test_every_figure_says_what_the_paper_shows_and_compares_in_numbers(text):
     for name, body in sections(text).items():
         if name != "What the paper says in numbers":
@@ -201,6 +202,7 @@ def test_the_approximations_of_the_distance_stand_beside_the_exact_one(text, mat
     assert float(of_n[1]) < float(of_n[2]) < float(of_n[0])
 
 
+@pytest.mark.slow
 def test_one_box_is_compared_with_two_in_numbers(text, material):
     found = material.walls
     for name in ("epi", "endo"):

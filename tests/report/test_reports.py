@@ -82,6 +82,7 @@ def test_warnings_are_shown_first(egg):
         assert text.index(str(kind)) < text.index("<canvas")
 
 
+@pytest.mark.slow
 def test_titles_and_records_are_escaped(egg):
     fit, points = egg
     bad = "<img src=x onerror=alert(1)>"

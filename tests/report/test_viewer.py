@@ -177,6 +177,7 @@ def test_keys_turn_zoom_and_reset(every_browser, tmp_path):
     assert seen[3] == first
 
 
+@pytest.mark.slow
 def test_a_name_that_looks_like_markup_stays_a_name(browser, tmp_path):
     name = "a</script><img src=x onerror=document.title='broken'>\"'"
     model = bent({name: SHAPES["ellipsoid"]}, unit="mm")

@@ -171,6 +171,7 @@ def test_far_from_the_origin(plain, row, offset, tolerance):
     same_surface(fit(CLOUD + offset), plain, lambda points: points + offset, tolerance)
 
 
+@pytest.mark.slow
 def test_row_13_at_worse_offsets_the_digits_that_are_gone_are_named():
     assert set(fit(CLOUD + 1e10).warnings) >= {"PRECISION_LOSS"}
 
@@ -201,6 +202,7 @@ def test_row_21_a_memory_map_is_never_written_to(tmp_path):
     assert mapped.tobytes() == CLOUD.tobytes() == np.load(tmp_path / "cloud.npy").tobytes()
 
 
+@pytest.mark.slow
 def test_row_23_one_gross_outlier_moves_nothing(plain):
     found = fit(np.vstack([CLOUD, [20 * RADIUS, 0, 0]]))
     same_surface(found, plain, tolerance=1e-2)

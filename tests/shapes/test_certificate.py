@@ -66,6 +66,7 @@ def test_affine_box_has_its_exact_determinant(shape, rng):
     assert bound.lower <= np.linalg.det(matrix)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("shape", [(5, 5, 5), (3, 4, 6)])
 def test_bound_is_below_all_samples_and_close_to_the_least(seed, shape):

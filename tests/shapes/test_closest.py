@@ -128,6 +128,7 @@ def test_ellipsoid_by_its_lagrange_equation(rng):
     np.testing.assert_allclose(found.points[well], feet[well], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_medial_axis_of_an_ellipsoid():
     surface, box = undeformed()
     x = np.linspace(-1.5, 1.5, 31)
@@ -278,6 +279,7 @@ def test_rounding_chooses_no_side_of_an_edge(exponents, rng):
         np.testing.assert_allclose(gradient, plain.gradient(grid) @ rotation.T, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("exponents", [(0.1, 0.1), (0.01, 1.9996), (2.0, 2.0)])
 @pytest.mark.parametrize("seed", range(3))
 def test_rounding_does_not_choose_between_faces_that_are_equally_near(exponents, seed):

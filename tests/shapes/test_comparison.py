@@ -92,6 +92,7 @@ def test_a_model_with_itself():
     assert not np.any([numbers.semi_axes, numbers.translation]) and not numbers.exponents.any()
 
 
+@pytest.mark.slow
 def test_the_order_only_swaps():
     a, b = (deformed(seed).mesh(resolution=16) for seed in (3, 4))
     assert surface_distances(a, b) == surface_distances(b, a)[::-1]
