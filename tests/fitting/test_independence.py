@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from shapes_made import even_directions
 
-from quadriform.fitting.neighbourhood import effective_fraction
+from quadriform.fitting.cloud import effective_fraction
 
 FEET = 30 * even_directions(2000)
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from shapes_made import turned
 
-from quadriform.fitting.cloud import canonical_order
-from quadriform.fitting.neighbourhood import Neighbourhood
+from quadriform.fitting.cloud import Neighbourhood, canonical_order
 from quadriform.fitting.superquadric.initial import dense_parts
 
 

@@ -5,7 +5,7 @@ import pytest
 from clouds_made import cup, random_directions
 from shapes_made import even_directions, turned
 
-from quadriform.fitting.neighbourhood import Neighbourhood, dense_points, has_edge, is_surface, oriented
+from quadriform.fitting.cloud import Neighbourhood, dense_points, has_edge, is_surface, oriented
 
 SPHERE = even_directions(1500)
 T = np.linspace(0, 2 * np.pi, 400, endpoint=False)

@@ -9,7 +9,7 @@ from shapes_made import even_directions, made, turned
 from quadriform import fit_superquadric
 from quadriform.errors import OptionError
 from quadriform.fitting.mixture import Mixture
-from quadriform.fitting.superquadric.batch import Candidates
+from quadriform.fitting.superquadric.levenberg_marquardt import Candidates
 from quadriform.fitting.superquadric.multistart import SEARCH, Problem, em
 from quadriform.points import Frame
 from quadriform.shapes.superquadric import Superquadric

@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 from shapes_made import even_directions
 
 import quadriform as qf
-from quadriform.fitting.cloud import best_first, canonical_axes, first_least
-from quadriform.fitting.superquadric.initial import sides
+from quadriform.fitting.cloud import best_first, first_least
+from quadriform.fitting.superquadric.initial import canonical_axes, sides
 
 TURN = Rotation.from_rotvec([0.3, -0.7, 0.4]).as_matrix()
 SIDE = np.moveaxis(np.mgrid[-8:9, -8:9, -8:9], 0, -1)

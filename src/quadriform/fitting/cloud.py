@@ -1,32 +1,75 @@
-"""A cloud whatever the order of its points: its distinct points, and orders and axes that rounding does not choose.
+"""What a cloud is without its order or any model: distinct points, neighbours and what they determine, equal values.
 
 On the lattices of images, and on any body with symmetry, much is equal but for rounding, and that differs between
-processors: the best of equal values, axes that moments of second order leave open, and points at equal distances.
+processors: the best of equal values, and points at equal distances. No choice here is left to rounding.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
+from scipy.spatial import cKDTree
 
 from quadriform.points import Array, Frame
+from quadriform.shapes.threads import threads_for
 
-EQUAL = 1e-9
-"""Values that differ by less than this fraction of their size are equal, but for rounding."""
-OPEN = 1e-7
-"""Eigenvalues nearer to each other than this fraction of the largest leave their axes open."""
-DETERMINES = 1e-6
-"""A moment above this fraction of the largest possible one determines a direction."""
-FOLDS = range(1, 7)
-"""Symmetries about an axis that are looked for: by 360 degrees, 180, ... 60."""
-SWEEPS = 30
-SADDLE = np.radians([20.0, 35.0, 50.0])
-"""Rotations about the three axes that lead away from a frame where fourth moments are stationary without being
-extreme."""
-DECIMALS = 9
-"""Distances that agree to so many decimals, the largest being 1, are equal: but for rounding they would be."""
+
+@dataclass(frozen=True)
+class Equality:
+    """What is equal but for rounding."""
+
+    values: float = 1e-9
+    """Values that differ by less than this fraction of their size."""
+    decimals: int = 9
+    """Distances that agree to so many decimals, the largest being 1."""
+    neighbours: float = 1e-6
+    """Distances to neighbours that differ by less than this fraction, for they are differences of coordinates."""
+    compared: int = 12
+    """So many more neighbours than were asked for are compared with the last of these."""
+
+
+@dataclass(frozen=True)
+class Neighbours:
+    """The constants of what neighbours determine."""
+
+    count: int = 12
+    """Neighbours of which principal axes are taken: two rings on an even surface."""
+    surface: float = 0.4
+    """Most points on a surface are flatter than this; in a filled volume they are not."""
+    even: float = 0.25
+    """Flatness that 12 neighbours on an evenly sampled surface have at least; a curve has less."""
+    dense_rank: int = 10
+    isolated_ratio: float = 3.0
+    """A point is isolated when its tenth neighbour is farther than three times the usual."""
+    disagree: float = 0.05
+    """Given normals of which more pairs of neighbours face opposite ways have arbitrary signs."""
+    around: int = 20
+    edge_angle: float = np.radians(150)
+    edges: float = 0.01
+    """At an edge 20 neighbours leave an angle of 150 degrees empty; of a closed surface less than one point in a
+    hundred does."""
+    faces_distance: float = 0.05
+    above_noise: float = 4.0
+    smoothest: float = 0.1
+    """Two faces meet where heights differ from a smooth surface by more than the first, a fraction of the neighbours'
+    RMS distance, and by more than the second times the noise: what they differ by at the smoothest tenth of the
+    points."""
+    isolated: float = np.sqrt(2.0)
+    """Points whose neighbours are this many times farther away than those of the median point are not on a surface of
+    the cloud's density, whose creases have neighbours on both sides: outliers, mostly."""
+    most_correlated: int = 64
+    """Correlation that reaches beyond so many neighbours counts for no more."""
+    asked: int = 10_000
+    """Correlation is taken at an even sample of so many points."""
+    sure: float = 3.0
+    """It counts when it is so many of its own standard errors above none at all."""
+
+
+EQUAL = Equality()
+NEAR = Neighbours()
 
 
 @dataclass(frozen=True)
@@ -113,7 +156,7 @@ def canonical_order(points: Array) -> NDArray[np.int64]:
     # the first moment weighted by distance: it rotates with the points
     heavier = far @ points / far.sum()
     # rounded, so that equal distances compare as equal on every processor
-    keys = np.round([*points.T, points @ heavier, far], DECIMALS)
+    keys = np.round([*points.T, points @ heavier, far], EQUAL.decimals)
     order = np.argsort(keys[-1], kind="stable")
     same = np.diff(keys[-1, order], prepend=-1.0, append=2.0) == 0
     tied = same[1:] | same[:-1]  # few, but on a lattice: only they need the other keys
@@ -137,7 +180,7 @@ def best_first(values: Array) -> NDArray[np.int64]:
     values = np.nan_to_num(values, nan=-np.inf)  # infinite ones become the largest numbers
     order = np.argsort(-values, kind="stable")
     falling = values[order]
-    differ = falling[:-1] / 2 - falling[1:] / 2 > EQUAL * np.maximum(np.abs(falling[1:]), 1.0)
+    differ = falling[:-1] / 2 - falling[1:] / 2 > EQUAL.values * np.maximum(np.abs(falling[1:]), 1.0)
     group = np.concatenate([[0], np.cumsum(differ)])
     return order[np.lexsort((order, group))]
 
@@ -145,101 +188,182 @@ def best_first(values: Array) -> NDArray[np.int64]:
 def first_least(values: Array) -> NDArray[np.int64]:
     """Index of the least of values (..., n) along the last axis; of equal ones the first."""
     least = values.min(axis=-1, keepdims=True)
-    return np.argmax(values <= least + EQUAL * np.abs(least), axis=-1)
+    return np.argmax(values <= least + EQUAL.values * np.abs(least), axis=-1)
 
 
-def canonical_axes(values: Array, axes: Array, points: Array) -> Array:
-    """Principal axes (3, 3), columns, that do not depend on rounding.
+@dataclass(frozen=True)
+class Neighbourhood:
+    """Principal axes of the 12 nearest neighbours of n points.
 
-    Where eigenvalues differ these are the given ones. Equal eigenvalues leave their axes open: there moments of higher
-    order determine them, which rotate with the points; where these are isotropic too, the axes nearest to the
-    coordinates'.
+    Attributes:
+        along: (n, 3) unit, where the neighbours spread most.
+        normals: (n, 3) unit, where they spread least; signs are arbitrary.
+        flatness: (n,) in [0, 1]; near 0 on curves and in filled volumes, where the normal means nothing.
+    """
+
+    along: Array
+    normals: Array
+    flatness: Array
+
+    @classmethod
+    def of(cls, points: Array) -> "Neighbourhood":
+        """From the points (n, 3) alone."""
+        near, counts = nearest(points, points, NEAR.count)
+        middle = np.einsum("nk,nki->ni", counts, points[near]) / counts.sum(axis=1, keepdims=True)
+        spread = counts[:, :, None] * (points[near] - middle[:, None])
+        # eigenvectors of the scatter: the smallest eigenvalue belongs to the normal
+        values, axes = np.linalg.eigh(np.einsum("nki,nkj->nij", spread, spread))
+        flatness = (values[:, 1] - values[:, 0]) / np.maximum(values[:, 2], 1e-300)
+        return cls(axes[:, :, 2], axes[:, :, 0], np.clip(flatness, 0, 1))
+
+    def take(self, index: NDArray[np.int64]) -> "Neighbourhood":
+        """Of the chosen points."""
+        return Neighbourhood(self.along[index], self.normals[index], self.flatness[index])
+
+    def alone_across(self) -> Array:
+        """How little the data determines across the line it runs along, (n,): 0 on a surface, 1 on a curve."""
+        return np.clip(1 - self.flatness / NEAR.even, 0, 1) ** 2
+
+
+def outward_normals(points: Array, given: Array) -> Array:
+    """Given normals (n, 3) facing outwards.
+
+    Where neighbours agree on the side they face, it is the same for all of them or the opposite one, as the outermost
+    point shows; where they do not, the signs mean nothing and are found as in `oriented`.
+    """
+    one, other = _flattest_paths(points, given).nonzero()
+    if (np.einsum("ij,ij->i", given[one], given[other]) < 0).mean() > NEAR.disagree:
+        return oriented(points, given)
+    outward = points - points.mean(axis=0)
+    root = np.linalg.norm(outward, axis=1).argmax()
+    return given if given[root] @ outward[root] >= 0 else -given
+
+
+def oriented(points: Array, normals: Array) -> Array:
+    """The normals (n, 3) with signs that agree with their neighbours, outwards (after Hoppe et al. 1992).
+
+    Signs are carried along the flattest paths; an edge straight through a thin wall, along the normals, is no path.
+    The outermost point of each connected part faces outwards.
+    """
+    normals = normals.copy()
+    tree = _flattest_paths(points, normals)
+    outward = points - points.mean(axis=0)
+    far = np.linalg.norm(outward, axis=1)
+    parts, member = connected_components(tree, directed=False)
+    for part in range(parts):
+        inside = np.flatnonzero(member == part)
+        root = inside[far[inside].argmax()]
+        if normals[root] @ outward[root] < 0:
+            normals[root] *= -1
+        order, before = breadth_first_order(tree, root, directed=False)
+        for point in order[1:]:
+            if normals[point] @ normals[before[point]] < 0:
+                normals[point] *= -1
+    return normals
+
+
+def _flattest_paths(points: Array, normals: Array) -> coo_matrix:
+    near, counts = nearest(points, points, NEAR.count)
+    rows, rank = counts[:, 1:].nonzero()
+    columns = near[rows, rank + 1]
+    edge = points[columns] - points[rows]
+    edge /= np.maximum(np.linalg.norm(edge, axis=1, keepdims=True), 1e-300)
+    # an edge along a normal leads through a thin wall to a surface that faces the other way
+    through = [np.einsum("ij,ij->i", edge, normals[end]) ** 2 for end in (rows, columns)]
+    deviation = 1 - np.abs(np.einsum("ij,ij->i", normals[rows], normals[columns]))
+    cost = deviation + np.maximum(*through) + 1e-6  # zero would mean no edge
+    graph = coo_matrix((cost, (rows, columns)), shape=(len(points),) * 2).tocsr()
+    # of both directions the smaller cost, so that the tree does not depend on the order of points
+    tree = minimum_spanning_tree(graph.maximum(graph.T))
+    return tree + tree.T
+
+
+def dense_points(points: Array) -> NDArray[np.bool_]:
+    """Which points (n,) have neighbours as near as most do; outliers scattered through space have not."""
+    reach = cKDTree(points).query(points, k=[min(NEAR.dense_rank, len(points))], workers=threads_for(len(points)))[0][
+        :, 0
+    ]
+    return reach <= NEAR.isolated_ratio * np.median(reach)
+
+
+def is_surface(neighbourhood: Neighbourhood) -> bool:
+    """Whether most points lie on a sampled surface, not on curves or in a volume."""
+    return bool(np.median(neighbourhood.flatness) > NEAR.surface)
+
+
+def has_edge(points: Array, neighbourhood: Neighbourhood) -> bool:
+    """Whether a sampled surface ends somewhere: its last points have a wide empty angle in their tangent plane.
+
+    Beside a crease of less than a right angle, such as the rim of a cone, points have such an empty angle too, because
+    both faces lie on the same side of it; these do not count, for the surface goes on there.
+    """
+    near, counts = nearest(points, points, NEAR.around + 1)
+    offset, counts = points[near[:, 1:]] - points[:, None, :], counts[:, 1:]
+    axes = (neighbourhood.along, np.cross(neighbourhood.normals, neighbourhood.along), neighbourhood.normals)
+    along, across, height = (np.einsum("nki,ni->nk", offset, axis) for axis in axes)
+    angle = np.arctan2(across, along)
+    # neighbours that do not count repeat the first angle, which leaves no empty angle
+    angle = np.sort(np.where(counts, angle, angle[:, :1]), axis=1)
+    around = np.concatenate([angle, angle[:, :1] + 2 * np.pi], axis=1)
+    wide = np.diff(around, axis=1).max(axis=1) > NEAR.edge_angle
+    if wide.mean() < NEAR.edges:
+        return False
+    return bool((wide & ~_creased(along, across, height, counts)).mean() >= NEAR.edges)
+
+
+def _creased(along: Array, across: Array, height: Array, counts: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which points (n,) have neighbours on two faces, one above the other in the tangent plane.
+
+    Heights (n, k) of neighbours at `along` and `across` in the tangent plane are then no quadratic function of their
+    places, as those of a single face are but for the noise. Only neighbours where `counts` is true count.
+    """
+    count = counts.sum(axis=1)
+    size = np.sqrt((counts * (along**2 + across**2)).sum(axis=1) / count)[:, None]
+    dense = size[:, 0] < NEAR.isolated * np.median(size)
+    x, y, z = (np.where(counts, each / np.maximum(size, 1e-300), 0.0) for each in (along, across, height))
+    terms = np.stack([counts, x, y, x * x, x * y, y * y], axis=2)
+    # least squares of all points at once: a batched QR, with zero rows for neighbours that do not count
+    basis = np.linalg.qr(terms)[0]
+    left = np.abs(z - np.einsum("nkj,nj->nk", basis, np.einsum("nkj,nk->nj", basis, z)))
+    left = np.sort(np.where(counts, left, np.inf), axis=1)
+    middle = left[np.arange(len(left)), count // 2]  # the median: one outlier among the neighbours is no second face
+    return dense & (middle > np.maximum(NEAR.faces_distance, NEAR.above_noise * np.quantile(middle, NEAR.smoothest)))
+
+
+def nearest(among: Array, of: Array, count: int) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Neighbours (n, k) of points, the nearest first, and which of them count.
+
+    These are the nearest `count` and all that are as near as the last of them: on the lattices of images there are
+    many, and rounding must not choose among them.
+    """
+    ranks = np.arange(1, min(count + EQUAL.compared, len(among)) + 1)
+    distance, near = cKDTree(among).query(of, k=ranks, workers=threads_for(len(of)))
+    last = distance[:, [min(count, len(among)) - 1]]
+    return near, distance <= (1 + EQUAL.neighbours) * last
+
+
+def effective_fraction(feet: Array, deviations: Array, weights: Array) -> float:
+    """Effective number of independent points over the number of points, in (0, 1].
+
+    Points of a contour were drawn in one stroke, those of an isosurface have voxels in common: their errors, and the
+    misfit of any small model, are correlated. n points whose deviations correlate by c_k with those of their k-th
+    neighbours count for n / (1 + sum of c_k); the sum, in pairs, ends where the correlation is lost (the initial
+    positive sequence of Geyer, Statistical Science 7(4), 1992). Counted as n they would outweigh the regulariser.
 
     Args:
-        values: (3,) eigenvalues, in order.
-        axes: (3, 3) eigenvectors as columns.
-        points: (n, 3) centred, maybe each times the root of its weight.
+        feet: (n, 3), foot points on the fitted surface: neighbours in space would be chosen by their deviations.
+        deviations: (n,), signed distances to the fitted surface.
+        weights: (n,), how much each counts; outliers nothing.
     """
-    near = np.abs(np.diff(values)) <= OPEN * np.abs(values).max()
-    if not near.any():
-        return axes
-    if not near.all():
-        alone = 2 if near[0] else 0
-        return _around(axes[:, alone], alone, points)
-    far = (points**2).sum(axis=1)
-    # where second moments are isotropic, fourth moments contracted to a matrix may not be
-    fourth = (far[:, None] * points).T @ points
-    spread, other = np.linalg.eigh(fourth)
-    if (np.diff(spread) > DETERMINES * spread[-1]).any():
-        differ = np.diff(spread) > DETERMINES * spread[-1]
-        return other if differ.all() else _around(other[:, 2 if differ[1] else 0], 2 if differ[1] else 0, points)
-    return _of_fourth_moments(points, float((far**2).sum()))
-
-
-def _around(axis: Array, index: int, points: Array) -> Array:
-    """Axes (3, 3) with a given one at its index; the others by the first symmetry about it that the points have."""
-    axis = axis * np.sign(axis[np.argmax(np.abs(axis) > np.abs(axis).max() - DETERMINES)])
-    beside = np.eye(3)[np.argmax(np.abs(axis) < np.abs(axis).min() + DETERMINES)]
-    first = beside - (beside @ axis) * axis
-    first /= np.linalg.norm(first)
-    second = np.cross(axis, first)
-    # in the plane across the axis as complex numbers: a k-fold symmetry has moments of order k only
-    plane = points @ first + 1j * (points @ second)
-    far = np.linalg.norm(points, axis=1)
-    for fold in FOLDS:
-        weights = far ** (4 if fold < 3 else 0)
-        moment, most = (weights * plane**fold).sum(), (weights * np.abs(plane) ** fold).sum()
-        if np.abs(moment) > DETERMINES * most:
-            moment = -moment if fold == 4 else moment  # of a square the axes are its sides, not its diagonals
-            angle = _nearest_to_zero(float(np.angle(moment)) / fold, fold)
-            first = np.cos(angle) * first + np.sin(angle) * second
-            second = np.cross(axis, first)
-            break
-    return np.stack({0: (axis, first, second), 2: (first, second, axis)}[index], axis=1)
-
-
-def _nearest_to_zero(angle: float, fold: int) -> float:
-    """One of the equivalent angles: rounding does not choose between the two ends of their range."""
-    step = 2 * np.pi / fold
-    return angle - step if angle > step / 2 - DETERMINES else angle
-
-
-def _of_fourth_moments(points: Array, most: float) -> Array:
-    """The frame (3, 3) whose sum of fourth moments is farthest from that of an isotropic cloud, by Jacobi's rotations.
-
-    In a plane that sum is a constant and the real part of a moment of (x + i y)^4: its extreme is known at once.
-    """
-    even = 3 / 5 * most
-    found = []
-    for begin in (np.eye(3), _rotated()):
-        for sign in (1.0, -1.0):
-            frame = _extreme(points, begin, sign, most)
-            found.append((frame, abs(float(((points @ frame) ** 4).sum()) - even)))
-    frame, strength = found[best_first(np.array([each[1] for each in found]) / most)[0]]
-    return frame if strength > DETERMINES * most else np.eye(3)
-
-
-def _extreme(points: Array, frame: Array, sign: float, most: float) -> Array:
-    """The frame (3, 3), reached from a given one, whose sum of fourth moments is largest (sign 1) or least (-1)."""
-    for _ in range(SWEEPS):
-        largest = 0.0
-        for i, j in combinations(range(3), 2):
-            local = points @ frame
-            moment = sign * ((local[:, i] + 1j * local[:, j]) ** 4).sum()
-            angle = float(np.angle(moment)) / 4 if np.abs(moment) > EQUAL * most else 0.0
-            c, s = np.cos(angle), np.sin(angle)
-            frame = frame.copy()
-            frame[:, [i, j]] = frame[:, [i, j]] @ np.array([[c, -s], [s, c]])
-            largest = max(largest, abs(angle))
-        if largest < 1e-14:
-            break
-    return frame
-
-
-def _rotated() -> Array:
-    """A frame off all symmetries of the coordinate axes."""
-    frame = np.eye(3)
-    for (i, j), angle in zip(combinations(range(3), 2), SADDLE):
-        c, s = np.cos(angle), np.sin(angle)
-        frame[:, [i, j]] = frame[:, [i, j]] @ np.array([[c, -s], [s, c]])
-    return frame
+    count = min(NEAR.most_correlated, len(feet) - 1) // 2 * 2
+    # the correlation is a mean over points, so an even sample of them is enough
+    some = evenly_chosen(feet, NEAR.asked)
+    near = cKDTree(feet).query(feet[some], k=np.arange(2, count + 2), workers=threads_for(len(feet)))[1]
+    # pairs with an outlier carry no weight
+    joint = weights[some, None] * weights[near]
+    products = (joint * deviations[some, None] * deviations[near]).sum(axis=0)
+    variance = float(weights @ deviations**2 / weights.sum())
+    correlation = products / np.maximum(joint.sum(axis=0) * variance, 1e-300)
+    pairs = correlation.reshape(-1, 2).sum(axis=1)
+    uncorrelated = np.flatnonzero(pairs < NEAR.sure * np.sqrt(2 / weights[some].sum()))
+    return float(1 / (1 + pairs[: uncorrelated[0] if len(uncorrelated) else None].sum()))

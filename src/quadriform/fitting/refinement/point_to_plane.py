@@ -14,10 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from quadriform.fitting.cloud import effective_fraction
 from quadriform.fitting.least_squares.marginal_likelihood import Evidence, Solution
 from quadriform.fitting.least_squares.normal_equations import NormalEquations, normal_equations
 from quadriform.fitting.least_squares.regularisers import Regulariser, penalty_matrix
-from quadriform.fitting.neighbourhood import effective_fraction
 from quadriform.fitting.refinement.surface_data import SurfaceData
 from quadriform.fitting.result import Iteration
 from quadriform.points import Array, unit_vectors

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from quadriform.errors import OptionError
-from quadriform.fitting.neighbourhood import nearest
+from quadriform.fitting.cloud import nearest
 from quadriform.fitting.refinement.multiresolution import (
     SCHEDULE,
     Facing,

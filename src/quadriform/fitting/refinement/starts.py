@@ -5,8 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from quadriform.fitting.cloud import evenly_chosen
-from quadriform.fitting.neighbourhood import dense_points
+from quadriform.fitting.cloud import dense_points, evenly_chosen
 from quadriform.fitting.superquadric.fit import fit_robust
 from quadriform.fitting.superquadric.initial import ellipsoid_by_moments
 from quadriform.fitting.superquadric.multistart import Problem, nearby

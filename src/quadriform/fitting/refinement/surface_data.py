@@ -6,16 +6,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from quadriform.fitting.cloud import canonical_order, evenly_spread
-from quadriform.fitting.mixture import Mixture
-from quadriform.fitting.neighbourhood import (
+from quadriform.fitting.cloud import (
     Neighbourhood,
+    canonical_order,
     dense_points,
+    evenly_spread,
     has_edge,
     is_surface,
     oriented,
     outward_normals,
 )
+from quadriform.fitting.mixture import Mixture
 from quadriform.fitting.result import HalfSpace
 from quadriform.points import Array
 from quadriform.shapes.closest import closest_on, update_foot_points

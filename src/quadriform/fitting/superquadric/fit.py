@@ -25,9 +25,9 @@ from quadriform.fitting.diagnostics import (
 )
 from quadriform.fitting.inputs import without_meshes
 from quadriform.fitting.result import ALONE, SuperquadricFit
-from quadriform.fitting.superquadric.batch import AXES, SHIFT
 from quadriform.fitting.superquadric.identifiability import determined
 from quadriform.fitting.superquadric.initial import cut_to
+from quadriform.fitting.superquadric.levenberg_marquardt import AXES, SHIFT
 from quadriform.fitting.superquadric.multistart import Problem, Solution, solve
 from quadriform.fitting.superquadric.paper import fit_paper
 from quadriform.fitting.threads import one_blas_thread

@@ -6,8 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.fitting.diagnostics import UNDETERMINED
-from quadriform.fitting.superquadric.batch import AXES, HOLE, POWERS, ROTATION, SHIFT, Candidates
-from quadriform.fitting.superquadric.levenberg_marquardt import EXPONENT_SPREAD
+from quadriform.fitting.superquadric.levenberg_marquardt import (
+    AXES,
+    EXPONENT_SPREAD,
+    HOLE,
+    POWERS,
+    ROTATION,
+    SHIFT,
+    Candidates,
+)
 from quadriform.points import Array
 from quadriform.shapes.superellipse import quiet
 

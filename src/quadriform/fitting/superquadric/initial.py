@@ -6,32 +6,51 @@ Every choice here rotates, moves and scales with the points, and their order doe
 """
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
-from itertools import permutations, product
+from itertools import combinations, permutations, product
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from quadriform.errors import DegenerateError
-from quadriform.fitting.cloud import canonical_axes, first_least
-from quadriform.fitting.neighbourhood import TIE
-from quadriform.fitting.superquadric.batch import Candidates
+from quadriform.fitting.cloud import EQUAL, best_first, first_least
+from quadriform.fitting.superquadric.levenberg_marquardt import Candidates
 from quadriform.points import Array
 from quadriform.shapes import pose
 from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.superquadric import Superquadric
 
-NEIGHBOURS = 9
-SPARSE = 2.0
-"""A point whose neighbours are this many times further away than the median point's is left out of starts."""
-DENSE_FRACTION = 0.4
-"""The densest points: mostly surface even when there are more outliers than inliers."""
-SIDE_FRACTION = 0.4
-"""How much of the cloud lies on one side of a cut: a start must do without what lies on the other."""
-THINNEST = 1e-2
-"""Least semi-axis of a start over its longest."""
+
+@dataclass(frozen=True)
+class Settings:
+    """The constants of starts and of axes that rounding does not choose."""
+
+    neighbours: int = 9
+    """Neighbours of which the distance of the last says how dense the cloud is."""
+    sparse: float = 2.0
+    """A point whose neighbours are this many times further away than the median point's is left out of starts."""
+    dense_fraction: float = 0.4
+    """The densest points: mostly surface even when there are more outliers than inliers."""
+    side_fraction: float = 0.4
+    """How much of the cloud lies on one side of a cut: a start must do without what lies on the other."""
+    thinnest: float = 1e-2
+    """Least semi-axis of a start over its longest."""
+    open: float = 1e-7
+    """Eigenvalues nearer to each other than this fraction of the largest leave their axes open."""
+    determines: float = 1e-6
+    """A moment above this fraction of the largest possible one determines a direction."""
+    folds: range = range(1, 7)
+    """Symmetries about an axis that are looked for: by 360 degrees, 180, ... 60."""
+    sweeps: int = 30
+    """Of Jacobi's rotations, more than they need to converge."""
+
+
+START = Settings()
+SADDLE = np.radians([20.0, 35.0, 50.0])
+"""Rotations about the three axes that lead away from a frame where fourth moments are stationary without being
+extreme."""
 ORDERS = np.array([np.roll(np.eye(3), shift, axis=1) for shift in range(3)])
 EIGHTH = pose.rotation_from_euler(np.array([0, 0, np.pi / 4]))
 FRAMES = np.concatenate([ORDERS, ORDERS @ EIGHTH])
@@ -184,13 +203,13 @@ def cut_to(found: Superquadric, points: Array) -> Superquadric:
 
 def reach(points: Array, cloud: Array) -> Array:
     """Distance (n,) of each point to the last of its near neighbours in a cloud, maybe a sample of the points."""
-    return cKDTree(cloud).query(points, min(NEIGHBOURS, len(cloud) - 1) + 1)[0][:, -1]
+    return cKDTree(cloud).query(points, min(START.neighbours, len(cloud) - 1) + 1)[0][:, -1]
 
 
 def dense_parts(points: Array) -> Array:
     """Weights (2, n), 0 or 1, of two parts of a cloud: without lone points, and the densest points only."""
     far = reach(points, points)
-    most = (1 + TIE) * np.array([SPARSE * np.median(far), np.quantile(far, DENSE_FRACTION)])
+    most = (1 + EQUAL.neighbours) * np.array([START.sparse * np.median(far), np.quantile(far, START.dense_fraction)])
     return (far <= most[:, None]).astype(np.float64)
 
 
@@ -202,7 +221,7 @@ def sides(points: Array, core: NDArray[np.bool_]) -> Array:
     centre = points[core].mean(axis=0)
     axes = canonical_axes(*np.linalg.eigh(np.cov(points[core].T)), points[core] - centre)
     heights = (points - centre) @ axes @ (CUTS / np.linalg.norm(CUTS, axis=1)[:, None]).T
-    most = np.quantile(heights[core], SIDE_FRACTION, axis=0) + TIE * np.abs(heights[core]).max()
+    most = np.quantile(heights[core], START.side_fraction, axis=0) + EQUAL.neighbours * np.abs(heights[core]).max()
     return (core[:, None] & (heights <= most)).T.astype(np.float64)
 
 
@@ -239,7 +258,7 @@ def ellipsoids(points: Array, weights: Array, rotations: Array) -> Candidates:
     # variances along the axes of each frame; on a sphere a third of the squared radius
     rotated = np.swapaxes(rotations, 2, 3) @ second[:, None] @ rotations
     spread = np.einsum("hkaa->hka", rotated).reshape(-1, 3)
-    sizes = np.sqrt(3 * np.maximum(spread, THINNEST**2 * spread.max(axis=1, keepdims=True)))
+    sizes = np.sqrt(3 * np.maximum(spread, START.thinnest**2 * spread.max(axis=1, keepdims=True)))
     return Candidates(
         "ellipsoid",
         np.log(sizes),
@@ -260,3 +279,100 @@ def _eighth_rotated(s: Superquadric) -> Superquadric:
     size = np.sqrt((s.semi_axes[:2] ** 2).mean())
     axes = np.array([size, size, s.semi_axes[2]])
     return Superquadric(s.kind, axes, s.exponents, s.rotation @ EIGHTH, s.translation, s.hole_radius, s.height)
+
+
+def canonical_axes(values: Array, axes: Array, points: Array) -> Array:
+    """Principal axes (3, 3), columns, that do not depend on rounding.
+
+    Where eigenvalues differ these are the given ones. Equal eigenvalues leave their axes open: there moments of higher
+    order determine them, which rotate with the points; where these are isotropic too, the axes nearest to the
+    coordinates'.
+
+    Args:
+        values: (3,) eigenvalues, in order.
+        axes: (3, 3) eigenvectors as columns.
+        points: (n, 3) centred, maybe each times the root of its weight.
+    """
+    near = np.abs(np.diff(values)) <= START.open * np.abs(values).max()
+    if not near.any():
+        return axes
+    if not near.all():
+        alone = 2 if near[0] else 0
+        return _around(axes[:, alone], alone, points)
+    far = (points**2).sum(axis=1)
+    # where second moments are isotropic, fourth moments contracted to a matrix may not be
+    fourth = (far[:, None] * points).T @ points
+    spread, other = np.linalg.eigh(fourth)
+    if (np.diff(spread) > START.determines * spread[-1]).any():
+        differ = np.diff(spread) > START.determines * spread[-1]
+        return other if differ.all() else _around(other[:, 2 if differ[1] else 0], 2 if differ[1] else 0, points)
+    return _of_fourth_moments(points, float((far**2).sum()))
+
+
+def _around(axis: Array, index: int, points: Array) -> Array:
+    """Axes (3, 3) with a given one at its index; the others by the first symmetry about it that the points have."""
+    axis = axis * np.sign(axis[np.argmax(np.abs(axis) > np.abs(axis).max() - START.determines)])
+    beside = np.eye(3)[np.argmax(np.abs(axis) < np.abs(axis).min() + START.determines)]
+    first = beside - (beside @ axis) * axis
+    first /= np.linalg.norm(first)
+    second = np.cross(axis, first)
+    # in the plane across the axis as complex numbers: a k-fold symmetry has moments of order k only
+    plane = points @ first + 1j * (points @ second)
+    far = np.linalg.norm(points, axis=1)
+    for fold in START.folds:
+        weights = far ** (4 if fold < 3 else 0)
+        moment, most = (weights * plane**fold).sum(), (weights * np.abs(plane) ** fold).sum()
+        if np.abs(moment) > START.determines * most:
+            moment = -moment if fold == 4 else moment  # of a square the axes are its sides, not its diagonals
+            angle = _nearest_to_zero(float(np.angle(moment)) / fold, fold)
+            first = np.cos(angle) * first + np.sin(angle) * second
+            second = np.cross(axis, first)
+            break
+    return np.stack({0: (axis, first, second), 2: (first, second, axis)}[index], axis=1)
+
+
+def _nearest_to_zero(angle: float, fold: int) -> float:
+    """One of the equivalent angles: rounding does not choose between the two ends of their range."""
+    step = 2 * np.pi / fold
+    return angle - step if angle > step / 2 - START.determines else angle
+
+
+def _of_fourth_moments(points: Array, most: float) -> Array:
+    """The frame (3, 3) whose sum of fourth moments is farthest from that of an isotropic cloud, by Jacobi's rotations.
+
+    In a plane that sum is a constant and the real part of a moment of (x + i y)^4: its extreme is known at once.
+    """
+    even = 3 / 5 * most
+    found = []
+    for begin in (np.eye(3), _rotated()):
+        for sign in (1.0, -1.0):
+            frame = _extreme(points, begin, sign, most)
+            found.append((frame, abs(float(((points @ frame) ** 4).sum()) - even)))
+    frame, strength = found[best_first(np.array([each[1] for each in found]) / most)[0]]
+    return frame if strength > START.determines * most else np.eye(3)
+
+
+def _extreme(points: Array, frame: Array, sign: float, most: float) -> Array:
+    """The frame (3, 3), reached from a given one, whose sum of fourth moments is largest (sign 1) or least (-1)."""
+    for _ in range(START.sweeps):
+        largest = 0.0
+        for i, j in combinations(range(3), 2):
+            local = points @ frame
+            moment = sign * ((local[:, i] + 1j * local[:, j]) ** 4).sum()
+            angle = float(np.angle(moment)) / 4 if np.abs(moment) > EQUAL.values * most else 0.0
+            c, s = np.cos(angle), np.sin(angle)
+            frame = frame.copy()
+            frame[:, [i, j]] = frame[:, [i, j]] @ np.array([[c, -s], [s, c]])
+            largest = max(largest, abs(angle))
+        if largest < 1e-14:
+            break
+    return frame
+
+
+def _rotated() -> Array:
+    """A frame off all symmetries of the coordinate axes."""
+    frame = np.eye(3)
+    for (i, j), angle in zip(combinations(range(3), 2), SADDLE):
+        c, s = np.cos(angle), np.sin(angle)
+        frame[:, [i, j]] = frame[:, [i, j]] @ np.array([[c, -s], [s, c]])
+    return frame

@@ -1,30 +1,154 @@
-"""Levenberg-Marquardt on many candidates at once: the mixture's likelihood, a weak prior on the exponents, bounds."""
+"""Superquadrics fitted by Levenberg-Marquardt, many at once: their distances to the points, and the descent.
+
+The distance is the first-order one of P4, d = (F - 1) / |grad F|: exact for planes and for spheres, since F is of
+degree one. Its derivatives are taken at the foot point x - d n instead of at x: there they are those of the Euclidean
+distance itself, to first order in d, without second derivatives of F. The descent maximises the mixture's likelihood,
+with a weak prior on the exponents, within bounds.
+"""
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from quadriform.fitting.mixture import Mixture
-from quadriform.fitting.superquadric.batch import POWERS, ROTATION, Candidates, distances
 from quadriform.points import Array
-from quadriform.shapes.superquadric import EXPONENTS
+from quadriform.shapes import _kernel
+from quadriform.shapes.kinds import KINDS
+from quadriform.shapes.superquadric import EXPONENTS, Superquadric
 
+AXES, POWERS, ROTATION, SHIFT, HOLE = (slice(0, 3), slice(3, 5), slice(5, 8), slice(8, 11), slice(11, 12))
+"""Slices of the parameters: log semi-axes, exponents, rotation and shift in the object's own frame, log(hole - 1)."""
 EXPONENT_SPREAD = (EXPONENTS[1] - EXPONENTS[0]) / np.sqrt(12)
 """Standard deviation of an exponent that may be anything in its range: the weak prior around 1."""
-LARGEST_STEP = 0.5
-DAMPED = 1.0
-"""Damping above which a step is shorter for the damping than by itself."""
-FINEST = 1e-3
-"""The predicted change of the distances is in units of sigma, or of this where sigma is less (in RMS radii)."""
-IDLE = 1e-20
-"""A rotation whose squared effect on the distances is below this fraction of the largest of other parameters is not
-made: what it would gain is rounding, as about the axes of a sphere."""
-MEMORY, WORSE = 6, 2.0
-"""Steps that the acceleration remembers; one this many times larger than the last makes it forget."""
 Mask = NDArray[np.bool_]
 Reestimate = Callable[["Descent"], Mixture]
 """Returns the mixture of the next step."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The constants of the descent; lengths in RMS radii."""
+
+    damping: float = 1e-2
+    """At first, relative to the diagonal of the normal matrix: nearly a Gauss-Newton step."""
+    damped: float = 1.0
+    """Damping above which a step is shorter for the damping than by itself."""
+    largest_step: float = 0.5
+    """Of any parameter: beyond, a semi-axis changes by more than half, and distances are no longer linear in it."""
+    finest: float = 1e-3
+    """The predicted change of the distances is in units of sigma, or of this where sigma is less."""
+    idle: float = 1e-20
+    """A rotation whose squared effect on the distances is below this fraction of the largest of other parameters is
+    not made: what it would gain is rounding, as about the axes of a sphere."""
+    memory: int = 6
+    """Steps that the acceleration remembers: half as many as there are parameters."""
+    worse: float = 2.0
+    """A step this many times larger than the last makes the acceleration forget."""
+
+
+DESCENT = Settings()
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """M superquadrics of one kind as arrays.
+
+    Attributes:
+        kind: of all of them.
+        log_axes: (M, 3).
+        exponents: (M, 2).
+        rotations: (M, 3, 3), from the object's frame to that of the points.
+        translations: (M, 3).
+        log_holes: (M, 1) logarithm of the hole radius less one; without meaning for kinds without a hole.
+    """
+
+    kind: str
+    log_axes: Array
+    exponents: Array
+    rotations: Array
+    translations: Array
+    log_holes: Array
+
+    @classmethod
+    def of(cls, superquadrics: list[Superquadric]) -> "Candidates":
+        """Superquadrics of one kind, at least one."""
+        holes = [[np.log((s.hole_radius or 2.0) - 1)] for s in superquadrics]
+        return cls(
+            superquadrics[0].kind,
+            np.log([s.semi_axes for s in superquadrics]),
+            np.array([s.exponents for s in superquadrics]),
+            np.array([s.rotation for s in superquadrics]),
+            np.array([s.translation for s in superquadrics]),
+            np.array(holes),
+        )
+
+    def __len__(self) -> int:
+        return len(self.log_axes)
+
+    @property
+    def arrays(self) -> tuple[Array, ...]:
+        """The five arrays."""
+        return (self.log_axes, self.exponents, self.rotations, self.translations, self.log_holes)
+
+    @property
+    def n_parameters(self) -> int:
+        """11, or 12 of a kind with a hole."""
+        return KINDS[self.kind].n_parameters
+
+    def take(self, index: NDArray[np.int64]) -> "Candidates":
+        """The chosen ones."""
+        return Candidates(self.kind, *(a[index] for a in self.arrays))
+
+    def joined(self, others: "Candidates") -> "Candidates":
+        """These and the others of the same kind."""
+        return Candidates(self.kind, *(np.concatenate(pair) for pair in zip(self.arrays, others.arrays)))
+
+    def where(self, chosen: Array, others: "Candidates") -> "Candidates":
+        """These where `chosen` (M,) is true, the others elsewhere."""
+        pairs = zip(self.arrays, others.arrays)
+        return Candidates(self.kind, *(np.where(chosen.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs))
+
+    def moved(self, step: Array, longest: float) -> "Candidates":
+        """After a step (M, n_parameters), kept inside the bounds; no semi-axis above `longest`."""
+        return replace(
+            self,
+            # semi-axes by their logarithms: they stay positive, and steps are relative
+            log_axes=np.clip(self.log_axes + step[:, AXES], np.log(longest) - 25, np.log(longest)),
+            exponents=np.clip(self.exponents + step[:, POWERS], *EXPONENTS),
+            # in the own frame, so no Euler angles and no gimbal lock
+            rotations=self.rotations @ Rotation.from_rotvec(step[:, ROTATION]).as_matrix(),
+            translations=self.translations + (self.rotations @ step[:, SHIFT, None])[..., 0],
+            log_holes=np.clip(self.log_holes + step[:, HOLE], -10, 10) if KINDS[self.kind].has_hole else self.log_holes,
+        )
+
+    def superquadric(self, index: int) -> Superquadric:
+        """One of them as an object; a hyperboloid's height is left for the caller to set by the data."""
+        axes, hole = (np.exp(self.log_axes[index]), 1 + float(np.exp(self.log_holes[index, 0])))
+        rotation = Rotation.from_matrix(self.rotations[index]).as_matrix()  # rounding off many small rotations
+        return Superquadric(
+            self.kind,
+            axes,
+            self.exponents[index],
+            rotation,
+            self.translations[index],
+            hole_radius=hole if KINDS[self.kind].has_hole else None,
+            height=None if KINDS[self.kind].cut_axis is None else 2 * float(axes.max()),
+        )
+
+
+def distances(candidates: Candidates, points: Array) -> tuple[Array, Array]:
+    """Signed distances (M, m) of points (m, 3) to each candidate and their derivatives (M, n_parameters, m)."""
+    count, each = len(candidates), len(points)
+    result, derivatives = np.empty((count, each)), np.empty((count, candidates.n_parameters, each))
+    kind = KINDS[candidates.kind]
+    axes, holes = np.exp(candidates.log_axes), kind.has_hole * (1 + np.exp(candidates.log_holes))
+    given = (axes, candidates.exponents, candidates.rotations, candidates.translations, holes, points)
+    a, e, r, t, h, x = (np.ascontiguousarray(array) for array in given)
+    _kernel.distances(kind.codes, a, e, r, t, h, x, result, derivatives)  # P4
+    return result, derivatives
 
 
 class Descent:
@@ -52,7 +176,7 @@ class Descent:
     ) -> None:
         self.candidates, self.points, self.weights, self.mixture = candidates, points, weights, mixture
         self.longest, self.fixed, self.odds = longest, fixed, odds
-        self.damping = np.full(len(candidates), 1e-2)
+        self.damping = np.full(len(candidates), DESCENT.damping)
         self.distances, self.derivatives = distances(candidates, points)
         self.inliers, self.log_density = mixture.densities(self.distances, self.odds)
         self.history: list[float] = []  # the least sigma after each step
@@ -78,7 +202,7 @@ class Descent:
             accepted = self._try(step)
             self._set_mixture(reestimate(self))
             if (change < tolerance).all():
-                return bool((accepted | (self.damping < DAMPED)).all())
+                return bool((accepted | (self.damping < DESCENT.damped)).all())
         return False
 
     def converge(self, iterations: int, tolerance: float, reestimate: Reestimate) -> bool:
@@ -95,10 +219,10 @@ class Descent:
             mixture = reestimate(self)
             proposals.append(np.concatenate([step[0], mixture.coordinates() - self.mixture.coordinates()]))
             converged = self._change(step)[0] < tolerance
-            if len(proposals) > 1 and np.abs(proposals[-1]).max() > WORSE * np.abs(proposals[-2]).max():
+            if len(proposals) > 1 and np.abs(proposals[-1]).max() > DESCENT.worse * np.abs(proposals[-2]).max():
                 positions, proposals = positions[-1:], proposals[-1:]
-            motion = accelerated(positions[-MEMORY:], proposals[-MEMORY:])
-            motion *= min(1, LARGEST_STEP / max(np.abs(motion).max(), 1e-300))
+            motion = accelerated(positions[-DESCENT.memory :], proposals[-DESCENT.memory :])
+            motion *= min(1, DESCENT.largest_step / max(np.abs(motion).max(), 1e-300))
             self._move(motion)
             positions.append(positions[-1] + motion)
             if converged:
@@ -130,14 +254,14 @@ class Descent:
         diagonal[:, POWERS] += prior[:, None]
         largest = diagonal.max(axis=1, keepdims=True)
         unblocked = ~self._blocked(gradient)
-        unblocked[:, ROTATION] &= diagonal[:, ROTATION] > IDLE * largest
+        unblocked[:, ROTATION] &= diagonal[:, ROTATION] > DESCENT.idle * largest
         gradient *= unblocked
         normal *= unblocked[:, :, None] & unblocked[:, None]
         largest = diagonal.max(axis=1, keepdims=True)
         diagonal += self.damping[:, None] * diagonal + 1e-13 * largest + 1e-300 + largest * ~unblocked
         # blocked parameters have a diagonal of their own and no gradient, so they stay
         step = -np.linalg.solve(normal, gradient[:, :, None])[..., 0]
-        return step * np.minimum(1, LARGEST_STEP / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
+        return step * np.minimum(1, DESCENT.largest_step / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
 
     def _blocked(self, gradient: Array) -> Mask:
         """Parameters (M, n_parameters) that are fixed, or at a bound and would pass it."""
@@ -151,7 +275,7 @@ class Descent:
         """The largest change (M,) of a parameter by the step, or the predicted one of the distances if that is less."""
         predicted = (step[:, None] @ self.derivatives)[:, 0]
         return np.minimum(
-            np.abs(step).max(axis=1), np.abs(predicted).max(axis=1) / np.maximum(self.mixture.sigma, FINEST)
+            np.abs(step).max(axis=1), np.abs(predicted).max(axis=1) / np.maximum(self.mixture.sigma, DESCENT.finest)
         )
 
     def _try(self, step: Array) -> Mask:
@@ -179,7 +303,7 @@ def accelerated(positions: list[Array], proposals: list[Array]) -> Array:
     """Anderson's step: the mix of the last proposals that would have cancelled, had the map been linear.
 
     Args:
-        places: where the iteration was, (k,) each, the latest last.
+        positions: where the iteration was, (k,) each, the latest last.
         proposals: the step that the map proposed there.
     """
     latest = proposals[-1]

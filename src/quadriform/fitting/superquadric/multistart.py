@@ -11,12 +11,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from quadriform.fitting.cloud import best_first, canonical_axes, canonical_order
+from quadriform.fitting.cloud import best_first, canonical_order, nearest
 from quadriform.fitting.mixture import LARGEST_RATIO, Mixture, annealed, density_odds, estimated, everyone
-from quadriform.fitting.neighbourhood import nearest
-from quadriform.fitting.superquadric.batch import Candidates
 from quadriform.fitting.superquadric.initial import (
     FRAMES,
+    canonical_axes,
     dense_parts,
     ellipsoids,
     other_kind,
@@ -24,7 +23,7 @@ from quadriform.fitting.superquadric.initial import (
     reach,
     sides,
 )
-from quadriform.fitting.superquadric.levenberg_marquardt import Descent
+from quadriform.fitting.superquadric.levenberg_marquardt import Candidates, Descent
 from quadriform.points import Array
 from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.superquadric import Superquadric

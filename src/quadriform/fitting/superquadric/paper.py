@@ -9,9 +9,9 @@ from scipy.optimize import least_squares, minimize
 from quadriform.fitting.diagnostics import at_bound, not_converged, undetermined
 from quadriform.fitting.mixture import LEAST_SIGMA
 from quadriform.fitting.result import SuperquadricFit
-from quadriform.fitting.superquadric.batch import ROTATION, Candidates, distances
 from quadriform.fitting.superquadric.identifiability import determined
 from quadriform.fitting.superquadric.initial import cut_to, start
+from quadriform.fitting.superquadric.levenberg_marquardt import ROTATION, Candidates, distances
 from quadriform.points import Array
 from quadriform.shapes.superquadric import EXPONENTS, Superquadric
 
