@@ -1,59 +1,55 @@
 """`quadriform cohort`: a list of subjects becomes models, one store of parameters and one table of measures."""
 
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from quadriform.cli.exit_codes import SOME_FAILED
-from quadriform.cli.options import Common, Space, check_space, grouped
-
-engine_option = partial(typer.Option, rich_help_panel="Engine")
+from quadriform.cli.options import Common, check_space, subcommand
 
 
 @dataclass(frozen=True)
 class EngineChoice:
-    """Where the subjects are fitted; at most one of them is given."""
+    """Where the subjects are fitted; at most one of them is given.
 
-    processes: Annotated[int | None, engine_option(min=1, help="Processes of this machine. [default: one a core]")] = (
-        None
-    )
-    workers: Annotated[
-        int | None, engine_option(min=1, help="Start a local cluster of dask.distributed with so many.")
-    ] = None
-    scheduler: Annotated[
-        str | None, engine_option(help="Address of a scheduler of dask.distributed, as tcp://host:8786.")
-    ] = None
+    Engine:
+        processes: Processes of this machine. [default: one a core]
+        workers: Start a local cluster of dask.distributed with so many.
+        scheduler: Address of a scheduler of dask.distributed, as tcp://host:8786.
+    """
+
+    processes: Annotated[int | None, {"min": 1}] = None
+    workers: Annotated[int | None, {"min": 1}] = None
+    scheduler: str | None = None
 
 
-@grouped
+@subcommand
 def cohort(
+    manifest: Path,
     *,
-    manifest: Annotated[Path, typer.Argument(help="CSV: id, input, and where needed surface and options by name.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")],
-    shard: Annotated[
-        str, typer.Option(help="Only part i of n, i from 1: the task of an array job; all may run at the same time.")
-    ] = "1/1",
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Continue: results that exist and whose input has not changed are kept.")
-    ] = False,
-    set_: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="NAME=VALUE, an option of all subjects whose row has none, such as box=5,5,5."),
-    ] = None,
-    space: Space = None,
+    output: Path,
+    shard: str = "1/1",
+    resume: bool = False,
+    set_: list[str] | None = None,
+    space: str | None = None,
     common: Common,
-    show_ids: Annotated[
-        bool, typer.Option("--show-ids", help="Name subjects on the screen; else only their rows are shown.")
-    ] = False,
+    show_ids: bool = False,
     engine: EngineChoice,
 ) -> None:
     """Fit or track many subjects: a model each, parameters.zarr, metrics/*.parquet, failures.csv, cohort.html.
 
     A subject that fails does not stop the others (exit code 7). INPUT and NAME=FILES of a row are files, patterns or a
     folder, relative to the list, ';' between several; surfaces of label images are NAME=label:1+2.
+
+    Args:
+        manifest: CSV: id, input, and where needed surface and options by name.
+        output: Folder for the results.
+        shard: Only part i of n, i from 1: the task of an array job; all may run at the same time.
+        resume: Continue: results that exist and whose input has not changed are kept.
+        set_: NAME=VALUE, an option of all subjects whose row has none, such as box=5,5,5.
+        show_ids: Name subjects on the screen; else only their rows are shown.
     """
     from quadriform.cli.cohort_run import run_and_show
     from quadriform.cohort.run import Choices

@@ -2,17 +2,13 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-
-from quadriform.cli.options import Json, Strict
+from quadriform.cli.options import subcommand
 
 if TYPE_CHECKING:
     from quadriform.shapes.comparison import ParameterDifference, Surface
     from quadriform.shapes.record import ModelRecord
-
-FILE_HELP = "A model, .json or .npz, or a mesh, .ply .stl .obj .vtp .vtk."
 
 
 @dataclass(frozen=True)
@@ -26,14 +22,15 @@ class _Body:
     record: "ModelRecord | None" = None
 
 
-def compare(
-    a: Annotated[Path, typer.Argument(help=FILE_HELP)],
-    b: Annotated[Path, typer.Argument(help="Another, in the same unit; it is brought to the frame of A, LPS or RAS.")],
-    surface: Annotated[str | None, typer.Option(help="Which surface, where a model has several.")] = None,
-    strict: Strict = False,
-    as_json: Json = False,
-) -> None:
-    """Distances between two surfaces both ways, volumes, overlap, and how the parameters of two models differ."""
+@subcommand
+def compare(a: Path, b: Path, *, surface: str | None = None, strict: bool = False, as_json: bool = False) -> None:
+    """Distances between two surfaces both ways, volumes, overlap, and how the parameters of two models differ.
+
+    Args:
+        a: A model, .json or .npz, or a mesh, .ply .stl .obj .vtp .vtk.
+        b: Another, in the same unit; it is brought to the frame of A, LPS or RAS.
+        surface: Which surface, where a model has several.
+    """
     from quadriform.cli.screen import note, show
     from quadriform.cli.status import repeat_warnings
     from quadriform.errors import OptionError

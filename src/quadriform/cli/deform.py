@@ -1,11 +1,9 @@
 """`quadriform deform`: points or meshes through the volumetric map of a model."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from quadriform.cli.options import Columns, Common, Space, check_space, grouped
+from quadriform.cli.options import Common, check_space, subcommand
 
 if TYPE_CHECKING:
     from quadriform.points import Array
@@ -13,20 +11,26 @@ if TYPE_CHECKING:
     from quadriform.shapes.model import DeformableModel
 
 
-@grouped
+@subcommand
 def deform(
+    model: Path,
+    points: Path,
     *,
-    model: Annotated[Path, typer.Argument(help="A model, .json or .npz.")],
-    points: Annotated[Path, typer.Argument(help="Points or a mesh to carry along.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Points, or a mesh when POINTS is one.")],
-    inverse: Annotated[bool, typer.Option("--inverse", help="From the deformed space back.")] = False,
-    columns: Columns = None,
-    space: Space = None,
+    output: Path,
+    inverse: bool = False,
+    columns: str | None = None,
+    space: str | None = None,
     common: Common,
 ) -> None:
     """Carry points or a mesh through a model's control box, or back with --inverse.
 
     Points without a named frame and unit are taken to be in those of the model, and the result is in these.
+
+    Args:
+        model: A model, .json or .npz.
+        points: Points or a mesh to carry along.
+        output: Points, or a mesh when POINTS is one.
+        inverse: From the deformed space back.
     """
     from quadriform.cli.screen import show
     from quadriform.cli.status import repeat_warnings

@@ -3,11 +3,9 @@
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-
-from quadriform.cli import options as shared
+from quadriform.cli.options import subcommand
 
 if TYPE_CHECKING:
     from quadriform.fitting.result import Fit
@@ -18,14 +16,15 @@ SOURCE = "human brain, example4d.nii.gz of nibabel"
 NAMES = ("model.json", "surface.ply", "slices.png", "report.html")
 
 
-def demo(
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")] = Path("out/demo"),
-    force: shared.Force = False,
-) -> None:
+@subcommand
+def demo(*, output: Path = Path("out/demo"), force: bool = False) -> None:
     """From the image of a brain to a model: segment, isosurface, fit, and a picture with the model's contours.
 
     The image is a slab that cuts the brain above and below; the cuts are closed on purpose, and the error is given
     with and without the points of these caps.
+
+    Args:
+        output: Folder for the results.
     """
     from quadriform.cli.screen import emit_table, print_line, progress_bar, warn
     from quadriform.files.result_folder import check_results

@@ -4,9 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
-from quadriform.cli.options import Affine, Common, Space, check_file_names, check_space, grouped, surface_file
+from quadriform.cli.options import Common, check_file_names, check_space, subcommand, surface_file
 
 if TYPE_CHECKING:
     from quadriform.imaging.volume import Volume
@@ -23,27 +21,33 @@ FORMATS = ("ply", "stl", "obj", "vtp", "vtu", "vtkhdf", "nii")
 
 @dataclass(frozen=True)
 class Details:
-    """How fine the files are, and which grid and times they have."""
+    """How fine the files are, and which grid and times they have.
 
-    resolution: Annotated[int, typer.Option(min=2, max=400, help="Cells along an edge of the surface's grid.")] = 24
-    layers: Annotated[int, typer.Option(min=1, max=100, help="vtu: cells across the wall.")] = 4
-    like: Annotated[Path | None, typer.Option(help="nii: the NIfTI image whose grid is taken.")] = None
-    affine: Affine = None
-    frames: Annotated[int, typer.Option(min=2, max=1000, help="vtkhdf: states of a moving model's cycle.")] = 25
-    at: Annotated[float | None, typer.Option(help="A moving model's time for all formats but vtkhdf.")] = None
+    Attributes:
+        resolution: Cells along an edge of the surface's grid.
+        layers: vtu: cells across the wall.
+        like: nii: the NIfTI image whose grid is taken.
+        frames: vtkhdf: states of a moving model's cycle.
+        at: A moving model's time for all formats but vtkhdf.
+    """
+
+    resolution: Annotated[int, {"min": 2, "max": 400}] = 24
+    layers: Annotated[int, {"min": 1, "max": 100}] = 4
+    like: Path | None = None
+    affine: str | None = None
+    frames: Annotated[int, {"min": 2, "max": 1000}] = 25
+    at: float | None = None
 
 
-@grouped
-def export(
-    *,
-    model: Annotated[Path, typer.Argument(help="A model, .json or .npz, or a moving model, .json.")],
-    to: Annotated[str, typer.Option(help=f"Formats between commas: {', '.join(FORMATS)}.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the files; made where missing.")],
-    details: Details,
-    space: Space = None,
-    common: Common,
-) -> None:
-    """Write the surfaces of a model as meshes, its wall as hexahedra, its motion, or the voxels inside as labels."""
+@subcommand
+def export(model: Path, *, to: str, output: Path, details: Details, space: str | None = None, common: Common) -> None:
+    """Write the surfaces of a model as meshes, its wall as hexahedra, its motion, or the voxels inside as labels.
+
+    Args:
+        model: A model, .json or .npz, or a moving model, .json.
+        to: Formats between commas: ply, stl, obj, vtp, vtu, vtkhdf, nii.
+        output: Folder for the files; made where missing.
+    """
     from quadriform.cli.screen import show
     from quadriform.cli.status import repeat_warnings
     from quadriform.files.atomic import check_folder, write_bytes

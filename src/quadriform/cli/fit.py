@@ -2,49 +2,49 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
 from quadriform.cli.method_options import MethodChoice
-from quadriform.cli.options import Columns, Common, ObjectInImage, Space, check_space, grouped, image_option
+from quadriform.cli.options import Common, ObjectInImage, check_space, subcommand
 
 
 @dataclass(frozen=True)
 class Reading(ObjectInImage):
-    """How the inputs are read."""
+    """How the inputs are read.
 
-    border: Annotated[str | None, image_option(help="Where the object is cut by the image border: close or open.")] = (
-        None
-    )
-    columns: Columns = None
-    unit: Annotated[
-        str | None, typer.Option(help="Unit of the lengths of a file that names none: mm, m; of tables also cm, um ...")
-    ] = None
+    Attributes:
+        unit: Unit of the lengths of a file that names none: mm, m; of tables also cm, um ...
+
+    Images:
+        border: Where the object is cut by the image border: close or open.
+    """
+
+    border: str | None = None
+    columns: str | None = None
+    unit: str | None = None
 
 
-@grouped
+@subcommand
 def fit(
+    inputs: list[Path] | None = None,
     *,
-    inputs: Annotated[list[Path] | None, typer.Argument(help="Points, meshes, images, or folders of them.")] = None,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Folder for the results. [default: INPUT-model]")
-    ] = None,
-    surface: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="NAME=FILE, or of the one label image NAME=label:1+2, NAME=label:SEGMENT or NAME=preset:acdc; give "
-            "it once for each surface."
-        ),
-    ] = None,
+    output: Path | None = None,
+    surface: list[str] | None = None,
     method: MethodChoice,
     reading: Reading,
-    space: Space = None,
+    space: str | None = None,
     common: Common,
 ) -> None:
     """Fit a model to each input: model.json, surface.ply, and a table of the results.
 
     Several inputs, or a folder, give one model each in OUT/NAME/; a broken one does not stop the others.
+
+    Args:
+        inputs: Points, meshes, images, or folders of them.
+        output: Folder for the results. [default: INPUT-model]
+        surface: NAME=FILE, or of the one label image NAME=label:1+2, NAME=label:SEGMENT or NAME=preset:acdc; give it
+            once for each surface.
     """
     from quadriform.cli.fit_run import plan, run_all, run_one
 

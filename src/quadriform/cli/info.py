@@ -1,11 +1,9 @@
 """`quadriform info`: what a file holds."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-
-from quadriform.cli.options import Affine, Columns, Frame, Json, Strict
+from quadriform.cli.options import subcommand
 
 if TYPE_CHECKING:
     from quadriform.points import Array
@@ -13,15 +11,21 @@ if TYPE_CHECKING:
     from quadriform.shapes.moving_model import MovingModel
 
 
+@subcommand
 def info(
-    file: Annotated[Path, typer.Argument(help="Points, a mesh, an image or a model.")],
-    frame: Frame = None,
-    affine: Affine = None,
-    columns: Columns = None,
-    strict: Strict = False,
-    as_json: Json = False,
+    file: Path,
+    *,
+    frame: int | None = None,
+    affine: str | None = None,
+    columns: str | None = None,
+    strict: bool = False,
+    as_json: bool = False,
 ) -> None:
-    """Show what a file holds: counts, extents, frame, unit and hash."""
+    """Show what a file holds: counts, extents, frame, unit and hash.
+
+    Args:
+        file: Points, a mesh, an image or a model.
+    """
     from quadriform.cli.screen import print_remarks, show
     from quadriform.cli.status import check_strict
     from quadriform.files import sha256_of

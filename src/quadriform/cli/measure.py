@@ -2,11 +2,9 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from quadriform.cli.options import Common, decimals, grouped
+from quadriform.cli.options import Common, decimals, subcommand
 
 if TYPE_CHECKING:
     from quadriform.heart.base import Base
@@ -14,48 +12,44 @@ if TYPE_CHECKING:
     from quadriform.points import Array
     from quadriform.shapes.model import DeformableModel
 
-_BASE_HELP = (
-    "Where the cavity ends: a fraction of the long axis from the apex (0.8); a fixed plane x,y,z,dx,dy,dz in the "
-    "models' frame, its direction leading to the side cut off; a file of mitral points, or contours GPFile_NNN.txt "
-    "that have them, for all frames, or one --base a frame. Without it the whole closed surface counts."
-)
-_CONTOURS_HELP = (
-    "Contours of the same frames, a folder of GPFile_NNN.txt or the files in order: each frame ends at the plane of "
-    "its own mitral points, and the RV insertions are those at ED unless given."
-)
-
-EndDiastole = Annotated[
-    int | None, typer.Option(help="Frame of end diastole, from 0; the largest volume unless given.")
-]
-Tracked = Annotated[
-    bool, typer.Option("--tracked", help="The models follow material points: twist and strain are observed.")
-]
-
 
 @dataclass(frozen=True)
 class Landmarks:
-    """Where the cavity ends, and where the right ventricle is inserted."""
+    """Where the cavity ends, and where the right ventricle is inserted.
 
-    base: Annotated[list[str] | None, typer.Option(help=_BASE_HELP)] = None
-    contours: Annotated[list[Path] | None, typer.Option(help=_CONTOURS_HELP)] = None
-    rv_insertion: Annotated[
-        list[str] | None, typer.Option(help="x,y,z where the right ventricle meets the left, at ED; two or more.")
-    ] = None
+    Attributes:
+        base: Where the cavity ends: a fraction of the long axis from the apex (0.8); a fixed plane x,y,z,dx,dy,dz in
+            the models' frame, its direction leading to the side cut off; a file of mitral points, or contours
+            GPFile_NNN.txt that have them, for all frames, or one --base a frame. Without it the whole closed surface
+            counts.
+        contours: Contours of the same frames, a folder of GPFile_NNN.txt or the files in order: each frame ends at the
+            plane of its own mitral points, and the RV insertions are those at ED unless given.
+        rv_insertion: x,y,z where the right ventricle meets the left, at ED; two or more.
+    """
+
+    base: list[str] | None = None
+    contours: list[Path] | None = None
+    rv_insertion: list[str] | None = None
 
 
-@grouped
+@subcommand
 def measure(
+    models: list[Path],
     *,
-    models: Annotated[
-        list[Path], typer.Argument(help="Models with surfaces endo and epi, frames in order, or one moving model.")
-    ],
     where: Landmarks,
-    ed: EndDiastole = None,
-    tracked: Tracked = False,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="Table as .csv, everything as .json.")] = None,
+    ed: int | None = None,
+    tracked: bool = False,
+    output: Path | None = None,
     common: Common,
 ) -> None:
-    """Volumes, ejection fraction, mass, wall thickness, strain, twist and the 17 segments of a beating heart."""
+    """Volumes, ejection fraction, mass, wall thickness, strain, twist and the 17 segments of a beating heart.
+
+    Args:
+        models: Models with surfaces endo and epi, frames in order, or one moving model.
+        ed: Frame of end diastole, from 0; the largest volume unless given.
+        tracked: The models follow material points: twist and strain are observed.
+        output: Table as .csv, everything as .json.
+    """
     from quadriform.cli.screen import print_remarks, show
     from quadriform.cli.status import check_strict
     from quadriform.files.atomic import check_writable

@@ -1,11 +1,12 @@
 """Options that several subcommands share, and groups of options as dataclasses."""
 
+import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields, is_dataclass
 from functools import partial, wraps
-from inspect import Parameter, signature
+from inspect import Parameter, getdoc, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin
 from unicodedata import normalize
 
 import typer
@@ -16,62 +17,57 @@ from quadriform.words import numbers, ranges
 if TYPE_CHECKING:
     from quadriform.imaging.file_points import ImageOptions
 
-image_option = partial(typer.Option, rich_help_panel="Images")
-Json = Annotated[bool, typer.Option("--json", help="Print JSON on stdout instead of a table.")]
-Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
-Strict = Annotated[bool, typer.Option("--strict", help="Refuse a result, or a model, with warnings (exit code 3).")]
-Space = Annotated[
-    str | None,
-    typer.Option(
-        help="Frame of the world of what is written, LPS or RAS; only the signs of x and y differ. "
-        "[default: that of the input, LPS for images]"
-    ),
-]
-Columns = Annotated[
-    str | None,
-    typer.Option(
-        help="Tables and arrays: where the columns have no names, names for them from left to right, such as "
-        "x,y,z,nx,ny,nz; where they have others, those of x, y and z."
-    ),
-]
-Affine = Annotated[
-    str | None,
-    image_option(
-        help="NIfTI header: its sform, its qform, or the sizes in pixdim alone. [default: by what the header supports]"
-    ),
-]
-Frame = Annotated[int | None, image_option(help="Which volume of a 4-D image, from 0.")]
+SHARED = {
+    "space": "Frame of the world of what is written, LPS or RAS; only the signs of x and y differ. "
+    "[default: that of the input, LPS for images]",
+    "columns": "Tables and arrays: where the columns have no names, names for them from left to right, such as "
+    "x,y,z,nx,ny,nz; where they have others, those of x, y and z.",
+}
+"""Help of options that subcommands take without a group."""
+FLAGS = {"output": ("--output", "-o"), "as_json": ("--json",), "robust": ("--robust/--no-robust",)}
+"""Flags that are not the name of the parameter after two dashes."""
+SECTION = re.compile(r"^([A-Z][\w ]*):\n((?: {4}.*\n|\n)+)", re.MULTILINE)
+ENTRY = re.compile(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", re.MULTILINE)
 
 
 @dataclass(frozen=True)
 class Common:
-    """What nearly all subcommands take."""
+    """What nearly all subcommands take.
 
-    strict: Strict = False
-    force: Force = False
-    as_json: Json = False
+    Attributes:
+        strict: Refuse a result, or a model, with warnings (exit code 3).
+        force: Replace files that exist.
+        as_json: Print JSON on stdout instead of a table.
+    """
+
+    strict: bool = False
+    force: bool = False
+    as_json: bool = False
 
 
 @dataclass(frozen=True)
 class ObjectInImage:
-    """How an object is chosen in an image."""
+    """How an object is chosen in an image.
 
-    label: Annotated[
-        str | None,
-        image_option(help="Label image: the value, or several as 1,2 taken together; or the name of a segment."),
-    ] = None
-    threshold: Annotated[
-        str | None,
-        image_option(
-            help="Grey image: a value, 'otsu', or a percentage of a percentile such as 50%p99.9 inside the region."
-        ),
-    ] = None
-    region: Annotated[str | None, image_option(help="Only these voxels: i0:i1,j0:j1,k0:k1, ends excluded.")] = None
-    seed: Annotated[str | None, image_option(help="The component at voxel i,j,k instead of the largest.")] = None
-    closing: Annotated[int | None, image_option(help="Close gaps of about this many voxels.")] = None
-    fill_holes: Annotated[bool, image_option("--fill-holes", help="Fill enclosed holes.")] = False
-    frame: Frame = None
-    affine: Affine = None
+    Images:
+        label: Label image: the value, or several as 1,2 taken together; or the name of a segment.
+        threshold: Grey image: a value, 'otsu', or a percentage of a percentile such as 50%p99.9 inside the region.
+        region: Only these voxels: i0:i1,j0:j1,k0:k1, ends excluded.
+        seed: The component at voxel i,j,k instead of the largest.
+        closing: Close gaps of about this many voxels.
+        fill_holes: Fill enclosed holes.
+        frame: Which volume of a 4-D image, from 0.
+        affine: NIfTI header: its sform, its qform, or the sizes in pixdim alone. [default: by what the header supports]
+    """
+
+    label: str | None = None
+    threshold: str | None = None
+    region: str | None = None
+    seed: str | None = None
+    closing: int | None = None
+    fill_holes: bool = False
+    frame: int | None = None
+    affine: str | None = None
 
     def parse(self, border: str | None = None) -> "ImageOptions":
         """Return the options as an argument of `read_source`.
@@ -98,30 +94,55 @@ class ObjectInImage:
         return ImageOptions(labels, threshold, self.frame, given, border, self.affine)
 
 
-def grouped(command: Callable[..., None]) -> Callable[..., None]:
-    """The same subcommand with the fields of its dataclass parameters as options: typer knows no groups."""
-    parameters = signature(command).parameters.values()
+def subcommand(function: Callable[..., None]) -> Callable[..., None]:
+    """The same function as typer takes it: the help of each option is its entry in a docstring, groups are dissolved.
+
+    Parameters before the asterisk become arguments, the others options. A parameter whose type is a dataclass stands
+    for its fields, described in the docstring of the class: typer knows no groups. A section of a docstring that is
+    not called Args or Attributes is a panel of the help.
+    """
+    parameters = signature(function).parameters.values()
     groups: dict[str, Any] = {each.name: each.annotation for each in parameters if is_dataclass(each.annotation)}
+    about = _described(Common) | _described(ObjectInImage) | {name: {"help": text} for name, text in SHARED.items()}
+    about |= {name: entry for group in (*groups.values(), function) for name, entry in _described(group).items()}
     options: list[Parameter] = []
     for each in parameters:
-        options += _options_of(groups[each.name]) if each.name in groups else [each]
+        inner = signature(groups[each.name]).parameters.values() if each.name in groups else [each]
+        # the fields of a group are options, though its constructor takes them in order
+        as_argument = each.kind is Parameter.POSITIONAL_OR_KEYWORD
+        options += [_for_typer(one, about[one.name], as_argument) for one in inner]
 
-    @wraps(command)
+    @wraps(function)
     def run(**given: Any) -> None:
         for name, group in groups.items():
             given[name] = group(**{field.name: given.pop(field.name) for field in fields(group)})
-        command(**given)
+        function(**given)
 
-    run.__signature__ = signature(command).replace(parameters=options)  # type: ignore[attr-defined]
+    run.__signature__ = signature(function).replace(parameters=options)  # type: ignore[attr-defined]
     run.__annotations__ = {option.name: option.annotation for option in options}
+    run.__doc__ = SECTION.split(f"{getdoc(function)}\n")[0]
     return run
 
 
-def _options_of(group: Any) -> list[Parameter]:
-    return [
-        Parameter(each.name, Parameter.KEYWORD_ONLY, default=each.default, annotation=each.type)
-        for each in fields(group)
-    ]
+def _described(documented: Any) -> dict[str, dict[str, Any]]:
+    """Help and panel of each entry in the sections of a docstring."""
+    return {
+        name: {"help": " ".join(text.split()), "rich_help_panel": None if title in ("Args", "Attributes") else title}
+        for title, body in SECTION.findall(f"{getdoc(documented)}\n")
+        for name, text in ENTRY.findall(body)
+    }
+
+
+def _for_typer(parameter: Parameter, about: dict[str, Any], as_argument: bool) -> Parameter:
+    """A parameter with its help; limits are in the annotation, such as `Annotated[int, {"min": 1}]`."""
+    kind, limits = parameter.annotation, {}
+    if get_origin(kind) is Annotated:
+        kind, limits = get_args(kind)
+    # an explicit name, because typer would add --no-... to a flag that is off
+    names = FLAGS.get(parameter.name, ("--" + parameter.name.strip("_").replace("_", "-"),))
+    make: Any = typer.Argument if as_argument else partial(typer.Option, *names, **limits)
+    order = Parameter.POSITIONAL_OR_KEYWORD if as_argument else Parameter.KEYWORD_ONLY
+    return parameter.replace(annotation=Annotated[kind, make(**about)], kind=order)
 
 
 def check_space(text: str | None) -> str | None:

@@ -1,32 +1,29 @@
 """`quadriform paper`: the figures of the paper again, by its method and by the default, as one page."""
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from quadriform.cli import options as shared
+from quadriform.cli.options import subcommand
 
 
+@subcommand
 def paper(
-    output: Annotated[Path, typer.Option("--output", "-o", help="The page, an .html file.")],
-    figure: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="1 to 22, kinds, space or outliers; several between commas, or the option repeated. [default: all]"
-        ),
-    ] = None,
-    box: Annotated[str, typer.Option(help="Control points of every model along each axis.")] = "5,5,5",
-    data: Annotated[
-        Path | None,
-        typer.Option(help="Folder of real hearts: spect_mpi, pig_cine_mri, human_lv_guidepoints. [default: none]"),
-    ] = None,
-    force: shared.Force = False,
+    *,
+    output: Path,
+    figure: list[str] | None = None,
+    box: str = "5,5,5",
+    data: Path | None = None,
+    force: bool = False,
 ) -> None:
     """Make the figures of the paper again, by method="paper" and by default, with their errors side by side.
 
     Without --data the page has synthetic data and a brain instead of hearts.
     All figures take about two minutes of processor time.
+
+    Args:
+        output: The page, an .html file.
+        figure: 1 to 22, kinds, space or outliers; several between commas, or the option repeated. [default: all]
+        box: Control points of every model along each axis.
+        data: Folder of real hearts: spect_mpi, pig_cine_mri, human_lv_guidepoints. [default: none]
     """
     from quadriform.cli.screen import print_line, progress_bar
     from quadriform.files.atomic import check_writable, write_bytes

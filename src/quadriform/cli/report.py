@@ -1,28 +1,31 @@
 """`quadriform report`: a model becomes one page that shows it."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from quadriform.cli.measure import Landmarks
-from quadriform.cli.options import Force, Strict, grouped
+from quadriform.cli.options import subcommand
 
 if TYPE_CHECKING:
     from quadriform.points import Array
     from quadriform.shapes.model import DeformableModel
 
 
-@grouped
+@subcommand
 def report(
+    model: Path,
     *,
-    model: Annotated[Path, typer.Argument(help="A model or a moving model, .json or .npz.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="The page.")] = Path("report.html"),
+    output: Path = Path("report.html"),
     where: Landmarks,
-    strict: Strict = False,
-    force: Force = False,
+    strict: bool = False,
+    force: bool = False,
 ) -> None:
-    """Write one page of HTML that holds the model itself: rotate it, play it, read its values, without a network."""
+    """Write one page of HTML that holds the model itself: rotate it, play it, read its values, without a network.
+
+    Args:
+        model: A model or a moving model, .json or .npz.
+        output: The page.
+    """
     from quadriform.cli.inputs import read_any_model
     from quadriform.cli.measure import load_frames
     from quadriform.cli.screen import print_line, print_remarks

@@ -1,11 +1,9 @@
 """`quadriform segment`: the object of an image as a mask."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-
-from quadriform.cli.options import Common, ObjectInImage, grouped
+from quadriform.cli.options import Common, ObjectInImage, subcommand
 
 if TYPE_CHECKING:
     from quadriform.imaging.segmentation import Segmentation
@@ -13,17 +11,14 @@ if TYPE_CHECKING:
 SHOWN = ("output", "voxels", "shape", "threshold", "components")
 
 
-@grouped
-def segment(
-    *,
-    image: Annotated[
-        Path, typer.Argument(help="An image: NIfTI, NRRD, MetaImage, DICOM, or a folder of DICOM slices.")
-    ],
-    output: Annotated[Path, typer.Option("--output", "-o", help="The mask, .nii, .nii.gz or .nrrd.")],
-    chosen: ObjectInImage,
-    common: Common,
-) -> None:
-    """Write the object of an image as a mask of 0 and 1 on the image's own grid."""
+@subcommand
+def segment(image: Path, *, output: Path, chosen: ObjectInImage, common: Common) -> None:
+    """Write the object of an image as a mask of 0 and 1 on the image's own grid.
+
+    Args:
+        image: An image: NIfTI, NRRD, MetaImage, DICOM, or a folder of DICOM slices.
+        output: The mask, .nii, .nii.gz or .nrrd.
+    """
     from quadriform.cli.screen import note, show, warn
     from quadriform.cli.status import check_strict
     from quadriform.files.atomic import check_writable, write_bytes
