@@ -6,7 +6,7 @@ import pytest
 from quadriform.errors import DegenerateError, OptionError
 from quadriform.heart.axis import LongAxis
 from quadriform.heart.base import BasePlane, base_rule, plane_through
-from quadriform.heart.contours import contour_length
+from quadriform.heart.measure import contour_length
 from quadriform.heart.volumes import section_centre, volume, volume_below
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.mesh import Mesh

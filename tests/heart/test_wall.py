@@ -6,9 +6,15 @@ import pytest
 from quadriform.errors import OptionError
 from quadriform.heart.axis import LongAxis
 from quadriform.heart.base import BasePlane
-from quadriform.heart.strain import deformation_gradient, green_strain, in_axes, local_axes, relative_lengthening
 from quadriform.heart.wall import Wall
-from quadriform.heart.wall_motion import MovingWall
+from quadriform.heart.wall_motion import (
+    MovingWall,
+    deformation_gradient,
+    green_strain,
+    in_axes,
+    local_axes,
+    relative_lengthening,
+)
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.pose import rotation_from_euler
 from quadriform.shapes.superquadric import Superquadric

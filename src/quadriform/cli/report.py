@@ -54,8 +54,8 @@ def report(
 def _measures(frames: "list[DeformableModel]", times: "Array | None", where: Landmarks) -> tuple[Any, Any]:
     """The measures of a ventricle, and the planes of its base where one is given."""
     from quadriform.cli.measure import landmarks
+    from quadriform.heart.axis import base_planes
     from quadriform.heart.base import base_rule
-    from quadriform.heart.base_planes import base_planes
     from quadriform.heart.heart_cycle import check_cycle
     from quadriform.heart.measure import measure
 

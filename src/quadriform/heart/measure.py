@@ -8,17 +8,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from quadriform.errors import OptionError, Warnings
-from quadriform.heart.base import Base, BaseRule, base_rule
-from quadriform.heart.base_planes import Planes, base_planes, long_axis
-from quadriform.heart.contours import contour_length
+from quadriform.heart.axis import LongAxis, Planes, base_planes, long_axis
+from quadriform.heart.base import Base, BasePlane, BaseRule, base_rule
 from quadriform.heart.heart_cycle import HeartCycle, check_cycle
 from quadriform.heart.measures_table import Measures, Row
-from quadriform.heart.volumes import DENSITY, volume
+from quadriform.heart.volumes import DENSITY, section, volume
 from quadriform.heart.wall_rows import wall_rows
-from quadriform.points import Array
+from quadriform.points import Array, unit_vectors
+from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.record import together
 
+CUTS = 12
+"""Planes through the long axis in which contours are measured."""
 CONTOURS = "change of length from ED to ES per length, of the endocardial contours in long-axis planes"
 
 
@@ -105,6 +107,39 @@ def _contours(frames: HeartCycle, rule: BaseRule, planes: Planes, warnings: Warn
         axis = long_axis(frames, number, rule, plane, warnings)
         lengths.append(contour_length(model.mesh(frames.cavity, 48), axis, plane))
     return np.array(lengths)
+
+
+def contour_length(mesh: Mesh, axis: LongAxis, base: BasePlane | None) -> float:
+    """Return the mean length of the contours in 12 planes through the long axis, from base over apex to base.
+
+    Args:
+        mesh: of a closed surface.
+        axis: the long axis of that frame.
+        base: the plane at the base of that frame; None: the whole closed contour.
+    """
+    total = 0.0
+    for across in _directions(axis):
+        segments = section(mesh, BasePlane(axis.apex, across))
+        lengths = np.linalg.norm(segments[1] - segments[0], axis=1)
+        total += float(lengths @ _below(segments, base))
+    return total / CUTS
+
+
+def _below(segments: Array, base: BasePlane | None) -> Array:
+    """The fraction (m,) of each segment that lies below the base."""
+    if base is None:
+        return np.ones(segments.shape[1])
+    # heights along a segment are linear
+    low, high = np.sort([base.heights(ends) for ends in segments], axis=0)
+    return np.clip(-low / np.maximum(high - low, 1e-300), 0, 1)
+
+
+def _directions(axis: LongAxis) -> Array:
+    """Unit vectors (CUTS, 3) across the axis, evenly over half a revolution."""
+    # the coordinate axis that is least along the long axis has the longest component across it
+    first = unit_vectors(axis.across(np.eye(3))[np.abs(axis.direction).argmin()])
+    angles = np.pi * np.arange(CUTS)[:, None] / CUTS
+    return np.cos(angles) * first + np.sin(angles) * np.cross(axis.direction, first)
 
 
 def _volume_rows(

@@ -11,10 +11,9 @@ from quadriform.heart.axis import LongAxis
 from quadriform.heart.base import BasePlane
 from quadriform.heart.heart_cycle import HeartCycle
 from quadriform.heart.measures_table import Row
-from quadriform.heart.strain import relative_lengthening
 from quadriform.heart.twist import DEPTH, LEVELS
 from quadriform.heart.wall import Wall
-from quadriform.heart.wall_motion import MovingWall
+from quadriform.heart.wall_motion import MovingWall, relative_lengthening
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superquadric import Superquadric
