@@ -8,8 +8,7 @@ import pytest
 import trimesh
 
 from quadriform.errors import FileFormatError, FileLimitError, OptionError, OutputError, PointsError
-from quadriform.files.mesh_formats import WRITE_SUFFIXES
-from quadriform.files.meshes import encode_mesh, read_mesh, read_space_and_unit, write_mesh
+from quadriform.files.meshes import WRITE_SUFFIXES, encode_mesh, read_mesh, read_space_and_unit, write_mesh
 from quadriform.shapes.mesh import Mesh
 
 EXACTNESS = {".ply": 1e-6, ".stl": 1e-6, ".obj": 1e-8, ".vtp": 0.0}

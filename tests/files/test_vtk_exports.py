@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from quadriform.errors import OptionError
+from quadriform.files.vtk_xml import encode_vtu
 from quadriform.files.vtkhdf import encode_vtkhdf
-from quadriform.files.vtu import encode_vtu
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric

@@ -158,7 +158,7 @@ MUTANTS = [
         "if len(words) < 3:",
         "files/test_meshes.py",
     ),
-    Mutant("no DTD in XML", "files/vtp.py", 'b"<!DOCTYPE" in data or ', "", "files/test_meshes.py"),
+    Mutant("no DTD in XML", "files/vtk_xml.py", 'b"<!DOCTYPE" in data or ', "", "files/test_meshes.py"),
     Mutant(
         "the end of a gzip stream",
         "imaging/nifti.py",

@@ -22,7 +22,7 @@ def by_suffix(cases):
 
 
 def test_there_are_dialects_of_every_format():
-    from quadriform.files.mesh_formats import READ_SUFFIXES
+    from quadriform.files.meshes import READ_SUFFIXES
 
     assert set(READ) == set(REFUSED) == set(READ_SUFFIXES)
     assert len(GOOD) > 180 and len(BAD) > 60

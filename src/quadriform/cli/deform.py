@@ -36,7 +36,7 @@ def deform(
     from quadriform.cli.status import repeat_warnings
     from quadriform.files import read_model
     from quadriform.files.atomic import check_writable
-    from quadriform.files.mesh_formats import WRITE_SUFFIXES
+    from quadriform.files.meshes import WRITE_SUFFIXES
     from quadriform.files.points import POINT_SUFFIXES
     from quadriform.files.reading import naming, suffix_of
     from quadriform.imaging.file_points import space_to_write

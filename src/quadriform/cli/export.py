@@ -119,8 +119,8 @@ def _encode(
 ) -> dict[str, bytes]:
     """The files of one format, by name."""
     from quadriform.files.meshes import encode_mesh
+    from quadriform.files.vtk_xml import encode_vtu
     from quadriform.files.vtkhdf import encode_vtkhdf
-    from quadriform.files.vtu import encode_vtu
     from quadriform.shapes.wall import wall_mesh
 
     if kind == "vtu":

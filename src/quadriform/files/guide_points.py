@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import re
 from collections import Counter, defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.errors import FileFormatError, InputError, PointsError, choose
-from quadriform.files.guide_point_lines import SLICE_NAMES, fields_of, is_number, lines_of, number_in, plain
-from quadriform.files.reading import PathLike, quoted, read_bytes
+from quadriform.files.reading import PathLike, quoted, read_bytes, signature
 from quadriform.points import Array
 from quadriform.words import short_repr
 
@@ -26,6 +25,8 @@ Slices = NDArray[np.int64]
 
 COLUMNS = ("x", "y", "z", "contour type", "slice", "weight", "time frame")
 """In the order of files without a header."""
+SLICE_NAMES = ("slice", "sliceid", "frameid")
+"""What the column of slices, and the field of a SliceInfoFile, is called; frameID is the number of an image."""
 SURFACES = {"endo": "LV_ENDOCARDIAL", "epi": "LV_EPICARDIAL"}
 """From our surfaces to the contour types, behind SAX_ for short-axis slices and LAX_ for long-axis ones."""
 FILE_NAME = re.compile(r".*GPFile.*\.txt", re.IGNORECASE)
@@ -194,6 +195,48 @@ def guide_point_files(folder: PathLike) -> list[Path]:
 
 
 # --- lines ---------------------------------------------------------------------------------------------------------
+
+
+def lines_of(data: bytes, where: str, split: Callable[[str], list[str]]) -> Iterator[tuple[int, list[str]]]:
+    """Line numbers and fields, blank lines left out."""
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise FileFormatError(f"{where}: expected text in UTF-8, found {signature(data)}") from error
+    for number, line in enumerate(text.splitlines(), 1):
+        if line.strip():
+            yield number, split(line)
+
+
+def fields_of(line: str) -> list[str]:
+    """Between tabs, or between blanks in a line without tabs, where a header's two words of a name are put together."""
+    if "\t" in line:
+        return [field.strip() for field in line.split("\t")]
+    return re.sub(r"(contour|time|slice|frame) (?=type|frame|id)", r"\1_", line, flags=re.IGNORECASE).split()
+
+
+def plain(name: str) -> str:
+    """A column's name without case, blanks and underscores."""
+    return re.sub(r"[\s_]", "", name).lower()
+
+
+def number_in(word: str, where: str, whole: bool = False) -> float:
+    """The number that a word is.
+
+    Raises:
+        FileFormatError: it is none, or not finite, or not whole where a whole one is asked for.
+    """
+    if not is_number(word) or (whole and float(word) != int(float(word))):
+        raise FileFormatError(f"{where}: expected a {'whole' if whole else 'finite'} number, found {word!r}")
+    return float(word)
+
+
+def is_number(word: str) -> bool:
+    """Whether a word is a finite number."""
+    try:
+        return "_" not in word and bool(np.isfinite(float(word)))  # Python reads 1_000 as a number; a table must not
+    except ValueError:
+        return False
 
 
 def _rows(path: Path) -> list[_Row]:

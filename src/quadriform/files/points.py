@@ -13,8 +13,7 @@ from quadriform.columns import Chosen
 from quadriform.errors import FileFormatError, OptionError
 from quadriform.files.arrays import parse_npy, parse_npz
 from quadriform.files.atomic import write_bytes
-from quadriform.files.mesh_formats import READ_SUFFIXES
-from quadriform.files.meshes import HEAD, parse_mesh
+from quadriform.files.meshes import HEAD, READ_SUFFIXES, parse_mesh
 from quadriform.files.metadata import parse_space_and_unit
 from quadriform.files.reading import quoted, read_bytes, suffix_of, suffix_to_read
 from quadriform.files.tables import parse_table, written_table

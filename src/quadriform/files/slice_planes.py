@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadriform.errors import FileFormatError
-from quadriform.files.guide_point_lines import SLICE_NAMES, lines_of, number_in, plain
+from quadriform.files.guide_points import SLICE_NAMES, lines_of, number_in, plain
 from quadriform.files.reading import PathLike, quoted, read_bytes
 from quadriform.points import Array
 

@@ -1,4 +1,7 @@
-"""VTK's XML polygon files (.vtp): written as base64; read as ASCII, base64 or raw bytes, compressed or not."""
+"""VTK's XML files: polygons (.vtp), and the wall as hexahedra with its local axes (.vtu).
+
+They are written as base64; polygons are read as ASCII, base64 or raw bytes, compressed or not.
+"""
 
 import base64
 import re
@@ -17,48 +20,84 @@ from quadriform.files.polygons import Indices, Polygons, strip_triangles
 from quadriform.files.reading import signature
 from quadriform.files.vtk_blocks import DAMAGED, unpacked
 from quadriform.shapes.mesh import Mesh
+from quadriform.shapes.wall import HexMesh
 
 TYPES = {"Float32": "f4", "Float64": "f8", "Int8": "i1", "UInt8": "u1", "Int16": "i2", "UInt16": "u2"}
 TYPES |= {"Int32": "i4", "UInt32": "u4", "Int64": "i8", "UInt64": "u8"}
 ORDERS = {"LittleEndian": "<", "BigEndian": ">"}
+HEXAHEDRON = 12
+"""VTK's number of this kind of cell."""
 APPENDED = re.compile(rb"<AppendedData([^>]*)>")
 
 
 def encode_vtp(mesh: Mesh, metadata: Mapping[str, str]) -> bytes:
     """The bytes of a .vtp file with the vertices in double precision and the metadata as field data."""
-    n, m = len(mesh.vertices), len(mesh.faces)
-    offsets = 3 * np.arange(1, m + 1, dtype="<i8")
-    polygons = data_array("connectivity", mesh.faces.astype("<i8"), "Int64") + data_array("offsets", offsets, "Int64")
+    m = len(mesh.faces)
+    kinds = {"Verts": 0, "Lines": 0, "Strips": 0, "Polys": m}
+    parts = {"Points": [_data_array("Points", mesh.vertices)], "Polys": _cell_arrays(mesh.faces)}
+    return _document("PolyData", metadata, {"Points": len(mesh.vertices)} | kinds, parts)
+
+
+def encode_vtu(mesh: HexMesh, metadata: Mapping[str, str]) -> bytes:
+    """The bytes of a .vtu file in double precision; metadata, such as frame and unit, as field data.
+
+    The cells carry `radial`, `circumferential` and `longitudinal` unit vectors and `depth`, from 0 at the inner to 1
+    at the outer surface.
+    """
+    names = ("radial", "circumferential", "longitudinal")
+    axes = [_data_array(name, mesh.axes[:, k]) for k, name in enumerate(names)]
+    types = _data_array("types", np.full(len(mesh.cells), HEXAHEDRON, np.uint8))
+    parts = {
+        "Points": [_data_array("Points", mesh.vertices)],
+        "Cells": [*_cell_arrays(mesh.cells), types],
+        "CellData": [*axes, _data_array("depth", mesh.depth)],
+    }
+    return _document("UnstructuredGrid", metadata, {"Points": len(mesh.vertices), "Cells": len(mesh.cells)}, parts)
+
+
+def _document(
+    kind: str, metadata: Mapping[str, str], counts: Mapping[str, int], parts: Mapping[str, list[str]]
+) -> bytes:
+    """The bytes of a file with one piece.
+
+    Args:
+        kind: VTK's name of the data set.
+        metadata: names and texts of the field data.
+        counts: how many points and cells of each kind there are.
+        parts: the arrays of each part of the piece.
+    """
+    sizes = "".join(f' NumberOf{name}="{count}"' for name, count in counts.items())
     lines = [
         '<?xml version="1.0"?>',
-        '<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt64">',
-        "<PolyData>",
-        field_data(metadata),
-        f'<Piece NumberOfPoints="{n}" NumberOfVerts="0" NumberOfLines="0" NumberOfStrips="0" NumberOfPolys="{m}">',
-        f"<Points>{data_array('Points', mesh.vertices.astype('<f8'), 'Float64', 3)}</Points>",
-        f"<Polys>{polygons}</Polys>",
+        f'<VTKFile type="{kind}" version="1.0" byte_order="LittleEndian" header_type="UInt64">',
+        f"<{kind}>",
+        f"<FieldData>{''.join(_text_array(name, value) for name, value in metadata.items())}</FieldData>",
+        f"<Piece{sizes}>",
+        *(f"<{name}>{''.join(arrays)}</{name}>" for name, arrays in parts.items()),
         "</Piece>",
-        "</PolyData>",
+        f"</{kind}>",
         "</VTKFile>",
     ]
     return ("\n".join(lines) + "\n").encode()
 
 
-def data_array(name: str, values: NDArray[Any], kind: str, components: int = 1) -> str:
-    """An array of a VTK XML file, base64 in the file; `kind` is VTK's name of the type that `values` already have."""
-    raw = values.tobytes()
+def _cell_arrays(corners: Indices) -> list[str]:
+    """The arrays of cells that all have as many corners, (m, corners)."""
+    ends = corners.shape[1] * np.arange(1, len(corners) + 1)
+    return [_data_array("connectivity", corners.ravel()), _data_array("offsets", ends)]
+
+
+def _data_array(name: str, values: NDArray[Any]) -> str:
+    """Numbers (n,) or vectors (n, 3) as an array of the file, in base64."""
+    little = values.astype(values.dtype.newbyteorder("<"))
+    kind = next(name for name, code in TYPES.items() if code == little.dtype.str[1:])
     # VTK precedes the bytes of an array by their number.
-    content = base64.b64encode(np.uint64(len(raw)).astype("<u8").tobytes() + raw).decode()
-    shape = f' NumberOfComponents="{components}"' if components > 1 else ""
+    content = base64.b64encode(np.array(little.nbytes, dtype="<u8").tobytes() + little.tobytes()).decode()
+    shape = f' NumberOfComponents="{values.shape[1]}"' if values.ndim > 1 else ""
     return f'<DataArray type="{kind}" Name="{name}"{shape} format="binary">{content}</DataArray>'
 
 
-def field_data(metadata: Mapping[str, str]) -> str:
-    """Names and texts as field data."""
-    return f"<FieldData>{''.join(text_array(name, value) for name, value in metadata.items())}</FieldData>"
-
-
-def text_array(name: str, value: str) -> str:
+def _text_array(name: str, value: str) -> str:
     """A string as field data: VTK wants its characters as numbers, closed by a zero."""
     codes = " ".join(str(code) for code in (*value.encode(), 0))
     return f'<DataArray type="String" Name={quoteattr(name)} NumberOfTuples="1" format="ascii">{codes}</DataArray>'
