@@ -8,7 +8,7 @@ from shapes_made import made
 
 import quadriform as qf
 from quadriform.errors import FileFormatError
-from quadriform.files.moving_models import read_moving_model
+from quadriform.files.models import read_moving_model
 from quadriform.files.records import FIELDS
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.moving_model import MovingModel

@@ -10,7 +10,7 @@ import pytest
 from quadriform.errors import FileFormatError, FileLimitError, InputError, PointsError, QuadriformError
 from quadriform.files import load, read_mesh, read_model
 from quadriform.files.meshes import encode_mesh
-from quadriform.files.moving_models import read_moving_model
+from quadriform.files.models import read_moving_model
 from quadriform.files.points import read_points, write_points
 
 ROWS = np.array([[1.0, 2.0, 3.0], [-4.5, 5e-3, 6e7], [0.1, 0.2, 0.3]])

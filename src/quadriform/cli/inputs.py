@@ -6,8 +6,7 @@ import numpy as np
 
 from quadriform.cli.screen import note
 from quadriform.errors import InputError
-from quadriform.files.models import read_model
-from quadriform.files.moving_models import is_moving_model, read_moving_model
+from quadriform.files.models import is_moving_model, read_model, read_moving_model
 from quadriform.imaging.file_points import SpaceAndUnit
 from quadriform.points import Array
 from quadriform.shapes.model import DeformableModel

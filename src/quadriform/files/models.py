@@ -1,11 +1,11 @@
-"""The model as a small versioned document: JSON to read and to compare, or the same packed in a .npz.
+"""Models, still or moving, as small versioned documents: JSON to read and to compare, or packed in a .npz.
 
 Numbers are written with the fewest digits that give back the very same float64. Reading is strict: what the format
-does not know is refused with the path of the field.
+does not know is refused with the path of the field. The document of a moving model has the same fields, with knots in
+time and one box of control points a knot.
 """
 
 import json
-import os
 import re
 from typing import Any
 
@@ -17,7 +17,7 @@ from quadriform.files.arrays import parse_npz
 from quadriform.files.atomic import write_bytes
 from quadriform.files.metadata import SPACES, UNITS, check_space_and_unit
 from quadriform.files.packed import TEXT, VALUES, Unpacking, packed
-from quadriform.files.reading import quoted, read_bytes, signature, suffix_of, suffix_to_read
+from quadriform.files.reading import PathLike, quoted, read_bytes, signature, suffix_of, suffix_to_read
 from quadriform.files.records import FIELDS, read_record, record_document
 from quadriform.files.strict import Field
 from quadriform.points import LARGEST
@@ -26,16 +26,20 @@ from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
 from quadriform.shapes.record import SHA256, ModelRecord
+from quadriform.shapes.splines import TimeBasis
 from quadriform.shapes.superquadric import SHAPES, Superquadric
 
 MODEL_SUFFIXES = (".json", ".npz")
-FORMAT = "quadriform-model"
+FORMAT, MOVING = "quadriform-model", "quadriform-moving-model"
 VERSION = 2
 """Since 2 the file holds the record of the fit; models of version 1 have the status "unknown"."""
+MOVING_VERSION = 3
+"""Since 2 the file has the times of its frames; before, they are those of the knots. Since 3 it has the record."""
 BODY = ("format", "version", "space", "unit", "input_sha256", "surfaces", "box")
+BOX = {"origin": (3,), "edges": (3, 3)}
 
 
-def write_model(model: DeformableModel, path: str | os.PathLike[str], force: bool = False) -> None:
+def write_model(model: DeformableModel, path: PathLike, force: bool = False) -> None:
     """Write a model as .json (under 12 kB for 386 parameters) or .npz (under 4 kB), all or nothing.
 
     Args:
@@ -49,10 +53,24 @@ def write_model(model: DeformableModel, path: str | os.PathLike[str], force: boo
         OutputError: the target cannot be written.
     """
     encode = {".json": encode_json, ".npz": packed}[suffix_of(path, MODEL_SUFFIXES, "a model")]
-    write_bytes(path, encode(_document(model)), force)
+    write_bytes(path, encode(_document(FORMAT, VERSION, model) | _box_document(model.box)), force)
 
 
-def read_model(path: str | os.PathLike[str]) -> DeformableModel:
+def write_moving_model(model: MovingModel, path: PathLike, force: bool = False) -> None:
+    """Write a moving model as .json, all or nothing.
+
+    Raises:
+        FileFormatError: another suffix.
+        OptionError: a frame or unit that the format does not know.
+        OutputError: the target cannot be written.
+    """
+    suffix_of(path, (".json",), "a moving model")
+    knots, frames = model.basis.knots.tolist(), model.frame_times.tolist()
+    time = {"time": {"knots": knots, "period": model.basis.period, "frames": frames}}
+    write_bytes(path, encode_json(_document(MOVING, MOVING_VERSION, model) | time | _box_document(model)), force)
+
+
+def read_model(path: PathLike) -> DeformableModel:
     """The model of a file; its parameters are exactly those that were written.
 
     Raises:
@@ -63,11 +81,35 @@ def read_model(path: str | os.PathLike[str]) -> DeformableModel:
     """
     suffix = suffix_to_read(path, MODEL_SUFFIXES, "a model")
     data, where = read_bytes(path), quoted(path)
-    document = parse_json(data, where) if suffix == ".json" else _parse_arrays(data, where)
-    return _model(Field(document, "", where))
+    root = Field(parse_json(data, where) if suffix == ".json" else _parse_arrays(data, where), "", where)
+    fields = _fields(root, FORMAT, BODY, VERSION, recorded=2)
+    box = root.member("box")
+    model = root.made(DeformableModel, box=box.made(ControlBox, **_box_fields(box)), **fields)
+    _check_extent(model, where)
+    return model
 
 
-def is_model_file(path: str | os.PathLike[str]) -> bool:
+def read_moving_model(path: PathLike) -> MovingModel:
+    """The moving model of a file; its parameters are exactly those that were written.
+
+    Raises:
+        InputError: the file is missing or cannot be read.
+        FileFormatError: no moving model, damaged, of a later version, or a field that is missing, unknown or wrong.
+        FileLimitError: beyond the budget.
+    """
+    suffix_to_read(path, (".json",), "a moving model")
+    where = quoted(path)
+    root = Field(parse_json(read_bytes(path), where), "", where)
+    fields = _fields(root, MOVING, (*BODY, "time"), MOVING_VERSION, recorded=3)
+    times = _times(root.member("time"), root.member("version").whole())
+    model = root.made(MovingModel, **fields, **times, **_box_fields(root.member("box"), None))
+    # Between knots the splines stay near these states.
+    for knot in model.basis.knots:
+        _check_extent(root.made(model.at, float(knot)), where)
+    return model
+
+
+def is_model_file(path: PathLike) -> bool:
     """Whether a .json, or a .npz (which may contain points), has the fields of a model; damaged files are errors.
 
     Raises:
@@ -78,21 +120,21 @@ def is_model_file(path: str | os.PathLike[str]) -> bool:
     return bool({"format", TEXT} & parse_npz(read_bytes(path), quoted(path)).keys())
 
 
-# --- model <-> document ------------------------------------------------------------------------------------------
-
-
-def _document(model: DeformableModel) -> dict[str, Any]:
-    return head_document(FORMAT, VERSION, model) | {
-        "box": {name: getattr(model.box, name).tolist() for name in ("origin", "edges", "control_points")},
-    }
-
-
-def head_document(name: str, version: int, model: DeformableModel | MovingModel) -> dict[str, Any]:
-    """The first fields of the documents of models and of moving models.
+def is_moving_model(path: PathLike) -> bool:
+    """Whether a .json is a moving model by its fields; damaged files are errors.
 
     Raises:
-        OptionError: a frame, a unit or the name of a surface that no file can hold.
+        InputError, FileFormatError, FileLimitError: as for `read_moving_model`.
     """
+    document = parse_json(read_bytes(path), quoted(path))
+    return isinstance(document, dict) and document.get("format") == MOVING
+
+
+# --- model -> document -------------------------------------------------------------------------------------------
+
+
+def _document(name: str, version: int, model: DeformableModel | MovingModel) -> dict[str, Any]:
+    """The fields that both kinds of models have; refuses a frame, a unit or a name that no file can hold."""
     check_space_and_unit(model.space, model.unit)
     return {
         "format": name,
@@ -101,16 +143,11 @@ def head_document(name: str, version: int, model: DeformableModel | MovingModel)
         "unit": model.unit,
         "input_sha256": model.input_sha256,
         **record_document(model.record, model.surfaces),
-        "surfaces": [surface_document(each, surface) for each, surface in model.surfaces.items()],
+        "surfaces": [_surface_document(each, surface) for each, surface in model.surfaces.items()],
     }
 
 
-def surface_document(name: str, surface: Superquadric) -> dict[str, Any]:
-    """A named superquadric as it stands in the document.
-
-    Raises:
-        OptionError: a name that UTF-8 cannot hold.
-    """
+def _surface_document(name: str, surface: Superquadric) -> dict[str, Any]:
     if not name.isascii() and name.encode("utf-8", "replace").decode() != name:
         raise OptionError(f"surface {name!r}: expected a name without halves of surrogate pairs")
     fields: dict[str, Any] = {"name": name, "kind": surface.kind}
@@ -120,62 +157,32 @@ def surface_document(name: str, surface: Superquadric) -> dict[str, Any]:
     return fields
 
 
-def _model(root: Field) -> DeformableModel:
-    version = read_version(root, FORMAT, VERSION)
-    root.only(BODY if version == 1 else (*BODY, *FIELDS))
-    surfaces = read_surfaces(root.member("surfaces"))
-    record = ModelRecord() if version == 1 else read_record(root, surfaces)
-    model = DeformableModel(surfaces, _box(root.member("box")), *read_metadata(root), record)
-    check_extent(model, root.where)
-    return model
+def _box_document(box: ControlBox | MovingModel) -> dict[str, Any]:
+    return {"box": {name: getattr(box, name).tolist() for name in (*BOX, "control_points")}}
 
 
-def check_extent(model: DeformableModel, where: str) -> None:
-    """Refuse a model whose surfaces do not belong to its box: far outside, its polynomials have no finite values.
-
-    Raises:
-        FileFormatError: naming the surface.
-    """
-    for name in model.surfaces:
-        with np.errstate(all="ignore"):
-            # Vertices of a coarse grid: overflow anywhere shows in them.
-            vertices = model.mesh(name, resolution=4).vertices
-        if not (np.abs(vertices) <= LARGEST).all():
-            raise FileFormatError(
-                f"{where}: expected surfaces in the control box or near it, found surface {name!r} deformed beyond "
-                f"{LARGEST:g}"
-            )
+# --- document -> model -------------------------------------------------------------------------------------------
 
 
-def read_version(root: Field, name: str, latest: int) -> int:
-    """The version of a document.
-
-    Raises:
-        FileFormatError: another format, or a version that is not known.
-    """
+def _fields(root: Field, name: str, body: tuple[str, ...], latest: int, recorded: int) -> dict[str, Any]:
+    """What both kinds of models have, as arguments; the record of the fit since the version `recorded`."""
     root.member("format").choice((name,))
     version = root.member("version")
     if not 1 <= version.whole() <= latest:
         version.refuse(f"version 1 to {latest}; a later one needs a newer quadriform")
-    return version.whole()
+    has_record = version.whole() >= recorded
+    root.only((*body, *FIELDS) if has_record else body)
+    surfaces = _surfaces(root.member("surfaces"))
+    return {
+        "surfaces": surfaces,
+        "input_sha256": root.member("input_sha256").matching(SHA256, "64 hexadecimal digits, or nothing"),
+        "space": root.member("space").choice(SPACES),
+        "unit": root.member("unit").choice(UNITS),
+        "record": read_record(root, surfaces) if has_record else ModelRecord(),
+    }
 
 
-def read_metadata(root: Field) -> tuple[str, str, str]:
-    """Frame of the world, unit and hash of the input, each maybe unknown.
-
-    Raises:
-        FileFormatError: a field that is missing or wrong.
-    """
-    sha256 = root.member("input_sha256").matching(SHA256, "64 hexadecimal digits, or nothing")
-    return root.member("space").choice(SPACES), root.member("unit").choice(UNITS), sha256
-
-
-def read_surfaces(field: Field) -> dict[str, Superquadric]:
-    """The named superquadrics of a document.
-
-    Raises:
-        FileFormatError: a field that is missing, unknown or wrong.
-    """
+def _surfaces(field: Field) -> dict[str, Superquadric]:
     surfaces: dict[str, Superquadric] = {}
     for item in field.items():
         name = item.member("name").text()
@@ -193,20 +200,40 @@ def _surface(field: Field) -> Superquadric:
     field.only(("name", "kind", *SHAPES, *extra))
     values: dict[str, Any] = {key: field.member(key).numbers(shape) for key, shape in SHAPES.items()}
     values |= {key: field.member(key).number() for key in extra}
-    try:
-        return Superquadric(kind, **values)
-    except OptionError as error:
-        raise FileFormatError(f"{field.where}, field {field.path}: {error}") from error
+    return field.made(Superquadric, kind, **values)
 
 
-def _box(field: Field) -> ControlBox:
-    shapes = {"origin": (3,), "edges": (3, 3), "control_points": (None, None, None, 3)}
-    values = {name: field.member(name).numbers(shape) for name, shape in shapes.items()}
+def _box_fields(field: Field, *knots: None) -> dict[str, Any]:
+    """The arrays of a control box; of a moving one with an axis for the knots."""
+    shapes = BOX | {"control_points": (*knots, None, None, None, 3)}
     field.only(tuple(shapes))
-    try:
-        return ControlBox(**values)
-    except OptionError as error:
-        raise FileFormatError(f"{field.where}, field {field.path}: {error}") from error
+    return {name: field.member(name).numbers(shape) for name, shape in shapes.items()}
+
+
+def _times(field: Field, version: int) -> dict[str, Any]:
+    """The splines and the times of the frames; a file of version 1 has none of these."""
+    field.only(("knots", "period") if version == 1 else ("knots", "period", "frames"))
+    knots, period = field.member("knots").numbers((None,)), field.member("period")
+    times = {"basis": field.made(TimeBasis, knots, None if period.value is None else period.number())}
+    if version == 1:
+        return times
+    frames = field.member("frames")
+    if not frames.items():
+        frames.refuse("one or more times")
+    return times | {"frame_times": frames.numbers((None,))}
+
+
+def _check_extent(model: DeformableModel, where: str) -> None:
+    """Refuse a model whose surfaces do not belong to its box: far outside, its polynomials have no finite values."""
+    for name in model.surfaces:
+        with np.errstate(all="ignore"):
+            # Vertices of a coarse grid: overflow anywhere shows in them.
+            vertices = model.mesh(name, resolution=4).vertices
+        if not (np.abs(vertices) <= LARGEST).all():
+            raise FileFormatError(
+                f"{where}: expected surfaces in the control box or near it, found surface {name!r} deformed beyond "
+                f"{LARGEST:g}"
+            )
 
 
 # --- document <-> bytes ------------------------------------------------------------------------------------------

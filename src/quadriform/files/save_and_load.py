@@ -7,8 +7,15 @@ from typing import Literal
 
 from quadriform.errors import OptionError, QuadriformError
 from quadriform.files.meshes import READ_SUFFIXES, WRITE_SUFFIXES, read_mesh, write_mesh
-from quadriform.files.models import MODEL_SUFFIXES, is_model_file, read_model, write_model
-from quadriform.files.moving_models import is_moving_model, read_moving_model, write_moving_model
+from quadriform.files.models import (
+    MODEL_SUFFIXES,
+    is_model_file,
+    is_moving_model,
+    read_model,
+    read_moving_model,
+    write_model,
+    write_moving_model,
+)
 from quadriform.files.points import POINT_SUFFIXES
 from quadriform.files.reading import PathLike, suffix_of, suffix_to_read
 from quadriform.shapes.mesh import Mesh

@@ -2,14 +2,17 @@
 
 import math
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
-from quadriform.errors import FileFormatError
+from quadriform.errors import FileFormatError, OptionError
 from quadriform.points import Array
 from quadriform.words import plain
+
+Made = TypeVar("Made")
 
 
 @dataclass(frozen=True)
@@ -28,26 +31,38 @@ class Field:
 
     def refuse(self, expected: str, found: str | None = None) -> NoReturn:
         """Raise the one error: file, field, what was expected, what was found."""
-        what = f", field {self.path}" if self.path else ""
-        raise FileFormatError(f"{self.where}{what}: expected {expected}, found {found or _short(self.value)}")
+        raise FileFormatError(f"{self.place}: expected {expected}, found {found or _short(self.value)}")
+
+    def made(self, make: Callable[..., Made], *values: Any, **named: Any) -> Made:
+        """What is made of values of this field; where these do not go together, the refusal names the field."""
+        try:
+            return make(*values, **named)
+        except OptionError as error:
+            raise FileFormatError(f"{self.place}: {error}") from error
+
+    @property
+    def place(self) -> str:
+        """File and field, as messages begin."""
+        return f"{self.where}, field {self.path}" if self.path else self.where
 
     def member(self, name: str) -> "Field":
         """A member of an object; refused when it is missing."""
-        if not isinstance(self.value, dict):
-            self.refuse("an object with named fields")
-        path = f"{self.path}.{name}" if self.path else name
-        if name not in self.value:
-            Field(None, path, self.where).refuse("a value", "none: the field is missing")
-        return Field(self.value[name], path, self.where)
+        if name not in self._object():
+            self._at(name, None).refuse("a value", "none: the field is missing")
+        return self._at(name, self.value[name])
 
     def only(self, names: tuple[str, ...]) -> None:
         """Refuse anything but an object, and one with other members than `names`."""
+        if unknown := [plain(name)[:80] for name in self._object() if name not in names]:
+            self._at(unknown[0], None).refuse(f"only the fields {', '.join(names)}", "this unknown one")
+
+    def _at(self, name: str, value: Any) -> "Field":
+        return Field(value, f"{self.path}.{name}" if self.path else name, self.where)
+
+    def _object(self) -> dict[str, Any]:
         if not isinstance(self.value, dict):
             self.refuse("an object with named fields")
-        unknown = [plain(name) for name in self.value if name not in names]
-        if unknown:
-            path = f"{self.path}.{unknown[0]}" if self.path else unknown[0]
-            Field(None, path[:80], self.where).refuse(f"only the fields {', '.join(names)}", "this unknown one")
+        return self.value
 
     def items(self) -> list["Field"]:
         """The members of a list."""
@@ -57,16 +72,12 @@ class Field:
 
     def optional(self, name: str) -> "Field":
         """A member of an object that was checked, whose value is None where it is missing."""
-        path = f"{self.path}.{name}" if self.path else name
-        return self.member(name) if name in self.value else Field(None, path, self.where)
+        return self._at(name, self.value.get(name))
 
     def members(self) -> dict[str, "Field"]:
         """All members of an object by their names; none where the value is None."""
-        if self.value is None:
-            return {}
-        if not isinstance(self.value, dict):
-            self.refuse("an object with named fields")
-        return {name: Field(item, f"{self.path}.{plain(name)[:80]}", self.where) for name, item in self.value.items()}
+        members = {} if self.value is None else self._object()
+        return {name: self._at(plain(name)[:80], item) for name, item in members.items()}
 
     def text(self) -> str:
         """A string that UTF-8 can hold."""
