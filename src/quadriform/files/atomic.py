@@ -5,12 +5,14 @@ import os
 import secrets
 import stat
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from quadriform.errors import OutputError
 
 PathLike = str | os.PathLike[str]
+
+FAILED = "writing failed, nothing was changed"
 
 
 def check_writable(path: PathLike, force: bool = False, inputs: Sequence[PathLike] = ()) -> None:
@@ -25,15 +27,10 @@ def check_writable(path: PathLike, force: bool = False, inputs: Sequence[PathLik
         OutputError: folder missing or read-only, target exists, is no regular file, or is an input.
     """
     target = Path(path)
-    where = repr(str(target))
-    try:
+    with _refused(target, "cannot be written"):
         _check_target(target, force, inputs)
         with tempfile.TemporaryFile(dir=target.parent):  # permissions alone say too little: ask by doing
             pass
-    except OutputError:
-        raise
-    except (OSError, ValueError) as error:
-        raise OutputError(f"{where}: cannot be written: {reason(error)}") from error
 
 
 def _check_target(target: Path, force: bool, inputs: Sequence[PathLike]) -> None:
@@ -64,7 +61,7 @@ def check_folder(folder: PathLike, names: Sequence[str] = ()) -> None:
         OutputError: the folder, or its nearest existing parent, is no folder or is read-only, or a name is too long.
     """
     existing = Path(folder).absolute()
-    try:
+    with _refused(folder, "cannot be used as a folder for results"):
         missing = [*names]
         while not existing.exists() and existing != existing.parent:
             missing.append(existing.name)
@@ -74,8 +71,6 @@ def check_folder(folder: PathLike, names: Sequence[str] = ()) -> None:
                 os.stat(existing / name)  # refuses names that the disk cannot have
         with tempfile.TemporaryFile(dir=existing):
             pass
-    except (OSError, ValueError) as error:
-        raise OutputError(f"{str(folder)!r}: cannot be used as a folder for results: {reason(error)}") from error
 
 
 def make_folder(folder: PathLike) -> Path:
@@ -84,10 +79,8 @@ def make_folder(folder: PathLike) -> Path:
     Raises:
         OutputError: it cannot be made.
     """
-    try:
+    with _refused(folder, "cannot be made"):
         Path(folder).mkdir(parents=True, exist_ok=True)
-    except (OSError, ValueError) as error:
-        raise OutputError(f"{str(folder)!r}: cannot be made: {reason(error)}") from error
     return Path(folder)
 
 
@@ -99,10 +92,8 @@ def write_bytes(path: PathLike, data: bytes, force: bool = False) -> None:
     """
     check_writable(path, force)
     target = Path(path)
-    try:
-        _replace(target, data)
-    except OSError as error:
-        raise OutputError(f"{str(target)!r}: writing failed, nothing was changed: {reason(error)}") from error
+    with _refused(target, FAILED), _written_beside(target, data) as temporary:
+        os.replace(temporary, target)
 
 
 def create_bytes(path: PathLike, data: bytes) -> bool:
@@ -114,41 +105,31 @@ def create_bytes(path: PathLike, data: bytes) -> bool:
         OutputError: it cannot be written.
     """
     target = Path(path)
-    temporary = _beside(target)
-    try:
-        _fill(temporary, data)
-        os.chmod(temporary, _mode(target))
-        os.link(temporary, target)  # unlike a rename, refuses to replace
-    except FileExistsError:
-        return False
-    except OSError as error:
-        raise OutputError(f"{str(target)!r}: writing failed, nothing was changed: {reason(error)}") from error
-    finally:
-        with contextlib.suppress(OSError):
-            os.unlink(temporary)
-    sync_folder(target.parent)
+    with _refused(target, FAILED), _written_beside(target, data) as temporary:
+        try:
+            os.link(temporary, target)  # unlike a rename, refuses to replace
+        except FileExistsError:
+            return False
     return True
 
 
-def _replace(target: Path, data: bytes) -> None:
-    temporary = _beside(target)
+@contextlib.contextmanager
+def _written_beside(target: Path, data: bytes) -> Iterator[Path]:
+    """A new file with all of the data and the target's permissions; on leaving it is removed, unless it was renamed."""
+    # The name is known before there is a file: an interrupt can fall between the making of one and its return.
+    temporary = target.parent / f".quadriform-{secrets.token_hex(8)}.tmp"
     try:
-        _fill(temporary, data)
+        # Nobody else may read it meanwhile.
+        with open(temporary, "xb", opener=_private) as stream:
+            stream.write(data)
+            stream.flush()
+            os.fsync(stream.fileno())
         os.chmod(temporary, _mode(target))
-        os.replace(temporary, target)
-    except BaseException:  # an interrupt must not leave the temporary file either
+        yield temporary
+    finally:  # of an interrupt too
         with contextlib.suppress(OSError):
             os.unlink(temporary)
-        raise
     sync_folder(target.parent)
-
-
-def _beside(target: Path) -> Path:
-    """A name in the same folder that no other file has.
-
-    It is known before there is a file: an interrupt can fall between the making of one and the return of its name.
-    """
-    return target.parent / f".quadriform-{secrets.token_hex(8)}.tmp"
 
 
 def _mode(target: Path) -> int:
@@ -165,14 +146,6 @@ def _private(path: str, flags: int) -> int:
     return os.open(path, flags, 0o600)
 
 
-def _fill(path: Path, data: bytes) -> None:
-    """Write all of it to a new file, down to the disk; nobody else may read it meanwhile."""
-    with open(path, "xb", opener=_private) as stream:
-        stream.write(data)
-        stream.flush()
-        os.fsync(stream.fileno())
-
-
 def sync_folder(folder: Path) -> None:
     """Make the new name durable, where the system lets a folder be opened (Windows does not)."""
     with contextlib.suppress(OSError):
@@ -181,6 +154,17 @@ def sync_folder(folder: Path) -> None:
             os.fsync(descriptor)
         finally:
             os.close(descriptor)
+
+
+@contextlib.contextmanager
+def _refused(path: PathLike, fault: str) -> Iterator[None]:
+    """Turn errors of the system, and names that it cannot have, into an OutputError with the path and the fault."""
+    try:
+        yield
+    except OutputError:  # is an OSError itself
+        raise
+    except (OSError, ValueError) as error:
+        raise OutputError(f"{str(path)!r}: {fault}: {reason(error)}") from error
 
 
 def reason(error: Exception) -> str:

@@ -5,6 +5,7 @@ Reference: https://github.com/UOA-Heart-Mechanics-Research/biv-me
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections import Counter, defaultdict
@@ -17,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.errors import FileFormatError, InputError, PointsError, choose
-from quadriform.files.reading import PathLike, quoted, read_bytes, signature
+from quadriform.files.numbers import to_number
+from quadriform.files.reading import PathLike, quoted, read_bytes, utf8_text
 from quadriform.points import Array
 from quadriform.words import short_repr
 
@@ -199,11 +201,7 @@ def guide_point_files(folder: PathLike) -> list[Path]:
 
 def lines_of(data: bytes, where: str, split: Callable[[str], list[str]]) -> Iterator[tuple[int, list[str]]]:
     """Line numbers and fields, blank lines left out."""
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise FileFormatError(f"{where}: expected text in UTF-8, found {signature(data)}") from error
-    for number, line in enumerate(text.splitlines(), 1):
+    for number, line in enumerate(utf8_text(data, where).splitlines(), 1):
         if line.strip():
             yield number, split(line)
 
@@ -233,10 +231,8 @@ def number_in(word: str, where: str, whole: bool = False) -> float:
 
 def is_number(word: str) -> bool:
     """Whether a word is a finite number."""
-    try:
-        return "_" not in word and bool(np.isfinite(float(word)))  # Python reads 1_000 as a number; a table must not
-    except ValueError:
-        return False
+    number = to_number(word)
+    return number is not None and math.isfinite(number)
 
 
 def _rows(path: Path) -> list[_Row]:

@@ -7,14 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.errors import FileFormatError
-from quadriform.files.numbers import floats, whole
-from quadriform.files.polygons import Indices, Polygons, strip_triangles
+from quadriform.files.numbers import count_of, floats, whole
+from quadriform.files.polygons import NO_CELLS, Cells, Polygons
 from quadriform.files.reading import check_budget, signature
 
 TYPES = {"float": ">f4", "double": ">f8", "char": ">i1", "unsigned_char": ">u1", "short": ">i2", "int": ">i4"}
 TYPES |= {"unsigned_short": ">u2", "unsigned_int": ">u4", "long": ">i8", "unsigned_long": ">u8", "vtkidtype": ">i4"}
-TYPES |= {"vtktypeint8": ">i1", "vtktypeuint8": ">u1", "vtktypeint16": ">i2", "vtktypeuint16": ">u2"}
-TYPES |= {"vtktypeint32": ">i4", "vtktypeuint32": ">u4", "vtktypeint64": ">i8", "vtktypeuint64": ">u8"}
+TYPES |= {f"vtktype{sign}int{8 * size}": f">{sign or 'i'}{size}" for sign in ("", "u") for size in (1, 2, 4, 8)}
 HEAD = re.compile(rb"# vtk DataFile Version (\d+)\.\d+[^\n]*\n[^\n]*\n\s*(ASCII|BINARY)\s*?\n", re.IGNORECASE)
 CELLS = ("vertices", "lines", "polygons", "triangle_strips")
 END = ("point_data", "cell_data")
@@ -35,11 +34,8 @@ def parse_legacy_vtk(data: bytes, where: str) -> Polygons:
     if [word.lower() for word in words] != ["dataset", "polydata"]:
         raise FileFormatError(f"{where}: expected DATASET POLYDATA, found {' '.join(words)[:60]!r}")
     sections = _sections(cursor, int(head[1]) >= 5)
-    vertices = sections.get("points", np.empty(0)).reshape(-1, 3).astype(np.float64)
-    corners, lengths = sections.get("polygons", _no_cells())
-    strips = strip_triangles(*sections.get("triangle_strips", _no_cells()))
-    corners, lengths = np.append(corners, strips), np.append(lengths, np.full(len(strips), 3))
-    return Polygons(vertices, corners.astype(np.int64), lengths.astype(np.int64))
+    cells = (sections.get(name, NO_CELLS) for name in ("polygons", "triangle_strips"))
+    return Polygons.with_strips(sections.get("points", np.empty(0)), *cells)
 
 
 class _Cursor:
@@ -85,31 +81,21 @@ def _sections(cursor: _Cursor, offsets: bool) -> dict[str, Any]:
     while (words := cursor.line()) and words[0].lower() not in END:
         match [words[0].lower(), *words[1:]]:
             case ["points", count, kind]:
-                found["points"] = cursor.values(3 * _count(count, cursor), kind)
+                found["points"] = cursor.values(3 * count_of(count, cursor.where), kind)
             case [name, first, second] if name in CELLS:
                 read = _cells_by_offsets if offsets else _cells_by_lengths
-                found[name] = read(cursor, _count(first, cursor), _count(second, cursor))
+                found[name] = read(cursor, count_of(first, cursor.where), count_of(second, cursor.where))
             case ["metadata", *_]:
                 _pass_metadata(cursor)
             case ["field", _, count]:
-                for _ in range(_count(count, cursor)):
+                for _ in range(count_of(count, cursor.where)):
                     _pass_field(cursor)
             case _:
                 raise FileFormatError(f"{cursor.where}: expected a section of POLYDATA, found {' '.join(words)[:60]!r}")
     return found
 
 
-def _count(word: str, cursor: _Cursor) -> int:
-    if not (word.isascii() and word.isdigit()):
-        raise FileFormatError(f"{cursor.where}: expected a count, found {word[:60]!r}")
-    return int(word)
-
-
-def _no_cells() -> tuple[Indices, Indices]:
-    return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
-
-
-def _cells_by_offsets(cursor: _Cursor, n_offsets: int, n_corners: int) -> tuple[Indices, Indices]:
+def _cells_by_offsets(cursor: _Cursor, n_offsets: int, n_corners: int) -> Cells:
     """Corners and lengths as files of version 5 hold them."""
     arrays = []
     for name, count in (("offsets", n_offsets), ("connectivity", n_corners)):
@@ -123,7 +109,7 @@ def _cells_by_offsets(cursor: _Cursor, n_offsets: int, n_corners: int) -> tuple[
     return arrays[1], lengths
 
 
-def _cells_by_lengths(cursor: _Cursor, count: int, size: int) -> tuple[Indices, Indices]:
+def _cells_by_lengths(cursor: _Cursor, count: int, size: int) -> Cells:
     """Corners and lengths as files before version 5 hold them: each cell begins with its length."""
     values, lengths, at = cursor.values(size, "int").astype(np.int64), np.empty(count, dtype=np.int64), 0
     is_length = np.zeros(size, dtype=bool)
@@ -150,4 +136,4 @@ def _pass_field(cursor: _Cursor) -> None:
         words = cursor.line()
     if len(words) != 4:
         raise FileFormatError(f"{cursor.where}: expected an array of a field, found {' '.join(words)[:60]!r}")
-    cursor.values(_count(words[1], cursor) * _count(words[2], cursor), words[3])
+    cursor.values(count_of(words[1], cursor.where) * count_of(words[2], cursor.where), words[3])

@@ -1,7 +1,6 @@
-"""Numbers from the words of a text."""
+"""Numbers from the words of a text, and what single precision does to them."""
 
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
 
@@ -12,31 +11,36 @@ SINGLE = 1e-5
 """Coordinates may move by this share of the extent where a format stores single precision."""
 
 
+def to_number(word: str) -> float | None:
+    """The number that a word is, "nan" and "inf" among them; None for 1_000, 1,5 and all others."""
+    try:
+        return None if "_" in word else float(word)  # Python reads 1_000 as a number; a file must not
+    except ValueError:
+        return None
+
+
 def floats(words: Iterable[str] | Iterable[bytes], where: str) -> Array:
-    """Return the words as float64, (n,); "nan" and "inf" are numbers here, 1_000 and 1,5 are not.
+    """Return the words as float64, (n,), by the rules of `to_number`.
 
     Raises:
         FileFormatError: a word is no number.
     """
-    given: list[Any] = list(words)
-    try:
-        values = np.array(list(map(float, given)), dtype=np.float64)
-    except ValueError as error:
-        wrong = next(word for word in given if not _is_number(word))
-        raise FileFormatError(f"{where}: expected a number, found {_shown(wrong)!r}") from error
-    separator: Any = b"_" if given and isinstance(given[0], bytes) else "_"
-    for word in given:
-        if separator in word:  # Python takes it for a separator of thousands
-            raise FileFormatError(f"{where}: expected a number, found {_shown(word)!r}")
-    return values
+    texts = [word if isinstance(word, str) else word.decode("ascii", "backslashreplace") for word in words]
+    values = [to_number(text) for text in texts]
+    if None in values:
+        raise FileFormatError(f"{where}: expected a number, found {texts[values.index(None)][:60]!r}")
+    return np.array(values, dtype=np.float64)
 
 
-def _is_number(word: str | bytes) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
+def count_of(word: str, where: str) -> int:
+    """The number of things that a header declares.
+
+    Raises:
+        FileFormatError: no decimal digits.
+    """
+    if not (word.isascii() and word.isdigit()):
+        raise FileFormatError(f"{where}: expected a whole number, found {word[:60]!r}")
+    return int(word)
 
 
 def whole(values: Array, where: str) -> np.ndarray:
@@ -48,10 +52,6 @@ def whole(values: Array, where: str) -> np.ndarray:
     if not (np.isfinite(values).all() and np.array_equal(values, np.round(values)) and np.all(np.abs(values) < 2**53)):
         raise FileFormatError(f"{where}: expected whole numbers, found others")
     return values.astype(np.int64)
-
-
-def _shown(word: str | bytes) -> str:
-    return (word if isinstance(word, str) else word.decode("latin-1"))[:60]
 
 
 def moved_by_single_precision(points: Array) -> float:

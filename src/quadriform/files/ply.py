@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from quadriform.errors import FileFormatError
 from quadriform.files.metadata import as_comment
 from quadriform.files.numbers import fits_single_precision, floats, whole
-from quadriform.files.polygons import Polygons
+from quadriform.files.polygons import NO_CELLS, Cells, Polygons
 from quadriform.files.reading import check_budget, signature
 from quadriform.shapes.mesh import Mesh
 
@@ -19,9 +19,12 @@ TYPES = {"char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2"
 TYPES |= {"uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4"}
 TYPES |= {"float": "f4", "float32": "f4", "double": "f8", "float64": "f8"}
 BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+BYTE_NAMES: dict[str, Literal["little", "big"]] = {"<": "little", ">": "big"}
 VERTEX_INDICES = ("vertex_indices", "vertex_index")
-Values = NDArray[Any] | tuple[NDArray[Any], NDArray[np.int64]]
-"""Scalar property: (rows,). List property: all numbers in a row, and the number of entries of each list (rows,)."""
+Values = tuple[NDArray[Any], NDArray[np.int64] | None]
+"""The numbers of a property, row after row; and of a list how many each row has, (rows,)."""
+Rows = dict[str, Values]
+"""The values of an element by the names of its properties."""
 
 
 @dataclass(frozen=True)
@@ -63,9 +66,9 @@ def parse_ply(data: bytes, where: str) -> Polygons:
 
 def _header(data: bytes, where: str) -> tuple[str, list[_Element], bytes]:
     """Byte order ("" for ASCII), the elements, and what follows the header."""
-    first = re.match(
-        rb"ply[ \t]*(\r\n|\n|\r)", data
-    )  # a binary body may begin with the byte of "\n", which is no part of the last line end
+    # A binary body may begin with the byte of "\n", which is no part of the last line end.
+    # A binary body may begin with the byte of "\n", which is no part of the last line end.
+    first = re.match(rb"ply[ \t]*(\r\n|\n|\r)", data)
     end = re.search(rb"[\r\n]end_header[ \t]*" + first[1], data) if first else None
     if end is None:
         raise FileFormatError(f"{where}: expected a PLY header, found {signature(data)}")
@@ -100,62 +103,50 @@ def _property(words: Sequence[str], where: str) -> _Property:
 # --- binary ------------------------------------------------------------------------------------------------------
 
 
-def _binary(elements: list[_Element], body: bytes, order: str, where: str) -> dict[str, dict[str, Values]]:
-    found, at = dict[str, dict[str, Values]](), 0
+def _binary(elements: list[_Element], body: bytes, order: str, where: str) -> dict[str, Rows]:
+    found, at = dict[str, Rows](), 0
     for element in elements:
-        lists = any(each.count_type for each in element.properties)
-        reader = _rows_with_lists if lists and element.count else _rows
-        found[element.name], at = reader(element, body, at, order, where)
+        rows = _equal_rows(element, body, at, order, where) or _uneven_rows(element, body, at, order, where)
+        found[element.name], at = rows
     if body[at:].strip():  # trailing blanks and line ends are ignored
         raise FileFormatError(f"{where}: {len(body) - at} bytes are left after the last row that the header declares")
     return found
 
 
-def _rows(element: _Element, body: bytes, at: int, order: str, where: str) -> tuple[dict[str, Values], int]:
-    record = np.dtype([(f"{n}", order + each.type) for n, each in enumerate(element.properties)])
+def _equal_rows(element: _Element, body: bytes, at: int, order: str, where: str) -> tuple[Rows, int] | None:
+    """The rows as one table, if the lists of all rows have the counts of the first row, as triangles do; else None."""
+    none = [0] * len(element.properties)
+    first = _counts_of_row(element, body, at, order, where)[0] if element.count else none
+    fields: list[Any] = []
+    for n, (each, count) in enumerate(zip(element.properties, first)):
+        fields += [(f"count {n}", order + each.count_type)] if each.count_type else []
+        fields.append((f"{n}", order + each.type, (count,)))
+    record, found = np.dtype(fields), Rows()
     end = at + record.itemsize * element.count
     if end > len(body):
-        raise FileFormatError(f"{where}: the header declares {end} bytes after it, found {len(body)}")
-    table = np.frombuffer(body, record, element.count, at) if record.itemsize else np.empty(element.count, record)
-    return {each.name: table[f"{n}"] for n, each in enumerate(element.properties)}, end
-
-
-def _rows_with_lists(element: _Element, body: bytes, at: int, order: str, where: str) -> tuple[dict[str, Values], int]:
-    first = _counts_of_row(element, body, at, order, where)[0]
-    return _equal_rows(element, first, body, at, order) or _uneven_rows(element, body, at, order, where)
-
-
-def _equal_rows(
-    element: _Element, counts: list[int], body: bytes, at: int, order: str
-) -> tuple[dict[str, Values], int] | None:
-    """The rows as one table, if the lists of all rows have the counts of the first row, as triangles do; else None."""
-    fields: list[Any] = []
-    for n, (each, count) in enumerate(zip(element.properties, counts)):
-        fields += [(f"count {n}", order + each.count_type)] if each.count_type else []
-        fields.append((f"{n}", order + each.type, (count,)) if each.count_type else (f"{n}", order + each.type))
-    record = np.dtype(fields)
-    if at + record.itemsize * element.count > len(body):
         return None
-    table, found = np.frombuffer(body, record, element.count, at), dict[str, Values]()
-    for n, (each, count) in enumerate(zip(element.properties, counts)):
-        if each.count_type and not (table[f"count {n}"] == count).all():
+    # NumPy refuses rows without bytes, which an element without properties has.
+    table = np.frombuffer(body, record, element.count, at) if fields else np.empty(element.count, record)
+    for n, (each, count) in enumerate(zip(element.properties, first)):
+        counts = table[f"count {n}"].astype(np.int64) if each.count_type else None
+        if counts is not None and (counts != count).any():
             return None
-        values = table[f"{n}"]
-        found[each.name] = (values.reshape(-1), np.full(element.count, count)) if each.count_type else values
-    return found, at + record.itemsize * element.count
+        found[each.name] = table[f"{n}"].reshape(-1), counts
+    return found, end
 
 
-def _uneven_rows(element: _Element, body: bytes, at: int, order: str, where: str) -> tuple[dict[str, Values], int]:
+def _uneven_rows(element: _Element, body: bytes, at: int, order: str, where: str) -> tuple[Rows, int]:
     counts, starts = np.empty((2, element.count, len(element.properties)), dtype=np.int64)
     for row in range(element.count):
         counts[row], starts[row], at = _counts_of_row(element, body, at, order, where)
-    content, found = np.frombuffer(body, np.uint8), dict[str, Values]()
+    content, found = np.frombuffer(body, np.uint8), Rows()
     for n, each in enumerate(element.properties):
         kind = np.dtype(order + each.type)
         number = np.arange(counts[:, n].sum()) - np.repeat(np.cumsum(counts[:, n]) - counts[:, n], counts[:, n])
         begin = np.repeat(starts[:, n], counts[:, n]) + kind.itemsize * number
+        # The bytes of each number are gathered from wherever its row begins.
         values = content[begin[:, None] + np.arange(kind.itemsize)].reshape(-1).view(kind)
-        found[each.name] = (values, counts[:, n]) if each.count_type else values
+        found[each.name] = values, counts[:, n] if each.count_type else None
     return found, at
 
 
@@ -166,22 +157,20 @@ def _counts_of_row(element: _Element, body: bytes, at: int, order: str, where: s
         count = 1
         if each.count_type:
             width = int(each.count_type[1])
-            count = int.from_bytes(
-                body[at : at + width], "little" if order == "<" else "big", signed=each.count_type[0] == "i"
-            )
+            count = int.from_bytes(body[at : at + width], BYTE_NAMES[order], signed=each.count_type[0] == "i")
             at += width
         counts.append(count)
         starts.append(at)
         at += count * int(each.type[1])
         if count < 0 or at > len(body):
-            raise FileFormatError(f"{where}: a list of {element.name} with {count} numbers goes beyond the file")
+            raise FileFormatError(f"{where}: one of {element.count} rows of {element.name} goes beyond the file")
     return counts, starts, at
 
 
 # --- ASCII -------------------------------------------------------------------------------------------------------
 
 
-def _ascii(elements: list[_Element], body: bytes, total: int, where: str) -> dict[str, dict[str, Values]]:
+def _ascii(elements: list[_Element], body: bytes, total: int, where: str) -> dict[str, Rows]:
     lines = [words for line in re.split(rb"\r\n|\n|\r", body) if (words := line.split())]
     if len(lines) != total:
         raise FileFormatError(f"{where}: the header declares {total} rows, found {len(lines)}")
@@ -189,19 +178,19 @@ def _ascii(elements: list[_Element], body: bytes, total: int, where: str) -> dic
     return {each.name: _ascii_rows(each, [next(rows) for _ in range(each.count)], where) for each in elements}
 
 
-def _ascii_rows(element: _Element, rows: list[list[bytes]], where: str) -> dict[str, Values]:
+def _ascii_rows(element: _Element, rows: list[list[bytes]], where: str) -> Rows:
     words: list[list[bytes]] = [[] for _ in element.properties]
     counts: list[list[int]] = [[] for _ in element.properties]
     for number, row in enumerate(rows):
         for n, part in enumerate(_parts(element, row, f"{where}, row {number} of {element.name}")):
             words[n] += part
             counts[n].append(len(part))
-    found = dict[str, Values]()
+    found = Rows()
     for n, each in enumerate(element.properties):
         in_element = f"{where}, {each.name} of {element.name}"
         values: NDArray[Any] = floats(words[n], in_element)
         values = values if each.type[0] == "f" else whole(values, in_element)
-        found[each.name] = (values, np.array(counts[n], dtype=np.int64)) if each.count_type else values
+        found[each.name] = values, np.array(counts[n], dtype=np.int64) if each.count_type else None
     return found
 
 
@@ -224,26 +213,26 @@ def _parts(element: _Element, row: list[bytes], where: str) -> Iterator[list[byt
 # --- vertices and polygons ---------------------------------------------------------------------------------------
 
 
-def _coordinate(vertex: dict[str, Values], axis: str, where: str) -> NDArray[Any]:
+def _coordinate(vertex: Rows, axis: str, where: str) -> NDArray[Any]:
     values = vertex.get(axis, vertex.get(axis.upper()))
-    if values is None or isinstance(values, tuple):
+    if values is None or values[1] is not None:
         raise FileFormatError(f"{where}: expected vertices x y z, found the properties {', '.join(vertex) or 'none'}")
-    return values
+    return values[0]
 
 
-def _polygons(found: dict[str, dict[str, Values]], where: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _polygons(found: dict[str, Rows], where: str) -> Cells:
     """The vertex indices of all faces in a row, and the number of vertices of each face."""
     if "tristrips" in found:
         raise FileFormatError(f"{where}: triangle strips in a PLY are not read; save triangles instead")
     face = found.get("face", {})
     values = next((face[name] for name in VERTEX_INDICES if name in face), None)
-    if isinstance(values, tuple):
+    if values is not None and values[1] is not None:
         return values[0].astype(np.int64), values[1]
-    if len(face) and any(len(each[1] if isinstance(each, tuple) else each) for each in face.values()):
+    if any(len(numbers if counts is None else counts) for numbers, counts in face.values()):
         raise FileFormatError(
             f"{where}: expected a list {' or '.join(VERTEX_INDICES)} of face, found {', '.join(face)}"
         )
-    return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
+    return NO_CELLS
 
 
 def encode_ply(mesh: Mesh, metadata: Mapping[str, str]) -> bytes:

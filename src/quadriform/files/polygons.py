@@ -9,6 +9,10 @@ from quadriform.errors import FileFormatError, FileLimitError
 from quadriform.points import Array
 
 Indices = NDArray[np.int64]
+Cells = tuple[Indices, Indices]
+"""The corners of polygons, lines or strips, those of one after those of the other, and how many each has."""
+
+NO_CELLS: Cells = (np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64))
 
 MOST_CORNERS = 5000
 """Of a polygon that is not convex: cutting ears takes time with the square of their number."""
@@ -29,6 +33,14 @@ class Polygons:
     vertices: Array
     corners: Indices
     lengths: Indices
+
+    @classmethod
+    def with_strips(cls, vertices: Array, polygons: Cells, strips: Cells) -> "Polygons":
+        """Polygons, and the triangles of strips behind them, over vertices as a file holds them, (3 n,)."""
+        triangles = strip_triangles(*strips)
+        corners = np.append(polygons[0], triangles).astype(np.int64)
+        lengths = np.append(polygons[1], np.full(len(triangles), 3)).astype(np.int64)
+        return cls(vertices.reshape(-1, 3).astype(np.float64), corners, lengths)
 
     def triangles(self, where: str) -> Indices:
         """Triangles (k, 3) that cover the polygons, those of one after those of the other, wound as they are.

@@ -141,6 +141,19 @@ def suffix_to_read(path: PathLike, known: tuple[str, ...], what: str) -> str:
     return suffix_of(path, known, what)
 
 
+def utf8_text(data: bytes, where: str, what: str = "text") -> str:
+    """The text of a file in UTF-8, with or without a byte order mark; messages say that `what` was expected.
+
+    Raises:
+        FileFormatError: bytes that are no such text.
+    """
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        found = f"{signature(data)} (byte {error.start})"
+        raise FileFormatError(f"{where}: expected {what} in UTF-8, found {found}") from error
+
+
 def signature(data: bytes) -> str:
     """In words, what the first bytes of a file look like."""
     for start, name in SIGNATURES.items():

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from quadriform.errors import OutputError
-from quadriform.files.atomic import check_folder, check_writable, make_folder, reason, sync_folder, write_bytes
+from quadriform.files.atomic import FAILED, check_folder, check_writable, make_folder, reason, sync_folder, write_bytes
 
 OLD, NAMES = "old", "names"
 """Within the folder of the new files: the old ones that were moved out, and what is to be moved."""
@@ -78,7 +78,7 @@ def replaced_together(folder: Path, first: str, force: bool, old: Sequence[str] 
         if isinstance(error, OutputError):
             raise OutputError(str(error).replace(str(staging), str(folder))) from error
         if isinstance(error, OSError):
-            raise OutputError(f"{str(folder)!r}: writing failed, nothing was changed: {reason(error)}") from error
+            raise OutputError(f"{str(folder)!r}: {FAILED}: {reason(error)}") from error
         raise
     shutil.rmtree(staging, ignore_errors=True)
 

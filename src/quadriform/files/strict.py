@@ -31,17 +31,17 @@ class Field:
 
     def refuse(self, expected: str, found: str | None = None) -> NoReturn:
         """Raise the one error: file, field, what was expected, what was found."""
-        raise FileFormatError(f"{self.place}: expected {expected}, found {found or _short(self.value)}")
+        raise FileFormatError(f"{self._location}: expected {expected}, found {found or _short(self.value)}")
 
     def made(self, make: Callable[..., Made], *values: Any, **named: Any) -> Made:
         """What is made of values of this field; where these do not go together, the refusal names the field."""
         try:
             return make(*values, **named)
         except OptionError as error:
-            raise FileFormatError(f"{self.place}: {error}") from error
+            raise FileFormatError(f"{self._location}: {error}") from error
 
     @property
-    def place(self) -> str:
+    def _location(self) -> str:
         """File and field, as messages begin."""
         return f"{self.where}, field {self.path}" if self.path else self.where
 

@@ -3,7 +3,6 @@
 Columns are found by their names, in a header row or in a comment before the first row; see `quadriform.columns`.
 """
 
-import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +12,8 @@ import numpy as np
 
 from quadriform.columns import AXES, Chosen, Columns, chosen_columns, columns_of, names_axes, unit_of
 from quadriform.errors import ColumnsError, FileFormatError
-from quadriform.files.reading import signature
+from quadriform.files.numbers import to_number
+from quadriform.files.reading import signature, utf8_text
 from quadriform.point_sets import PointSet, naming_hint, unit_normals
 from quadriform.points import Array, check_points
 
@@ -122,7 +122,8 @@ def _values(text: _Text, body: list[tuple[int, str]], width: int, positions: tup
 def _names(text: _Text, first: list[str], columns: Chosen) -> tuple[list[str] | None, bool]:
     """The names of the columns, or None, and whether the first row holds them."""
     requested = columns.split(",") if isinstance(columns, str) else columns or ()
-    if not any(map(_is_number, first)) or names_axes(first) or (requested and _all_in(requested, first)):
+    has_numbers = any(to_number(field) is not None for field in first)
+    if not has_numbers or names_axes(first) or (requested and _all_in(requested, first)):
         return first, True
     _check_numbered(text, first, bool(requested))
     found = [names for comment in text.comments if (names := _names_in(comment, text.separator, len(first), requested))]
@@ -194,8 +195,8 @@ def _may_name_another_order(comment: str) -> bool:
 def _looks(text: _Text, body: list[tuple[int, str]], width: int) -> str:
     """A hint how to name columns by what they look like; nothing about words among the numbers."""
     rows = [text.split(row) for row in body]
-    numbers = [[_to_number(field) for field in row] for row in rows if len(row) == width]
-    every = np.array([[math.nan if each is None else each for each in row] for row in numbers]).reshape(-1, width)
+    numbers = [[to_number(field) for field in row] for row in rows if len(row) == width]
+    every = np.array(numbers, dtype=np.float64).reshape(-1, width)  # NaN where there is no number
     whole = text.separator == "," and width == 6 and all(field.lstrip("+-").isdecimal() for field in rows[0])
     return naming_hint(every) + ("; decimal commas are not read" if whole else "")
 
@@ -225,12 +226,7 @@ def _check_end(data: bytes, where: str) -> None:
 
 
 def _lines(data: bytes, where: str) -> list[str]:
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise FileFormatError(
-            f"{where}: expected a text table in UTF-8, found {signature(data)} (byte {error.start})"
-        ) from error
+    text = utf8_text(data, where, "a text table")
     if "\0" in text:
         raise FileFormatError(f"{where}: expected a text table, found {signature(data)}")
     return text.splitlines() or [""]
@@ -295,25 +291,14 @@ def _split(line: str, separator: str | None, where: str, number: int) -> list[st
     return fields
 
 
-def _numbers(row: tuple[int, str], text: _Text, width: int, positions: tuple[int, ...]) -> list[float]:
+def _numbers(row: tuple[int, str], text: _Text, width: int, positions: tuple[int, ...]) -> list[float | None]:
     fields = text.split(row)
     if len(fields) != width:
         raise FileFormatError(
             f"{text.where}, line {row[0]}: expected {width} columns as in the first row, found {len(fields)}"
         )
     chosen = [fields[position] for position in positions]
-    values = [_to_number(field) for field in chosen]
+    values = [to_number(field) for field in chosen]
     if None in values:
         raise FileFormatError(f"{text.where}, line {row[0]}: expected numbers, found {chosen[values.index(None)]!r}")
-    return [math.nan if value is None else value for value in values]
-
-
-def _to_number(field: str) -> float | None:
-    try:
-        return None if "_" in field else float(field)  # Python reads 1_000 as a number; a table must not
-    except ValueError:
-        return None
-
-
-def _is_number(field: str) -> bool:
-    return _to_number(field) is not None
+    return values

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.errors import FileFormatError
-from quadriform.files.numbers import floats, whole
-from quadriform.files.polygons import Indices, Polygons, strip_triangles
+from quadriform.files.numbers import count_of, floats, whole
+from quadriform.files.polygons import NO_CELLS, Cells, Indices, Polygons
 from quadriform.files.reading import signature
 from quadriform.files.vtk_blocks import DAMAGED, unpacked
 from quadriform.shapes.mesh import Mesh
@@ -161,37 +161,27 @@ def _parse_xml(data: bytes, where: str) -> ElementTree.Element:
 
 def _piece(piece: ElementTree.Element, file: _File) -> Polygons:
     where, points = file.where, piece.find("Points/DataArray")
-    count = _count(piece, "NumberOfPoints", where)
+    count = count_of(piece.get("NumberOfPoints", "0").strip(), f"{where}, NumberOfPoints")
     vertices = np.empty(0) if points is None and count == 0 else _values(points, "Points/DataArray", file)
     if len(vertices) != 3 * count:
         raise FileFormatError(f"{where}: NumberOfPoints declares other than the {len(vertices) / 3:g} points found")
-    corners, lengths = _cells(piece, "Polys", file)
-    strips = strip_triangles(*_cells(piece, "Strips", file))
-    corners, lengths = np.append(corners, strips), np.append(lengths, np.full(len(strips), 3))
-    if len(corners) and not 0 <= corners.min() <= corners.max() < count:
+    found = Polygons.with_strips(vertices, _cells(piece, "Polys", file), _cells(piece, "Strips", file))
+    if len(found.corners) and not 0 <= found.corners.min() <= found.corners.max() < count:
         raise FileFormatError(f"{where}: a polygon names a vertex that is not among the {count}")
-    return Polygons(vertices.reshape(-1, 3).astype(np.float64), corners.astype(np.int64), lengths.astype(np.int64))
+    return found
 
 
-def _cells(piece: ElementTree.Element, name: str, file: _File) -> tuple[Indices, Indices]:
+def _cells(piece: ElementTree.Element, name: str, file: _File) -> Cells:
     """Corners and lengths of the cells of a kind."""
-    count = _count(piece, f"NumberOf{name}", file.where)
-    none = np.empty(0, dtype=np.int64)
+    count = count_of(piece.get(f"NumberOf{name}", "0").strip(), f"{file.where}, NumberOf{name}")
     if count == 0 and piece.find(f"{name}/DataArray[@Name='offsets']") is None:
-        return none, none
+        return NO_CELLS
     arrays = [f"{name}/DataArray[@Name='{part}']" for part in ("connectivity", "offsets")]
     corners, ends = (_values(piece.find(path), path, file).astype(np.int64) for path in arrays)
     lengths = np.diff(ends, prepend=0)
     if len(ends) != count or (lengths < 0).any() or len(corners) != (ends[-1] if count else 0):
         raise FileFormatError(f"{file.where}: NumberOf{name} declares {count} cells, found other offsets")
     return corners, lengths
-
-
-def _count(piece: ElementTree.Element, name: str, where: str) -> int:
-    text = piece.get(name, "0").strip()
-    if not (text.isascii() and text.isdigit()):
-        raise FileFormatError(f"{where}: {name} is no whole number: {text!r}")
-    return int(text)
 
 
 def _values(element: ElementTree.Element | None, path: str, file: _File) -> NDArray[Any]:
