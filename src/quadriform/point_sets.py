@@ -1,6 +1,7 @@
-"""Points with what is known of them, from whatever holds numbers in columns: arrays, structured arrays, data frames."""
+"""What may be given as points, each checked once: arrays, tables whose columns have names, meshes, several by name."""
 
-from collections.abc import Sequence
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -8,12 +9,25 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quadriform.columns import MILLIMETRES, Chosen, Columns, chosen_columns, columns_of
-from quadriform.errors import ColumnsError, PointsError
-from quadriform.points import Array, check_points
+from quadriform.errors import ColumnsError, OptionError, PointsError, WarningKind, Warnings, choose
+from quadriform.points import Array, by_name, check_points, check_spread
+from quadriform.shapes.mesh import Mesh
+from quadriform.shapes.mesh_points import mesh_points
 from quadriform.words import short_repr
 
+ALONE = "surface"
+"""The name of the surface when there is only one."""
+UNITS = ("mm", "m", "unknown")
+"""That models can have."""
 UNIT_NORMAL = 1e-3
 """Rows of three numbers whose length is 1 but for this look like normals."""
+FINE_STEP, FINE_SHORT_STEP = 1e-9, 1e-5
+"""Smallest steps between neighbouring coordinates that are reported, of a double and of a shorter type, relative to
+half the cloud's diagonal."""
+FAR, COARSE = 100, 1e-3
+"""A cloud this many half-diagonals from the origin, on a decimal grid this coarse, was written with too few digits."""
+TYPE_POINTS = 10_000
+"""Points whose values show the type they had."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -38,29 +52,68 @@ class PointSet:
 
     def in_metric_unit(self) -> "PointSet":
         """The same in a unit that models can have: metres stay, other lengths become millimetres, which is noted."""
-        if self.unit in ("mm", "m", "unknown"):
+        if self.unit in UNITS:
             return self
         note = f"lengths in {self.unit} became mm"
         points = self.points * MILLIMETRES[self.unit]
         return replace(self, points=points, unit="mm", notes=(*self.notes, note))
 
 
-def point_set(given: Any, what: str = "points", columns: Chosen = None) -> PointSet:
+One = ArrayLike | Mesh | PointSet
+Given = One | Mapping[str, One]
+
+
+def point_sets(points: Any, columns: Chosen = None, normals: Any = None, weights: object = None) -> dict[str, PointSet]:
+    """Checked points by name with what is known of them; a single cloud is called "surface".
+
+    Args:
+        points: as `point_set` takes them, or several by name.
+        columns: of all of them, as `point_set` takes it.
+        normals: (n, 3) in place of those of the points, or by name; None leaves these.
+        weights: of the points; None where all count the same.
+
+    Raises:
+        PointsError, DegenerateError, OptionError: a cloud cannot be fitted, or there is none.
+    """
+    given = by_name(points, "points") if isinstance(points, Mapping) else {ALONE: points}
+    if not given:
+        raise OptionError("points: an empty mapping; expected at least one named cloud")
+    single = given.keys() == {ALONE}
+    sets = {n: point_set(cloud, "points" if single else f"{n}: points", columns, weights) for n, cloud in given.items()}
+    for each in sets.values():
+        check_spread(each.points, needed=11)
+    if normals is None:
+        return sets
+    beside = by_name(normals, "normals") if isinstance(normals, Mapping) else dict.fromkeys(sets, normals)
+    if beside.keys() != sets.keys():
+        raise OptionError(f"normals {sorted(beside)} and points {sorted(sets)} must have the same names")
+    return {n: replace(each, normals=unit_normals(beside[n], len(each.points))) for n, each in sets.items()}
+
+
+def point_set(given: Any, what: str = "points", columns: Chosen = None, weights: object = None) -> PointSet:
     """The points, with their normals, unit and number type where these are known.
 
     Args:
         given: (n, 3); or a structured array, or a data frame, whose columns have names; or (n, k) with `columns`; or a
-            point set as it is.
+            mesh (ours, or what has `vertices` and `faces` as one of trimesh), of which the points of its surface are
+            taken; or a point set as it is.
         what: the name that an error message uses.
         columns: which columns are x, y, z and the normals, as `chosen_columns` takes it.
+        weights: of the points; None where all count the same.
 
     Raises:
         ColumnsError: columns that are not named x, y and z, where `columns` does not define them.
-        OptionError: columns that are not there.
+        OptionError: columns that are not there, or weights beside a mesh, whose points are chosen here.
         PointsError: wrong type or shape, no points, masked or not finite values.
     """
     if isinstance(given, PointSet):
         return given
+    if hasattr(given, "vertices") and hasattr(given, "faces"):
+        if weights is not None:
+            raise OptionError("weights: go with points, found a mesh, of which each part of the area counts the same")
+        points, note = mesh_points(_mesh(given))
+        notes = () if note is None else (what.removesuffix("points") + note,)
+        return replace(point_set(points, what, columns), notes=notes)
     names = column_names(given)
     if names is None and columns is None:
         array = given if isinstance(given, np.ndarray) else _array(given, what)
@@ -72,6 +125,16 @@ def point_set(given: Any, what: str = "points", columns: Chosen = None) -> Point
         raise PointsError(f"{what}: expected an array of shape (n, 3) or more columns, found {table.shape}")
     chosen = columns_of(names or [], what) if columns is None else chosen_columns(columns, names, width, what)
     return _picked(table, names, chosen, what)
+
+
+def _mesh(given: Any) -> Mesh:
+    vertices, faces = check_points(given.vertices, "mesh, vertices"), np.asarray(given.faces)
+    whole = faces.ndim == 2 and faces.shape[1] == 3 and faces.dtype.kind in "iu"
+    if not whole or (faces.size and not 0 <= faces.min() <= faces.max() < len(vertices)):
+        raise PointsError(
+            f"mesh, faces: expected (m, 3) indices of {len(vertices)} vertices, found {faces.dtype} {faces.shape}"
+        )
+    return Mesh(vertices, faces.astype(np.int64))
 
 
 def check_width(array: NDArray[Any], what: str) -> None:
@@ -177,3 +240,94 @@ def _array(given: Any, what: str) -> NDArray[Any]:
 def _type(array: NDArray[Any]) -> np.dtype[Any] | None:
     """The type of the numbers, where it adds to their values; that of lists and readers does not."""
     return array.dtype if array.dtype.kind in "iuf" and array.dtype != np.float64 else None
+
+
+def common_unit(sets: Mapping[str, PointSet], unit: str | None = None) -> str:
+    """The unit of all clouds: that of their columns, or the one given.
+
+    Raises:
+        OptionError: several units, or another one than that of the columns.
+    """
+    found = {each.unit for each in sets.values()}
+    if len(found) > 1:
+        raise OptionError(f"points: expected one unit for all clouds, found {' and '.join(sorted(found))}")
+    own = found.pop()
+    if unit is not None and own not in ("unknown", unit):
+        raise OptionError(f"option unit={unit!r} contradicts the names of the columns, which are in {own}")
+    return choose(unit or own, UNITS, "unit")
+
+
+def points_sha256(clouds: Iterable[Array]) -> str:
+    """SHA-256 of points as float64 rows, cloud after cloud; a reader of a file gives the file's own instead."""
+    found = hashlib.sha256()
+    for cloud in clouds:
+        found.update(np.ascontiguousarray(cloud).data)
+    return found.hexdigest()
+
+
+def precision_loss(given: object, points: Array) -> Warnings:
+    """PRECISION_LOSS where the step between neighbouring values of the largest coordinate is coarse beside the cloud.
+
+    Digits were lost before the points came: far from the origin, or in a short type. A short type is recognised from
+    the type itself, and from the values, because readers and lists give double precision whatever the source had.
+
+    Args:
+        given: as the caller gave them, whose type counts: an array, a NumPy type, or anything else, which is judged by
+            its values.
+        points: (n, 3), the same as float64.
+    """
+    kind = given if isinstance(given, np.dtype) else getattr(given, "dtype", None)
+    if isinstance(kind, np.dtype) and kind.kind != "f":
+        return {}
+    largest = max(abs(float(points.min())), abs(float(points.max())))
+    with np.errstate(over="ignore"):  # a cloud of that size is refused for it
+        half = float(np.linalg.norm(np.ptp(points, axis=0))) / 2
+    if not 0 < half < np.inf:
+        return {}
+    name, step, least = _step(kind, points[:: max(1, len(points) // TYPE_POINTS)], largest, half)
+    if step / half <= least:
+        return {}
+    text = (
+        f"neighbouring {name} values at {largest:.3g} are {step:.1e} apart, {step / half:.0e} of half the cloud's "
+        "diagonal; subtract an offset before they are stored"
+    )
+    return {WarningKind.PRECISION_LOSS: text}
+
+
+def _step(kind: object, points: Array, largest: float, half: float) -> tuple[str, float, float]:
+    """Name of the type, its step at the largest coordinate, and the least step to report over half the diagonal."""
+    with np.errstate(over="ignore"):
+        if isinstance(kind, np.dtype) and kind.itemsize < 8:
+            return kind.name, float(np.spacing(kind.type(largest))), FINE_SHORT_STEP
+        single = float(np.spacing(np.float32(largest)))
+        if _are_single(points) and not _decimal_grid(points, 2 * single):  # on a coarser grid single precision is exact
+            return "float32", single, FINE_SHORT_STEP
+    if largest > FAR * half and (grid := _decimal_grid(points, COARSE * half)):
+        return "decimal", grid, COARSE
+    return "float64", float(np.spacing(largest)), FINE_STEP
+
+
+def _are_single(points: Array) -> bool:
+    """Whether all coordinates are numbers of single precision, or the shortest texts of such."""
+    single = points.astype(np.float32)
+    other = points != single
+    if not other.any():
+        return True
+    values, texts = points[other], np.float64(single[other].astype(str))
+    return bool((values == texts).all())
+
+
+def _decimal_grid(points: Array, least: float) -> float:
+    """The largest power of ten, not below `least`, that all coordinates are multiples of; 0 where there is none."""
+    if not 1e-300 < least < 1e300:
+        return 0.0
+    grid, found = float(10.0 ** np.ceil(np.log10(least))), 0.0
+    while points.any() and _are_multiples(points, grid):
+        grid, found = 10 * grid, grid
+    return found
+
+
+def _are_multiples(points: Array, grid: float) -> bool:
+    steps = points / grid
+    rounding = 1e-6 + 4 * np.finfo(np.float64).eps * np.abs(steps)
+    return bool((np.abs(steps - np.round(steps)) < rounding).all())

@@ -6,7 +6,7 @@ from shapes_made import lumpy
 
 import quadriform as qf
 from quadriform.errors import WarningKind
-from quadriform.fitting.diagnostics import precision_loss
+from quadriform.point_sets import precision_loss
 
 CLOUD = lumpy(60)
 HALF = np.linalg.norm(np.ptp(CLOUD, axis=0)) / 2

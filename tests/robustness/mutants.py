@@ -64,7 +64,7 @@ MUTANTS = [
     Mutant("whole numbers above 2^53", "points.py", "> 2**53", "> 2**99", "robustness/test_bad_inputs.py"),
     Mutant(
         "digits that were lost",
-        "fitting/diagnostics.py",
+        "point_sets.py",
         "if step / half <= least:",
         "if True:",
         "robustness/test_bad_inputs.py",

@@ -9,7 +9,7 @@ from fitters_made import FITTERS, at_rest
 from shapes_made import even_directions
 
 import quadriform as qf
-from quadriform.fitting.diagnostics import precision_loss
+from quadriform.point_sets import precision_loss
 
 
 @pytest.mark.slow

@@ -36,9 +36,10 @@ def test_each_euler_angle_turns_about_its_axis(angles):
 
 def test_to_local_undoes_to_world(rng):
     points, shift = rng.normal(size=(20, 3)), np.array([5.0, -3, 1])
-    world = pose.to_world(points, SKEW, shift)
+    posed = Superquadric(rotation=SKEW, translation=shift)
+    world = posed.to_world(points)
     np.testing.assert_allclose(world, [SKEW @ p + shift for p in points], rtol=1e-13)
-    np.testing.assert_allclose(pose.to_local(world, SKEW, shift), points, atol=1e-13)
+    np.testing.assert_allclose(posed.to_local(world), points, atol=1e-13)
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -69,7 +69,7 @@ def _write(result: "Fit", found: "ImagePoints", volume: "Volume", output: Path, 
     from quadriform.files import save
     from quadriform.files.atomic import write_bytes
     from quadriform.files.result_folder import replaced_together
-    from quadriform.fitting.result import ALONE
+    from quadriform.point_sets import ALONE
     from quadriform.report.reports import fit_report
     from quadriform.report.slices import slices_png
 

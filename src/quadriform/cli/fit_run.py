@@ -20,7 +20,7 @@ from quadriform.files.atomic import write_bytes
 from quadriform.files.frame_numbers import natural
 from quadriform.files.reading import naming
 from quadriform.files.result_folder import check_results, replaced_together
-from quadriform.fitting.result import ALONE, Fit, flat
+from quadriform.fitting.result import Fit, flat
 from quadriform.imaging.file_points import (
     ImageOptions,
     Source,
@@ -32,6 +32,7 @@ from quadriform.imaging.file_points import (
 )
 from quadriform.imaging.fit_files import fit_sources
 from quadriform.imaging.input_files import without_folders
+from quadriform.point_sets import ALONE
 from quadriform.shapes.record import remarks
 
 Record = dict[str, Any]

@@ -64,7 +64,7 @@ def _extent(points: "Array") -> dict[str, list[float]]:
 def _points(file: Path, columns: str | None) -> dict[str, Any]:
     from quadriform.cli.status import texts
     from quadriform.files.points import read_point_set
-    from quadriform.fitting.diagnostics import precision_loss
+    from quadriform.point_sets import precision_loss
 
     found = read_point_set(file, columns)
     return {
@@ -84,7 +84,7 @@ def _mesh(file: Path, frame: int | None, affine: str | None) -> dict[str, Any]:
     from quadriform.errors import FileFormatError, join_warnings
     from quadriform.files import read_mesh, read_points
     from quadriform.files.meshes import read_record, read_space_and_unit
-    from quadriform.fitting.diagnostics import precision_loss
+    from quadriform.point_sets import precision_loss
     from quadriform.shapes.record import ModelRecord
 
     space, unit = read_space_and_unit(file)

@@ -9,9 +9,9 @@ from quadriform.cohort.manifest import Row, is_label
 from quadriform.errors import InputError
 from quadriform.files.frame_numbers import frame_numbers, natural
 from quadriform.files.guide_points import is_guide_points, read_guide_point_frames
-from quadriform.fitting.result import ALONE
 from quadriform.imaging.file_points import ImageOptions, files_of, kind_of, read_source, space_and_unit_of
 from quadriform.imaging.frame_series import FrameSeries, frame_files, read_frames
+from quadriform.point_sets import ALONE
 
 
 @dataclass(frozen=True)

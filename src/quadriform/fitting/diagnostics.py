@@ -4,14 +4,11 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from quadriform.errors import WarningKind, Warnings
 from quadriform.fitting.least_squares.marginal_likelihood import Solution
-from quadriform.fitting.result import HalfSpace, Result, SuperquadricFit, rms
-from quadriform.points import Array, unit_vectors
-from quadriform.shapes import pose
-from quadriform.shapes.directions import sphere_grid
+from quadriform.fitting.result import Result, SuperquadricFit, rms
+from quadriform.points import Array
 from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import EXPONENTS, Superquadric
@@ -23,9 +20,8 @@ NAMED = 5
 POOR, POOR_SUPERQUADRIC = 0.05, 0.1
 """An RMS distance above this fraction of the cloud's RMS radius is that of a poor fit; a superquadric alone is allowed
 more, because the shape of most bodies is not one."""
-PER_CELL, COVERED = 8, 0.85
-"""Directions are counted in cells that hold so many points of an even cloud, so that empty ones mean something; of a
-covered surface at least this fraction of them has points."""
+COVERED = 0.85
+"""Of a covered surface at least this fraction of the directions from its centre has points."""
 UNDETERMINED = 1e4
 """Condition of the derivatives by the parameters of a superquadric above which some of them are not determined."""
 NEAR_BOUND = 1e-3
@@ -42,13 +38,6 @@ SAME = 1e-9
 """Superquadrics that differ by less, relative to their size, are the same but for rounding."""
 NOT_CONVERGED = (WarningKind.AT_BOUND, WarningKind.MAX_ITERATIONS)
 """Of a superquadric: another order or pose of the points can then give another one, and another model."""
-FINE_STEP, FINE_SHORT_STEP = 1e-9, 1e-5
-"""Smallest steps between neighbouring coordinates that are reported, of a double and of a shorter type, relative to
-half the cloud's diagonal."""
-FAR, COARSE = 100, 1e-3
-"""A cloud this many half-diagonals from the origin, on a decimal grid this coarse, was written with too few digits."""
-TYPE_POINTS = 10_000
-"""Points whose values show the type they had."""
 
 
 def named_texts(found: Mapping[str, Warnings]) -> Warnings:
@@ -62,17 +51,24 @@ def named_texts(found: Mapping[str, Warnings]) -> Warnings:
 
 
 def model_warnings(
-    result: Result, clouds: Mapping[str, Array], residuals: Mapping[str, Array], inliers: Mapping[str, Array]
+    result: Result, covered: Mapping[str, float], residuals: Mapping[str, Array], inliers: Mapping[str, Array]
 ) -> Warnings:
-    """Warnings about a model, its points and their distances, all in the centred, scaled frame."""
-    found = {name: _of_surface(result, name, cloud, residuals[name], inliers[name]) for name, cloud in clouds.items()}
+    """Warnings about a model in the centred, scaled frame.
+
+    Args:
+        result: with the model.
+        covered: name -> fraction of the directions from the centre that have inliers.
+        residuals: name -> (n,) distances of the points.
+        inliers: name -> (n,) probabilities.
+    """
+    found = {name: _of_surface(result, name, each, residuals[name], inliers[name]) for name, each in covered.items()}
     return named_texts(found) | result.warnings
 
 
-def _of_surface(result: Result, name: str, cloud: Array, residuals: Array, inliers: Array) -> Warnings:
-    counted = np.ones(len(cloud), dtype=bool) if result.counted is None else result.counted[name]
+def _of_surface(result: Result, name: str, covered: float, residuals: Array, inliers: Array) -> Warnings:
+    counted = None if result.counted is None else result.counted[name]
     kept, surface = inliers >= INLIER, result.model.surfaces[name]
-    coverage = partial_coverage(surface, cloud[kept], result.half_space)
+    coverage = partial_coverage(covered, inliers)
     if (result.covered and kept.any()) or not coverage:
         coverage = _ends(name in result.ends)
     return (
@@ -148,11 +144,10 @@ def at_bound(found: Superquadric, longest: float) -> Warnings:
     return {WarningKind.AT_BOUND: " and ".join(parts) + ": the data does not determine them"} if parts else {}
 
 
-def partial_coverage(superquadric: Superquadric, points: Array, half_space: HalfSpace | None = None) -> Warnings:
-    """PARTIAL_COVERAGE where inliers (n, 3) cover too few directions from the centre of a superellipsoid."""
-    if not len(points):
+def partial_coverage(covered: float, inliers: Array) -> Warnings:
+    """PARTIAL_COVERAGE where too small a fraction of the directions from the centre is covered by inliers (n,)."""
+    if not (inliers >= INLIER).any():
         return {WarningKind.PARTIAL_COVERAGE: "no point is near the surface"}
-    covered = covered_fraction(superquadric, points, half_space) if superquadric.kind == "ellipsoid" else 1.0
     if covered >= COVERED:
         return {}
     text = (
@@ -238,98 +233,3 @@ def _same(one: Superquadric, other: Superquadric) -> bool:
     return np.abs(lengths).max() < SAME * (size + np.abs(one.translation).max()) and np.allclose(
         one.exponents, other.exponents, rtol=0, atol=SAME
     )
-
-
-def coverages(result: Result, clouds: Mapping[str, Array], inliers: Mapping[str, Array]) -> dict[str, float]:
-    """Fraction [0, 1] of the directions from the centre that have inliers, of each superellipsoid, by its name."""
-    kept = {name: cloud[inliers[name] >= INLIER] for name, cloud in clouds.items()}
-    bodies = {name: body for name, body in result.model.surfaces.items() if body.kind == "ellipsoid"}
-    return {
-        n: covered_fraction(body, kept[n], result.half_space) if len(kept[n]) else 0.0 for n, body in bodies.items()
-    }
-
-
-def covered_fraction(superquadric: Superquadric, points: Array, half_space: HalfSpace | None = None) -> float:
-    """Fraction [0, 1] of even cells of the sphere, seen from the centre in units of the semi-axes, that have points.
-
-    Cells whose surface point lies in the half-space (point, direction), where no data is expected, do not
-    count.
-    """
-    resolution = int(np.clip(np.sqrt(len(points) / PER_CELL / 6), 2, 8)) // 2 * 2
-    cells, _ = sphere_grid(resolution)
-    scaled = pose.to_local(points, superquadric.rotation, superquadric.translation) / superquadric.semi_axes
-    directions = unit_vectors(scaled)
-    seen = np.zeros(len(cells), dtype=bool)
-    seen[cKDTree(cells).query(directions)[1]] = True
-    if half_space is not None:
-        at, direction = half_space
-        seen = seen[(superquadric.surface(cells) - at) @ direction <= 0]
-    return float(seen.mean()) if len(seen) else 0.0
-
-
-def precision_loss(given: object, points: Array) -> Warnings:
-    """PRECISION_LOSS where the step between neighbouring values of the largest coordinate is coarse beside the cloud.
-
-    Digits were lost before the points came: far from the origin, or in a short type. A short type is recognised from
-    the type itself, and from the values, because readers and lists give double precision whatever the source had.
-
-    Args:
-        given: as the caller gave them, whose type counts: an array, a NumPy type, or anything else, which is judged by
-            its values.
-        points: (n, 3), the same as float64.
-    """
-    kind = given if isinstance(given, np.dtype) else getattr(given, "dtype", None)
-    if isinstance(kind, np.dtype) and kind.kind != "f":
-        return {}
-    largest = max(abs(float(points.min())), abs(float(points.max())))
-    with np.errstate(over="ignore"):  # a cloud of that size is refused for it
-        half = float(np.linalg.norm(np.ptp(points, axis=0))) / 2
-    if not 0 < half < np.inf:
-        return {}
-    name, step, least = _step(kind, points[:: max(1, len(points) // TYPE_POINTS)], largest, half)
-    if step / half <= least:
-        return {}
-    text = (
-        f"neighbouring {name} values at {largest:.3g} are {step:.1e} apart, {step / half:.0e} of half the cloud's "
-        "diagonal; subtract an offset before they are stored"
-    )
-    return {WarningKind.PRECISION_LOSS: text}
-
-
-def _step(kind: object, points: Array, largest: float, half: float) -> tuple[str, float, float]:
-    """Name of the type, its step at the largest coordinate, and the least step to report over half the diagonal."""
-    with np.errstate(over="ignore"):
-        if isinstance(kind, np.dtype) and kind.itemsize < 8:
-            return kind.name, float(np.spacing(kind.type(largest))), FINE_SHORT_STEP
-        single = float(np.spacing(np.float32(largest)))
-        if _are_single(points) and not _decimal_grid(points, 2 * single):  # on a coarser grid single precision is exact
-            return "float32", single, FINE_SHORT_STEP
-    if largest > FAR * half and (grid := _decimal_grid(points, COARSE * half)):
-        return "decimal", grid, COARSE
-    return "float64", float(np.spacing(largest)), FINE_STEP
-
-
-def _are_single(points: Array) -> bool:
-    """Whether all coordinates are numbers of single precision, or the shortest texts of such."""
-    single = points.astype(np.float32)
-    other = points != single
-    if not other.any():
-        return True
-    values, texts = points[other], np.float64(single[other].astype(str))
-    return bool((values == texts).all())
-
-
-def _decimal_grid(points: Array, least: float) -> float:
-    """The largest power of ten, not below `least`, that all coordinates are multiples of; 0 where there is none."""
-    if not 1e-300 < least < 1e300:
-        return 0.0
-    grid, found = float(10.0 ** np.ceil(np.log10(least))), 0.0
-    while points.any() and _are_multiples(points, grid):
-        grid, found = 10 * grid, grid
-    return found
-
-
-def _are_multiples(points: Array, grid: float) -> bool:
-    steps = points / grid
-    rounding = 1e-6 + 4 * np.finfo(np.float64).eps * np.abs(steps)
-    return bool((np.abs(steps - np.round(steps)) < rounding).all())

@@ -10,27 +10,26 @@ from numpy.typing import ArrayLike, NDArray
 
 from quadriform.columns import Chosen
 from quadriform.errors import OptionError, Warnings, choose, known_options
-from quadriform.fitting.cloud import Centred
+from quadriform.fitting.cloud import Centred, Distinct
 from quadriform.fitting.diagnostics import (
-    coverages,
+    INLIER,
     duplicates,
     far_control_points,
     model_warnings,
     named_texts,
-    precision_loss,
     start_notes,
 )
-from quadriform.fitting.inputs import Given, common_unit, point_sets, points_sha256, without_meshes
 from quadriform.fitting.least_squares.regularisers import Regulariser
 from quadriform.fitting.options import METHODS, PaperOptions, TangentOptions, options_for
 from quadriform.fitting.paper.two_step import two_step
 from quadriform.fitting.refinement.large_clouds import on_all, sample_of_large
 from quadriform.fitting.refinement.refine import LocalProblem, refine_tangent
-from quadriform.fitting.result import ALONE, Fit, Progress, Result, rms, unnamed
-from quadriform.fitting.superquadric.fit import fit_superquadric
+from quadriform.fitting.result import Fit, Progress, Result, rms, unnamed
+from quadriform.fitting.superquadric.fit import covered_fraction, fit_by_paper, fit_robust
 from quadriform.fitting.threads import one_blas_thread
-from quadriform.point_sets import PointSet
+from quadriform.point_sets import ALONE, Given, PointSet, common_unit, point_sets, points_sha256, precision_loss
 from quadriform.points import Array, Frame, by_name, check_weights
+from quadriform.shapes.closest import closest_on
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.model import DeformableModel
@@ -73,29 +72,34 @@ def fit(
     Raises:
         PointsError, DegenerateError, OptionError: the input cannot be fitted.
     """
-    given, notes = without_meshes(points, weights)
-    sets = {name: each.in_metric_unit() for name, each in point_sets(given, columns, normals).items()}
+    given = point_sets(points, columns, normals, weights)
+    sets = {name: each.in_metric_unit() for name, each in given.items()}
     unit, space = common_unit(sets, unit), choose(space, (*SPACES, "unknown"), "space")
     choose(kind, tuple(KINDS), "kind")
     options = dict(box=box, regularity=regularity, strength=strength, robust=robust, base=base)
     options |= dict(max_error=max_error, matching=matching, iterations=iterations, tolerance=tolerance)
-    chosen = options_for(method, options)
-    clouds = _checked(sets, weights, method)
-    paper = isinstance(chosen, PaperOptions)
-    index = None if paper else sample_of_large(clouds.points, clouds.weights)
-    sample = clouds if index is None else clouds.take(index)
-    starts = {
-        name: fit_superquadric(cloud, kind, "paper" if paper else "robust", None if paper else sample.weights[name])
-        for name, cloud in sample.points.items()
-    }
-    found = _refined({name: each.superquadric for name, each in starts.items()}, sample, chosen, kind, progress)
-    if index is not None and isinstance(chosen, TangentOptions):
-        found = on_all(found, clouds.points, clouds.weights, index, chosen)
-    if paper:
-        found = replace(found, warnings=named_texts({n: s.warnings for n, s in starts.items()}) | found.warnings)
-    else:  # warnings of the refined model are its own; its start matters where another order of points gives another
-        found = replace(found, notes=(*found.notes, *start_notes(starts, found.model)))
-    return _with(sets, notes, replace(found, model=replace(found.model, unit=unit, space=space)))
+    chosen, clouds = options_for(method, options), _checked(sets, weights, method)
+    if isinstance(chosen, PaperOptions):
+        found = _with(sets, _fit_paper(clouds, kind, chosen, progress))
+    else:
+        found = _with(sets, _fit_tangent(clouds, kind, chosen, progress))
+    return replace(found, model=replace(found.model, unit=unit, space=space))
+
+
+def _fit_paper(clouds: _Clouds, kind: str, options: PaperOptions, progress: Progress | None) -> Fit:
+    starts = {name: fit_by_paper(cloud, kind) for name, cloud in clouds.points.items()}
+    found = _refine_paper({name: each.superquadric for name, each in starts.items()}, clouds, options, progress)
+    return replace(found, warnings=named_texts({n: s.warnings for n, s in starts.items()}) | found.warnings)
+
+
+def _fit_tangent(clouds: _Clouds, kind: str, options: TangentOptions, progress: Progress | None) -> Fit:
+    index = sample_of_large(clouds.points, clouds.weights)
+    sample = clouds.take(index)
+    starts = {name: fit_robust(cloud, kind, sample.weights[name], {}) for name, cloud in sample.points.items()}
+    surfaces = {name: each.superquadric for name, each in starts.items()}
+    found = _refine_tangent(surfaces, clouds, index, options, progress, kind)
+    # warnings of the refined model are its own; its start matters where another order of points gives another
+    return replace(found, notes=(*found.notes, *start_notes(starts, found.model)))
 
 
 @known_options
@@ -133,25 +137,21 @@ def refine(
     Raises:
         PointsError, DegenerateError, OptionError: the input cannot be fitted.
     """
-    given, notes = without_meshes(points, weights)
-    sets = point_sets(given)
-    surfaces = (
-        {ALONE: superquadric} if isinstance(superquadric, Superquadric) else by_name(superquadric, "superquadric")
-    )
+    sets = point_sets(points, weights=weights)
+    named = {ALONE: superquadric} if isinstance(superquadric, Superquadric) else superquadric
+    surfaces = by_name(named, "superquadric")
     if surfaces.keys() != sets.keys():
         raise OptionError(f"surfaces {sorted(surfaces)} and points {sorted(sets)} must have the same names")
     clouds = _checked(sets, weights, method)
     options = dict(box=box, regularity=regularity, strength=strength, robust=robust, base=base)
     options |= dict(max_error=max_error, matching=matching, iterations=iterations, tolerance=tolerance)
     chosen = options_for(method, options)
-    if start is not None and isinstance(chosen, PaperOptions):
+    if isinstance(chosen, TangentOptions):
+        index = sample_of_large(clouds.points, clouds.weights)
+        return _with(sets, _refine_tangent(surfaces, clouds, index, chosen, progress, start=start))
+    if start is not None:
         raise OptionError("option start is not one of method='paper'; use method='tangent'")
-
-    index = None if method == "paper" else sample_of_large(clouds.points, clouds.weights)
-    found = _refined(surfaces, clouds if index is None else clouds.take(index), chosen, None, progress, start)
-    if index is not None and isinstance(chosen, TangentOptions):
-        found = on_all(found, clouds.points, clouds.weights, index, chosen)
-    return _with(sets, notes, found)
+    return _with(sets, _refine_paper(surfaces, clouds, chosen, progress))
 
 
 @dataclass(frozen=True)
@@ -162,8 +162,10 @@ class _Clouds:
     weights: dict[str, Array]
     normals: dict[str, Array]
 
-    def take(self, index: Mapping[str, NDArray[np.int64]]) -> _Clouds:
-        """Some of the points."""
+    def take(self, index: Mapping[str, NDArray[np.int64]] | None) -> _Clouds:
+        """Some of the points; without an index all."""
+        if index is None:
+            return self
         parts = (self.points, self.weights, self.normals)
         return _Clouds(*({name: each[index[name]] for name, each in part.items()} for part in parts))
 
@@ -180,10 +182,10 @@ def _checked(sets: Mapping[str, PointSet], weights: Weights, method: str) -> _Cl
     return _Clouds(points, {name: check_weights(given[name], len(each)) for name, each in points.items()}, normals)
 
 
-def _with(sets: Mapping[str, PointSet], notes: tuple[str, ...], found: Fit) -> Fit:
+def _with(sets: Mapping[str, PointSet], found: Fit) -> Fit:
     """The fit with warnings and notes about the points."""
     of_sets = tuple(dict.fromkeys(note for each in sets.values() for note in each.notes))
-    return replace(found, warnings=precision_warnings(sets) | found.warnings, notes=notes + of_sets + found.notes)
+    return replace(found, warnings=precision_warnings(sets) | found.warnings, notes=of_sets + found.notes)
 
 
 def precision_warnings(sets: Mapping[str, PointSet]) -> Warnings:
@@ -191,39 +193,54 @@ def precision_warnings(sets: Mapping[str, PointSet]) -> Warnings:
     return named_texts({name: precision_loss(each.number_type, each.points) for name, each in sets.items()})
 
 
-def _refined(
+def _refine_paper(
+    surfaces: Mapping[str, Superquadric], clouds: _Clouds, options: PaperOptions, progress: Progress | None
+) -> Fit:
+    """Centre and scale, refine, undo."""
+    frame = Frame.of(np.concatenate(list(clouds.points.values())))  # copies are points like any other
+    local, superquadrics = (
+        {name: frame.to_local(cloud) for name, cloud in clouds.points.items()},
+        _in_frame(surfaces, frame),
+    )
+    box, history, strength = two_step(superquadrics, local, options, progress)
+    model = DeformableModel(superquadrics, box)
+    return _in_world(Result(model, history, strength, warnings=far_control_points(model)), clouds.points, frame)
+
+
+def _refine_tangent(
     surfaces: Mapping[str, Superquadric],
     clouds: _Clouds,
-    options: PaperOptions | TangentOptions,
-    kind: str | None,
+    index: Mapping[str, NDArray[np.int64]] | None,
+    options: TangentOptions,
     progress: Progress | None,
+    kind: str | None = None,
     start: ControlBox | None = None,
 ) -> Fit:
-    """Centre and scale, refine, undo; with a `kind` other superquadrics than the given may serve as starts."""
-    if isinstance(options, PaperOptions):
-        frame = Frame.of(np.concatenate(list(clouds.points.values())))  # copies are points like any other
-        local = {name: frame.to_local(cloud) for name, cloud in clouds.points.items()}
-        box, history, strength = two_step(_in_frame(surfaces, frame), local, options, progress)
-        model = DeformableModel(_in_frame(surfaces, frame), box)
-        return _in_world(Result(model, history, strength, warnings=far_control_points(model)), clouds.points, frame)
-    centred = Centred.of(clouds.points, clouds.weights)
+    """The same on a sample by index, then on all points; with a `kind` other superquadrics may serve as starts."""
+    sample = clouds.take(index)
+    centred = Centred.of(sample.points, sample.weights)
     frame, distinct = centred.frame, centred.distinct
     problem = LocalProblem(
         centred.points,
         centred.weights,
-        {name: distinct[name].of_distinct(each) for name, each in clouds.normals.items()},
+        {name: distinct[name].of_distinct(each) for name, each in sample.normals.items()},
         options,
-        half_space=options.half_space(clouds.points, frame),
+        half_space=options.half_space(sample.points, frame),
         max_error=None if options.max_error is None else options.max_error / frame.scale,
         start=None if start is None else frame.shape_to_local(start),
         progress=progress,
     )
     result = refine_tangent(problem, _in_frame(surfaces, frame), kind)
-    inliers = {name: distinct[name].spread(found) for name, found in (result.inliers or {}).items()}
-    counted = {name: each.counted for name, each in distinct.items()}
-    found = _in_world(replace(result, inliers=inliers, counted=counted), clouds.points, frame)
+    found = _in_world(_of_all_points(result, distinct), sample.points, frame)
     copies = named_texts({name: duplicates(each.copies, len(each.counted)) for name, each in distinct.items()})
-    return replace(found, warnings=copies | found.warnings)
+    found = replace(found, warnings=copies | found.warnings)
+    return found if index is None else on_all(found, clouds.points, clouds.weights, index, options)
+
+
+def _of_all_points(result: Result, distinct: Mapping[str, Distinct]) -> Result:
+    """A result for the distinct points with the inlier probabilities of all, of copies and of those without weight."""
+    inliers = {name: distinct[name].spread(found) for name, found in (result.inliers or {}).items()}
+    return replace(result, inliers=inliers, counted={name: each.counted for name, each in distinct.items()})
 
 
 def _in_frame(surfaces: Mapping[str, Superquadric], frame: Frame) -> dict[str, Superquadric]:
@@ -234,16 +251,21 @@ def _in_world(result: Result, clouds: Mapping[str, Array], frame: Frame) -> Fit:
     """The fit in the unit and frame of the points, with distances and warnings."""
     local = {name: frame.to_local(cloud) for name, cloud in clouds.items()}
     model = result.model
-    undeformed = DeformableModel(model.surfaces, model.box.with_control_points(model.box.rest))
-    residuals = {name: model.distance(cloud, name) for name, cloud in local.items()}
-    before = {name: undeformed.distance(cloud, name) for name, cloud in local.items()}
+    residuals, before = (
+        {name: closest_on(model.surfaces[name], box, cloud).signed for name, cloud in local.items()}
+        for box in (model.box, model.box.with_control_points(model.box.rest))
+    )
     inliers = result.inliers or {name: np.ones(len(cloud)) for name, cloud in local.items()}
     noise = result.noise if result.noise is not None else rms(residuals)
-    record = ModelRecord(coverage=coverages(result, local, inliers))
+    covered = {
+        name: covered_fraction(model.surfaces[name], cloud[inliers[name] >= INLIER], result.half_space)
+        for name, cloud in local.items()
+    }
+    record = ModelRecord(coverage={name: each for name, each in covered.items() if model.surfaces[name].is_radial})
     sha256 = points_sha256(clouds.values())
     return Fit(
         model=replace(frame.shape_to_world(model), input_sha256=sha256, record=record),
-        warnings=model_warnings(result, local, residuals, inliers),
+        warnings=model_warnings(result, covered, residuals, inliers),
         residuals=unnamed({name: frame.scale * values for name, values in residuals.items()}),
         superquadric_residuals=unnamed({name: frame.scale * values for name, values in before.items()}),
         history=tuple(entry.scaled(frame.scale) for entry in result.history),

@@ -10,13 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from quadriform.errors import FitError, OptionError, Warnings
 from quadriform.fitting.least_squares.uncertainty import EnrichedBox
+from quadriform.point_sets import ALONE
 from quadriform.points import Array
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
 from quadriform.words import listed, summary
 
-ALONE = "surface"
-"""The name of the surface when there is only one."""
 HalfSpace = tuple[Array, Array]
 """A point of a plane and the unit direction to the side that is meant, (3,) each."""
 Progress = Callable[[int, int], None]

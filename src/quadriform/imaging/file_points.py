@@ -16,9 +16,8 @@ from quadriform.files.meshes import read_mesh_or_points, read_space_and_unit
 from quadriform.files.points import read_point_set
 from quadriform.files.reading import naming, visible_files
 from quadriform.files.save_and_load import content_of
-from quadriform.fitting.diagnostics import precision_loss
 from quadriform.imaging.formats import image_format, is_pair, pair_of
-from quadriform.point_sets import PointSet
+from quadriform.point_sets import PointSet, precision_loss
 from quadriform.points import Array
 from quadriform.shapes.mesh_points import mesh_points
 from quadriform.shapes.spaces import rotation_between

@@ -13,7 +13,6 @@ from quadriform.errors import InputError, OptionError, Warnings, join_warnings
 from quadriform.files.frame_numbers import frame_numbers, in_time, listed, missing_numbers
 from quadriform.files.guide_points import FILE_NAME, GuidePoints, is_guide_points, read_guide_point_frames
 from quadriform.files.reading import visible_files
-from quadriform.fitting.result import ALONE
 from quadriform.imaging.file_points import (
     ImageOptions,
     Source,
@@ -23,6 +22,7 @@ from quadriform.imaging.file_points import (
     kind_of,
     read_source,
 )
+from quadriform.point_sets import ALONE
 from quadriform.points import Array
 
 if TYPE_CHECKING:

@@ -15,14 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from quadriform.errors import OptionError, PointsError, WarningKind, Warnings, choose, known_options
 from quadriform.fitting.diagnostics import INLIER, folding, named_texts, outliers, poor_fit
-from quadriform.fitting.fit import Clouds, fit, precision_warnings, refine
-from quadriform.fitting.inputs import Given, common_unit, point_sets, points_sha256, without_meshes
+from quadriform.fitting.fit import fit, precision_warnings, refine
 from quadriform.fitting.options import check_box, check_strength
 from quadriform.fitting.refinement.starts import ellipsoids
-from quadriform.fitting.result import ALONE, Fit, Progress, flat, rms_of_inliers
+from quadriform.fitting.result import Fit, Progress, flat, rms_of_inliers
 from quadriform.motion.cycle import Cycle, CycleFit
 from quadriform.motion.slice_shifts import SlicePlanes
-from quadriform.point_sets import PointSet
+from quadriform.point_sets import ALONE, Given, PointSet, common_unit, point_sets, points_sha256
 from quadriform.points import Array, Frame, by_name
 from quadriform.shapes.control_box import common_box
 from quadriform.shapes.model import DeformableModel
@@ -158,9 +157,7 @@ def track(
         PointsError, DegenerateError, OptionError: the input cannot be fitted.
     """
     choose(strategy, tuple(STRATEGIES), "strategy")
-    taken = [without_meshes(frame) for frame in frames]
-    given, notes = [points for points, _ in taken], dict.fromkeys(note for _, found in taken for note in found)
-    sets = _checked(given)
+    sets = _checked(frames)
     clouds = [{name: each.points for name, each in frame.items()} for frame in sets]
     at = _times(times, len(clouds))
     basis = _basis(at, period)
@@ -170,7 +167,7 @@ def track(
     warnings = found.warnings | _by_frame([precision_warnings(frame) for frame in sets])
     assumed = dict.fromkeys(note for frame in sets for each in frame.values() for note in each.notes)
     marked = found.in_unit(_unit_of(sets))
-    return replace(marked, warnings=warnings, notes=(*notes, *assumed))
+    return replace(marked, warnings=warnings, notes=tuple(assumed))
 
 
 def _unit_of(sets: _Sets) -> str:
@@ -319,7 +316,7 @@ def _by_frame(found: Sequence[Warnings]) -> Warnings:
     }
 
 
-def _checked(frames: Sequence[Clouds]) -> _Sets:
+def _checked(frames: Sequence[Given]) -> _Sets:
     if len(frames) < 2:
         raise OptionError(f"frames: expected two or more, found {len(frames)}; a single one is for fit")
     result: _Sets = []

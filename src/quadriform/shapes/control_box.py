@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from quadriform.errors import OptionError, PointsError
 from quadriform.points import LARGEST, Array, check_points, fixed_array
-from quadriform.shapes import _kernel, bernstein, pose
+from quadriform.shapes import _kernel, bernstein
 from quadriform.shapes.superquadric import Superquadric
 from quadriform.shapes.threads import threads_for
 from quadriform.words import short_repr
@@ -64,9 +64,8 @@ class ControlBox:
             shape: control points along each axis.
         """
         half = superquadric.semi_axes  # section 3.2.1
-        if superquadric.kind != "ellipsoid":
-            mesh = superquadric.mesh(16)
-            half = np.abs(pose.to_local(mesh.vertices, superquadric.rotation, superquadric.translation)).max(axis=0)
+        if not superquadric.is_radial:
+            half = np.abs(superquadric.to_local(superquadric.grid(16)[0])).max(axis=0)
         edges = 2 * half[:, None] * superquadric.rotation.T
         return cls.undeformed(superquadric.translation - edges.sum(axis=0) / 2, edges, shape)
 
@@ -255,13 +254,13 @@ def common_box(superquadrics: Mapping[str, Superquadric], shape: tuple[int, int,
     box = ControlBox.around(outer, shape)
     if len(superquadrics) == 1:
         return box
-    corner = pose.to_local(box.origin[None], outer.rotation, outer.translation)[0]
-    grids = [pose.to_local(s.grid(12)[0], outer.rotation, outer.translation) for s in superquadrics.values()]
+    corner = outer.to_local(box.origin[None])[0]
+    grids = [outer.to_local(s.grid(12)[0]) for s in superquadrics.values()]
     # In the frame of the largest surface, whose centre is the middle of its own box.
     low = np.minimum(corner, np.concatenate(grids).min(axis=0))
     high = np.maximum(-corner, np.concatenate(grids).max(axis=0))
     edges = (high - low)[:, None] * outer.rotation.T
-    return ControlBox.undeformed(pose.to_world(low[None], outer.rotation, outer.translation)[0], edges, shape)
+    return ControlBox.undeformed(outer.to_world(low[None])[0], edges, shape)
 
 
 def _box_volume(superquadric: Superquadric) -> float:

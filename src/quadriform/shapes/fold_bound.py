@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.points import Array
-from quadriform.shapes import bernstein, pose
+from quadriform.shapes import bernstein
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.superellipse import norm, quiet
@@ -218,9 +218,8 @@ def _range(box: ControlBox, surfaces: tuple[Superquadric, ...]) -> tuple[Array, 
     corners = []
     for surface in surfaces:
         # The box around the surface in its own frame: its corners bound the region, also where the box is rotated.
-        frame = surface.rotation, surface.translation
-        half = np.abs(pose.to_local(surface.grid(16)[0], *frame)).max(axis=0)
-        corners.append(box.local(pose.to_world(signs * half, *frame)))
+        half = np.abs(surface.to_local(surface.grid(16)[0])).max(axis=0)
+        corners.append(box.local(surface.to_world(signs * half)))
     local = np.concatenate(corners)
     whole = np.round(local)  # the box that touches the surface has ranges of exactly 0 to 1
     local = np.where(np.abs(local - whole) < SLACK, whole, local)
@@ -272,7 +271,7 @@ def _outside(surface: Superquadric, centres: Array, halves: Array) -> NDArray[np
     if KINDS[surface.kind].cut_axis is not None:
         return np.zeros(len(centres), dtype=bool)
     # Interval arithmetic: the smallest and largest |x|, |y|, |z| within each parallelepiped.
-    middle = np.abs(pose.to_local(centres, surface.rotation, surface.translation)) / surface.semi_axes
+    middle = np.abs(surface.scaled(centres))
     reach = np.abs(halves @ surface.rotation).sum(axis=1) / surface.semi_axes
     near, far = np.maximum(middle - reach, 0), middle + reach
     e1, e2 = surface.exponents

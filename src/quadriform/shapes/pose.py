@@ -1,4 +1,4 @@
-"""Rotation and translation (paper A.2, P11)."""
+"""Rotations by Euler angles (paper A.2)."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -30,13 +30,3 @@ def euler_axes(rotation: Array) -> Array:
     """World axes (3 angles, 3) about which the three Euler angles of a rotation turn: dR / d angle = axis x R."""
     first, _, _ = euler_from_rotation(rotation)
     return np.array([[1, 0, 0], [0, np.cos(first), np.sin(first)], rotation[:, 2]])
-
-
-def to_local(points_world: Array, rotation: Array, translation: Array) -> Array:
-    """R^T (x - t) of (n, 3) points: from the world to the object's own frame."""
-    return (points_world - translation) @ rotation  # P11
-
-
-def to_world(points_local: Array, rotation: Array, translation: Array) -> Array:
-    """R x + t of (n, 3) points: from the object's own frame to the world."""
-    return points_local @ rotation.T + translation  # P11

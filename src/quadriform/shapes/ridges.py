@@ -26,13 +26,9 @@ from quadriform.shapes.superquadric import EXPONENTS, Superquadric
 
 FAR = 45.0
 """Beyond these logarithms a point is on the plane: e^-45 is below rounding."""
-BESIDE = 0.12
-"""A coordinate below this fraction of the largest lies beside its plane."""
 SCAN = (-28.0, -14.0, -7.0, -3.5, -1.5, -0.5, -0.15, 0.0, 0.15, 0.5, 1.5, 3.5, 7.0, 14.0, 28.0)
 """Logarithms at which the search may begin."""
 STEPS = 80
-LEFT_OUT = 0.03
-"""Feet that are farther than the nearest by more than this fraction of the box's diagonal are not searched from."""
 
 Index = NDArray[np.int64]
 
@@ -43,7 +39,7 @@ def has_ridges(superquadric: Superquadric) -> bool:
 
 
 def beside_ridges(
-    superquadric: Superquadric, box: ControlBox, targets: Array, owner: Index, origins: Array
+    superquadric: Superquadric, box: ControlBox, targets: Array, origins: Array, beside: NDArray[np.bool_]
 ) -> tuple[Index, Array]:
     """More candidates for the nearest point: (m,) indices of targets, and undeformed surface points (m, 3).
 
@@ -51,45 +47,24 @@ def beside_ridges(
         superquadric: with an exponent above 1.
         box: carries the surface.
         targets: (n, 3).
-        owner: (c,), the target of each foot point found so far.
-        origins: (c, 3), these foot points before deformation.
+        origins: (n, 3), a foot point of each beside a plane, before deformation.
+        beside: (n, 3), which of its coordinates in the own frame are small beside the largest.
     """
-    kept = _distinct_feet(superquadric, box, targets, owner, origins)
-    if not len(kept):
-        return owner[kept], origins[kept]
-    owner, scaled = owner[kept], superquadric.scaled(origins[kept])
-    index, signs, start = _octants(superquadric, scaled)
-    scanned = _Search(superquadric, box, targets[owner[index]], signs).scanned(start, _beside(scaled)[index])
+    if not len(origins):
+        return np.empty(0, dtype=np.int64), origins
+    index, signs, start = _octants(superquadric, superquadric.scaled(origins), beside)
+    scanned = _Search(superquadric, box, targets[index], signs).scanned(start, beside[index])
     if superquadric.exponents.max() > EXPONENTS[1]:  # along an arm there may be a minimum beside that at its tip
         moved = np.flatnonzero((scanned != start).any(axis=1))
         scanned, signs = np.concatenate([scanned, start[moved]]), np.concatenate([signs, signs[moved]])
         index = np.concatenate([index, index[moved]])
-    search = _Search(superquadric, box, targets[owner[index]], signs)
-    return owner[index], search.points(search.least(scanned))
+    search = _Search(superquadric, box, targets[index], signs)
+    return index, search.points(search.least(scanned))
 
 
-def _distinct_feet(superquadric: Superquadric, box: ControlBox, targets: Array, owner: Index, origins: Array) -> Index:
-    """Foot points beside a plane, near enough to matter, one for each place."""
-    size = float(np.linalg.norm(box.edges))
-    distance = np.linalg.norm(targets[owner] - box.deform(origins), axis=1)
-    nearest = np.full(len(targets), np.inf)
-    np.minimum.at(nearest, owner, distance)
-    near = _beside(superquadric.scaled(origins)).any(axis=1) & (distance <= nearest[owner] + LEFT_OUT * size)
-    index = np.flatnonzero(near)
-    # Foot points in one cell of a thousandth of the box lead to the same minimum.
-    cells = np.column_stack([owner[index], np.round(origins[index] / (1e-3 * size)).astype(np.int64)])
-    return np.asarray(index[np.unique(cells, axis=0, return_index=True)[1]], dtype=np.int64)
-
-
-def _beside(scaled: Array) -> NDArray[np.bool_]:
-    """(n, 3), which coordinates are small beside the largest."""
-    sizes = np.abs(scaled)
-    return np.asarray(sizes < BESIDE * sizes.max(axis=1, keepdims=True))
-
-
-def _octants(superquadric: Superquadric, scaled: Array) -> tuple[Index, Array, Array]:
+def _octants(superquadric: Superquadric, scaled: Array, beside: NDArray[np.bool_]) -> tuple[Index, Array, Array]:
     """The parts of the surface around scaled points: index of the point, signs (m, 4) and logarithms t, u (m, 2)."""
-    beside, start = _beside(scaled), _logarithms(superquadric, scaled)
+    start = _logarithms(superquadric, scaled)
     own = np.where(scaled < 0, -1.0, 1.0)
     tube = np.ones(len(scaled))
     if KINDS[superquadric.kind].has_hole:

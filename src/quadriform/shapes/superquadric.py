@@ -84,6 +84,11 @@ class Superquadric:
         return KINDS[self.kind]
 
     @property
+    def is_radial(self) -> bool:
+        """Whether the surface lies around its centre: every ray from there meets it once."""
+        return self._shape.is_radial
+
+    @property
     def _hole(self) -> float:
         return self.hole_radius or 0.0
 
@@ -121,11 +126,19 @@ class Superquadric:
         """The same surface after a rotation (3, 3) about the world's origin."""
         return replace(self, rotation=rotation @ self.rotation, translation=rotation @ self.translation)
 
+    def to_local(self, points_world: Array) -> Array:
+        """R^T (x - t) of (n, 3) points: from the world to the own frame."""
+        return (points_world - self.translation) @ self.rotation  # P11
+
+    def to_world(self, points_local: Array) -> Array:
+        """R x + t of (n, 3) points: from the own frame to the world."""
+        return points_local @ self.rotation.T + self.translation  # P11
+
     # --- inside and outside --------------------------------------------------------------------------------------
 
     def scaled(self, points: ArrayLike) -> Array:
         """World points (n, 3) in the own frame, in units of the semi-axes."""
-        return pose.to_local(check_points(points), self.rotation, self.translation) / self.semi_axes
+        return self.to_local(check_points(points)) / self.semi_axes
 
     @quiet
     def implicit(self, points: ArrayLike) -> Array:
@@ -178,7 +191,7 @@ class Superquadric:
         return self._world(self._shape.project(self.scaled(points), self.exponents, self._hole))
 
     def _world(self, scaled: Array) -> Array:
-        return pose.to_world(scaled * self.semi_axes, self.rotation, self.translation)
+        return self.to_world(scaled * self.semi_axes)
 
     def grid(self, resolution: int) -> tuple[Array, Faces]:
         """Well spread world points (n, 3) of the surface and quads (m, 4) between them; `resolution` as in `mesh`."""

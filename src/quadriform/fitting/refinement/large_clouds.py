@@ -16,7 +16,6 @@ from scipy.spatial import cKDTree
 from quadriform.errors import WarningKind
 from quadriform.fitting.cloud import Centred
 from quadriform.fitting.diagnostics import named_texts, outliers
-from quadriform.fitting.inputs import points_sha256
 from quadriform.fitting.least_squares.marginal_likelihood import Evidence, Solution
 from quadriform.fitting.least_squares.normal_equations import NormalEquations, normal_equations
 from quadriform.fitting.least_squares.regularisers import Regulariser
@@ -26,6 +25,7 @@ from quadriform.fitting.refinement.point_to_plane import data_rows, evidence_fro
 from quadriform.fitting.refinement.surface_data import SurfaceData
 from quadriform.fitting.refinement.unfolding import JacobianPenalty, remove_folds
 from quadriform.fitting.result import Fit, unnamed
+from quadriform.point_sets import points_sha256
 from quadriform.points import Array, Frame
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.threads import threads_for

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 
 from quadriform.fitting.cloud import dense_points, evenly_chosen
-from quadriform.fitting.superquadric.fit import fit_robust
+from quadriform.fitting.superquadric.fit import fit_robust, plain_ellipsoid
 from quadriform.fitting.superquadric.initial import ellipsoid_by_moments
-from quadriform.fitting.superquadric.multistart import Problem, nearby
 from quadriform.fitting.superquadric.paper import least_criterion
 from quadriform.points import Array
+from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.superquadric import Superquadric
 
 PAPER_POINTS = 1000
@@ -34,10 +34,10 @@ def candidates(
         robust: name -> robust fit, likewise.
         kind: of superquadric; only for ellipsoids there is more than the robust fit.
     """
-    if kind != "ellipsoid":
+    if not KINDS[kind].is_radial:
         return [dict(robust)]
     dense = {name: cloud[dense_points(cloud)] for name, cloud in clouds.items()}
-    found = [dict(robust), {name: _beside(cloud, robust[name]) for name, cloud in dense.items()}]
+    found = [dict(robust), {name: plain_ellipsoid(cloud, robust[name]) for name, cloud in dense.items()}]
     plain = {name: least_criterion(cloud[evenly_chosen(cloud, PAPER_POINTS)], kind) for name, cloud in dense.items()}
     if all(surface.semi_axes.max() <= LONGEST * np.ptp(dense[name], axis=0).max() for name, surface in plain.items()):
         found.append(plain)
@@ -73,14 +73,6 @@ def nested(surfaces: dict[str, Superquadric], clouds: Mapping[str, Array]) -> di
         runs_into = name != outer and size < 1 and 1 - nearest < LEAST_WALL * (1 - size)
         result[name] = replace(surfaces[outer], semi_axes=size * surfaces[outer].semi_axes) if runs_into else surface
     return result
-
-
-def _beside(points: Array, robust: Superquadric) -> Superquadric:
-    """The plain ellipsoid that is reached from the moments of all points or from their robust fit."""
-    fixed, count = {"exponents": np.ones(2)}, len(points)
-    problem = Problem(points, np.ones(count), "ellipsoid", fixed, np.zeros(count))
-    with np.errstate(all="ignore"):
-        return nearby(problem, [ellipsoid_by_moments(points), robust])
 
 
 def _ellipsoid(points: Array) -> Superquadric:

@@ -7,10 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial import cKDTree
 
 from quadriform.errors import OptionError, choose, known_options
 from quadriform.fitting.cloud import Centred
 from quadriform.fitting.diagnostics import (
+    INLIER,
     POOR_SUPERQUADRIC,
     at_bound,
     duplicates,
@@ -20,23 +22,24 @@ from quadriform.fitting.diagnostics import (
     outliers,
     partial_coverage,
     poor_fit,
-    precision_loss,
     undetermined,
 )
-from quadriform.fitting.inputs import without_meshes
-from quadriform.fitting.result import ALONE, SuperquadricFit
+from quadriform.fitting.result import HalfSpace, SuperquadricFit
 from quadriform.fitting.superquadric.identifiability import determined
-from quadriform.fitting.superquadric.initial import cut_to
+from quadriform.fitting.superquadric.initial import cut_to, ellipsoid_by_moments
 from quadriform.fitting.superquadric.levenberg_marquardt import AXES, SHIFT
-from quadriform.fitting.superquadric.multistart import Problem, Solution, solve
+from quadriform.fitting.superquadric.multistart import Problem, Solution, nearby, solve
 from quadriform.fitting.superquadric.paper import fit_paper
 from quadriform.fitting.threads import one_blas_thread
-from quadriform.point_sets import point_set
-from quadriform.points import Array, Frame, check_spread, check_weights
+from quadriform.point_sets import ALONE, point_set, precision_loss
+from quadriform.points import Array, Frame, check_spread, check_weights, unit_vectors
+from quadriform.shapes.directions import sphere_grid
 from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.superquadric import EXPONENTS, Superquadric
 
+PER_CELL = 8
+"""Directions are counted in cells that hold so many points of an even cloud, so that empty ones mean something."""
 FIXABLE = ("semi_axes", "exponents", "rotation", "translation")
 
 
@@ -65,18 +68,22 @@ def fit_superquadric(
     """
     choose(kind, tuple(KINDS), "kind")
     choose(method, ("robust", "paper"), "method")
-    given, notes = without_meshes(points, weights)
-    checked = point_set(given)
-    world, notes = checked.points, notes + checked.notes
+    checked = point_set(points, weights=weights)
+    world = checked.points
     if method == "robust":
         found = fit_robust(world, kind, check_weights(weights, len(world)), dict(fixed or {}))
     elif weights is not None or fixed:
         raise OptionError("method='paper' takes neither weights nor fixed; use method='robust'")
     else:
-        check_spread(world, needed=KINDS[kind].n_parameters)
-        frame = Frame.of(world)
-        found = in_world(fit_paper(frame.to_local(world), kind), frame)
-    return replace(found, warnings=precision_loss(checked.number_type, world) | found.warnings, notes=notes)
+        found = fit_by_paper(world, kind)
+    return replace(found, warnings=precision_loss(checked.number_type, world) | found.warnings, notes=checked.notes)
+
+
+def fit_by_paper(world: Array, kind: str) -> SuperquadricFit:
+    """The paper's fit to checked points (n, 3), in their unit and frame."""
+    check_spread(world, needed=KINDS[kind].n_parameters)
+    frame = Frame.of(world)
+    return in_world(fit_paper(frame.to_local(world), kind), frame)
 
 
 def fit_robust(world: Array, kind: str, weights: Array, fixed: dict[str, ArrayLike]) -> SuperquadricFit:
@@ -90,12 +97,22 @@ def fit_robust(world: Array, kind: str, weights: Array, fixed: dict[str, ArrayLi
     """
     check_spread(world[weights > 0], needed=KINDS[kind].n_parameters)
     centred = Centred.of({ALONE: world}, {ALONE: weights})
-    points, frame, distinct = centred.points[ALONE], centred.frame, centred.distinct[ALONE]
+    frame, distinct = centred.frame, centred.distinct[ALONE]
+    even = np.zeros(len(distinct.points))
+    problem = Problem(centred.points[ALONE], centred.weights[ALONE], kind, _in_frame(fixed, frame), even)
     with np.errstate(all="ignore"):
-        solution = solve(Problem(points, centred.weights[ALONE], kind, _in_frame(fixed, frame), np.zeros(len(points))))
+        solution = solve(problem)
     inliers = distinct.spread(solution.descent.inliers[0])
     fit = in_world(_outcome(solution, frame.to_local(world), inliers), frame)
     return replace(fit, warnings=fit.warnings | duplicates(distinct.copies, len(world)))
+
+
+def plain_ellipsoid(points: Array, robust: Superquadric) -> Superquadric:
+    """The ellipsoid with exponents of one that is reached from the moments of all points or from their robust fit."""
+    fixed, even = {"exponents": np.ones(2)}, np.zeros(len(points))
+    problem = Problem(points, np.ones(len(points)), "ellipsoid", fixed, even)
+    with np.errstate(all="ignore"):
+        return nearby(problem, [ellipsoid_by_moments(points), robust])
 
 
 def _in_frame(fixed: dict[str, ArrayLike], frame: Frame) -> dict[str, Array]:
@@ -116,7 +133,7 @@ def _outcome(solution: Solution, points: Array, inliers: Array) -> SuperquadricF
     """The answer in the centred and scaled frame; points and inliers as the caller gave them."""
     descent = solution.descent
     sigma = float(descent.mixture.sigma[0])
-    found = cut_to(descent.candidates.superquadric(0), points[inliers >= 0.5])
+    found = cut_to(descent.candidates.superquadric(0), points[inliers >= INLIER])
     weights = descent.weights * descent.inliers[0]
     state = determined(descent.candidates, descent.derivatives[0], weights, sigma, descent.fixed)
     steps = len(descent.history)
@@ -124,7 +141,7 @@ def _outcome(solution: Solution, points: Array, inliers: Array) -> SuperquadricF
         undetermined(state.rank, state.condition, len(found.parameters))
         | near_symmetric(state.symmetric)
         | outliers(inliers)
-        | partial_coverage(found, points[inliers >= 0.5])
+        | partial_coverage(covered_fraction(found, points[inliers >= INLIER]), inliers)
         | poor_fit(sigma, POOR_SUPERQUADRIC)
         | at_bound(found, descent.longest)
         | multiple_minima(solution.alternatives)
@@ -133,6 +150,25 @@ def _outcome(solution: Solution, points: Array, inliers: Array) -> SuperquadricF
     return SuperquadricFit(
         found, warnings, state.rank, state.condition, state.covariance, inliers, sigma, tuple(descent.history), steps
     )
+
+
+def covered_fraction(superquadric: Superquadric, points: Array, half_space: HalfSpace | None = None) -> float:
+    """Fraction [0, 1] of even cells of the sphere, seen from the centre in units of the semi-axes, that have points.
+
+    Cells whose surface point lies in the half-space (point, direction), where no data is expected, do not
+    count. Kinds whose surface does not lie around their centre count as covered, without points as not.
+    """
+    if not len(points) or not superquadric.is_radial:
+        return float(len(points) > 0)
+    resolution = int(np.clip(np.sqrt(len(points) / PER_CELL / 6), 2, 8)) // 2 * 2
+    cells, _ = sphere_grid(resolution)
+    directions = unit_vectors(superquadric.to_local(points) / superquadric.semi_axes)
+    seen = np.zeros(len(cells), dtype=bool)
+    seen[cKDTree(cells).query(directions)[1]] = True
+    if half_space is not None:
+        at, direction = half_space
+        seen = seen[(superquadric.surface(cells) - at) @ direction <= 0]
+    return float(seen.mean()) if len(seen) else 0.0
 
 
 def in_world(fit: SuperquadricFit, frame: Frame) -> SuperquadricFit:

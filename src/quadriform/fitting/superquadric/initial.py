@@ -197,7 +197,7 @@ def cut_to(found: Superquadric, points: Array) -> Superquadric:
     axis = KINDS[found.kind].cut_axis
     if axis is None or not len(points):
         return found
-    reach = float(np.abs(pose.to_local(points, found.rotation, found.translation)[:, axis]).max())
+    reach = float(np.abs(found.to_local(points)[:, axis]).max())
     return replace(found, height=max(reach, 1.001 * KINDS[found.kind].least_cut * found.semi_axes[axis]))
 
 

@@ -7,8 +7,9 @@ import numpy as np
 
 from quadriform import examples
 from quadriform.fitting.fit import fit, refine
-from quadriform.fitting.result import ALONE, rms
+from quadriform.fitting.result import rms
 from quadriform.fitting.superquadric.fit import fit_superquadric
+from quadriform.point_sets import ALONE
 from quadriform.points import Array
 from quadriform.report.paper.subjects import Box
 

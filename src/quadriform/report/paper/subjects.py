@@ -7,7 +7,8 @@ import numpy as np
 
 from quadriform.fitting.fit import fit
 from quadriform.fitting.paper.displacement import data_to_model
-from quadriform.fitting.result import ALONE, Fit, rms
+from quadriform.fitting.result import Fit, rms
+from quadriform.point_sets import ALONE
 from quadriform.points import Array
 from quadriform.shapes.model import DeformableModel
 
