@@ -16,10 +16,10 @@ from .heart.measures_table import Measures as Measures
 from .heart.measures_table import write_measures as write_measures
 from .imaging.fit_files import fit as fit
 from .imaging.image_points import points_from_image as points_from_image
+from .imaging.object_choice import Labels as Labels
+from .imaging.object_choice import Percentile as Percentile
 from .imaging.reading import read_volume as read_volume
 from .imaging.segmentation import segment as segment
-from .imaging.selection import Labels as Labels
-from .imaging.selection import Percentile as Percentile
 from .imaging.ventricle import ventricle_from_labels as ventricle_from_labels
 from .imaging.ventricle import ventricle_from_perfusion as ventricle_from_perfusion
 from .imaging.volume import Volume as Volume

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import quadriform as qf
-from quadriform.imaging.slice_numbers import CAP
+from quadriform.imaging.image_points import CAP
 from quadriform.shapes.splines import TimeBasis
 
 

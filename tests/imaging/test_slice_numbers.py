@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from quadriform.imaging.image_points import BETWEEN, CAP, slice_axis, slice_numbers
 from quadriform.imaging.isosurface import isosurface
-from quadriform.imaging.slice_numbers import BETWEEN, CAP, slice_axis, slice_numbers
 from quadriform.imaging.volume import Volume
 
 LONG = np.array([[1.2, -0.9, 0.4, -12.0], [0.9, 1.2, 0.3, 30.0], [-0.1, 0.2, 7.9, 5.0], [0, 0, 0, 1]])

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import quadriform as qf
-from quadriform.imaging.image_points import points_from_image
-from quadriform.imaging.slice_numbers import BETWEEN, slice_numbers
+from quadriform.imaging.image_points import BETWEEN, points_from_image, slice_numbers
 from quadriform.imaging.volume import Volume
 from quadriform.motion.slice_shifts import SlicePlanes
 

@@ -50,7 +50,7 @@ def _with_source(result: "Fit", found: "ImagePoints", volume: "Volume") -> "Fit"
     """The fit with the frame, the unit, the file and the warnings of its image."""
     from quadriform.errors import join_warnings
     from quadriform.files import sha256_of
-    from quadriform.imaging.input_files import input_files
+    from quadriform.imaging.file_points import input_files
     from quadriform.imaging.reading import example_path
 
     file = example_path()

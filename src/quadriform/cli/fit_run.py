@@ -29,9 +29,9 @@ from quadriform.imaging.file_points import (
     kind_of,
     read_source,
     space_to_write,
+    without_folders,
 )
 from quadriform.imaging.fit_files import fit_sources
-from quadriform.imaging.input_files import without_folders
 from quadriform.point_sets import ALONE
 from quadriform.shapes.record import remarks
 

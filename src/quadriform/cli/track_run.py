@@ -19,9 +19,8 @@ from quadriform.files import save, sha256_of
 from quadriform.files.atomic import write_bytes
 from quadriform.files.reading import naming
 from quadriform.files.result_folder import check_results, replaced_together
-from quadriform.imaging.file_points import files_of, space_to_write
+from quadriform.imaging.file_points import files_of, input_files, space_to_write, title_of, without_folders
 from quadriform.imaging.frame_series import FrameSeries, frame_files, keep_slices, read_frames
-from quadriform.imaging.input_files import input_files, title_of, without_folders
 from quadriform.shapes.record import remarks
 from quadriform.words import csv_bytes
 

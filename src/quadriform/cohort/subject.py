@@ -28,9 +28,8 @@ from quadriform.files.reading import quoted, read_bytes
 from quadriform.files.strict import Field
 from quadriform.fitting.fit import fit
 from quadriform.fitting.result import Fit
-from quadriform.imaging.file_points import files_of
+from quadriform.imaging.file_points import files_of, input_files, without_folders
 from quadriform.imaging.frame_series import FrameSeries, keep_slices
-from quadriform.imaging.input_files import input_files, without_folders
 from quadriform.motion.tracking import Track, track
 from quadriform.point_sets import ALONE
 from quadriform.points import Array

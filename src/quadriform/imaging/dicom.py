@@ -15,8 +15,8 @@ from quadriform.errors import InputError, OptionError, WarningKind, Warnings
 from quadriform.files.reading import PathLike, check_budget, naming, quoted
 from quadriform.imaging.dicom_files import Folder, Series, decoding, examine, examine_folder
 from quadriform.imaging.dicom_headers import planes_of
-from quadriform.imaging.dicom_planes import LISTED, ImagePlane
 from quadriform.imaging.dicom_segments import label_image
+from quadriform.imaging.dicom_spacing import LISTED, ImagePlane
 from quadriform.imaging.dicom_stack import SliceStack, stack_slices
 from quadriform.imaging.dicom_values import is_segmentation, n_images
 from quadriform.imaging.reader_common import choose_frame, import_reader

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from quadriform.errors import AffineError, FileFormatError, MaskError
 from quadriform.imaging import dicom_values
-from quadriform.imaging.dicom_planes import ImagePlane
-from quadriform.imaging.dicom_spacing import pixel_steps, reconstructed_slice_step
+from quadriform.imaging.dicom_spacing import ImagePlane, pixel_steps, reconstructed_slice_step
 from quadriform.imaging.dicom_values import n_images, optional_number, required_numbers
 
 if TYPE_CHECKING:

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from quadriform.errors import FileFormatError, InputError, Warnings
 from quadriform.files.reading import check_budget, quoted
 from quadriform.imaging.dicom_headers import planes_of
-from quadriform.imaging.dicom_planes import check_same_grid
-from quadriform.imaging.dicom_spacing import segmentation_grid
+from quadriform.imaging.dicom_spacing import check_same_grid, segmentation_grid
 from quadriform.imaging.dicom_values import functional_group
 from quadriform.imaging.segments import SegmentMap
 from quadriform.imaging.volume import Volume

@@ -9,8 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadriform.errors import InputError
-from quadriform.imaging.dicom_planes import LISTED, ImagePlane, check_same_grid, names
-from quadriform.imaging.dicom_spacing import ROUNDING, slice_step, world_from_voxel
+from quadriform.imaging.dicom_spacing import (
+    LISTED,
+    ROUNDING,
+    ImagePlane,
+    check_same_grid,
+    names,
+    slice_step,
+    world_from_voxel,
+)
 from quadriform.points import Array
 
 Slices = list[list[ImagePlane]]

@@ -1,7 +1,7 @@
-"""Points from a file of any kind, with notes of what was assumed."""
+"""Points from a file of any kind, with notes of what was assumed, and the input files of a model for its record."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -14,19 +14,20 @@ from quadriform.errors import FileFormatError, InputError, OptionError, Warnings
 from quadriform.files.guide_points import is_guide_points
 from quadriform.files.meshes import read_mesh_or_points, read_space_and_unit
 from quadriform.files.points import read_point_set
-from quadriform.files.reading import naming, visible_files
+from quadriform.files.reading import naming, sha256_of, visible_files
 from quadriform.files.save_and_load import content_of
 from quadriform.imaging.formats import image_format, is_pair, pair_of
 from quadriform.point_sets import PointSet, precision_loss
 from quadriform.points import Array
 from quadriform.shapes.mesh_points import mesh_points
+from quadriform.shapes.record import InputFile
 from quadriform.shapes.spaces import rotation_between
 from quadriform.words import numbers
 
 if TYPE_CHECKING:
     from quadriform.imaging.labels import Preset
+    from quadriform.imaging.object_choice import Labels
     from quadriform.imaging.segmentation import Segmentation
-    from quadriform.imaging.selection import Labels
     from quadriform.imaging.volume import Volume
 
 SpaceAndUnit = tuple[str, str]
@@ -272,8 +273,7 @@ def space_to_write(requested: str | None, found: str) -> str:
 
 
 def _from_image(path: Path, options: ImageOptions) -> Source:
-    from quadriform.imaging.image_points import points_from_image
-    from quadriform.imaging.slice_numbers import slice_numbers
+    from quadriform.imaging.image_points import points_from_image, slice_numbers
 
     with naming(path):
         volume, arguments, notes = read_object(path, options)
@@ -288,8 +288,7 @@ def _from_image(path: Path, options: ImageOptions) -> Source:
 def _select(volume: "Volume", options: ImageOptions) -> tuple[Any, tuple[str, ...]]:
     """The argument `select` of `segment`, and notes of what was assumed where no option was given."""
     from quadriform.imaging.labels import preset_labels
-    from quadriform.imaging.object_choice import choose_object
-    from quadriform.imaging.selection import Labels, Percentile
+    from quadriform.imaging.object_choice import Labels, Percentile, choose_object
 
     if options.preset is not None:
         return preset_labels(volume, options.preset), ()
@@ -300,3 +299,47 @@ def _select(volume: "Volume", options: ImageOptions) -> tuple[Any, tuple[str, ..
     if options.threshold is not None:
         return options.threshold, ()
     return choose_object(volume)
+
+
+# --- input files of a record ---------------------------------------------------------------------------------------
+
+
+def input_files(found: Mapping[str, Sequence[Path]], frame: int | None = None) -> tuple[InputFile, ...]:
+    """Return the input files of a record.
+
+    Args:
+        found: surface, or "" for all, -> its files; of several files each is one frame, in their order.
+        frame: which frame was taken of one file with several.
+
+    Raises:
+        InputError, FileFormatError: a file cannot be read.
+    """
+    every = dict.fromkeys(path for files in found.values() for path in files)
+    hashes = {path: sha256_of(*files_of(path)) for path in every}
+    return tuple(
+        InputFile(_name(path), hashes[path], surface, number if len(files) > 1 else frame)
+        for surface, files in found.items()
+        for number, path in enumerate(files)
+    )
+
+
+def title_of(files: Sequence[Path], most: int = 3) -> str:
+    """Return the names of input files as a title, the first `most` of them."""
+    return ", ".join(map(_name, files[:most])) + (" ..." if len(files) > most else "")
+
+
+def without_folders(notes: Iterable[str], files: Iterable[Path]) -> tuple[str, ...]:
+    """Return notes with the name of a file in place of its path at their beginning; each note once."""
+    names = {f"{path}: ": f"{_name(path)}: " for path in files}
+    return tuple(dict.fromkeys(_shortened(note, names) for note in notes))
+
+
+def _shortened(note: str, names: Mapping[str, str]) -> str:
+    for long, short in names.items():
+        if note.startswith(long):
+            return short + note.removeprefix(long)
+    return note
+
+
+def _name(path: Path) -> str:
+    return path.name or path.resolve().name

@@ -16,8 +16,16 @@ from quadriform.files.metadata import SPACES
 from quadriform.files.reading import sha256_of
 from quadriform.fitting import fit as fitting
 from quadriform.fitting.result import Fit
-from quadriform.imaging.file_points import ImageOptions, Source, common_space_and_unit, files_of, read_source
-from quadriform.imaging.input_files import input_files, title_of, without_folders
+from quadriform.imaging.file_points import (
+    ImageOptions,
+    Source,
+    common_space_and_unit,
+    files_of,
+    input_files,
+    read_source,
+    title_of,
+    without_folders,
+)
 from quadriform.point_sets import ALONE
 from quadriform.shapes.mesh import Mesh
 

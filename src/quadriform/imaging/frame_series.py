@@ -27,7 +27,7 @@ from quadriform.points import Array
 
 if TYPE_CHECKING:
     from quadriform.imaging.labels import Preset
-    from quadriform.imaging.selection import Labels
+    from quadriform.imaging.object_choice import Labels
 
 LARGEST_EXACT = 2**53
 """Larger whole numbers are not exact as times."""
@@ -222,7 +222,7 @@ def keep_slices(frames: FrameSeries) -> None:
     Raises:
         OptionError: frames without slice numbers, or whose numbers do not mean the same slices.
     """
-    from quadriform.imaging.slice_numbers import BETWEEN, slice_axis
+    from quadriform.imaging.image_points import BETWEEN, slice_axis
 
     if len(frames.slices) != len(frames.clouds):
         raise OptionError("option --shift-slices needs slice numbers in all frames: contours, or images")

@@ -1,4 +1,7 @@
-"""Points on the surface of an object in an image (paper section 5)."""
+"""Points on the surface of an object in an image (paper section 5), and the slices that they lie in.
+
+Slices move as a whole between breath-holds.
+"""
 
 from __future__ import annotations
 
@@ -10,12 +13,12 @@ from numpy.typing import NDArray
 
 from quadriform.errors import MaskError, OptionError, WarningKind, Warnings, choose
 from quadriform.imaging.isosurface import Border, height_of, isosurface
-from quadriform.imaging.object_choice import choose_object
+from quadriform.imaging.object_choice import Labels, Percentile, Select, choose_object
 from quadriform.imaging.segmentation import Component, Segmentation, segment
-from quadriform.imaging.selection import Labels, Percentile, Select
 from quadriform.imaging.volume import Region, Volume
 from quadriform.points import Array
 from quadriform.shapes.mesh import Mesh
+from quadriform.shapes.voxels import voxel_spacing
 from quadriform.words import short_repr
 
 FACING_CENTRE = 0.2
@@ -24,6 +27,12 @@ ENCLOSED = 0.05
 """A hole of this fraction of the body has an eighth of its surface; a robust fit leaves out less."""
 LISTED = 10
 """The number of component sizes that are recorded; noise has thousands."""
+CAP, BETWEEN = -1, -2
+"""For points of no slice: beyond the first or the last outline, and between two slices."""
+ON_SLICE = 1e-3
+"""A point this near to a slice, in slice distances, lies in it."""
+SAME_SPACING = 1e-3
+"""Spacings that differ by a smaller fraction are equal."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -161,3 +170,28 @@ def _recorded(select: Select) -> Any:
     if not isinstance(select, Labels):
         return select
     return {"labels": [label if isinstance(label, str) else int(label) for label in select.values]}
+
+
+def slice_axis(world_from_voxel: Array) -> int:
+    """Return the axis, 0 to 2, across which an image is sliced: that of the largest spacing, of equal ones the last."""
+    spacing = voxel_spacing(world_from_voxel)
+    return int(np.flatnonzero(spacing >= (1 - SAME_SPACING) * spacing.max())[-1])
+
+
+def slice_numbers(volume: Volume, points: Array) -> NDArray[np.int64]:
+    """Return the slice of each point of an isosurface, (n,), counted from 0 along the slice axis; else CAP or BETWEEN.
+
+    Points of an isosurface lie in slices, on their outlines, or between two slices, where one voxel is inside and the
+    other outside. The latter belong to neither slice: where slices moved, the steps from one to the next are no
+    measurement of the wall. On caps the surface faces along the slice axis, and has no information about shifts.
+
+    Args:
+        volume: the image.
+        points: (n, 3), in its world.
+    """
+    along = volume.voxels(points)[:, slice_axis(volume.world_from_voxel)]
+    outlines = np.abs(along - np.rint(along)) < ON_SLICE
+    # the outermost outlines; an isosurface that is closed ends half a voxel beyond them
+    first, last = along[outlines].min(initial=np.inf), along[outlines].max(initial=-np.inf)
+    caps = (along < first) | (along > last)
+    return np.where(outlines, np.rint(along), np.where(caps, CAP, BETWEEN)).astype(np.int64)

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.errors import MaskError, WarningKind, Warnings, choose
-from quadriform.imaging.border import border_cut
 from quadriform.imaging.volume import Volume
+from quadriform.imaging.voxel_faces import border_cut
 from quadriform.points import Array, check_number
 from quadriform.shapes.mesh import Mesh
 

@@ -12,11 +12,11 @@ import numpy as np
 
 from quadriform.errors import InputError, MaskError, OptionError, choose
 from quadriform.files.reading import PathLike, quoted
+from quadriform.imaging.object_choice import Labels
 from quadriform.imaging.reading import read_volume
 from quadriform.imaging.segments import LISTED, Segment
-from quadriform.imaging.selection import Labels
-from quadriform.imaging.tissue import BACKGROUND, CAVITY, WALL, enclosed_fraction
 from quadriform.imaging.volume import Volume
+from quadriform.imaging.voxel_faces import BACKGROUND, CAVITY, WALL, enclosed_fraction
 from quadriform.words import first_of
 
 

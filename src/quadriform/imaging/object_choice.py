@@ -1,4 +1,4 @@
-"""The object of an image where none is selected: segments, labels, or what is above Otsu's threshold.
+"""The selection of an object in an image, and where none is given: segments, labels, or what is above Otsu's threshold.
 
 1. A file that names its segments: the one segment; of several one must be chosen.
 2. Values that are not all whole numbers, or some below -1: a grey image.
@@ -15,14 +15,14 @@ Values that are whole numbers except at the edges of regions are an interpolated
 chosen, or the labels taken without interpolation.
 """
 
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.errors import MaskError
 from quadriform.imaging.segments import LISTED
-from quadriform.imaging.selection import Labels, Select
 from quadriform.imaging.volume import Volume
 from quadriform.words import first_of
 
@@ -35,6 +35,34 @@ ISOLATED = 0.02
 noise of 0.3 units have 0.07, of 0.6 units 0.12."""
 MOSTLY = 0.5
 """Where this fraction of the voxels beside 0 has whole numbers of several values, the others are interpolated."""
+
+
+@dataclass(frozen=True)
+class Percentile:
+    """A threshold: `fraction` times the percentile `of` the values in the region.
+
+    Attributes:
+        fraction: 0.5 is half of the percentile.
+        of: percentile from 0 to 100; 99.9 is robust against a few extreme voxels.
+    """
+
+    fraction: float
+    of: float
+
+
+@dataclass(frozen=True)
+class Labels:
+    """The union of some labels of a label image.
+
+    Attributes:
+        values: the labels, whole numbers, or names of segments where the file has names.
+    """
+
+    values: tuple[int | str, ...]
+
+
+Select = float | Percentile | Labels | Literal["otsu", "auto"]
+"""Which voxels are the object. Objects are strictly above a threshold."""
 
 Choice = tuple[Select, tuple[str, ...]]
 """The selection of the object, and notes of what was assumed."""

@@ -4,7 +4,7 @@ import numpy as np
 
 from quadriform.errors import MaskError
 from quadriform.imaging.segmentation import Mask
-from quadriform.imaging.tissue import BACKGROUND, CAVITY, WALL, Tissue, enclosed_fraction, faces_between
+from quadriform.imaging.voxel_faces import BACKGROUND, CAVITY, WALL, Tissue, enclosed_fraction, faces_between
 from quadriform.points import Array
 from quadriform.shapes.voxels import voxel_spacing
 

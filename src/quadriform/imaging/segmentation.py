@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.errors import DegenerateError, MaskError, OptionError, WarningKind, Warnings
-from quadriform.imaging.border import border_cut
-from quadriform.imaging.object_choice import choose_object
+from quadriform.imaging.object_choice import Labels, Percentile, Select, choose_object
 from quadriform.imaging.segments import listed
-from quadriform.imaging.selection import Labels, Percentile, Select
 from quadriform.imaging.volume import Region, Volume, check_region, slices
+from quadriform.imaging.voxel_faces import border_cut
 from quadriform.points import check_number
 from quadriform.words import short_repr
 

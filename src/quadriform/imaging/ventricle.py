@@ -9,14 +9,21 @@ from warnings import warn
 import numpy as np
 
 from quadriform.errors import MaskError, OptionError, WarningKind, Warnings
-from quadriform.imaging.border import border_cut, face_area_vectors
 from quadriform.imaging.isosurface import height_of, isosurface
+from quadriform.imaging.object_choice import Labels, Percentile, Select
 from quadriform.imaging.open_cavity import base_of_open_cavity, fill_open_cavity
 from quadriform.imaging.segmentation import Component, Mask, Segmentation, segment
-from quadriform.imaging.selection import Labels, Percentile, Select
-from quadriform.imaging.thinning import thinned
-from quadriform.imaging.tissue import BACKGROUND, CAVITY, WALL, Tissue, contact_area, enclosed_fraction
 from quadriform.imaging.volume import Region, Volume, slices
+from quadriform.imaging.voxel_faces import (
+    BACKGROUND,
+    CAVITY,
+    WALL,
+    Tissue,
+    border_cut,
+    contact_area,
+    enclosed_fraction,
+    face_area_vectors,
+)
 from quadriform.points import Array, check_number, check_points
 from quadriform.words import short_repr
 
@@ -30,6 +37,8 @@ MIN_POINTS = 125
 """As many as the default box has control points; fewer do not determine the weight of the regularisation."""
 ON_PLANE = 1e-9
 """Points beyond a plane by less than this fraction of the extent are on it."""
+OFFSET = np.array([0.31830989, 0.36787944, 0.41421356])
+"""Corner of a cube, in sides of a cube: off every voxel grid, so that no point lies on a face between two cubes."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -259,6 +268,24 @@ def _default_spacing(surfaces: dict[str, Array], image: Volume) -> float:
     while side > image.spacing.min() and min(len(thinned(points, side)) for points in surfaces.values()) < MIN_POINTS:
         side /= 2
     return side
+
+
+def thinned(points: Array, side: float) -> Array:
+    """Return of the points (n, 3) in each cube of this side the one nearest to its centre, in their order.
+
+    The cubes are fixed in the world, so the result does not depend on the order of the points, nor on the axes of the
+    image. A side of 0 keeps all points.
+    """
+    if side == 0 or not len(points):
+        return points
+    scaled = points / side + OFFSET
+    cube = np.floor(scaled)
+    off_centre = np.linalg.norm(scaled - cube - 0.5, axis=1)
+    # sorted by cube, in each cube by distance from its centre: the first of each cube is kept
+    order = np.lexsort((off_centre, *cube.T))
+    first = np.unique(cube[order], axis=0, return_index=True)[1]
+    kept: Array = points[np.sort(order[first])]
+    return kept
 
 
 def _cut_off(points: Array, plane: Plane) -> Mask:
