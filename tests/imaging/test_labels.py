@@ -7,7 +7,7 @@ import pytest
 
 from quadriform.errors import InputError, MaskError, OptionError
 from quadriform.imaging.image_points import points_from_image
-from quadriform.imaging.labels import STRUCTURES, Preset, parse_surface, preset_labels, read_structures, surface_labels
+from quadriform.imaging.labels import STRUCTURES, Preset, parse_surface, preset_labels, read_structures
 from quadriform.imaging.reading import read_volume
 from quadriform.imaging.segmentation import Labels, segment
 from quadriform.imaging.segments import Segment
@@ -97,17 +97,6 @@ class TestPresets:
     def test_an_empty_image_too(self):
         with pytest.raises(MaskError, match="no voxel has the label 1, 2; values and voxels: 0: 1600"):
             points_from_image(heart(0, 0, 0), select=Labels((1, 2)))
-
-
-class TestOwnLabels:
-    def test_the_epicardium_has_both(self):
-        found = surface_labels(cavity=[7], myocardium=(8, 9))
-        assert found == {"endo": Labels((7,)), "epi": Labels((7, 8, 9))}
-
-    @pytest.mark.parametrize("labels", [((1,), (1,)), ((), (1,)), ((1,), ()), ((1,), (2,), (2,)), ((1, 1), (2,))])
-    def test_a_label_for_two_parts_or_for_none_is_refused(self, labels):
-        with pytest.raises(OptionError, match="each label once"):
-            surface_labels(*labels)
 
 
 class TestParsing:

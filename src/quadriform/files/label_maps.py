@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from quadriform.columns import MILLIMETRES
 from quadriform.errors import OptionError, choose
 from quadriform.points import Array
 from quadriform.shapes.mesh import Mesh
@@ -17,9 +18,6 @@ LABEL_SUFFIXES = (".nii", ".nii.gz", ".nrrd")
 """Of the files that labels are written to."""
 ALIGNED = 2
 """Code of a NIfTI form: aligned to another file."""
-LABELS = 1002
-"""NIfTI's intent code for labels."""
-METRES = {"mm": 1e-3, "m": 1.0}
 SQUARE = 1e-5
 """A qform is written when it puts voxels where the sform does, to this share of the smallest voxel."""
 
@@ -60,7 +58,7 @@ def grid_of_model(model: DeformableModel, world_from_voxel: Array, space: str, u
             "set them in the model, e.g. to 'LPS' and 'mm'"
         )
     # Image and model may differ in frame and unit.
-    scale = METRES.get(unit, METRES["mm"]) / METRES[model.unit]
+    scale = MILLIMETRES.get(unit, 1.0) / MILLIMETRES[model.unit]
     to_model = np.eye(4)
     to_model[:3, :3] = scale * rotation_between(space, model.space)
     return np.asarray(to_model @ world_from_voxel)

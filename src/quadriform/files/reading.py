@@ -2,6 +2,7 @@
 
 import contextlib
 import hashlib
+import io
 import os
 import stat
 from collections.abc import Iterator
@@ -39,10 +40,8 @@ def read_bytes(path: PathLike) -> bytes:
         FileLimitError: above `MAX_BYTES`.
     """
     check_budget(check_readable(path), quoted(path))
-    try:
-        return Path(path).read_bytes()
-    except OSError as error:
-        raise InputError(f"{quoted(path)}: cannot be read: {error.strerror}") from error
+    with _opened(path) as stream:
+        return stream.read()
 
 
 def check_readable(path: PathLike) -> int:
@@ -86,13 +85,19 @@ def sha256_of(path: PathLike, *more: PathLike) -> str:
     digest = hashlib.sha256()
     for each in (path, *more):
         check_readable(each)
-        try:
-            with open(each, "rb") as stream:
-                while block := stream.read(1 << 20):
-                    digest.update(block)
-        except OSError as error:
-            raise InputError(f"{quoted(each)}: cannot be read: {error.strerror}") from error
+        with _opened(each) as stream:
+            hashlib.file_digest(stream, lambda: digest)  # goes on with the digest of the files before
     return digest.hexdigest()
+
+
+@contextlib.contextmanager
+def _opened(path: PathLike) -> Iterator[io.BufferedReader]:
+    """The bytes of a file; errors of the system name it."""
+    try:
+        with open(path, "rb") as stream:
+            yield stream
+    except OSError as error:
+        raise InputError(f"{quoted(path)}: cannot be read: {error.strerror}") from error
 
 
 def visible_files(folder: Path) -> list[Path]:

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from quadriform.columns import MILLIMETRES
 from quadriform.errors import OptionError, WarningKind, Warnings
 from quadriform.points import Array
 from quadriform.shapes.model import DeformableModel
 
-MILLIMETRES = {"mm": 1.0, "m": 1000.0, "unknown": 1.0}
 SAME = 1e-9
 """Superquadrics and boxes that differ by less than this fraction of their size are the same."""
 
@@ -77,7 +77,7 @@ def check_cycle(models: Sequence[DeformableModel] | DeformableModel, times: Arra
             "thickening, twist or strain; refine all frames from one superquadric, or track them together"
         )
     checked = _check_times(times, len(given))
-    return HeartCycle(given, checked, cavity, wall, material, MILLIMETRES[first.unit], warnings)
+    return HeartCycle(given, checked, cavity, wall, material, MILLIMETRES.get(first.unit, 1.0), warnings)
 
 
 def _names(model: DeformableModel, warnings: Warnings) -> tuple[str, str | None]:

@@ -6,7 +6,7 @@ pydicom decodes headers and pixels. `dicom_files` finds the files of a series, `
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,16 +18,13 @@ from quadriform.imaging.dicom_headers import planes_of
 from quadriform.imaging.dicom_segments import label_image
 from quadriform.imaging.dicom_spacing import LISTED, ImagePlane
 from quadriform.imaging.dicom_stack import SliceStack, stack_slices
-from quadriform.imaging.dicom_values import is_segmentation, n_images
+from quadriform.imaging.dicom_values import Dataset, is_segmentation, n_images
 from quadriform.imaging.reader_common import choose_frame, import_reader
 from quadriform.imaging.volume import Volume
 from quadriform.points import Array
 from quadriform.words import first_of
 
-if TYPE_CHECKING:
-    from pydicom import Dataset
-
-Headers = dict[Path, "Dataset"]
+Headers = dict[Path, Dataset]
 """The headers of the files of one series."""
 
 
@@ -107,7 +104,7 @@ def _headers(path: Path, series: str | None = None) -> tuple[Headers, Warnings]:
     return headers, _left_out(folder)
 
 
-def _is_whole(header: "Dataset") -> bool:
+def _is_whole(header: Dataset) -> bool:
     """Whether a file is an image of its own, not one slice of a series."""
     return n_images(header) > 1 or is_segmentation(header)
 

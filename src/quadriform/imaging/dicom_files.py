@@ -5,15 +5,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, TYPE_CHECKING
+from typing import IO
 
 from quadriform.errors import FileFormatError, InputError, QuadriformError
 from quadriform.files.reading import check_budget, check_readable, naming, quoted, visible_files
-from quadriform.imaging.dicom_values import KEYWORDS, n_images
+from quadriform.imaging.dicom_values import KEYWORDS, Dataset, n_images
 from quadriform.imaging.reader_common import import_reader
-
-if TYPE_CHECKING:
-    from pydicom import Dataset
 
 DICOM_SUFFIXES = (".dcm", ".ima")
 PREAMBLE = 128
@@ -45,7 +42,7 @@ class Examined:
         fault: why it gives no images.
     """
 
-    header: "Dataset | None"
+    header: Dataset | None
     series: str | None
     kind: str
     fault: QuadriformError | None
@@ -60,7 +57,7 @@ class Series:
         faults: of those that should have images and cannot be read.
     """
 
-    headers: "dict[Path, Dataset]" = field(default_factory=dict)
+    headers: dict[Path, Dataset] = field(default_factory=dict)
     faults: list[QuadriformError] = field(default_factory=list)
 
 
@@ -155,7 +152,7 @@ def _of_damaged(file: Path, fault: QuadriformError) -> Examined:
     return Examined(None, _series(header), _class_name(header), fault)
 
 
-def _parsed(file: Path, last: int | None = None) -> "tuple[Dataset, bool, bool]":
+def _parsed(file: Path, last: int | None = None) -> tuple[Dataset, bool, bool]:
     """The header to the tag `last`, whether pixels follow, and whether the file ends within an element."""
     from pydicom.filereader import read_partial
     from pydicom.tag import Tag
@@ -206,7 +203,7 @@ def _has_images(kind: str) -> bool:
     return kind != "Surface Segmentation Storage" and (not kind or any(word in kind for word in IMAGES))
 
 
-def _class_name(header: "Dataset") -> str:
+def _class_name(header: Dataset) -> str:
     from pydicom.uid import UID
 
     meta = getattr(header, "file_meta", None) or {}
@@ -217,7 +214,7 @@ def _class_name(header: "Dataset") -> str:
         return ""
 
 
-def _series(header: "Dataset") -> str | None:
+def _series(header: Dataset) -> str | None:
     try:
         uid = header.get("SeriesInstanceUID")
     except Exception:  # a damaged value can raise anything in the decoder

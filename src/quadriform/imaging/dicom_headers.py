@@ -5,20 +5,17 @@ C.8.4.15 (NM Reconstruction).
 """
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from quadriform.errors import AffineError, FileFormatError, MaskError
 from quadriform.imaging import dicom_values
 from quadriform.imaging.dicom_spacing import ImagePlane, pixel_steps, reconstructed_slice_step
-from quadriform.imaging.dicom_values import n_images, optional_number, required_numbers
-
-if TYPE_CHECKING:
-    from pydicom import Dataset
+from quadriform.imaging.dicom_values import Dataset, n_images, optional_number, required_numbers
 
 DEFAULT_RESCALE = {"Slope": 1.0, "Intercept": 0.0}
 
 
-def planes_of(header: "Dataset", file: Path) -> list[ImagePlane]:
+def planes_of(header: Dataset, file: Path) -> list[ImagePlane]:
     """Return the planes of one file, in the order of its images.
 
     Raises:
@@ -40,7 +37,7 @@ def planes_of(header: "Dataset", file: Path) -> list[ImagePlane]:
     )
 
 
-def _classic(header: "Dataset", file: Path) -> ImagePlane:
+def _classic(header: Dataset, file: Path) -> ImagePlane:
     return ImagePlane(
         required_numbers(header, "ImagePositionPatient", 3),
         *pixel_steps(header, header),
@@ -51,7 +48,7 @@ def _classic(header: "Dataset", file: Path) -> ImagePlane:
     )
 
 
-def _enhanced(header: "Dataset", file: Path) -> list[ImagePlane]:
+def _enhanced(header: Dataset, file: Path) -> list[ImagePlane]:
     # C.7.6.16: one item for each image
     n, groups = n_images(header), len(header.PerFrameFunctionalGroupsSequence)
     if groups != n:
@@ -78,7 +75,7 @@ def _enhanced(header: "Dataset", file: Path) -> list[ImagePlane]:
     return planes
 
 
-def _nuclear(header: "Dataset", file: Path) -> list[ImagePlane]:
+def _nuclear(header: Dataset, file: Path) -> list[ImagePlane]:
     """Reconstructed slices: the detector has the position of the first, the others follow along the normal."""
     n = n_images(header)
     # C.8.4.9: images of several energy windows or R-R intervals are several volumes
@@ -113,7 +110,7 @@ def _nuclear(header: "Dataset", file: Path) -> list[ImagePlane]:
     ]
 
 
-def _pixels(header: "Dataset", values: Any, file: Path) -> dict[str, Any]:
+def _pixels(header: Dataset, values: Any, file: Path) -> dict[str, Any]:
     """Size, file, and the scale of the stored values (PS3.3, C.11.1), which an item of its own may have."""
     return {
         "size": (int(header.Columns), int(header.Rows)),
@@ -124,7 +121,7 @@ def _pixels(header: "Dataset", values: Any, file: Path) -> dict[str, Any]:
     }
 
 
-def _slot_ms(header: "Dataset") -> float | None:
+def _slot_ms(header: Dataset) -> float | None:
     """Length of a time slot of a gated study, ms (FrameTime; PS3.3, C.8.4.12)."""
     for gated in header.get("GatedInformationSequence") or ():
         for data in gated.get("DataInformationSequence") or ():

@@ -4,7 +4,7 @@ Reference: DICOM PS3.3, C.8.20 (Segmentation). Slices without a voxel of a segme
 """
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +13,9 @@ from quadriform.errors import FileFormatError, InputError, Warnings
 from quadriform.files.reading import check_budget, quoted
 from quadriform.imaging.dicom_headers import planes_of
 from quadriform.imaging.dicom_spacing import check_same_grid, segmentation_grid
-from quadriform.imaging.dicom_values import functional_group
+from quadriform.imaging.dicom_values import Dataset, functional_group
 from quadriform.imaging.segments import SegmentMap
 from quadriform.imaging.volume import Volume
-
-if TYPE_CHECKING:
-    from pydicom import Dataset
 
 HALF = 0.5
 """A voxel belongs to a segment where its fraction is above."""
@@ -26,7 +23,7 @@ Masks = dict[int, NDArray[np.bool_]]
 """Index of a frame in the file -> mask (rows, columns)."""
 
 
-def label_image(header: "Dataset", pixels: NDArray[Any], file: Path, warnings: Warnings) -> Volume:
+def label_image(header: Dataset, pixels: NDArray[Any], file: Path, warnings: Warnings) -> Volume:
     """Return a segmentation as a label image: values are segment numbers, and further ones where segments overlap.
 
     Args:
@@ -59,7 +56,7 @@ def label_image(header: "Dataset", pixels: NDArray[Any], file: Path, warnings: W
     return Volume(found.values, affine, "LPS", "mm", warnings, tuple(found.segments), is_label_map=True)
 
 
-def _names(header: "Dataset") -> dict[int, str]:
+def _names(header: Dataset) -> dict[int, str]:
     """The segments by number; 0, which label maps may describe, is the background."""
     items = header.get("SegmentSequence") or ()
     numbers = [item.get("SegmentNumber") for item in items]
@@ -68,7 +65,7 @@ def _names(header: "Dataset") -> dict[int, str]:
     return {int(item.SegmentNumber): str(item.get("SegmentLabel") or "") for item in items if item.SegmentNumber != 0}
 
 
-def _masks(header: "Dataset", pixels: NDArray[Any], names: dict[int, str]) -> dict[int, Masks]:
+def _masks(header: Dataset, pixels: NDArray[Any], names: dict[int, str]) -> dict[int, Masks]:
     """The frames of each segment of the header."""
     kind = header.get("SegmentationType")
     if kind == "LABELMAP":

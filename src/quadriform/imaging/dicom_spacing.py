@@ -13,17 +13,14 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from quadriform.errors import AffineError, InputError
-from quadriform.imaging.dicom_values import functional_group, number_or_default, required_numbers
+from quadriform.imaging.dicom_values import Dataset, functional_group, number_or_default, required_numbers
 from quadriform.points import Array
 from quadriform.words import first_of
-
-if TYPE_CHECKING:
-    from pydicom import Dataset
 
 SAME_ORIENTATION = 0.1
 """Two images have the same orientation when no corner moves by more than this many pixels."""
@@ -172,7 +169,7 @@ def slice_step(planes: Sequence[ImagePlane]) -> Array:
     return np.asarray((origins[-1] - origins[0]) / (len(origins) - 1))
 
 
-def reconstructed_slice_step(header: "Dataset", along_row: Array, along_column: Array) -> Array:
+def reconstructed_slice_step(header: Dataset, along_row: Array, along_column: Array) -> Array:
     """Return the vector (3,) in mm from slice to slice of a reconstruction of nuclear medicine.
 
     Raises:
@@ -182,7 +179,7 @@ def reconstructed_slice_step(header: "Dataset", along_row: Array, along_column: 
     return normal / np.linalg.norm(normal) * required_numbers(header, "SpacingBetweenSlices", 1)
 
 
-def segmentation_grid(header: "Dataset", planes: Sequence[ImagePlane]) -> tuple[list[int], Array]:
+def segmentation_grid(header: Dataset, planes: Sequence[ImagePlane]) -> tuple[list[int], Array]:
     """Return the slice of each frame of a segmentation, from 0, and world from voxel (4, 4), LPS mm.
 
     Args:
@@ -210,7 +207,7 @@ def segmentation_grid(header: "Dataset", planes: Sequence[ImagePlane]) -> tuple[
     return slices.tolist(), world_from_voxel(first, step, origins[lowest])
 
 
-def _segmentation_spacing(header: "Dataset", heights: Array) -> float:
+def _segmentation_spacing(header: Dataset, heights: Array) -> float:
     measures = functional_group(header, 0, "PixelMeasuresSequence")
     if stated := number_or_default(measures, "SpacingBetweenSlices", 0.0):
         return abs(stated)

@@ -8,7 +8,9 @@ from quadriform.errors import AffineError, FileFormatError
 from quadriform.points import Array
 
 if TYPE_CHECKING:
-    from pydicom import Dataset
+    from pydicom import Dataset as Dataset
+else:
+    Dataset = Any  # pydicom is optional, and loaded where a file is read
 
 SEGMENTATIONS = ("1.2.840.10008.5.1.4.1.1.66.4", "1.2.840.10008.5.1.4.1.1.66.7")
 """SOP classes: Segmentation Storage and Label Map Segmentation Storage."""
@@ -24,17 +26,17 @@ KEYWORDS = (
 """All attributes of a header that are read; none of them identifies the patient."""
 
 
-def is_segmentation(header: "Dataset") -> bool:
+def is_segmentation(header: Dataset) -> bool:
     """Return whether the SOP class of a file is a segmentation."""
     return str(header.get("SOPClassUID")) in SEGMENTATIONS
 
 
-def n_images(header: "Dataset") -> int:
+def n_images(header: Dataset) -> int:
     """Return the number of images in a file."""
     return int(header.get("NumberOfFrames") or 1)
 
 
-def functional_group(header: "Dataset", image: int, sequence: str) -> Any:
+def functional_group(header: Dataset, image: int, sequence: str) -> Any:
     """Return the item of a functional group of one image, by default that of all images; {} where there is neither.
 
     Source: DICOM PS3.3, C.7.6.16: a group is either shared or per frame.
@@ -85,7 +87,7 @@ def number_or_default(item: Any, keyword: str, default: float) -> float:
     return number
 
 
-def vector_of(header: "Dataset", keyword: str, n: int, default: int | None = None) -> list[int]:
+def vector_of(header: Dataset, keyword: str, n: int, default: int | None = None) -> list[int]:
     """Return one whole number for each of the n images of a file; the default for all where the attribute is missing.
 
     Raises:

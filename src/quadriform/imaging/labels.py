@@ -4,7 +4,6 @@ The endocardium encloses the cavity; the epicardium encloses the cavity and the 
 image is checked against the convention before it is used.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,28 +17,6 @@ from quadriform.imaging.segments import LISTED, Segment
 from quadriform.imaging.volume import Volume
 from quadriform.imaging.voxel_faces import BACKGROUND, CAVITY, WALL, enclosed_fraction
 from quadriform.words import first_of
-
-
-def surface_labels(cavity: Iterable[int], myocardium: Iterable[int], rv: Iterable[int] = ()) -> dict[str, Labels]:
-    """Return the labels that each surface encloses: "endo", "epi", and "rv" where it has labels.
-
-    Args:
-        cavity: of the left ventricle, with or without the papillary muscles, as in the image.
-        myocardium: of the left ventricle.
-        rv: cavity of the right ventricle.
-
-    Raises:
-        OptionError: no label for a part, or one label for two.
-    """
-    cavity, myocardium, rv = tuple(cavity), tuple(myocardium), tuple(rv)
-    every = (*cavity, *myocardium, *rv)
-    if not cavity or not myocardium or len(set(every)) < len(every):
-        raise OptionError(
-            f"labels cavity={cavity}, myocardium={myocardium}, rv={rv}: expected one or more for cavity and "
-            "myocardium, and each label once"
-        )
-    surfaces = {"endo": Labels(cavity), "epi": Labels((*cavity, *myocardium))}
-    return surfaces | ({"rv": Labels(rv)} if rv else {})
 
 
 @dataclass(frozen=True)

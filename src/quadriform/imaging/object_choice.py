@@ -26,6 +26,8 @@ from quadriform.imaging.segments import LISTED
 from quadriform.imaging.volume import Volume
 from quadriform.words import first_of
 
+NARROW = 1 << 16
+"""Whole numbers over a wider range, and all other values, are sorted: a count of each would fill the memory."""
 MAX_LABELS = 32
 """More are the organs of a body or the regions of a brain, which are no object together."""
 SAME_NEIGHBOURS = 0.4
@@ -105,10 +107,11 @@ def choose_object(volume: Volume) -> Choice:
 
 def counted(values: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int64]]:
     """Return the values of an image in increasing order, and the number of voxels of each."""
-    if values.dtype.kind in "bu" and values.dtype.itemsize <= 2:  # faster than a sort
-        all_counts = np.bincount(values.ravel())
+    low, high = (int(values.min()), int(values.max())) if np.can_cast(values.dtype, np.int64) else (0, NARROW)
+    if high - low < NARROW:  # faster than a sort
+        all_counts = np.bincount(values.ravel().astype(np.int64) - low)
         present = np.flatnonzero(all_counts)
-        return present, all_counts[present]
+        return present + low, all_counts[present]
     return np.unique(values, return_counts=True)
 
 

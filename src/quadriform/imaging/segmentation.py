@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.errors import DegenerateError, MaskError, OptionError, WarningKind, Warnings
-from quadriform.imaging.object_choice import Labels, Percentile, Select, choose_object
+from quadriform.imaging.object_choice import Labels, Percentile, Select, choose_object, counted
 from quadriform.imaging.segments import listed
 from quadriform.imaging.volume import Region, Volume, check_region, slices
 from quadriform.imaging.voxel_faces import border_cut
@@ -21,8 +21,6 @@ Mask = NDArray[np.bool_]
 
 ANISOTROPIC = 4.0
 """A ratio of the largest to the smallest spacing above this is warned of."""
-OTSU_INTEGERS = 1 << 16
-"""Integers over a wider range, and all other values, are sorted: bins would fill the memory, or split a value."""
 
 Component = Literal["largest", "all"] | Sequence[int]
 """Which connected component is kept; a seed is a voxel (i, j, k) of the whole image."""
@@ -162,13 +160,10 @@ def otsu(values: NDArray[Any]) -> float:
     """
     from skimage.filters import threshold_otsu
 
-    low, high = float(values.min()), float(values.max())
-    if low == high:
-        raise MaskError(f"all voxels are {low:g}: there is no object and background to distinguish")
-    # skimage counts integers exactly; floats it would put into 256 bins
-    if values.dtype.kind in "iu" and high - low < OTSU_INTEGERS:
-        return float(threshold_otsu(values.ravel()))
-    present, counts = np.unique(values, return_counts=True)
+    present, counts = counted(values)
+    if len(present) == 1:
+        raise MaskError(f"all voxels are {present[0]:g}: there is no object and background to distinguish")
+    # by a count of each value, for skimage would put floats into 256 bins
     return float(threshold_otsu(hist=(counts, present.astype(np.float64))))
 
 
@@ -221,10 +216,7 @@ def _holes(mask: Mask) -> Mask:
     """Background that is not 6-connected to the outside."""
     from scipy import ndimage
 
-    # a layer of padding connects all background that reaches the border
-    background, _ = ndimage.label(~np.pad(mask, 1))
-    inner = background[1:-1, 1:-1, 1:-1]
-    return (inner > 0) & (inner != background[0, 0, 0])
+    return ndimage.binary_fill_holes(mask) & ~mask
 
 
 def _check_selected(found: Mask, values: NDArray[Any], threshold: float | None) -> None:
@@ -247,7 +239,7 @@ def _check_object(mask: Mask, values: NDArray[Any], threshold: float | None) -> 
 
 def _describe(values: NDArray[Any]) -> str:
     """A sentence with the values of an image, and their counts where there are at most 20."""
-    present, counts = np.unique(values, return_counts=True)
+    present, counts = counted(values)
     if len(present) > 20:
         return f"the values run from {present[0]:g} to {present[-1]:g}"
     return "values and voxels: " + ", ".join(f"{value:g}: {n}" for value, n in zip(present, counts))
