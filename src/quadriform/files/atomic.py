@@ -120,7 +120,7 @@ def _written_beside(target: Path, data: bytes) -> Iterator[Path]:
     temporary = target.parent / f".quadriform-{secrets.token_hex(8)}.tmp"
     try:
         # Nobody else may read it meanwhile.
-        with open(temporary, "xb", opener=_private) as stream:
+        with open(temporary, "xb", opener=lambda path, flags: os.open(path, flags, 0o600)) as stream:
             stream.write(data)
             stream.flush()
             os.fsync(stream.fileno())
@@ -140,10 +140,6 @@ def _mode(target: Path) -> int:
     umask = os.umask(0)
     os.umask(umask)
     return 0o666 & ~umask
-
-
-def _private(path: str, flags: int) -> int:
-    return os.open(path, flags, 0o600)
 
 
 def sync_folder(folder: Path) -> None:

@@ -59,9 +59,7 @@ def grid_of_model(model: DeformableModel, world_from_voxel: Array, space: str, u
         )
     # Image and model may differ in frame and unit.
     scale = MILLIMETRES.get(unit, 1.0) / MILLIMETRES[model.unit]
-    to_model = np.eye(4)
-    to_model[:3, :3] = scale * rotation_between(space, model.space)
-    return np.asarray(to_model @ world_from_voxel)
+    return np.vstack([scale * rotation_between(space, model.space) @ world_from_voxel[:3], world_from_voxel[3:]])
 
 
 def encode_labels(
@@ -98,9 +96,7 @@ def encode_labels(
 def _nifti(values: NDArray[np.uint8], world_from_voxel: Array, space: str, unit: str, note: str) -> bytes:
     import nibabel
 
-    to_ras = np.eye(4)
-    to_ras[:3, :3] = rotation_between(space, "RAS")
-    affine = to_ras @ world_from_voxel
+    affine = np.vstack([rotation_between(space, "RAS") @ world_from_voxel[:3], world_from_voxel[3:]])
     image: Any = nibabel.Nifti1Image(values, affine)
     image.header.set_xyzt_units({"mm": "mm", "m": "meter", "unknown": "unknown"}[unit])
     image.header.set_intent("label")

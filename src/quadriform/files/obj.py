@@ -34,18 +34,17 @@ def parse_obj(data: bytes, where: str) -> Polygons:
         raise FileFormatError(f"{where}: expected text, found {signature(data)}")
     rows, corners, lengths = array("d"), array("q"), array("q")
     for number, words in _lines(data.removeprefix(b"\xef\xbb\xbf").decode("ascii", "surrogateescape")):
-        word, *rest = words
+        word, line = words[0], f"{where}, line {number}"
         if word in FREE_FORM:
-            raise FileFormatError(f"{where}, line {number}: free-form surfaces ({word}) are not read; save polygons")
+            raise FileFormatError(f"{line}: free-form surfaces ({word}) are not read; save polygons")
         if word[0] in "vf" and word not in POINTS:
-            found = " ".join(words)[:60]
-            raise FileFormatError(f"{where}, line {number}: expected one of {', '.join(POINTS)}, found {found!r}")
+            raise _refusal(line, f"one of {', '.join(POINTS)}", words)
         if word == "v":
-            rows.extend(_numbers(rest, number, where))
+            rows.extend(_numbers(words, line))
         elif word == "f":
-            found_corners = _corners(rest, len(rows) // 3, number, where)
-            corners.extend(found_corners)
-            lengths.append(len(found_corners))
+            polygon = _corners(words, len(rows) // 3, line)
+            corners.extend(polygon)
+            lengths.append(len(polygon))
     vertices: Array = np.frombuffer(rows, dtype=np.float64).reshape(-1, 3) if rows else np.empty((0, 3))
     return Polygons(vertices, np.array(corners, dtype=np.int64), np.array(lengths, dtype=np.int64))
 
@@ -63,28 +62,28 @@ def _lines(text: str) -> Iterator[tuple[int, list[str]]]:
         yield number, words
 
 
-def _numbers(words: list[str], number: int, where: str) -> list[float]:
+def _numbers(line: list[str], where: str) -> list[float]:
     """The coordinates; a weight and a colour may follow."""
+    words = line[1:]
     if len(words) < 3 or not all(map(NUMBER.fullmatch, words)):
-        found = " ".join(["v", *words])[:60]
-        raise FileFormatError(f"{where}, line {number}: expected three numbers or more, found {found!r}")
+        raise _refusal(where, "three numbers or more", line)
     return [float(word) for word in words[:3]]
 
 
-def _corners(words: list[str], count: int, number: int, where: str) -> list[int]:
+def _corners(line: list[str], count: int, where: str) -> list[int]:
     """Vertices of a polygon, counted from 0; negative ones are counted back from the vertices that there are so far."""
-    matches = [CORNER.fullmatch(word) for word in words]
-    if len(words) < 3 or not all(matches):
-        found = " ".join(["f", *words])[:60]
-        raise FileFormatError(
-            f"{where}, line {number}: expected three whole numbers or more, counted from 1 or back from -1, found "
-            f"{found!r}"
-        )
+    matches = [CORNER.fullmatch(word) for word in line[1:]]
+    if len(matches) < 3 or not all(matches):
+        raise _refusal(where, "three whole numbers or more, counted from 1 or back from -1", line)
     given = [int(match[1]) for match in matches if match]
     corners = [index - 1 if index > 0 else count + index for index in given]
     if min(corners) < 0:
-        raise FileFormatError(f"{where}, line {number}: vertex {min(given)} is before the first of {count}")
+        raise FileFormatError(f"{where}: vertex {min(given)} is before the first of {count}")
     return corners
+
+
+def _refusal(where: str, expected: str, words: list[str]) -> FileFormatError:
+    return FileFormatError(f"{where}: expected {expected}, found {' '.join(words)[:60]!r}")
 
 
 def encode_obj(mesh: Mesh, metadata: Mapping[str, str]) -> bytes:

@@ -29,15 +29,13 @@ def unpacked(packed: bytes, header: str, compressor: str, where: str) -> bytes:
         DAMAGED: the content is not what the header declares.
     """
     width = np.dtype(header).itemsize
+    count = int(np.frombuffer(packed[:width], header)[0])  # of bytes, or of blocks
     if not compressor:
-        size = int(np.frombuffer(packed[:width], header)[0])
-        if size > len(packed) - width:
-            raise ValueError(f"{size} bytes declared, {len(packed) - width} found")
-        if size < len(packed) - width and packed[width + size :].strip():
-            raise ValueError(f"{size} bytes declared, {len(packed) - width} found")
-        return packed[width : width + size]
+        content = packed[width:]
+        if count > len(content) or content[count:].strip():  # line ends may follow
+            raise ValueError(f"{count} bytes declared, {len(content)} found")
+        return content[:count]
     decompress = _decompressor(compressor, where)
-    count = int(np.frombuffer(packed[:width], header)[0])
     if count * width > len(packed):
         raise ValueError(f"{count} blocks declared in {len(packed)} bytes")
     sizes = np.frombuffer(packed[: (3 + count) * width], header).astype(object)[1:]  # Python's integers: no overflow

@@ -270,7 +270,7 @@ def _placement(header: "Nifti1Header", shape: Size, affine: str | None) -> tuple
     if not scale:
         warnings[WarningKind.UNKNOWN_UNIT] = "the image names no unit of length (xyzt_units): its lengths are as stored"
     # the standard has RAS coordinates (+x right, +y anterior); pixdim alone has no known orientation
-    to_world = np.eye(4)
-    to_world[:3, :3] = (scale or 1.0) * (np.eye(3) if used == "pixdim" else HALF_ROTATION)
-    space = "unknown" if used == "pixdim" else "LPS"
-    return (to_world @ forms.stored[used], space, "mm" if scale else "unknown"), warnings
+    rotation, space = (np.eye(3), "unknown") if used == "pixdim" else (HALF_ROTATION, "LPS")
+    stored = forms.stored[used]
+    world_from_voxel = np.vstack([(scale or 1.0) * rotation @ stored[:3], stored[3:]])
+    return (world_from_voxel, space, "mm" if scale else "unknown"), warnings

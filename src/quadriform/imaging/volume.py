@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from quadriform.errors import AffineError, MaskError, OptionError, Warnings, choose
+from quadriform.errors import AffineError, MaskError, OptionError, Warnings
+from quadriform.files.metadata import check_space_and_unit
 from quadriform.imaging.segments import Segment, values_of
 from quadriform.points import Array, check_points
-from quadriform.shapes.spaces import SPACES
 from quadriform.shapes.voxels import voxel_spacing
 from quadriform.words import short_repr
 
@@ -55,8 +55,7 @@ class Volume:
         _check_values(values)
         if fault := affine_fault(affine):
             raise AffineError(f"world_from_voxel: {fault}; found {affine.tolist()}")
-        choose(self.space, (*SPACES, "unknown"), "space")
-        choose(self.unit, ("mm", "m", "unknown"), "unit")
+        check_space_and_unit(self.space, self.unit)
         object.__setattr__(self, "values", values)
         object.__setattr__(self, "world_from_voxel", affine)
 
