@@ -78,6 +78,7 @@ def _parts(path: Path) -> Parts:
     """Text and numbers of a path without its suffix; frames may differ in format."""
     name = path.as_posix().casefold()
     if not path.is_dir():
+        # A suffix begins with a letter: what follows the point of t1.5 is a decimal.
         name = re.sub(r"(\.nii)?\.[a-z][a-z0-9]*$", "", name)
     pieces = NUMBER.split(name)
     return tuple(pieces[::2]), tuple(map(int, pieces[1::2]))
@@ -96,6 +97,7 @@ def _check_numbers(files: Sequence[Path]) -> None:
     for one, other in pairwise(files):
         if _parts(one)[1] == _parts(other)[1]:
             raise InputError(f"two files for one frame: {str(one)!r} and {str(other)!r}; expected one for each")
+    # A second number may rise with the first, as a time of acquisition does.
     columns = [column for column in zip(*(_parts(path)[1] for path in files)) if len(set(column)) > 1]
     if len(columns) > 1 and any(later <= earlier for column in columns for earlier, later in pairwise(column)):
         raise InputError(

@@ -70,6 +70,7 @@ class _Cursor:
         words = self.data[self.at :].split(None, count)
         if len(words) < count:
             raise FileFormatError(f"{self.where}: {count} numbers declared, found {len(words)}")
+        # The last of the split parts is the rest of the file: its length gives the end of the numbers.
         self.at = len(self.data) - (len(words[count]) if len(words) > count else 0)
         values = floats(words[:count], self.where)
         return values.astype(dtype) if dtype.kind == "f" else whole(values, self.where)
@@ -113,6 +114,7 @@ def _cells_by_lengths(cursor: _Cursor, count: int, size: int) -> Cells:
     """Corners and lengths as files before version 5 hold them: each cell begins with its length."""
     values, lengths, at = cursor.values(size, "int").astype(np.int64), np.empty(count, dtype=np.int64), 0
     is_length = np.zeros(size, dtype=bool)
+    # Each length says where the next one stands, so no array operation finds them.
     for cell in range(count):
         if at >= size or values[at] < 0:
             raise FileFormatError(f"{cursor.where}: {count} cells declared, found {cell} in {size} numbers")
@@ -125,6 +127,7 @@ def _cells_by_lengths(cursor: _Cursor, count: int, size: int) -> Cells:
 
 def _pass_metadata(cursor: _Cursor) -> None:
     """To the blank line that ends it."""
+    # From the end of its own line: the blank line may follow at once.
     end = re.compile(rb"\n[ \t\r]*\n").search(cursor.data, cursor.at - 1)
     cursor.at = len(cursor.data) if end is None else end.end()
 

@@ -67,6 +67,7 @@ def read_slice_planes(path: PathLike) -> dict[int, SlicePlane]:
 
 def _plane(words: list[str], where: str) -> SlicePlane:
     cosines = _after(words, "ImageOrientationPatient", 6, where).reshape(2, 3)
+    # As wide as for DICOM, whose rounded headers these are copied from.
     if np.abs(cosines @ cosines.T - np.eye(2)).max() > 1e-3:
         raise FileFormatError(f"{where}: ImageOrientationPatient {cosines.ravel().tolist()} is no right angle")
     origin, spacing = _after(words, "ImagePositionPatient", 3, where), _after(words, "PixelSpacing", 2, where)

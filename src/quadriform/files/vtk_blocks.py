@@ -41,6 +41,7 @@ def unpacked(packed: bytes, header: str, compressor: str, where: str) -> bytes:
     sizes = np.frombuffer(packed[: (3 + count) * width], header).astype(object)[1:]  # Python's integers: no overflow
     if count == 0:
         return b""
+    # Unpacked sizes of a block and of the last one, 0 where that is as long, then the packed size of each.
     lengths = [sizes[0]] * (count - 1) + [sizes[1] or sizes[0]]
     check_budget(sum(lengths), where)
     at, blocks = (3 + count) * width, []

@@ -204,7 +204,8 @@ def _values(element: ElementTree.Element | None, path: str, file: _File) -> NDAr
 
 def _appended(element: ElementTree.Element, file: _File) -> bytes:
     """The bytes that belong to an element: from its offset to the next one."""
-    offsets = sorted(int(each.get("offset", "-1")) for each in file.root.iter("DataArray") if each.get("offset"))
+    # Only beginnings are stored: an array ends where the next one begins.
+    offsets = [int(each.get("offset", "-1")) for each in file.root.iter("DataArray") if each.get("offset")]
     start = int(element.get("offset", "-1"))
     if not 0 <= start < len(file.appended):
         raise ValueError(f"offset {start} in {len(file.appended)} bytes of appended data")

@@ -84,6 +84,7 @@ def _steps(group: Any, times: Array, n_points: int) -> None:
     n = len(times)
     group.attrs["NSteps"] = np.int64(n)
     group["Values"] = times
+    # One part a step. Points lie one step after the other, and all steps have the triangles and owners of the first.
     group["NumberOfParts"] = np.ones(n, dtype="<i8")
     group["PartOffsets"] = np.zeros(n, dtype="<i8")
     group["PointOffsets"] = n_points * np.arange(n, dtype="<i8")

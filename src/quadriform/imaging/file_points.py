@@ -187,11 +187,9 @@ def read_source(path: Path, options: ImageOptions) -> Source:
 def _from_mesh(path: Path) -> Source:
     mesh = read_mesh_or_points(path)
     points, note = mesh_points(mesh)
-    if note is None:
-        return Source(points, *read_space_and_unit(path))
-    # the sampled points have all digits; the vertices show the precision of the file
-    warnings = precision_loss(mesh.vertices.tolist(), mesh.vertices)
-    return Source(points, *read_space_and_unit(path), warnings, (f"{path}: {note}",))
+    # sampled points have all digits; the vertices show the precision of the file
+    warnings = precision_loss(mesh.vertices.tolist(), mesh.vertices) if note else {}
+    return Source(points, *read_space_and_unit(path), warnings, (f"{path}: {note}",) if note else ())
 
 
 def _from_table(path: Path, options: ImageOptions) -> Source:

@@ -147,6 +147,7 @@ def _read_voxels(stream: IO[bytes], frame: _Frame, at: int, path: Path) -> Volum
     shape, block = frame.shape, frame.n_bytes
     _check_promise(frame.start + block * shape[3], path)
     extensions = stream.read(min(frame.start - at, MAX_EXTENSIONS))
+    # frames before and behind the requested one are read without being kept
     _skip(stream, frame.start - at - len(extensions) + block * frame.number)
     content = stream.read(block)
     missing = block * (shape[3] - frame.number) - len(content) - _skip(stream, reading.MAX_BYTES)

@@ -120,6 +120,7 @@ def _affine(image: "Image") -> Array:
     if d == 4 and (direction[3, :3].any() or direction[:3, 3].any()):
         raise AffineError(f"the axes of space and time are mixed: {direction.tolist()}")
     affine = np.eye(4)
+    # columns of the direction are the axes of the image, each of which gets its own spacing
     affine[:3, :3] = direction[:3, :3] * spacing[:3]
     affine[:3, 3] = image.GetOrigin()[:3]
     return affine
