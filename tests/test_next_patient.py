@@ -127,6 +127,8 @@ def test_denser_contours_pass_through_the_given_points():
     more = dense.densified(loops)
     assert more.shape[1] == dense.TIMES * loops.shape[1]
     assert np.allclose(more[:, :: dense.TIMES], loops)
+    later = dense.densified(np.roll(loops, 7, axis=1))  # where a closed contour begins does not matter
+    assert np.allclose(later, np.roll(more, 7 * dense.TIMES, axis=1))
     step = np.linalg.norm(np.diff(np.concatenate([more, more[:, :1]], axis=1), axis=1), axis=2)
     assert step.max() < np.linalg.norm(np.diff(loops, axis=1), axis=2).max()
 

@@ -17,7 +17,7 @@ LADDER = tuple(10.0**exponent for exponent in range(-9, -2))
 
 @dataclass(frozen=True)
 class Measured:
-    """A row of the default with its name, time, and the best strength of the ladder, or None."""
+    """A row of the default with its name, seconds of the processor, and the best strength of the ladder, or None."""
 
     name: str
     row: Row
@@ -43,14 +43,14 @@ def best_in_hindsight(benchmark: Benchmark, case: Case) -> tuple[float, float]:
 def measured(benchmark: Benchmark, with_regret: bool) -> Iterator[Measured]:
     """The rows in the order of the cases."""
     for case in benchmark.cases:
-        begin = time.perf_counter()
+        begin = time.process_time()
         row = row_of(benchmark, case, "auto")
-        seconds, best, ratio = time.perf_counter() - begin, None, float("nan")
+        seconds, best, ratio = time.process_time() - begin, None, float("nan")
         if with_regret and benchmark.has_ladder:
             best = best_in_hindsight(benchmark, case)
             ratio = regret(row.error, best[0], benchmark.least_error)
         name = " ".join(map(str, case))
-        print(f"{benchmark.title}: {name}, {seconds:.1f} s", file=sys.stderr, flush=True)
+        print(f"{benchmark.title}: {name}, {seconds:.1f} s of the processor", file=sys.stderr, flush=True)
         yield Measured(name, row, seconds, best, ratio)
 
 
@@ -66,7 +66,7 @@ def print_table(benchmark: Benchmark, found: Sequence[Measured]) -> None:
     """A table in Markdown, the largest error first."""
     names = list(dict.fromkeys(name for each in found for name in each.row.numbers))
     with_regret = any(each.best for each in found)
-    header = ["case", benchmark.error, "correct", *names, "min det J", "s"]
+    header = ["case", benchmark.error, "correct", *names, "min det J", "CPU s"]
     header += ["best error", "its strength", "ratio"] if with_regret else []
     print(f"## {benchmark.title}\n\n| " + " | ".join([*header, "status"]) + " |\n|" + " --- |" * (len(header) + 1))
     for each in sorted(found, key=lambda each: -each.row.error):
