@@ -16,6 +16,7 @@ from generalisation.rows import (
     Strength,
     bench_module,
     column,
+    count_folds,
     errors,
     fraction_within,
     largest,
@@ -88,5 +89,6 @@ def _figure(rows: Sequence[Row]) -> str:
     found = errors(rows)
     within = mean(column(rows, "within 2 sigma %"))
     return (
-        f"{mean(found):.3f} mm, worst {largest(found):.2f}, {percent_ok(rows):.0f} % ok, {within:.0f} % within 2 sigma"
+        f"{mean(found):.3f} mm, worst {largest(found):.2f}, {percent_ok(rows):.0f} % ok, "
+        f"{within:.0f} % within 2 sigma, {count_folds(rows)}"
     )
