@@ -12,7 +12,7 @@ HALF_LENGTH = 50.0
 RESOLUTION = 48
 DENSE = 200_000
 """Points on the whole surface, from which those of a pattern are drawn."""
-SPACINGS = 3.0
+SPACINGS = 2.0
 """A surface with data has a point within so many mean spacings, or within one slice distance."""
 
 
@@ -64,7 +64,7 @@ def observed(number: int) -> Observed:
     pattern, noise = PATTERNS[number % 5], NOISES[number // 5 % 5]
     truth = body(rng)
     radius, dense = float(np.cbrt(0.75 * truth.volume() / np.pi)), sampled(truth, DENSE, rng)
-    count, sigma = int(rng.choice([500, 1000, 3000])), radius * rng.uniform(0.005, 0.02)
+    count, sigma = int(rng.choice([150, 500, 2000])), radius * rng.uniform(0.003, 0.03)
     mask, distance = seen(pattern, dense, radius, rng)
     spacing = np.sqrt(truth.area() * mask.mean() / count)
     points = dense[rng.choice(np.flatnonzero(mask), count, replace=False)]
@@ -77,14 +77,14 @@ def seen(pattern: str, points: np.ndarray, radius: float, rng: np.random.Generat
     if pattern == "whole":
         return np.ones(len(points), dtype=bool), 0.0
     if pattern == "slices":
-        return _slices(points, int(rng.integers(6, 13)))
+        return _slices(points, int(rng.integers(4, 11)))
     if pattern == "holes":
         centres = points[rng.choice(len(points), int(rng.integers(2, 6)))]
         away = np.linalg.norm(points[:, None] - centres, axis=2) > rng.uniform(0.3, 0.6, len(centres)) * radius
         return away.all(axis=1), 0.0
     direction = rng.normal(size=3)
     rank = np.argsort(np.argsort(points @ direction)) / len(points)
-    missing = rng.uniform(0.1, 0.4)
+    missing = rng.uniform(0.15, 0.6)
     if pattern == "caps":
         return rank > missing, 0.0
     first = rng.uniform(0.1, 0.9 - missing)
