@@ -6,7 +6,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from quadriform.heart.base_planes import plane_through
 
 import quadriform as qf
 from generalisation import commands
@@ -22,6 +21,7 @@ from generalisation.rows import (
     percent_ok,
     present,
 )
+from quadriform.heart.base import plane_through
 
 FIRST = {"ejection fraction": 59.7}
 SECOND = {"end-diastolic volume": 200.0, "end-systolic volume": 70.0}
