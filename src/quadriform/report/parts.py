@@ -42,13 +42,6 @@ def svg(drawing: "Figure", words: str) -> Markup:
     return Markup(text)
 
 
-def png(drawing: "Figure", words: str, dots_per_inch: int = 110) -> Markup:
-    """A drawing as pixels: for images and for many points."""
-    stream = io.BytesIO()
-    drawing.savefig(stream, format="png", dpi=dots_per_inch, bbox_inches="tight", metadata={"Software": None})
-    return image(stream.getvalue(), words)
-
-
 def image(data: bytes, words: str) -> Markup:
     """The bytes of a PNG inside the page."""
     return Markup('<img alt="{}" src="data:image/png;base64,{}">').format(words, base64.b64encode(data).decode())

@@ -95,39 +95,37 @@ def arrows(starts: Array, steps: Array) -> Artist:
 
 
 def chart(
-    draw: Callable[[Any], object],
-    words: str,
-    xlabel: str,
-    ylabel: str,
-    xscale: str = "linear",
-    yscale: str = "log",
-    size: tuple[float, float] = (3.9, 3.1),
+    draw: Callable[[Any], object], words: str, xlabel: str, ylabel: str, xscale: str = "linear", yscale: str = "log"
 ) -> Markup:
     """A diagram as vectors; `draw` puts curves into its axes."""
-    import matplotlib
-    from matplotlib.figure import Figure
 
-    with matplotlib.rc_context({"font.size": TEXT}):
-        figure = Figure(figsize=size)
-        axes = figure.subplots()
+    def whole(axes: Any) -> None:
         axes.set(xlabel=xlabel, ylabel=ylabel, xscale=xscale, yscale=yscale)
         draw(axes)
         axes.grid(alpha=0.3, which="both")
-        _plain(axes)
-        return svg(figure, words)
+        _plain(axes)  # last: the tick labels depend on the range of the curves
+
+    return _vectors(whole, words)
 
 
-def plane(draw: Callable[[Any], object], words: str, size: tuple[float, float] = (3.9, 3.1)) -> Markup:
+def plane(draw: Callable[[Any], object], words: str) -> Markup:
     """A drawing in the plane, without axes and with equal lengths along both, as vectors."""
+
+    def whole(axes: Any) -> None:
+        draw(axes)
+        axes.set_aspect("equal")
+        axes.set_axis_off()
+
+    return _vectors(whole, words)
+
+
+def _vectors(draw: Callable[[Any], object], words: str) -> Markup:
     import matplotlib
     from matplotlib.figure import Figure
 
     with matplotlib.rc_context({"font.size": TEXT}):
-        figure = Figure(figsize=size)
-        axes = figure.subplots()
-        draw(axes)
-        axes.set_aspect("equal")
-        axes.set_axis_off()
+        figure = Figure(figsize=(3.9, 3.1))
+        draw(figure.subplots())
         return svg(figure, words)
 
 

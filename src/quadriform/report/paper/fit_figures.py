@@ -27,21 +27,16 @@ def crossing_superquadrics(material: Material) -> Remake:
     for fit, name, colour in zip(subject.fits, METHODS, COLOURS):
         title, mesh = f"superellipsoid, {name}", fit.model.superquadric().mesh(drawing.RESOLUTION)
         pictures.append((title, drawing.in_space(subject.cloud, title, drawing.mesh(mesh, colour))))
-    words = f"The {subject.name}, and the superellipsoid that each method starts from."
     errors = [fit.superquadric_rms for fit in subject.fits]
     radius = np.linalg.norm(subject.cloud - subject.cloud.mean(axis=0), axis=1)
-    return Remake(
-        "Fig. 3",
-        "a superellipsoid for three crossing ones",
-        "p. 42",
-        "left synthetic data, three crossing superquadrics deformed by a global tapering; right the fit with a "
-        "superellipsoid, a rough estimate of the shape that clearly has to be refined.",
-        [shown(drawing.tiles(pictures), words, subject.source)],
-        [_row("error RMS of the superellipsoid", errors)],
-        f"the superellipsoid is rough by both methods: {mm(errors[0])} and {mm(errors[1])} RMS, "
-        f"{errors[0] / rms(radius):.1%} "
-        f"of the RMS radius by the paper's. The default's error is {beside(errors[1], errors[0])}.",
-    )
+    words: dict[str, object] = {
+        "paper": mm(errors[0]),
+        "default": mm(errors[1]),
+        "part": errors[0] / rms(radius),
+        "compared": beside(errors[1], errors[0]),
+    }
+    picture = shown("3", drawing.tiles(pictures), subject.source, subject=subject.name)
+    return Remake("3", words, [picture], [_row("error RMS of the superellipsoid", errors)])
 
 
 def _row(name: str, errors: list[float]) -> Row:
@@ -50,26 +45,21 @@ def _row(name: str, errors: list[float]) -> Row:
 
 def synthetic_example(material: Material) -> Remake:
     """Fig. 6."""
-    return _from_start_to_end(material.crossing, "Fig. 6", "synthetic example", ".")
+    return _from_start_to_end("6", material.crossing)
 
 
 def medical_example(material: Material) -> Remake:
     """Fig. 7."""
-    claim = ". In practice there are 5,000 to 20,000 points, and a compression ratio between 40 and 150."
-    return _from_start_to_end(material.first.subject, "Fig. 7", "medical example", claim)
+    return _from_start_to_end("7", material.first.subject)
 
 
-def _from_start_to_end(subject: Subject, name: str, kind: str, claim: str) -> Remake:
+def _from_start_to_end(key: str, subject: Subject) -> Remake:
     errors = [[fit.superquadric_rms for fit in subject.fits], [fit.rms for fit in subject.fits]]
     ratios = [f"{end / start:.0%}" for start, end in zip(*errors)]
-    words = f"The {subject.name}: points; superellipsoid and initial box; displacement field; final model."
     return Remake(
-        name,
-        f"from the superellipsoid to the final model, {kind}",
-        "p. 45",
-        "data; superellipsoid fit and initial box of control points; displacement field between data and "
-        f"superellipsoid; final model after minimization of the displacement field{claim}",
-        [shown(drawing.tiles(_four_steps(subject)), words, subject.source)],
+        key,
+        {"ratios": ratios, "compared": beside(errors[1][1], errors[1][0]), "note": subject.note},
+        [shown(key, drawing.tiles(_four_steps(subject)), subject.source, subject=subject.name)],
         [
             _row("error RMS of the superellipsoid", errors[0]),
             _row("error RMS of the model", errors[1]),
@@ -78,9 +68,6 @@ def _from_start_to_end(subject: Subject, name: str, kind: str, claim: str) -> Re
             ("compression ratio", "40 to 150", *(f"{fit.compression_ratio:.1f}" for fit in subject.fits)),
             ("warnings", NONE, *(_warnings(fit) for fit in subject.fits)),
         ],
-        f"the refinement leaves {ratios[0]} of the superellipsoid's error by the paper's method and {ratios[1]} by "
-        f"default. With as many parameters the default's error is {beside(errors[1][1], errors[1][0])}. "
-        + subject.note,
     )
 
 
@@ -129,44 +116,23 @@ def displacement_fields(material: Material) -> Remake:
     rows = [_row(f"displacement RMS, {when}", [rms(both[k]) for both in lengths]) for k, when in enumerate(WHEN)]
     rows += [_row(f"longest displacement, {when}", [float(b[k].max()) for b in lengths]) for k, when in enumerate(WHEN)]
     ratios = [rms(both[1]) / rms(both[0]) for both in lengths]
-    return Remake(
-        "Fig. 8",
-        "displacement field of the synthetic example",
-        "p. 45",
-        "left the displacement field between the superellipsoid and the data, right between the final model (box of "
-        "size 5 x 5 x 5) and the data.",
-        [shown(drawing.tiles(pictures), f"All displacements of the {count:,} model points.", subject.source)],
-        rows,
-        f"the field is the paper's: a displacement for each of {count:,} model points, from the data points that chose "
-        f"it or else interpolated. The final model leaves {ratios[0]:.0%} of its RMS by the paper's method after "
-        f"{subject.paper.iterations} iterations, and {ratios[1]:.0%} by default.",
-    )
+    words = {"count": count, "ratios": ratios, "iterations": subject.paper.iterations}
+    return Remake("8", words, [shown("8", drawing.tiles(pictures), subject.source, count=count)], rows)
 
 
 def sparse_data(material: Material) -> Remake:
     """Fig. 9."""
     sets = [sparse for sparse in (material.sparse, material.sparse_heart) if sparse is not None]
     pictures = [
-        shown(
-            drawing.tiles(_sparse_pictures(sparse), "thirds"),
-            f"The {sparse.whole.name}: sparse points, and the final models of them and of all points.",
-            sparse.whole.source,
-        )
-        for sparse in sets
+        shown("9", drawing.tiles(_sparse_pictures(each), "thirds"), each.whole.source, subject=each.whole.name)
+        for each in sets
     ]
-    missing = "" if material.real else " No real heart was given, so there is no medical example here."
-    return Remake(
-        "Fig. 9",
-        "reconstruction from sparse data",
-        "p. 46",
-        "top row from three orthogonal planes (600 of 6,000 points), bottom row a uniform subsampling (900 of 6,000), "
-        "such as the regular grid of tagged MRI; left data, right final model. A complete surface results that is "
-        "similar to the model of the complete data.",
-        pictures,
-        [row for sparse in sets for row in _sparse_rows(sparse)],
-        f"two surfaces are called similar here when their RMS distance is at most {SIMILAR:.0%} of the length of the "
-        f"body. {' '.join(_sparse_verdict(sparse) for sparse in sets)}{missing}",
-    )
+    words: dict[str, object] = {
+        "similar": SIMILAR,
+        "compared": " ".join(_sparse_verdict(sparse) for sparse in sets),
+        "missing": "" if material.real else " No real heart was given, so there is no medical example here.",
+    }
+    return Remake("9", words, pictures, [row for sparse in sets for row in _sparse_rows(sparse)])
 
 
 def _sparse_rows(sparse: Sparse) -> list[Row]:

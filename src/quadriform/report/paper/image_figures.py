@@ -1,6 +1,6 @@
 """Figs. 13 to 18: slices of images, with the segmentation and the models over them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from markupsafe import Markup
@@ -9,7 +9,7 @@ from quadriform.fitting.result import flat, rms
 from quadriform.imaging.volume import Volume
 from quadriform.report.paper import drawing
 from quadriform.report.paper.material import Material
-from quadriform.report.paper.remake import NONE, Remake, Row, beside, listed, mm, shown
+from quadriform.report.paper.remake import NONE, Remake, Row, beside, listed, mm, shown, text
 from quadriform.report.paper.scans import Scan
 from quadriform.report.parts import image
 from quadriform.report.slices import slice_pictures
@@ -22,42 +22,25 @@ SLICES = 12
 
 def first_images(material: Material) -> Remake:
     """Fig. 13."""
-    scans = (material.first, material.second)
-    return Remake(
-        "Fig. 13",
-        "3D images of the left ventricle, SPECT",
-        "p. 48",
-        "cross sections of two SPECT images in order; volumes of 64 x 64 x 64 and of 64 x 64 x 21 voxels (p. 47).",
-        [_slices(scan) for scan in scans],
-        [_size(scan, stated) for scan, stated in zip(scans, ("64 x 64 x 64", "64 x 64 x 21"))],
-        _which(scans, "the brain, fine and coarse"),
-    )
+    return _images("13", {"64 x 64 x 64": material.first, "64 x 64 x 21": material.second})
 
 
 def third_image(material: Material) -> Remake:
     """Fig. 14."""
-    scan = material.third
-    return Remake(
-        "Fig. 14",
-        "3D image of the left ventricle, in the paper by X-rays",
-        "p. 48",
-        "cross sections of an image by the Dynamic Spatial Reconstructor, a fast CT scanner: 98 x 100 x 110 voxels of "
-        "0.926 mm (p. 47).",
-        [_slices(scan)],
-        [_size(scan, "98 x 100 x 110")],
-        _which([scan], "a synthetic ventricle in an image of the paper's size, with blur and noise"),
-    )
+    return _images("14", {"98 x 100 x 110": material.third})
+
+
+def _images(key: str, scans: Mapping[str, Scan]) -> Remake:
+    """Scans by the voxels that the paper states; the paper's own images were never published."""
+    sizes = listed([f"{_voxels(scan)} voxels of {_spacing(scan)} mm" for scan in scans.values()])
+    real = all(scan.real for scan in scans.values())
+    instead = "of other hearts" if real else f"of {text(key, 'stand_in')}, for no real data was given"
+    rows = [_size(scan, stated) for stated, scan in scans.items()]
+    return Remake(key, {"instead": instead, "sizes": sizes}, [_slices(key, scan) for scan in scans.values()], rows)
 
 
 def _size(scan: Scan, stated: str) -> Row:
     return f"voxels, {scan.subject.name}", stated, *[_voxels(scan)] * 2
-
-
-def _which(scans: Sequence[Scan], other: str) -> str:
-    """The paper's own images were never published."""
-    sizes = listed([f"{_voxels(scan)} voxels of {_spacing(scan)} mm" for scan in scans])
-    instead = "of other hearts" if scans[0].real else f"of {other}, for no real data was given"
-    return f"the paper's images are not public. These are {instead}: {sizes}."
 
 
 def _voxels(scan: Scan) -> str:
@@ -68,59 +51,37 @@ def _spacing(scan: Scan) -> str:
     return " x ".join(f"{step:.3g}" for step in scan.volume.spacing)
 
 
-def _slices(scan: Scan) -> Markup:
-    tiles = _tiles(scan.volume, {})
-    words = f"The {scan.subject.name}: {_voxels(scan)} voxels of {_spacing(scan)} mm; {len(tiles)} even cross sections "
-    words += "of those that are not of one value."
-    return shown(drawing.tiles(tiles, "small"), words, scan.subject.source)
+def _slices(key: str, scan: Scan) -> Markup:
+    tiles, subject = _tiles(scan.volume, {}), scan.subject
+    size = {"voxels": _voxels(scan), "spacing": _spacing(scan), "count": len(tiles)}
+    return shown(key, drawing.tiles(tiles, "small"), subject.source, subject=subject.name, **size)
 
 
 def first_overlay(material: Material) -> Remake:
     """Fig. 15."""
-    what = (
-        "segmentation and representation of the epicardium for the SPECT MIBI image: top the isosurface superimposed "
-    )
-    what += "on the image, bottom the reconstruction by the model"
-    return _overlaid("Fig. 15", "first image", "p. 49", what, material.first)
+    return _overlaid("15", material.first)
 
 
 def second_overlay(material: Material) -> Remake:
     """Fig. 16."""
-    what = "the same for the second SPECT image"
-    return _overlaid("Fig. 16", "second image", "p. 49", what, material.second)
-
-
-def segmentation(material: Material) -> Remake:
-    """Fig. 17."""
-    scan = material.third
-    points = f"{len(scan.subject.cloud):,}"
-    rows: list[Row] = [("points of the isosurface", "10,000", points, points)]
-    verdict = f"the chain gives {points} points: {scan.steps}."
-    if scan.overlap is not None:
-        rows.append(
-            (
-                "Dice overlap in the region with the authors' labels, which the chain does not use",
-                NONE,
-                *[f"{scan.overlap:.2f}"] * 2,
-            )
-        )
-        verdict += f" In the region the segmented cavity overlaps the labels by {scan.overlap:.2f} (Dice)."
-    return Remake(
-        "Fig. 17",
-        "segmentation of the endocardium",
-        "p. 49",
-        "segmentation of the endocardium, the inner wall of the ventricle, in the scanner's image: threshold, largest "
-        "connected component, an equal number of erosions and dilations, isosurface (p. 48).",
-        [_overlay(scan, {"isosurface": (scan.outline, drawing.ORANGE)})],
-        rows,
-        verdict,
-    )
+    return _overlaid("16", material.second)
 
 
 def third_overlay(material: Material) -> Remake:
     """Fig. 18."""
-    what = "reconstruction of the endocardium by the model, on the scanner's image"
-    return _overlaid("Fig. 18", "third image", "p. 50", what, material.third)
+    return _overlaid("18", material.third)
+
+
+def segmentation(material: Material) -> Remake:
+    """Fig. 17."""
+    scan, label = material.third, "Dice overlap in the region with the authors' labels, which the chain does not use"
+    points, overlap = f"{len(scan.subject.cloud):,}", ""
+    rows: list[Row] = [("points of the isosurface", "10,000", points, points)]
+    if scan.overlap is not None:
+        rows.append((label, NONE, *[f"{scan.overlap:.2f}"] * 2))
+        overlap = f" In the region the segmented cavity overlaps the labels by {scan.overlap:.2f} (Dice)."
+    words: dict[str, object] = {"points": points, "steps": scan.steps, "overlap": overlap}
+    return Remake("17", words, [_overlay(scan, {"isosurface": (scan.outline, drawing.ORANGE)})], rows)
 
 
 def _overlay(scan: Scan, outlines: Mapping[str, tuple[Mesh, str]]) -> Markup:
@@ -128,8 +89,8 @@ def _overlay(scan: Scan, outlines: Mapping[str, tuple[Mesh, str]]) -> Markup:
     key = drawing.legend([(name, colour) for name, (_, colour) in outlines.items()])
     near = _around(scan.volume, [*meshes.values(), scan.outline])
     colours = [colour for _, colour in outlines.values()]
-    words = f"The {scan.subject.name}, cross sections: {' and '.join(meshes)}."
-    return shown(drawing.tiles(_tiles(near, meshes, colours), "small") + key, words, scan.subject.source)
+    words = {"subject": scan.subject.name, "outlines": " and ".join(meshes)}
+    return shown("overlay", drawing.tiles(_tiles(near, meshes, colours), "small") + key, scan.subject.source, **words)
 
 
 def _tiles(volume: Volume, meshes: Mapping[str, Mesh], colours: list[str] | None = None) -> list[tuple[str, Markup]]:
@@ -146,22 +107,21 @@ def _around(volume: Volume, meshes: list[Mesh]) -> Volume:
     return volume.crop(((i0, i1), (j0, j1), (0, size[2])))
 
 
-def _overlaid(name: str, which: str, page: str, what: str, scan: Scan) -> Remake:
-    paper, default = (fit.rms for fit in scan.subject.fits)
+def _overlaid(key: str, scan: Scan) -> Remake:
+    paper, default = scan.subject.fits
     models = {
-        'model, method="paper"': (scan.subject.paper.model.mesh(resolution=40), drawing.BY_PAPER),
-        "model, default": (scan.subject.default.model.mesh(resolution=40), drawing.BY_DEFAULT),
+        'model, method="paper"': (paper.model.mesh(resolution=40), drawing.BY_PAPER),
+        "model, default": (default.model.mesh(resolution=40), drawing.BY_DEFAULT),
     }
-    return Remake(
-        name,
-        f"segmentation and model, {which}",
-        page,
-        f"{what}; 5 x 5 x 5 control points, 11 parameters, 30 iterations (p. 48). Agreement is shown, not measured.",
-        [_overlay(scan, {"isosurface": (scan.outline, drawing.ORANGE)}), _overlay(scan, models)],
-        _rows(scan),
-        f"the points are {mm(paper)} RMS from the paper's model and {mm(default)} from the default's; the error of the "
-        f"latter is {beside(default, paper)}. The points: {scan.steps}. {scan.subject.note}",
-    )
+    pictures = [_overlay(scan, {"isosurface": (scan.outline, drawing.ORANGE)}), _overlay(scan, models)]
+    words: dict[str, object] = {
+        "paper": mm(paper.rms),
+        "default": mm(default.rms),
+        "compared": beside(default.rms, paper.rms),
+        "steps": scan.steps,
+        "note": scan.subject.note,
+    }
+    return Remake(key, words, pictures, _rows(scan))
 
 
 def _rows(scan: Scan) -> list[Row]:

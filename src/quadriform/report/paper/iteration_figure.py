@@ -30,15 +30,10 @@ def iterations(material: Material) -> Remake:
     key = drawing.legend([(each.subject.name, colour) for each, colour in zip(found, COLOURS)])
     sources = "; ".join(dict.fromkeys(each.subject.source for each in found))
     return Remake(
-        "Fig. 22",
-        "error and deformation of the box against the iterations",
-        "p. 51",
-        "left the least-squares approximation error ||BP - X|| between data and models, right the deformation of the "
-        "box ||P(n+1) - P(n)||, against the number of iterations, a curve for each of four sets of data; 30 iterations "
-        "(p. 48). The stop test is ||X(n+1) - X(n)|| (p. 44).",
-        [shown(drawing.tiles(pictures, "charts") + key, "The paper's method, iterated until its stop test.", sources)],
+        "22",
+        _words(found),
+        [shown("22", drawing.tiles(pictures, "charts") + key, sources)],
         [row for each in found for row in _rows(each)],
-        _verdict(found),
     )
 
 
@@ -86,19 +81,19 @@ def _rows(each: Convergence) -> list[Row]:
     ]
 
 
-def _verdict(found: list[Convergence]) -> str:
+def _words(found: list[Convergence]) -> dict[str, object]:
     """Which sets need more than 30 iterations, and how errors in the same measure compare at the end."""
-    late = [each for each in found if each.converged is None or each.converged > each.subject.paper.iterations]
-    converged = [f"{each.subject.name}: {each.converged or f'not by {LONGEST}'}" for each in found]
+    enough = [each.converged is not None and each.converged <= each.subject.paper.iterations for each in found]
     compared = [
         f"{each.subject.name} {beside(each.subject.default.rms, each.long.rms)} ({mm(each.subject.default.rms)} "
         f"and {mm(each.long.rms)})"
         for each in found
     ]
-    enough = f"30 iterations are enough for {len(found) - len(late)} of {len(found)} sets of data"
-    return (
-        f"each set was iterated until the surface moved less than {STOP:g} of the RMS radius, at most {LONGEST} times. "
-        f"{enough}; the error has converged after these numbers of iterations: {listed(converged)}. The distance of "
-        f"the points to the model compares both methods in the same measure, at the last of these iterations. By "
-        f"default it is, on the {listed(compared)}."
-    )
+    return {
+        "stop": STOP,
+        "longest": LONGEST,
+        "enough": sum(enough),
+        "sets": len(found),
+        "converged": listed([f"{each.subject.name}: {each.converged or f'not by {LONGEST}'}" for each in found]),
+        "compared": listed(compared),
+    }

@@ -51,22 +51,12 @@ def distances(material: Material) -> Remake:
         ("distances of M", drawing.plane(lambda axes: _draw_distances(axes, radial[0], nearest[0]), "distances of M")),
         ("two closest points of M", drawing.plane(_draw_matching, "two closest points of M")),
     ]
-    words = (
-        "Left: the points M and N, where the ray of M meets the superellipsoid (M0), and its closest point (P). Right: "
-        "M on the model S, the point of the data D nearest to it (P'), and the one whose nearest model point it is (P)."
-    )
     found = material.matchings
     return Remake(
-        "Fig. 4",
-        "distances, and two closest points",
-        "p. 42",
-        "left: the approximation |M0 M| of the distance, always greater than the exact one. The first-order "
-        "approximation (P4) holds near the surface; a more precise one that is bounded exists (Taubin) and costs more "
-        "(2.4). Right: two ways to compute the closest data point to M; to get the best approximation it is better to "
-        "match each data point to its closest model point (P) than the other way round (P'). No numbers are given.",
-        [shown(drawing.tiles(pictures, "charts"), words, SYNTHETIC)],
+        "4",
+        _words(of_two, of_data) | {"subject": subject.name} | _judged(found),
+        [shown("4", drawing.tiles(pictures, "charts"), SYNTHETIC)],
         [],
-        _measured(of_two, of_data, subject.name) + _judged(found),
         [
             table(MEASURED, _distance_rows(of_two, of_data)),
             table(MATCHED, [_row(name, each) for name, each in found.items()]),
@@ -108,22 +98,20 @@ def _above(values: Array, exact: Array) -> float:
     return float((values > (1 + ROUNDING) * exact).mean())
 
 
-def _measured(of_two: Lengths, of_data: Lengths, name: str) -> str:
+def _words(of_two: Lengths, of_data: Lengths) -> dict[str, object]:
     """How near each approximation is, and on which side, for M, for N and for the data."""
+    approximations = (RADIAL, FIRST, TAUBIN)
     exact = of_data[EXACT]
-    m, n = ([float(of_two[each][k] / of_two[EXACT][k]) for each in (RADIAL, FIRST, TAUBIN)] for k in (0, 1))
-    wrong = {each: _wrong(values, exact) for each, values in of_data.items()}
-    above = {each: _above(values, exact) for each, values in of_data.items()}
-    return (
-        f"of M the radial distance is {m[0]:.2f} times the exact one, that of first order {m[1]:.2f} times and "
-        f"Taubin's {m[2]:.2f} times; of N, {n[0]:.2f}, {n[1]:.2f} and {n[2]:.2f} times. Of the {len(exact):,} points "
-        f"of the {name}, to the superellipsoid of the paper's method, the radial distance is above the exact one for "
-        f"{above[RADIAL]:.0%}, that of first order for {above[FIRST]:.0%} and Taubin's for {above[TAUBIN]:.0%}; they "
-        f"differ from it by {wrong[RADIAL]:.3f}, {wrong[FIRST]:.3f} and {wrong[TAUBIN]:.3f} mm RMS, so that Taubin's "
-        f"is {'more' if wrong[TAUBIN] < wrong[FIRST] else 'not more'} precise than that of first order on these "
-        f"points. Taubin's is the root of a bound of |F^2 - 1| by its first and second derivatives at the point; where "
-        f"both exponents are 1 it is never above the exact distance. "
-    )
+    m, n = ([float(of_two[each][k] / of_two[EXACT][k]) for each in approximations] for k in (0, 1))
+    wrong = [_wrong(of_data[each], exact) for each in approximations]
+    return {
+        "m": m,
+        "n": n,
+        "count": len(exact),
+        "above": [_above(of_data[each], exact) for each in approximations],
+        "wrong": wrong,
+        "precise": "more" if wrong[2] < wrong[1] else "not more",
+    }
 
 
 def _wrong(values: Array, exact: Array) -> float:
@@ -134,7 +122,7 @@ def _row(name: str, each: Matching) -> tuple[str, ...]:
     return name, f"{each.count:,}", *(f"{each.directions[d]:.3f}" for d in DIRECTIONS), f"{each.default:.3f}"
 
 
-def _judged(found: dict[str, Matching]) -> str:
+def _judged(found: dict[str, Matching]) -> dict[str, object]:
     """One sentence for dense data and one for sparse, from the errors of both directions."""
     sentences = []
     for kind in ("dense", "sparse"):
@@ -145,10 +133,8 @@ def _judged(found: dict[str, Matching]) -> str:
         )
     pairs = [[m.directions[name] for name in DIRECTIONS] for m in found.values()]
     nearer, farther = (sum(pair[k] < (1 - SAME) * pair[1 - k] for pair in pairs) for k in (0, 1))
-    return (
-        f"{' '.join(sentences)} The paper's direction is nearer by more than {SAME:.0%} in {nearer} of {len(pairs)} "
-        f"cases, the other one in {farther}."
-    )
+    words = {"matchings": " ".join(sentences), "same": SAME, "nearer": nearer, "cases": len(pairs)}
+    return words | {"farther": farther}
 
 
 def _both(each: Matching) -> str:

@@ -1,11 +1,13 @@
 """One figure of the paper made again: what it shows, ours by both methods, and how they compare in numbers."""
 
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 from markupsafe import Markup
 
-from quadriform.report.page import Section, rendered
+from quadriform.report.page import Section, rendered, source
 from quadriform.report.parts import figure, table
 
 HEADER = ("quantity", "the paper", 'method="paper"', "default")
@@ -27,42 +29,53 @@ class Remake:
     """A figure of the paper made again.
 
     Attributes:
-        name: "Fig. 1".
-        title: what it is about.
-        page: of the paper, "p. 40".
-        claim: what its caption and the text about it say.
+        key: of its texts.
+        words: for the gaps in its texts; each sentence follows from numbers among them or in `rows`.
         pictures: ours, each with its source.
         rows: quantities under `HEADER`.
-        verdict: how the two methods and the paper compare; each sentence follows from numbers in it or in `rows`.
         more: further tables.
     """
 
-    name: str
-    title: str
-    page: str
-    claim: str
+    key: str
+    words: dict[str, object]
     pictures: Sequence[Markup]
     rows: Sequence[Row]
-    verdict: str
     more: Sequence[Markup] = ()
+
+    @property
+    def name(self) -> str:
+        """As "Fig. 1"."""
+        return text(self.key, "name")
 
     def section(self) -> Section:
         """The part of the page."""
         numbers = table(HEADER, self.rows) if self.rows else ""
         body = rendered(
-            "paper_figure.html.j2",
-            page=self.page,
-            claim=self.claim,
+            "paper/figure.html.j2",
+            page=text(self.key, "page"),
+            claim=text(self.key, "claim"),
             pictures=self.pictures,
             numbers=[numbers, *self.more],
-            verdict=self.verdict,
+            verdict=text(self.key, "verdict", **self.words),
         )
-        return Section(f"{self.name}: {self.title}", body)
+        return Section(f"{self.name}: {text(self.key, 'title', **self.words)}", body)
 
 
-def shown(picture: Markup, what: str, source: str) -> Markup:
-    """A picture, or several, with what it is and whose data it shows."""
-    return figure(picture, f"{what} Source: {source}.")
+@cache
+def _texts() -> dict[str, dict[str, str]]:
+    return tomllib.loads(source("paper/figures.toml"))
+
+
+def text(key: str, part: str, /, **words: object) -> str:
+    """One of the texts of a figure, with words in its gaps."""
+    own = _texts()[key]
+    found = own if part in own else _texts()[own["like"]]
+    return found[part].format(**words)
+
+
+def shown(key: str, picture: Markup, source: str, /, **words: object) -> Markup:
+    """A picture, or several, with the caption of a figure and whose data it shows."""
+    return figure(picture, f"{text(key, 'caption', **words)} Source: {source}.")
 
 
 def beside(one: float, other: float) -> str:

@@ -34,26 +34,21 @@ def gallery(_: Material) -> Remake:
             filled[e1] = body.volume() / 8
         name, surface = f"{e1:g}, {e2:g}", drawing.mesh(body.mesh(2 * drawing.RESOLUTION), drawing.ORANGE)
         pictures.append((name, drawing.in_space(window, f"superellipsoid, exponents {name}", surface, inches=2.0)))
-    words = f"{len(pictures)} superellipsoids with semi-axes 1; above each its exponents of latitude and longitude."
-    return Remake(
-        "Fig. 1",
-        "superellipsoids",
-        "p. 40",
-        "examples of superellipsoids, a wide variety of shapes. Small exponents are square, 1 is round, 2 has flat "
-        "bevels, larger ones are pinched (p. 51).",
-        [shown(drawing.tiles(pictures, "fives"), words, SYNTHETIC)],
-        [
-            *(
-                (f"part of its cube that both exponents of {e:g} fill", NONE, NOT, f"{f:.1%}")
-                for e, f in filled.items()
-            ),
-            ("volume of a mesh of 48 cells against the closed form, largest difference", NONE, NOT, f"{worst:.2%}"),
-        ],
-        f"the same family, {len(pictures)} shapes, from square to pinched: of their cube both exponents of "
-        f"{GALLERY[0]:g} fill {filled[GALLERY[0]]:.1%} and of {GALLERY[-1]:g} fill {filled[GALLERY[-1]]:.1%}; a sphere "
-        f"fills {np.pi / 6:.1%}, and an octahedron, which has flat sides, {1 / 6:.1%}. The volumes of their meshes are "
-        f"those of the closed form to {worst:.2%}.",
-    )
+    rows: list[Row] = [
+        (f"part of its cube that both exponents of {e:g} fill", NONE, NOT, f"{part:.1%}") for e, part in filled.items()
+    ]
+    rows.append(("volume of a mesh of 48 cells against the closed form, largest difference", NONE, NOT, f"{worst:.2%}"))
+    words: dict[str, object] = {
+        "count": len(pictures),
+        "least": GALLERY[0],
+        "of_least": filled[GALLERY[0]],
+        "most": GALLERY[-1],
+        "of_most": filled[GALLERY[-1]],
+        "sphere": np.pi / 6,
+        "octahedron": 1 / 6,
+        "worst": worst,
+    }
+    return Remake("1", words, [shown("1", drawing.tiles(pictures, "fives"), SYNTHETIC, count=len(pictures))], rows)
 
 
 def parametrisations(_: Material) -> Remake:
@@ -70,35 +65,24 @@ def parametrisations(_: Material) -> Remake:
     }
     far, curved = ([of(points) for points in samples.values()] for of in (_largest_distance, _curved))
     area = _curved_area()
-    words = "A rounded box, 100 mm long, on the closed grid of latitude and longitude, and on our grid."
-    return Remake(
-        "Fig. 2",
-        "two parametrisations",
-        "p. 41",
-        "left the natural parametrisation, whose points depend on the curvature: more where it is large. Right the "
-        "regular one, called uniform: rays through a closed grid of latitude and longitude with constant steps.",
-        [shown(drawing.tiles(pictures.items()), words, SYNTHETIC)],
-        [
-            (f"{quantity}, {name}", NONE, *((NOT, value) if name == "projected cube" else (value, NOT)))
-            for quantity, values in (
-                ("largest distance from the surface to a sample", map(mm, far)),
-                (f"samples on the curved {area:.0%} of the area", (f"{fraction:.0%}" for fraction in curved)),
-            )
-            for name, value in zip(("natural", "regular", "projected cube"), values)
-        ],
-        _spread(far, curved, area),
-    )
-
-
-def _spread(far: list[float], curved: list[float], area: float) -> str:
+    rows: list[Row] = [
+        (f"{quantity}, {name}", NONE, *((NOT, value) if name == "projected cube" else (value, NOT)))
+        for quantity, values in (
+            ("largest distance from the surface to a sample", map(mm, far)),
+            (f"samples on the curved {area:.0%} of the area", (f"{fraction:.0%}" for fraction in curved)),
+        )
+        for name, value in zip(("natural", "regular", "projected cube"), values)
+    ]
     evener = abs(curved[1] - area) < abs(curved[0] - area) and far[1] < far[0]
-    return (
-        f"the regular parametrisation is {'more' if evener else 'not more'} even than the natural one: no point of the "
-        f"surface is farther than {mm(far[1])} from a sample, against {mm(far[0])}, and {curved[1]:.0%} of its "
-        f"samples are on the curved {area:.0%} of the area, of the natural one's {curved[0]:.0%}. It is not uniform: a "
-        f"grid of latitude and longitude is dense at its poles, each of which it holds {2 * 20 + 1} times. Fits sample "
-        f"by a cube projected onto the surface, which has no poles: {mm(far[2])} and {curved[2]:.0%}."
-    )
+    words: dict[str, object] = {
+        "evener": "more" if evener else "not more",
+        "far": [mm(distance) for distance in far],
+        "curved": curved,
+        "area": area,
+        # a pole ends each of the meridians, of which the closed grid has the first twice
+        "pole": 2 * 20 + 1,
+    }
+    return Remake("2", words, [shown("2", drawing.tiles(pictures.items()), SYNTHETIC)], rows)
 
 
 def _largest_distance(points: Array) -> float:
@@ -129,21 +113,12 @@ def free_form(_: Material) -> Remake:
     undeformed = ControlBox.around(body, (4, 4, 4))
     model = DeformableModel({"surface": body}, undeformed.with_control_points(_bent(undeformed.control_points)))
     volumes, bound = [body.volume() / 1000, model.volume() / 1000], model.min_jacobian()
-    words = "A superellipsoid and its box of 4 x 4 x 4 control points, both bent and scaled."
-    return Remake(
-        "Fig. 5",
-        "free-form deformation",
-        "p. 43",
-        "an object in its initial box, the box, the deformed box, and the deformed object in it: the object follows.",
-        [shown(drawing.tiles(_object_and_box(body, undeformed, model)), words, SYNTHETIC)],
-        [
-            ("volume of the object before and after", NONE, *[f"{volumes[0]:.0f} and {volumes[1]:.0f} ml"] * 2),
-            ("proven lower bound of det J inside", NONE, NOT, f"{bound:.2f}"),
-        ],
-        f"the same deformation; it changes the volume from {volumes[0]:.0f} to {volumes[1]:.0f} ml. Beyond the paper, "
-        f"the determinant of the map is proven to be at least {bound:.2f} inside the object, so it "
-        f"{'does not fold' if bound > 0 else 'may fold'} there.",
-    )
+    words = {"volumes": volumes, "bound": bound, "folds": "does not fold" if bound > 0 else "may fold"}
+    rows: list[Row] = [
+        ("volume of the object before and after", NONE, *[f"{volumes[0]:.0f} and {volumes[1]:.0f} ml"] * 2),
+        ("proven lower bound of det J inside", NONE, NOT, f"{bound:.2f}"),
+    ]
+    return Remake("5", words, [shown("5", drawing.tiles(_object_and_box(body, undeformed, model)), SYNTHETIC)], rows)
 
 
 def _object_and_box(body: Superquadric, undeformed: ControlBox, model: DeformableModel) -> list[tuple[str, Markup]]:
@@ -176,20 +151,12 @@ def other_kinds(material: Material) -> Remake:
         rows.append((f"error RMS of the superquadric, {name}", NONE, mm(bent.error), NOT))
         rows.append((f"after a bend: the superquadric alone, {name}", NONE, *_each(bent, "superquadric_rms")))
         rows.append((f"after a bend: the model, {name}", NONE, *_each(bent, "rms")))
-    errors = [f"{bent.error:.2f}" for bent in material.kinds]
-    return Remake(
-        "Section 2",
-        "the other kinds of superquadric",
-        "p. 40",
-        "there are four kinds; the technique is easily adapted to the supertorus and the superhyperboloids of one and "
-        "of two sheets. No figure shows them.",
-        [shown(drawing.tiles(pictures), "Points with noise of 0.5 mm, superquadric, bent points, model.", SYNTHETIC)],
-        rows,
-        f"the same algorithm finds all three: the true surfaces are {', '.join(errors)} mm from the superquadrics "
-        f"fitted to points with noise of 0.5 mm. After a bend the refinement is nearer than the superquadric by more "
-        f"than {SAME:.0%} in {_nearer(material, 0)} cases by the paper's method and in {_nearer(material, 1)} by "
-        f"default. The box around a hyperboloid is that of the part that is cut out of it.",
-    )
+    words: dict[str, object] = {
+        "errors": ", ".join(f"{bent.error:.2f}" for bent in material.kinds),
+        "same": SAME,
+        "nearer": [_nearer(material, method) for method in (0, 1)],
+    }
+    return Remake("kinds", words, [shown("kinds", drawing.tiles(pictures), SYNTHETIC)], rows)
 
 
 def _nearer(material: Material, method: int) -> str:

@@ -58,7 +58,7 @@ def _residuals(fit: Fit, name: str) -> Array:
     return fit.residuals[name] if isinstance(fit.residuals, dict) else fit.residuals
 
 
-def wall_verdict(walls: Walls) -> str:
+def wall_words(walls: Walls) -> dict[str, object]:
     """Whether two boxes approximate better, by each method, from the errors of both walls."""
     sentences = []
     for k, method in enumerate(("the paper's method", "the default")):
@@ -69,16 +69,14 @@ def wall_verdict(walls: Walls) -> str:
             parts.append(f"{name} {mm(two)} against {mm(one)}")
         word = "on both walls" if all(better) else "on one wall only" if any(better) else "on neither wall"
         sentences.append(f"With {method} a box each is nearer by more than {SAME:.0%} {word}: {listed(parts)}.")
-    counts = walls.together.paper.model.n_parameters, sum(s.paper.model.n_parameters for s in walls.alone.values())
-    strengths = [f"{name} {subject.default.strength:.1e}" for name, subject in walls.alone.items()]
-    why = (
-        f"The default estimates the strength of its regularisation anew in each fit, "
-        f"{walls.together.default.strength:.1e} in one box and in a box each {listed(strengths)}: its two boxes need "
-        f"not be nearer."
-    )
-    return (
-        f"One box has {counts[0]} parameters, two have {counts[1]}. {' '.join(sentences)} {why} {walls.together.note}"
-    )
+    return {
+        "one": walls.together.paper.model.n_parameters,
+        "two": sum(subject.paper.model.n_parameters for subject in walls.alone.values()),
+        "compared": " ".join(sentences),
+        "strength": walls.together.default.strength,
+        "strengths": listed([f"{name} {subject.default.strength:.1e}" for name, subject in walls.alone.items()]),
+        "note": walls.together.note,
+    }
 
 
 def whole_space(material: Material) -> Remake:
@@ -95,23 +93,13 @@ def whole_space(material: Material) -> Remake:
     ]
     key = drawing.legend(list(zip(subject.points, WALL_COLOURS)))
     folded = [f"{_folded(model.box):.1%}" for model in models.values()]
-    lines = f"{LINES} x {LINES} lines in a middle plane of the box"
-    words = f"The {subject.name}: {lines}, and both walls in it; lines end with the picture."
     kept = round(TRUNCATED * int(np.prod(material.box)))
-    return Remake(
-        "Section 3.4.2",
-        "deformation of the whole space",
-        "p. 46",
-        "a single free-form deformation of two surfaces gives a deformation field over the entire space, because it is "
-        "volumetric. No figure shows it; an irregular box does not allow quantitative conclusions from it (section 4).",
-        [shown(drawing.tiles(pictures) + key, words, subject.source)],
-        [
-            (f"volume of the box where det J <= 0, {which} singular values", NONE, by_paper, folded[2])
-            for which, by_paper in (("all", folded[0]), (kept, folded[1]))
-        ],
-        f"the map folds (det J <= 0) in {folded[0]} of the box with all singular values, in {folded[1]} with {kept} of "
-        f"them, and in {folded[2]} by default, at {SAMPLES}^3 points; where it folds it is no deformation of tissue.",
-    )
+    rows: list[Row] = [
+        (f"volume of the box where det J <= 0, {which} singular values", NONE, by_paper, folded[2])
+        for which, by_paper in (("all", folded[0]), (kept, folded[1]))
+    ]
+    picture = shown("space", drawing.tiles(pictures) + key, subject.source, subject=subject.name, lines=LINES)
+    return Remake("space", {"folded": folded, "kept": kept, "samples": SAMPLES}, [picture], rows)
 
 
 def _truncated(subject: Subject, box: tuple[int, int, int]) -> Fit:

@@ -18,7 +18,7 @@ from quadriform.report.paper import (
     surface_figures,
 )
 from quadriform.report.paper.material import Material
-from quadriform.report.paper.remake import HEADER, NONE, Remake
+from quadriform.report.paper.remake import HEADER, NONE, Remake, text
 from quadriform.report.paper.scans import check_hearts
 from quadriform.report.parts import table
 
@@ -50,19 +50,6 @@ FIGURES: dict[str, Callable[[Material], Remake]] = {
     "outliers": regularity_figures.outliers,
 }
 """The figures of the paper by number, and three things that it says without a figure."""
-TITLE = "A Parametric Deformable Model to Fit Unstructured 3D Data, made again"
-LEAD = (
-    "E. Bardinet, L. D. Cohen, N. Ayache, Computer Vision and Image Understanding 71(1):39-54, 1998: each "
-    "figure by the "
-    'algorithm of the paper (method="paper": P7 by SVD with all singular values above rounding, 30 iterations) and by '
-    "the default of quadriform, with {} control points. Pages are those of the paper; blue is the paper's "
-    "method, green "
-    "the default. {}"
-)
-HEARTS = "Hearts are real, but not the paper's, whose images are not public."
-NO_HEARTS = (
-    "No folder of real hearts was given: this page has synthetic data and a brain in their place, as each picture says."
-)
 
 
 def paper_page(
@@ -101,9 +88,10 @@ def drawn(material: Material, figures: Sequence[str], progress: Progress | None 
         remakes.append(FIGURES[name](material))
         if progress is not None:
             progress(done, len(figures))
-    lead = LEAD.format(" x ".join(map(str, material.box)), HEARTS if material.real else NO_HEARTS)
+    hearts = text("page", "hearts" if material.real else "no_hearts")
+    lead = text("page", "lead", box=" x ".join(map(str, material.box)), hearts=hearts)
     sections = [*_summary(remakes), *(remake.section() for remake in remakes)]
-    return page(TITLE, lead, sections, source("paper.css"))
+    return page(text("page", "title"), lead, sections, source("paper/paper.css"))
 
 
 def _summary(remakes: list[Remake]) -> list[Section]:
