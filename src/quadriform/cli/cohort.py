@@ -8,6 +8,7 @@ import typer
 
 from quadriform.cli.exit_codes import SOME_FAILED
 from quadriform.cli.options import Common, check_space, subcommand
+from quadriform.errors import OptionError
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,6 @@ def cohort(
 
 def _options(texts: list[str]) -> dict[str, Any]:
     from quadriform.cohort.manifest import option
-    from quadriform.errors import OptionError
 
     found: dict[str, Any] = {}
     for text in texts:
@@ -73,8 +73,6 @@ def _options(texts: list[str]) -> dict[str, Any]:
 
 
 def _shard(text: str) -> tuple[int, int]:
-    from quadriform.errors import OptionError
-
     part, _, parts = text.partition("/")
     if not (part.isdecimal() and parts.isdecimal()):
         raise OptionError(f"option --shard={text!r}: expected i/n, such as 1/100")

@@ -1,14 +1,16 @@
 """`quadriform compare`: how two models or meshes differ."""
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from quadriform.cli.options import subcommand
+from quadriform.cli.screen import note, show
+from quadriform.errors import InputError, OptionError
+from quadriform.shapes.record import ModelRecord, together
 
 if TYPE_CHECKING:
     from quadriform.shapes.comparison import ParameterDifference, Surface
-    from quadriform.shapes.record import ModelRecord
 
 
 @dataclass(frozen=True)
@@ -19,7 +21,7 @@ class _Body:
     shape: "Surface"
     space: str
     unit: str
-    record: "ModelRecord | None" = None
+    record: ModelRecord | None = None
 
 
 @subcommand
@@ -31,11 +33,8 @@ def compare(a: Path, b: Path, *, surface: str | None = None, strict: bool = Fals
         b: Another, in the same unit; it is brought to the frame of A, LPS or RAS.
         surface: Which surface, where a model has several.
     """
-    from quadriform.cli.screen import note, show
     from quadriform.cli.status import repeat_warnings
-    from quadriform.errors import OptionError
     from quadriform.files.reading import naming
-    from quadriform.shapes.record import together
 
     one = _read(a, surface)
     two = _in_space(_read(b, surface), one.space)
@@ -56,7 +55,6 @@ def compare(a: Path, b: Path, *, surface: str | None = None, strict: bool = Fals
 
 def _in_space(body: _Body, space: str) -> _Body:
     """The same in a frame of the world, where both are known; with a note where it was rotated."""
-    from quadriform.cli.screen import note
     from quadriform.shapes.mesh import Mesh
     from quadriform.shapes.spaces import rotation_between
 
@@ -73,9 +71,6 @@ def _in_space(body: _Body, space: str) -> _Body:
 
 def _common(one: _Body, two: _Body, what: str) -> str:
     """The space or the unit that both have; unknown goes with everything, with a note."""
-    from quadriform.cli.screen import note
-    from quadriform.errors import InputError
-
     found = {str(getattr(body, what)): body.file for body in (one, two)}
     known = [value for value in found if value != "unknown"]
     if len(known) == 2:
@@ -89,7 +84,6 @@ def _common(one: _Body, two: _Body, what: str) -> str:
 
 
 def _read(file: Path, surface: str | None) -> _Body:
-    from quadriform.errors import InputError, OptionError
     from quadriform.files import load
     from quadriform.files.meshes import read_record, read_space_and_unit
     from quadriform.shapes.comparison import alone
@@ -111,8 +105,6 @@ def _read(file: Path, surface: str | None) -> _Body:
 
 
 def _record(a: "Surface", b: "Surface") -> dict[str, Any]:
-    from dataclasses import asdict
-
     from quadriform.shapes.comparison import dice, enclosed_volume, parameter_difference, surface_distances
     from quadriform.shapes.mesh import Mesh
 

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from quadriform.cli.options import Common, check_space, subcommand
+from quadriform.cli.screen import show
 
 if TYPE_CHECKING:
     from quadriform.points import Array
@@ -32,7 +33,6 @@ def deform(
         output: Points, or a mesh when POINTS is one.
         inverse: From the deformed space back.
     """
-    from quadriform.cli.screen import show
     from quadriform.cli.status import repeat_warnings
     from quadriform.files import read_model
     from quadriform.files.atomic import check_writable

@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from quadriform.cli.options import subcommand
+from quadriform.cli.screen import emit_table, print_line, progress_bar, warn
+from quadriform.errors import join_warnings
 
 if TYPE_CHECKING:
     from quadriform.fitting.result import Fit
@@ -26,7 +28,6 @@ def demo(*, output: Path = Path("out/demo"), force: bool = False) -> None:
     Args:
         output: Folder for the results.
     """
-    from quadriform.cli.screen import emit_table, print_line, progress_bar, warn
     from quadriform.files.result_folder import check_results
     from quadriform.fitting.fit import fit
     from quadriform.imaging.image_points import points_from_image
@@ -48,7 +49,6 @@ def demo(*, output: Path = Path("out/demo"), force: bool = False) -> None:
 
 def _with_source(result: "Fit", found: "ImagePoints", volume: "Volume") -> "Fit":
     """The fit with the frame, the unit, the file and the warnings of its image."""
-    from quadriform.errors import join_warnings
     from quadriform.files import sha256_of
     from quadriform.imaging.file_points import input_files
     from quadriform.imaging.reading import example_path

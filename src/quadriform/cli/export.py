@@ -5,6 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from quadriform.cli.options import Common, check_file_names, check_space, subcommand, surface_file
+from quadriform.cli.screen import show
+from quadriform.errors import OptionError, choose
 
 if TYPE_CHECKING:
     from quadriform.imaging.volume import Volume
@@ -48,7 +50,6 @@ def export(model: Path, *, to: str, output: Path, details: Details, space: str |
         to: Formats between commas: ply, stl, obj, vtp, vtu, vtkhdf, nii.
         output: Folder for the files; made where missing.
     """
-    from quadriform.cli.screen import show
     from quadriform.cli.status import repeat_warnings
     from quadriform.files.atomic import check_folder, write_bytes
     from quadriform.files.result_folder import check_results, replaced_together
@@ -73,8 +74,6 @@ def export(model: Path, *, to: str, output: Path, details: Details, space: str |
 
 
 def _formats(to: str, details: Details) -> list[str]:
-    from quadriform.errors import OptionError, choose
-
     formats = list(dict.fromkeys(choose(name.strip().lower(), FORMATS, "--to") for name in to.split(",")))
     if ("nii" in formats) != (details.like is not None):
         raise OptionError("options --to nii and --like IMAGE go together: labels need a grid")
@@ -87,7 +86,6 @@ def _read(path: Path, details: Details, space: str | None) -> "tuple[DeformableM
     """The model at the given time and in the given frame, and its states over the cycle with their times."""
     import numpy as np
 
-    from quadriform.errors import OptionError
     from quadriform.files import load
     from quadriform.files.reading import naming
     from quadriform.shapes.mesh import Mesh

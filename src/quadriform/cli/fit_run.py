@@ -12,8 +12,8 @@ from quadriform.cli.exit_codes import report_error
 from quadriform.cli.options import Common, check_file_names, stem, surface_file
 from quadriform.cli.reporting import REPORT, fit_options, page_of_fit
 from quadriform.cli.results import MODEL, earlier_results
-from quadriform.cli.screen import note, print_remarks, progress_bar, show, warn
-from quadriform.cli.status import check_strict, texts
+from quadriform.cli.screen import after_number, closing_rows, note, print_remarks, progress_bar, show, texts, warn
+from quadriform.cli.status import check_strict
 from quadriform.errors import InputError, OptionError
 from quadriform.files import save, write_mesh
 from quadriform.files.atomic import write_bytes
@@ -235,7 +235,7 @@ def _record(job: Job, found: Fit, seconds: float) -> Record:
 
 
 def _rows(record: Record) -> list[tuple[str, str]]:
-    unit = "" if record["unit"] == "unknown" else f" {record['unit']}"
+    unit = after_number(record["unit"])
     error, inliers = record["error"], record["inliers"]
     return [
         ("points", str(record["points"])),
@@ -252,15 +252,13 @@ def _rows(record: Record) -> list[tuple[str, str]]:
         ("iterations", str(record["iterations"])),
         ("time", f"{record['seconds']:.2f} s"),
         ("frame, unit", f"{record['space']}, {record['unit']}"),
-        ("warnings", ", ".join(record["warnings"]) or "none"),
-        *([("notes", "\n".join(record["notes"]))] if record["notes"] else []),
-        ("written", "\n".join(record["outputs"])),
+        *closing_rows(record),
     ]
 
 
 def _line(record: Record) -> tuple[str, ...]:
     if record["status"] == "failed":
         return (Path(record["input"]).name, f"failed ({record['exit_code']})", "", "", "", "")
-    unit = "" if record["unit"] == "unknown" else f" {record['unit']}"
+    unit = after_number(record["unit"])
     errors = (f"{rms:.4g}{unit}" for rms in (record["error"]["rms"], record["superquadric_rms"]))
     return (Path(record["input"]).name, record["status"], str(record["points"]), *errors, f"{record['seconds']:.2f}")

@@ -4,6 +4,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from quadriform.cli.options import subcommand
+from quadriform.cli.screen import print_remarks, show, texts
+from quadriform.errors import FileFormatError, join_warnings
+from quadriform.shapes.record import ModelRecord, remarks
 
 if TYPE_CHECKING:
     from quadriform.points import Array
@@ -26,12 +29,10 @@ def info(
     Args:
         file: Points, a mesh, an image or a model.
     """
-    from quadriform.cli.screen import print_remarks, show
     from quadriform.cli.status import check_strict
     from quadriform.files import sha256_of
     from quadriform.files.reading import naming
     from quadriform.imaging.file_points import files_of, kind_of
-    from quadriform.shapes.record import remarks
 
     with naming(file):
         kind = kind_of(file)
@@ -62,7 +63,6 @@ def _extent(points: "Array") -> dict[str, list[float]]:
 
 
 def _points(file: Path, columns: str | None) -> dict[str, Any]:
-    from quadriform.cli.status import texts
     from quadriform.files.points import read_point_set
     from quadriform.point_sets import precision_loss
 
@@ -80,12 +80,9 @@ def _points(file: Path, columns: str | None) -> dict[str, Any]:
 
 
 def _mesh(file: Path, frame: int | None, affine: str | None) -> dict[str, Any]:
-    from quadriform.cli.status import texts
-    from quadriform.errors import FileFormatError, join_warnings
     from quadriform.files import read_mesh, read_points
     from quadriform.files.meshes import read_record, read_space_and_unit
     from quadriform.point_sets import precision_loss
-    from quadriform.shapes.record import ModelRecord
 
     space, unit = read_space_and_unit(file)
     try:
@@ -111,7 +108,6 @@ def _mesh(file: Path, frame: int | None, affine: str | None) -> dict[str, Any]:
 def _image(file: Path, frame: int | None, affine: str | None) -> dict[str, Any]:
     import numpy as np
 
-    from quadriform.cli.status import texts
     from quadriform.imaging.reading import read_volume
 
     volume = read_volume(file, frame, affine)

@@ -5,6 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from quadriform.cli.options import Common, decimals, subcommand
+from quadriform.cli.screen import note, print_remarks, show
+from quadriform.errors import OptionError
 
 if TYPE_CHECKING:
     from quadriform.heart.base import Base
@@ -50,7 +52,6 @@ def measure(
         tracked: The models follow material points: twist and strain are observed.
         output: Table as .csv, everything as .json.
     """
-    from quadriform.cli.screen import print_remarks, show
     from quadriform.cli.status import check_strict
     from quadriform.files.atomic import check_writable
     from quadriform.files.reading import suffix_of
@@ -80,7 +81,6 @@ def _rows(found: "Measures") -> list[tuple[str, str, str, str]]:
 def load_frames(files: list[Path]) -> tuple[list["DeformableModel"], "Array | None"]:
     """The models of files in the order of the numbers in their names, or the frames of a moving model with times."""
     from quadriform.cli.inputs import read_any_model
-    from quadriform.cli.screen import note
     from quadriform.files import read_model
     from quadriform.files.frame_numbers import in_time, listed
     from quadriform.shapes.model import DeformableModel
@@ -113,7 +113,6 @@ def landmarks(
         OptionError: base and contours at once.
     """
     from quadriform.cli.landmarks import read_base, read_contours
-    from quadriform.errors import OptionError
 
     if where.base and where.contours:
         raise OptionError("options --base and --contours exclude each other: contours contain a base")

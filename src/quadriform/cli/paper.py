@@ -3,6 +3,8 @@
 from pathlib import Path
 
 from quadriform.cli.options import subcommand
+from quadriform.cli.screen import print_line, progress_bar
+from quadriform.words import numbers
 
 
 @subcommand
@@ -25,10 +27,8 @@ def paper(
         box: Control points of every model along each axis.
         data: Folder of real hearts: spect_mpi, pig_cine_mri, human_lv_guidepoints. [default: none]
     """
-    from quadriform.cli.screen import print_line, progress_bar
     from quadriform.files.atomic import check_writable, write_bytes
     from quadriform.report.paper.whole import paper_page
-    from quadriform.words import numbers
 
     check_writable(output, force)
     names = [name.strip() for text in figure or () for name in text.split(",")]

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 from quadriform.cli.measure import Landmarks
 from quadriform.cli.options import subcommand
+from quadriform.cli.screen import print_line, print_remarks
+from quadriform.shapes.record import remarks_of
 
 if TYPE_CHECKING:
     from quadriform.points import Array
@@ -28,12 +30,10 @@ def report(
     """
     from quadriform.cli.inputs import read_any_model
     from quadriform.cli.measure import load_frames
-    from quadriform.cli.screen import print_line, print_remarks
     from quadriform.cli.status import check_strict, status_fields
     from quadriform.files.atomic import check_writable, write_bytes
     from quadriform.files.reading import suffix_of
     from quadriform.report.reports import model_report
-    from quadriform.shapes.record import remarks_of
 
     suffix_of(output, (".html",), "a page")
     check_writable(output, force, inputs=[model])

@@ -5,7 +5,8 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any
 
 from quadriform.errors import Warnings
 from quadriform.shapes.record import Remark, remarks
@@ -35,6 +36,25 @@ def print_remarks(every: Iterable[Remark]) -> None:
     """Warnings and notes on stderr, one line each."""
     for remark in every:
         print_line(f"{'warning' if remark.kind else 'note'}: {remark}")
+
+
+def texts(warnings: Warnings) -> dict[str, str]:
+    """Warnings as a JSON object: kind -> sentence."""
+    return {str(kind): text for kind, text in warnings.items()}
+
+
+def closing_rows(record: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """The last rows of the table of a fit: its warnings, its notes, and what was written."""
+    return [
+        ("warnings", ", ".join(record["warnings"]) or "none"),
+        *([("notes", "\n".join(record["notes"]))] if record["notes"] else []),
+        ("written", "\n".join(record["outputs"])),
+    ]
+
+
+def after_number(unit: str) -> str:
+    """The unit as it stands behind a number: nothing where it is not known."""
+    return "" if unit == "unknown" else f" {unit}"
 
 
 def emit(text: str) -> None:

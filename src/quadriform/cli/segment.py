@@ -4,6 +4,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from quadriform.cli.options import Common, ObjectInImage, subcommand
+from quadriform.cli.screen import note, show, texts, warn
+from quadriform.errors import OptionError
 
 if TYPE_CHECKING:
     from quadriform.imaging.segmentation import Segmentation
@@ -19,7 +21,6 @@ def segment(image: Path, *, output: Path, chosen: ObjectInImage, common: Common)
         image: An image: NIfTI, NRRD, MetaImage, DICOM, or a folder of DICOM slices.
         output: The mask, .nii, .nii.gz or .nrrd.
     """
-    from quadriform.cli.screen import note, show, warn
     from quadriform.cli.status import check_strict
     from quadriform.files.atomic import check_writable, write_bytes
     from quadriform.files.label_maps import encode_labels
@@ -44,7 +45,6 @@ def segment(image: Path, *, output: Path, chosen: ObjectInImage, common: Common)
 
 
 def _suffix(output: Path) -> str:
-    from quadriform.errors import OptionError
     from quadriform.files.label_maps import LABEL_SUFFIXES
 
     for suffix in LABEL_SUFFIXES:
@@ -54,8 +54,6 @@ def _suffix(output: Path) -> str:
 
 
 def _record(found: "Segmentation", notes: tuple[str, ...]) -> dict[str, Any]:
-    from quadriform.cli.status import texts
-
     return {
         "voxels": int(found.mask.sum()),
         "shape": list(found.mask.shape),

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from quadriform.cli.screen import print_remarks
+from quadriform.cli.screen import print_remarks, texts
 from quadriform.errors import FitError, Warnings
 from quadriform.files.reading import naming
 from quadriform.shapes.record import ModelRecord, remarks_of
@@ -32,11 +32,6 @@ def status_fields(record: ModelRecord) -> dict[str, Any]:
         "warnings": texts(record.warnings),
         "notes": [remark.text for remark in remarks_of(record) if not remark.kind],
     }
-
-
-def texts(warnings: Warnings) -> dict[str, str]:
-    """Warnings as a JSON object: kind -> sentence."""
-    return {str(kind): text for kind, text in warnings.items()}
 
 
 def check_strict(strict: bool, warnings: Warnings, *files: Path) -> None:

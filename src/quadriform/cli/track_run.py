@@ -11,8 +11,8 @@ import numpy as np
 from quadriform.cli.options import Common, stem
 from quadriform.cli.reporting import REPORT, page_of_track, track_options
 from quadriform.cli.results import FRAMES, MODEL, earlier_results, frame_model
-from quadriform.cli.screen import note, progress_bar, show, warn
-from quadriform.cli.status import check_strict, texts
+from quadriform.cli.screen import after_number, closing_rows, note, progress_bar, show, texts, warn
+from quadriform.cli.status import check_strict
 from quadriform.cli.track import Motion, Reading
 from quadriform.errors import join_warnings
 from quadriform.files import save, sha256_of
@@ -140,7 +140,7 @@ def _csv(frames: Sequence[Mapping[str, Any]], found: "Track") -> bytes:
 
 
 def _rows(record: Record) -> list[tuple[str, str]]:
-    unit = "" if record["unit"] == "unknown" else f" {record['unit']}"
+    unit = after_number(record["unit"])
     frames = record["frames"]
     worst = max(frames, key=lambda frame: frame["rms"])
     shifts = [float(np.linalg.norm(shift)) for shift in record["shifts"].values()]
@@ -161,7 +161,5 @@ def _rows(record: Record) -> list[tuple[str, str]]:
         *ranges,
         ("min det J", f"{record['min_jacobian']:.3g}"),
         ("time", f"{record['seconds']:.2f} s"),
-        ("warnings", ", ".join(record["warnings"]) or "none"),
-        *([("notes", "\n".join(record["notes"]))] if record["notes"] else []),
-        ("written", "\n".join(record["outputs"])),
+        *closing_rows(record),
     ]
