@@ -85,6 +85,7 @@ docs: $(READY)
 docs-figures: $(READY)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python docs/make_figures.py
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python docs/gallery_figures.py
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python docs/make_screenshots.py
 
 $(READY): pyproject.toml constraints.txt CMakeLists.txt $(wildcard src/quadriform/shapes/kernel/*)
 	$(PYTHON) -m venv .venv

@@ -132,8 +132,8 @@ def main() -> None:
     if chosen.output:
         earlier = chosen.output.read_text(encoding="utf-8") if chosen.output.is_file() else ""
         distortion = list(rate_distortion.rows(rate)) or table_of(earlier, "Rate against distortion")
-        if rate:
-            rate_distortion.draw(rate)
+        if distortion:
+            rate_distortion.draw(rate_distortion.measured(distortion))
         every = replaced(table_of(earlier, "Results"), rows)
         if len(rows) < len(every):
             before += f". Only these comparisons were run then, the other rows are older: {', '.join(chosen.only)}"

@@ -100,6 +100,11 @@ def rows(found: Iterable[Measured]) -> Iterator[tuple[str, ...]]:
     return ((body, way, f"{numbers:,}", f"{error:.3g}") for body, way, numbers, error in found)
 
 
+def measured(cells: Iterable[Iterable[str]]) -> list[Measured]:
+    """The rows of a table as they were measured, to three digits."""
+    return [(body, way, int(count.replace(",", "")), float(error)) for body, way, count, error in cells]
+
+
 def draw(found: list[Measured], path: Path = FIGURE) -> None:
     """One panel a body, one line a way."""
     from matplotlib.figure import Figure

@@ -1,20 +1,26 @@
-"""Screenshots of the reports for these pages: on a desktop's window of 1280 x 800 and on a phone's width.
+"""The reports in these pages, on a desktop's window of 1280 x 800 and on a phone's width; the slices of the demo.
 
-python docs/make_screenshots.py DEMO.html HEART.html
+python docs/make_screenshots.py
 
-The first page is the one of `quadriform demo`, the second that of a ventricle; chromium, chromedriver and selenium are
-needed.
+The pages are made first: that of `quadriform demo`, and that of the ventricle of the tutorial on a beating heart.
+Chromium, chromedriver and selenium are needed.
 """
 
 import io
 import shutil
-import sys
+from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
+from make_figures import DOCS, run
 from PIL import Image
 from selenium import webdriver
 
-FIGURES = Path(__file__).parent / "figures"
+from quadriform.cli.demo import demo
+from quadriform.cli.reporting import track_options
+from quadriform.report.reports import track_report
+
+FIGURES = DOCS / "figures"
 PHONE, DESKTOP = (390, 844), (1280, 800)
 COLOURS = 64
 """Of the palette that keeps a picture small."""
@@ -42,17 +48,30 @@ def taken(driver: webdriver.Chrome, page: Path, size: tuple[int, int], scale: fl
     return image.resize((round(image.width * scale), round(image.height * scale)), Image.Resampling.LANCZOS)
 
 
+def heart_page() -> bytes:
+    """The report of the tutorial's ventricle, with its measures below the base."""
+    names = run(DOCS / "tutorials" / "beating_heart.md")
+    found, models = names["found"], tuple(names["models"])
+    found = replace(found, models=models, moving=replace(found.moving, space="LPS", unit="mm"))
+    record = {"strategy": found.strategy} | track_options({"period": 1.0})
+    return track_report(found, names["frames"], title="synthetic ventricle", record=record, measures=names["table"])
+
+
 def main() -> None:
-    demo, heart = map(Path, sys.argv[1:3])
-    driver = browser()
-    for name, page, size, scale in (
-        ("report_demo", demo, DESKTOP, 0.5),
-        ("report_heart", heart, DESKTOP, 0.5),
-        ("report_phone", heart, PHONE, 0.6),
-    ):
-        image = taken(driver, page, size, scale).quantize(COLOURS)
-        image.save(FIGURES / f"{name}.png", optimize=True)
-    driver.quit()
+    with TemporaryDirectory() as folder:
+        demo(output=Path(folder) / "demo", force=False)
+        shutil.copyfile(Path(folder) / "demo" / "slices.png", FIGURES / "demo.png")
+        heart = Path(folder) / "heart.html"
+        heart.write_bytes(heart_page())
+        driver = browser()
+        for name, page, size, scale in (
+            ("report_demo", Path(folder) / "demo" / "report.html", DESKTOP, 0.5),
+            ("report_heart", heart, DESKTOP, 0.5),
+            ("report_phone", heart, PHONE, 0.6),
+        ):
+            image = taken(driver, page, size, scale).quantize(COLOURS)
+            image.save(FIGURES / f"{name}.png", optimize=True)
+        driver.quit()
 
 
 if __name__ == "__main__":

@@ -23,8 +23,8 @@ PYCPD_HOLD, PROBREG_HOLD = 0.5, 0.1
 HOW = f"""\
 - Open3D: `estimate_normals` of {NEIGHBOURS} neighbours, `orient_normals_consistent_tangent_plane(15)` and
   `create_from_point_cloud_poisson(depth={DEPTH})`, all inside the timed part, all cores. Depth 7 is slower and open
-  at 20,000 points, depth 8 at 6,000 too. The goals refer to depth {DEPTH} (37,854 numbers, as in the benchmark data);
-  depth {COARSE} is faster, and nearer on the noisy egg, so it has rows of its own, without a goal.
+  at 20,000 points, depth 8 at 6,000 too. The goals refer to depth {DEPTH} (37,854 parameters, as in the benchmark
+  data); depth {COARSE} is faster, and nearer on the noisy egg, so it has rows of its own, without a goal.
 - pycpd and probreg: non-rigid CPD of an ellipsoid of 642 vertices, laid by the cloud's second moments, lengths in
   RMS radii; beta {CPD_WIDTH}, alpha {PYCPD_HOLD} (pycpd) and {PROBREG_HOLD} (probreg), at most {CPD_STEPS} steps,
   tolerance 1e-4. 50 steps give the same 0.31 and 0.33 RMS on the egg, tolerance 1e-3 leaves 0.38 and 0.41.
@@ -33,8 +33,8 @@ HOW = f"""\
 - PyGeM: `FFD([5, 5, 5])` at the same box coordinates. It is on no package index (there `pygem` is about glaciers):
   `pip install git+https://github.com/mathLab/PyGeM` first, or its comparison is skipped.
 - scipy: `cKDTree(points).query(points)`, one worker.
-- Spherical harmonics: radius about the centroid, real harmonics, plain least squares; 3 numbers for the centre.
-- Decimated meshes: the Poisson mesh's largest part, `fast_simplification.simplify` to a number of faces; 3 numbers a
+- Spherical harmonics: radius about the centroid, real harmonics, plain least squares; 3 parameters for the centre.
+- Decimated meshes: the Poisson mesh's largest part, `fast_simplification.simplify` to a number of faces; 3 parameters a
   vertex, the faces not counted.
 """
 

@@ -95,7 +95,7 @@ def mesh(repeats: int, quick: bool) -> Iterator[Row]:
 
 
 def sizes(repeats: int, quick: bool) -> Iterator[Row]:
-    """A fitted model of 386 numbers in its files; rounding has filled every digit."""
+    """A fitted model of 386 parameters in its files; rounding has filled every digit."""
     with one_thread():
         model = qf.fit(SyntheticVentricle().surface_points("epi", 0.3, 900, 0.5)).model
     with TemporaryDirectory() as scratch:
@@ -103,6 +103,6 @@ def sizes(repeats: int, quick: bool) -> Iterator[Row]:
         for suffix in MODEL_SUFFIXES:
             qf.save(model, Path(scratch) / f"model{suffix}")
             found[suffix] = (Path(scratch) / f"model{suffix}").stat().st_size / 1000
-    yield Row(f"model of {model.n_parameters} numbers as JSON", Goal(12, unit="kB"), found.pop(".json"))
+    yield Row(f"model of {model.n_parameters} parameters as JSON", Goal(12, unit="kB"), found.pop(".json"))
     suffix = min(found, key=found.__getitem__)
-    yield Row(f"model of {model.n_parameters} numbers, binary", Goal(4, unit="kB"), found[suffix], f"`{suffix}`")
+    yield Row(f"model of {model.n_parameters} parameters, binary", Goal(4, unit="kB"), found[suffix], f"`{suffix}`")

@@ -145,19 +145,20 @@ def test_columns_sort_both_ways_and_rows_are_chosen(browser, results):
 def test_a_slider_moves_the_mean_as_python_says(every_browser, results):
     every_browser.open(results / "cohort.html")
     modes = write_modes(results, read_layout(results))
+    mean = modes.found.mean
     before = every_browser.picture()
-    assert every_browser.run("return quadriform.volume('surface')") == pytest.approx(modes.mean.volume(), rel=1e-5)
+    assert every_browser.run("return quadriform.volume('surface')") == pytest.approx(mean.volume(), rel=1e-5)
     slide = (
         "const s = document.getElementById(arguments[0]); s.value = arguments[1]; s.dispatchEvent(new Event('input'))"
     )
     every_browser.run(slide, "mode-1", 2)
     every_browser.run(slide, "mode-3", -1.5)
     moved = 2 * modes.displacements[0] - 1.5 * modes.displacements[2]
-    box = modes.mean.box.with_control_points(modes.mean.box.control_points + moved)
-    there = box.deform(modes.mean.superquadric().grid(6)[0])
+    box = mean.box.with_control_points(mean.box.control_points + moved)
+    there = box.deform(mean.superquadric().grid(6)[0])
     seen = np.reshape(every_browser.run("return quadriform.vertices('surface', 6)"), (-1, 3))
     assert np.abs(seen - there).max() < 1e-5 * np.ptp(there)
     assert every_browser.text("sigma-1") == "2" and every_browser.picture() != before
     every_browser.run("document.getElementById('to-mean').click()")
-    assert every_browser.run("return quadriform.volume('surface')") == pytest.approx(modes.mean.volume(), rel=1e-5)
+    assert every_browser.run("return quadriform.volume('surface')") == pytest.approx(mean.volume(), rel=1e-5)
     every_browser.check()

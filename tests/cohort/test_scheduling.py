@@ -5,8 +5,8 @@ from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecu
 import pytest
 from cohort_tasks import doubled
 
-from quadriform.cohort.executors import PENDING, from_executor, processes
-from quadriform.cohort.scheduling import completed
+from quadriform.cohort.executors import from_executor, processes
+from quadriform.cohort.scheduling import PENDING, completed
 
 
 def test_every_task_returns_once_with_its_result_or_error():

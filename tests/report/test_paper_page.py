@@ -141,6 +141,12 @@ def test_every_figure_says_what_the_paper_shows_and_compares_in_numbers(text):
                 assert re.search(r"\d", verdict(text, name)), name
 
 
+def test_texts_of_the_page_are_no_markup(text):
+    """The texts of figures.toml are escaped like the numbers that fill them."""
+    assert "det J &lt;= 0" in verdict(text, "Section 3.4.2")
+    assert "<ball>" not in text and "&lt;ball&gt; &amp; nobody" in text
+
+
 def test_the_page_needs_nothing_beside_it(text):
     assert not re.search(r"""(?:src|href)=["'](?!#|data:)""", text)
     assert "a test&#39;s own &lt;ball&gt; &amp; nobody&#39;s" in text

@@ -12,7 +12,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 LIST = ROOT / "docs" / "vocabulary.toml"
 CODE = (".py", ".cpp", ".hpp", ".js")
-SEARCHED = (*CODE, ".md", ".ipynb", ".j2", ".html")
+SEARCHED = (*CODE, ".md", ".ipynb", ".j2", ".html", ".toml")
 PYTHON_PROSE = re.compile(r'""".*?"""|"(?:\\.|[^"\\\n])*"|\'(?:\\.|[^\'\\\n])*\'|#[^\n]*', re.DOTALL)
 OTHER_PROSE = re.compile(r'/\*.*?\*/|`[^`]*`|"(?:\\.|[^"\\\n])*"|\'(?:\\.|[^\'\\\n])*\'|//[^\n]*', re.DOTALL)
 CAPITAL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
@@ -33,7 +33,7 @@ def texts(root=ROOT):
     """Name and text of everything that is searched."""
     paths = [*(root / "src").rglob("*"), *(root / "docs").rglob("*.*"), *root.glob("examples/*.py")]
     for path in sorted([*paths, root / "README.md", root / "CONTRIBUTING.md"]):
-        if path.suffix in SEARCHED and path.is_file():
+        if path.suffix in SEARCHED and path.is_file() and path.name != LIST.name:
             yield str(path.relative_to(root)), path.read_text(encoding="utf-8")
     yield "CHANGELOG.md", (root / "CHANGELOG.md").read_text(encoding="utf-8").split("\n## [0")[0]
     for path in sorted((root / "tests").rglob("test_*.py")):

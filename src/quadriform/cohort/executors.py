@@ -7,15 +7,13 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
-from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
+from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from typing import Any
 
 from quadriform.cohort.scheduling import WorkerPool
 from quadriform.errors import InputError
 
-PENDING = 3
-"""Tasks submitted for each worker: one at work, and the next ones."""
 LOCAL = "127.0.0.1:0"
 """Address of the status page of a local cluster: any free port, for this machine only."""
 DASK_SETTINGS = {
@@ -34,20 +32,7 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-class _GivenExecutor:
-    """An executor of the caller."""
-
-    def __init__(self, executor: Executor, workers: int) -> None:
-        self.executor, self.workers = executor, workers
-
-    def max_pending(self) -> int:
-        return PENDING * self.workers
-
-    def restart(self) -> None:
-        raise BrokenExecutor("the executor is broken and cannot be replaced; resume the run")
-
-
-class _ProcessPool(_GivenExecutor):
+class _ProcessPool(WorkerPool):
     """Processes of this machine, replaced when one of them dies."""
 
     def __init__(self, workers: int) -> None:
@@ -63,21 +48,19 @@ def _new_pool(workers: int) -> ProcessPoolExecutor:
     return ProcessPoolExecutor(workers, mp_context=spawn, initializer=_initialise_worker)
 
 
-class _DaskCluster:
+class _DaskCluster(WorkerPool):
     """Workers of dask.distributed; their number may change. A task whose worker died is resubmitted by dask."""
 
+    gone = "the cluster is gone; resume the run with another"
+
     def __init__(self, client: Any) -> None:
-        self.client = client
-        self.executor: Executor = client.get_executor(pure=False)
-        self._workers, self._requested = 1, -REFRESH
+        super().__init__(client.get_executor(pure=False), 1)
+        self.client, self._requested = client, -REFRESH
 
     def max_pending(self) -> int:
         if time.monotonic() - self._requested > REFRESH:
-            self._workers, self._requested = max(1, sum(self.client.nthreads().values())), time.monotonic()
-        return PENDING * self._workers
-
-    def restart(self) -> None:
-        raise BrokenExecutor("the cluster is gone; resume the run with another")
+            self.workers, self._requested = max(1, sum(self.client.nthreads().values())), time.monotonic()
+        return super().max_pending()
 
 
 def _initialise_worker() -> None:
@@ -97,7 +80,7 @@ def _end_with(parent: Any) -> None:
 @contextmanager
 def from_executor(executor: Executor, workers: int) -> Iterator[WorkerPool]:
     """Return a pool over any executor with this number of workers; it is not shut down."""
-    yield _GivenExecutor(executor, workers)
+    yield WorkerPool(executor, workers)
 
 
 @contextmanager

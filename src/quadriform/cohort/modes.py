@@ -14,7 +14,6 @@ from quadriform.cohort.stores import models
 from quadriform.files import save
 from quadriform.files.atomic import make_folder, write_bytes
 from quadriform.points import Array
-from quadriform.shapes.model import DeformableModel
 
 if TYPE_CHECKING:
     from quadriform.cohort.statistics import ShapeModes
@@ -32,17 +31,13 @@ class Modes:
     """Mean and modes as the page shows them.
 
     Attributes:
-        mean: the mean shape, about the origin.
-        displacements: (M, l+1, m+1, n+1, 3), of its control points by one sigma of each mode.
-        deviations: (M,) one sigma: RMS distance over the surface.
-        variance_ratios: (M,) explained fractions of the variance.
+        found: mean shape, about the origin, one sigma of each mode, and explained fractions of the variance.
+        displacements: (M, l+1, m+1, n+1, 3), of the mean's control points by one sigma of each mode.
         subjects: number of subjects from which they were computed.
     """
 
-    mean: DeformableModel
+    found: "ShapeModes"
     displacements: Array
-    deviations: Array
-    variance_ratios: Array
     subjects: int
 
 
@@ -59,28 +54,22 @@ def write_modes(results: Path, layout: Layout) -> Modes | None:
     if len(sample) < 3:
         return None
     found = shape_modes(sample, min(COUNT, len(sample) - 1), layout.box)
-    modes = _shown(found, len(sample))
-    folder = make_folder(results / FOLDER)
-    save(modes.mean, folder / "mean.json", force=True)
-    write_bytes(folder / "modes.npz", _arrays(modes), force=True)
-    write_bytes(folder / "scores.parquet", _scores(found, results, layout), force=True)
-    return modes
-
-
-def _shown(found: "ShapeModes", subjects: int) -> Modes:
-    count = len(found.deviations)
     mean = found.mean
-    ends = found.reconstruct(np.eye(count))  # one standard deviation along each mode
+    ends = found.reconstruct(np.eye(len(found.deviations)))  # one standard deviation along each mode
     moved = np.array([end.box.control_points - mean.box.control_points for end in ends])
-    return Modes(mean, moved, found.deviations, found.variance_ratios, subjects)
+    folder = make_folder(results / FOLDER)
+    save(mean, folder / "mean.json", force=True)
+    write_bytes(folder / "modes.npz", _arrays(found, moved), force=True)
+    write_bytes(folder / "scores.parquet", _scores(found, results, layout), force=True)
+    return Modes(found, moved, len(sample))
 
 
-def _arrays(modes: Modes) -> bytes:
+def _arrays(modes: "ShapeModes", displacements: Array) -> bytes:
     stream = io.BytesIO()
     np.savez(
         stream,
         mean=modes.mean.box.control_points,
-        displacements=modes.displacements,
+        displacements=displacements,
         deviations=modes.deviations,
         shares=modes.variance_ratios,
     )

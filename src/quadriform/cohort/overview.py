@@ -2,14 +2,12 @@
 
 import heapq
 from array import array
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import groupby
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from quadriform.cohort.measures import NOTE, WARNING
 from quadriform.cohort.stores import parts, read_measures
@@ -86,25 +84,23 @@ def overview(results: Path, most: int) -> Overview:
 def _subjects(results: Path, units: dict[str, str]) -> Iterator[SubjectSummary]:
     for part in parts(results):
         for name, rows in groupby(read_measures(part), key=lambda row: row["subject"]):
-            subject = SubjectSummary(0, np.nan, name, {}, (), {}, {}, 0)
-            for row in rows:
-                units.setdefault(row["quantity"], row["unit"])
-                subject = _with_row(subject, row)
-            yield replace(subject, n_warnings=len(subject.warnings), rms=subject.values["rms"])
+            yield _summary(name, list(rows), units)
 
 
-def _with_row(subject: SubjectSummary, row: dict[str, Any]) -> SubjectSummary:
-    """The summary with one row of the table more; its dictionaries are updated in place."""
-    quantity, value, frame = row["quantity"], row["value"], row["frame"]
-    if quantity.startswith(WARNING):
-        subject.warnings[quantity.removeprefix(WARNING)] = row.get("text") or ""
-    elif quantity == NOTE:
-        return replace(subject, notes=(*subject.notes, row.get("text") or ""))
-    elif quantity.startswith(VOLUME) and frame is not None:
-        surface = quantity.removeprefix(VOLUME)
-        low, high = subject.volumes.get(surface, (value, value))
-        subject.volumes[surface] = min(low, value), max(high, value)
-        return replace(subject, frames=max(subject.frames, frame + 1))
-    elif frame is None:
-        subject.values[quantity] = value
-    return subject
+def _summary(name: str, rows: list[dict[str, Any]], units: dict[str, str]) -> SubjectSummary:
+    """One subject from its rows of the table."""
+    texts, values, volumes = [], {}, defaultdict(list)
+    for row in rows:
+        quantity, frame = row["quantity"], row["frame"]
+        units.setdefault(quantity, row["unit"])
+        if quantity == NOTE or quantity.startswith(WARNING):
+            texts.append((quantity, row.get("text") or ""))
+        elif frame is None:
+            values[quantity] = row["value"]
+        elif quantity.startswith(VOLUME):
+            volumes[quantity.removeprefix(VOLUME)].append(row["value"])
+    warnings = {quantity.removeprefix(WARNING): text for quantity, text in texts if quantity != NOTE}
+    notes = tuple(text for quantity, text in texts if quantity == NOTE)
+    ranges = {surface: (min(each), max(each)) for surface, each in volumes.items()}
+    frames = max(map(len, volumes.values()), default=0)
+    return SubjectSummary(len(warnings), values["rms"], name, warnings, notes, values, ranges, frames)

@@ -1,11 +1,9 @@
 """The page of a cohort: summary, mean and modes of shape in the viewer, and a sortable table of subjects."""
 
-import base64
 import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 import numpy as np
 from markupsafe import Markup
@@ -17,7 +15,7 @@ from quadriform.cohort.overview import SHOWN, Overview, SubjectSummary, overview
 from quadriform.files.atomic import write_bytes
 from quadriform.report.page import Section, page, rendered, source
 from quadriform.report.parts import table
-from quadriform.report.viewer import Scene, viewer
+from quadriform.report.viewer import Scene, packed, viewer
 
 NAME = "cohort.html"
 MOST_SUBJECTS = 2000
@@ -53,7 +51,7 @@ def _summary(results: Path, layout: Layout, found: Overview) -> Section:
     if found.kinds:
         counted = [(kind, count, f"{100 * count / done:.1f} %") for kind, count in found.kinds.most_common()]
         body += table(("warning", "subjects", "share"), counted)
-    return Section("SubjectSummary", body)
+    return Section("Summary", body)
 
 
 def _unit(layout: Layout) -> str:
@@ -64,19 +62,20 @@ def _unit(layout: Layout) -> str:
 
 
 def _shape(modes: Modes, warned: int) -> Section:
-    unit = modes.mean.unit.replace("unknown", "units")
+    found, mean = modes.found, modes.found.mean
+    unit = mean.unit.replace("unknown", "units")
     words = [
         f"one sigma moves the surface by {sigma:.3g} {unit} (RMS), {100 * ratio:.1f} % of the variance"
-        for sigma, ratio in zip(modes.deviations, modes.variance_ratios)
+        for sigma, ratio in zip(found.deviations, found.variance_ratios)
     ]
     data = {
-        "modes": base64.b64encode(np.ascontiguousarray(modes.displacements, dtype="<f4").tobytes()).decode(),
-        "variances": modes.variance_ratios.tolist(),
+        "modes": packed(modes.displacements.astype("<f4")),
+        "variances": found.variance_ratios.tolist(),
     }
     body = rendered(
         "cohort/modes.html.j2",
         modes=words,
-        viewer=viewer(modes.mean, Scene("mean shape")),
+        viewer=viewer(mean, Scene("mean shape")),
         payload=Markup(json.dumps(data, separators=(",", ":"))),
         script=source("cohort/modes.js"),
     )
@@ -96,7 +95,7 @@ def _subjects(found: Overview, layout: Layout) -> Section:
     header = ["subject", "status", "warnings", "frames"]
     header += [f"{name} {_of(found, name)}".rstrip() for name in shown]
     header += [f"volume {name} {end} {_unit(layout)}^3" for name in layout.surfaces for end in ("from", "to")]
-    rows = [_row(subject, shown, layout.surfaces) for subject in found.worst]
+    rows = [(subject, _cells(subject, shown, layout.surfaces)) for subject in found.worst]
     numeric = [False, False, False, *[True] * (len(header) - 3)]
     body = rendered(
         "cohort/subjects.html.j2", header=header, rows=rows, numeric=numeric, script=source("cohort/subjects.js")
@@ -112,19 +111,11 @@ def _of(found: Overview, quantity: str) -> str:
     return found.units.get(quantity, "").replace("unknown", "units").removeprefix("1")
 
 
-def _row(subject: SubjectSummary, shown: Sequence[str], surfaces: Sequence[str]) -> dict[str, Any]:
-    status = "warned" if subject.warnings else "ok"
+def _cells(subject: SubjectSummary, shown: Sequence[str], surfaces: Sequence[str]) -> list[tuple[str, Any]]:
+    """The numbers of a subject, as text and as what the table sorts by."""
     cells: list[tuple[str, Any]] = [(str(subject.frames), subject.frames)]
     cells += [_number(subject.values.get(name)) for name in shown]
-    cells += [_number(end) for name in surfaces for end in subject.volumes.get(name, (None, None))]
-    return {
-        "id": subject.id,
-        "link": f"subjects/{quote(subject.id)}/model.json",
-        "status": status,
-        "warnings": subject.warnings,
-        "notes": subject.notes,
-        "cells": cells,
-    }
+    return cells + [_number(end) for name in surfaces for end in subject.volumes.get(name, (None, None))]
 
 
 def _number(value: float | None) -> tuple[str, Any]:

@@ -3,23 +3,33 @@
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from itertools import islice
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 T = TypeVar("T")
 R = TypeVar("R")
 
 
-class WorkerPool(Protocol):
+PENDING = 3
+"""Tasks submitted for each worker: one at work, and the next ones."""
+
+
+class WorkerPool:
     """An executor and its capacity.
 
     Attributes:
         executor: to which tasks are submitted.
+        workers: of it.
     """
 
-    executor: Executor
+    gone = "the executor is broken and cannot be replaced; resume the run"
+
+    def __init__(self, executor: Executor, workers: int) -> None:
+        """Take an executor of the caller, with this number of workers."""
+        self.executor, self.workers = executor, workers
 
     def max_pending(self) -> int:
         """Return the number of tasks to have submitted: enough that no worker waits, few enough for memory."""
+        return PENDING * self.workers
 
     def restart(self) -> None:
         """Replace a broken executor.
@@ -27,6 +37,7 @@ class WorkerPool(Protocol):
         Raises:
             BrokenExecutor: it cannot be replaced.
         """
+        raise BrokenExecutor(self.gone)
 
 
 def completed(tasks: Iterable[T], work: Callable[[T], R], engine: WorkerPool) -> Iterator[tuple[T, R | BaseException]]:

@@ -216,18 +216,12 @@ def write_measures(results: Path, block: int, outcomes: Sequence[Outcome]) -> No
 def _table(outcomes: Sequence[Outcome]) -> "pyarrow.Table":
     import pyarrow as pa
 
-    rows = [(each.id, m) for each in outcomes for m in each.measures]
     # few different texts: a dictionary is a hundredth of the size
-    return pa.table(
-        {
-            "subject": pa.array([name for name, _ in rows], pa.string()),
-            "frame": pa.array([m.frame for _, m in rows], pa.int32()),
-            "quantity": pa.array([m.quantity for _, m in rows], pa.string()).dictionary_encode(),
-            "value": pa.array([m.value for _, m in rows], pa.float64()),
-            "unit": pa.array([m.unit for _, m in rows], pa.string()).dictionary_encode(),
-            "text": pa.array([m.text for _, m in rows], pa.string()).dictionary_encode(),
-        }
-    )
+    coded = pa.dictionary(pa.int32(), pa.string())
+    columns = {"subject": pa.string(), "frame": pa.int32(), "quantity": coded, "value": pa.float64()}
+    schema = pa.schema(columns | {"unit": coded, "text": coded})
+    rows = [{"subject": each.id, **vars(measure)} for each in outcomes for measure in each.measures]
+    return pa.Table.from_pylist(rows, schema)
 
 
 def parts(results: Path) -> list[Path]:

@@ -80,13 +80,13 @@ def convergence(history: Sequence[Iteration], unit: str) -> Section:
 
 
 def parameters(model: DeformableModel | MovingModel, n_points: int | None) -> Section:
-    """What the model is made of, and how many numbers stand for how many points."""
+    """What the model is made of, and how many parameters stand for how many points."""
     unit = model.unit.replace("unknown", "units")
     shape = model.control_points.shape if isinstance(model, MovingModel) else model.box.control_points.shape
-    rows = [["numbers in the model", str(model.n_parameters)], ["control points", " x ".join(map(str, shape[:-1]))]]
+    rows = [["parameters", str(model.n_parameters)], ["control points", " x ".join(map(str, shape[:-1]))]]
     if n_points is not None:
         rows.append(["data points", str(n_points)])
-        rows.append(["compression ratio, 3 n / numbers", f"{3 * n_points / model.n_parameters:.1f}"])
+        rows.append(["compression ratio, 3 n / parameters", f"{3 * n_points / model.n_parameters:.1f}"])
     rows.append(["frame, unit", f"{model.space}, {model.unit}"])
     surfaces = [
         [

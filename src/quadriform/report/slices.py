@@ -17,8 +17,10 @@ from quadriform.shapes.voxels import voxel_spacing
 
 COLOURS = ("#e69f00", "#56b4e9", "#009e73", "#cc79a7")
 """Okabe and Ito's, distinguishable for colour-blind readers."""
-WIDTHS = (2.0, 0.9, 0.9, 0.9)
-"""Of outlines in points: a thin one over the first leaves it to be seen."""
+WIDTHS = (3.4, 1.0, 1.0, 1.0)
+"""Of outlines in points: thin ones over the first leave it to be seen."""
+ALONE = 2.0
+"""Of a single outline."""
 GAMMA = 0.6
 """Lifts dark tissue so that it can be seen beside the bright."""
 
@@ -85,12 +87,13 @@ def slice_pictures(
     window = _window(values)
     reached = np.concatenate([mesh.vertices[:, 2] for mesh in outlines]) if outlines else _uneven(values)
     height = 2.0 * values.shape[1] * steps[1] / (values.shape[0] * steps[0])
+    widths = WIDTHS if len(outlines) > 1 else (ALONE,)
     pictures = {}
     for k in _levels(reached, values.shape[2], count):
         figure = Figure(figsize=(2.0, height))
         axes = figure.add_axes((0, 0, 1, 1))
         _draw_grey(axes, values[:, :, k], window, steps[1] / steps[0])
-        for width, colour, mesh in zip(WIDTHS, colours or COLOURS, outlines):
+        for width, colour, mesh in zip(widths, colours or COLOURS, outlines):
             _draw_outline(axes, mesh, float(k), colour, width)
         stream = io.BytesIO()
         figure.savefig(stream, format="png", dpi=110)

@@ -102,7 +102,7 @@ def payload(model: DeformableModel | MovingModel, scene: Scene) -> dict[str, Any
         "reach": reach,
         "surfaces": _surfaces(model),
         "box": {"origin": box.origin.tolist(), "edges": box.edges.tolist(), "shape": list(control.shape[1:4])},
-        "control": _packed((control - centre).astype("<f4")),
+        "control": packed((control - centre).astype("<f4")),
         "time": _time(model) if isinstance(model, MovingModel) else None,
         "points": _points(scene, centre, quantum, residual_quantum),
         "quantum": quantum,
@@ -173,8 +173,8 @@ def _points(scene: Scene, centre: Array, quantum: float, residual_quantum: float
         residuals = scene.residuals.get(name, [np.zeros(len(cloud)) for cloud in frames])
         result[name] = [
             {
-                "xyz": _packed(np.round((cloud[::every] - centre) / quantum).astype("<i2")),
-                "residuals": _packed(np.round(off[::every] / residual_quantum).astype("<i2")),
+                "xyz": packed(np.round((cloud[::every] - centre) / quantum).astype("<i2")),
+                "residuals": packed(np.round(off[::every] / residual_quantum).astype("<i2")),
             }
             for cloud, off in zip(frames, residuals)
         ]
@@ -189,7 +189,7 @@ def _field(one: Field) -> dict[str, Any]:
         low, high = -max(-low, high), max(-low, high)
     if not high > low:  # one value: any range of colours shows it
         high = low + 1
-    coded = {name: [_packed(_steps(values, low, high)) for values in frames] for name, frames in one.values.items()}
+    coded = {name: [packed(_steps(values, low, high)) for values in frames] for name, frames in one.values.items()}
     return {
         "name": one.name,
         "unit": one.unit,
@@ -205,5 +205,6 @@ def _steps(values: Array, low: float, high: float) -> Array:
     return np.where(np.isfinite(values), np.round(STEPS * fraction), NO_VALUE).astype("u1")
 
 
-def _packed(values: Any) -> str:
+def packed(values: Any) -> str:
+    """The bytes of an array as text, for a page."""
     return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode()

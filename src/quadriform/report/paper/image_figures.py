@@ -109,9 +109,9 @@ def _around(volume: Volume, meshes: list[Mesh]) -> Volume:
 
 def _overlaid(key: str, scan: Scan) -> Remake:
     paper, default = scan.subject.fits
-    models = {
-        'model, method="paper"': (paper.model.mesh(resolution=40), drawing.BY_PAPER),
+    models = {  # the dark colour first: the light one is drawn over it, thinner
         "model, default": (default.model.mesh(resolution=40), drawing.BY_DEFAULT),
+        'model, method="paper"': (paper.model.mesh(resolution=40), drawing.BY_PAPER),
     }
     pictures = [_overlay(scan, {"isosurface": (scan.outline, drawing.ORANGE)}), _overlay(scan, models)]
     words: dict[str, object] = {

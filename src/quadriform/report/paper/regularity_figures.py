@@ -144,7 +144,7 @@ def both_regularities(material: Material) -> Remake:
         ("motion with P9 over motion with SVD, at equal errors, most", "equivalent", high, NOT),
         ("error RMS at the estimated strength", NONE, NOT, mm(trade.auto.rms)),
     ]
-    words: dict[str, object] = {"compared": _equivalent(found), "turn": _turn(trade.springs_paper)}
+    words: dict[str, object] = {"compared": _equivalent(found), "turn": _curve_of_p9(trade.springs_paper)}
     picture = drawing.tiles(_both_curves(trade), "charts") + drawing.legend(key)
     return Remake("12", words, [shown("12", picture, SYNTHETIC)], rows, [table(header, listing)])
 
@@ -162,7 +162,7 @@ def _equivalent(found: Any) -> str:
     return text("12", "comparable", equivalent=EQUIVALENT, answer=answer, low=low, high=high, mean=mean)
 
 
-def _turn(printed: Curve) -> str:
+def _curve_of_p9(printed: Curve) -> str:
     """Where the curve of P9 turns back: springs of zero length contract the box when they are strong."""
     k, last = turning(printed), len(printed.settings) - 1
     if k == last:

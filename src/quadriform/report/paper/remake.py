@@ -63,7 +63,7 @@ class Remake:
 
 @cache
 def _texts() -> dict[str, dict[str, str]]:
-    return tomllib.loads(source("paper/figures.toml"))
+    return tomllib.loads(str(source("paper/figures.toml")))
 
 
 def text(key: str, part: str, /, **words: object) -> str:
