@@ -1,5 +1,7 @@
 """Very large clouds: the same surface as from all points at once, whatever their order and the number of threads."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from shapes_made import lumpy
@@ -21,9 +23,8 @@ def cloud(count, seed=0):
 @pytest.fixture
 def small(monkeypatch):
     """What is called very large_clouds, made small enough for a test."""
-    monkeypatch.setattr(large_clouds, "MANY", 4000)
-    monkeypatch.setattr(large_clouds, "SAMPLE", 1500)
-    monkeypatch.setattr(large_clouds, "PART", 2000)
+    small = replace(large_clouds.LARGE, many=4000, sample=1500, part=2000)
+    monkeypatch.setattr(large_clouds, "LARGE", small)
 
 
 def error(fit):
@@ -36,7 +37,7 @@ def test_the_sample_does_not_see_the_order_and_keeps_its_size(rng):
     order = rng.permutation(len(points))
     first, second = large_clouds.sampled(points, ones), large_clouds.sampled(points[order], ones)
     assert {tuple(p) for p in points[first]} == {tuple(p) for p in points[order][second]}
-    assert len(first) == pytest.approx(large_clouds.SAMPLE, rel=0.05)
+    assert len(first) == pytest.approx(large_clouds.LARGE.sample, rel=0.05)
     halves = [np.mean(points[first][:, axis] > 0) for axis in range(3)]
     np.testing.assert_allclose(halves, 0.5, atol=0.02)
 
@@ -55,14 +56,14 @@ def test_points_without_weight_are_not_sampled(rng):
     weights[::4] = 1
     chosen = large_clouds.sampled(points, weights)
     assert (weights[chosen] == 1).all()
-    assert len(chosen) == pytest.approx(large_clouds.SAMPLE, rel=0.05)
+    assert len(chosen) == pytest.approx(large_clouds.LARGE.sample, rel=0.05)
 
 
 def test_all_points_determine_more_than_a_sample_and_no_less_than_at_once(small, monkeypatch):
     points = cloud(12_000)
     few = points[large_clouds.sampled(points, np.ones(len(points)))]
     alone, every = qf.fit(few), qf.fit(points)
-    monkeypatch.setattr(large_clouds, "MANY", 10**9)
+    monkeypatch.setattr(large_clouds, "LARGE", replace(large_clouds.LARGE, many=10**9))
     at_once = qf.fit(points)
     assert error(every) < 0.8 * error(alone)
     assert error(every) < 1.15 * error(at_once)

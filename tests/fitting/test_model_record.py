@@ -61,7 +61,7 @@ def test_coverage_is_that_of_each_surface(warned):
 
 @pytest.mark.slow
 def test_a_model_of_many_points_carries_the_warnings_of_all(monkeypatch):
-    monkeypatch.setattr(large_clouds, "MANY", 300)
+    monkeypatch.setattr(large_clouds, "LARGE", replace(large_clouds.LARGE, many=300))
     few = np.vstack([EGG, EGG[:1] * 3])
     found = qf.fit(few, **SMALL)
     assert "400" in found.warnings["OUTLIERS"] and found.model.warnings == found.warnings

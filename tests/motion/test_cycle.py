@@ -14,7 +14,7 @@ from quadriform.fitting.refinement.point_to_plane import SMALLEST_STEP
 from quadriform.fitting.refinement.starts import ellipsoids
 from quadriform.motion.cycle import FIRST_ROUNDS, LEAST_ROUNDS, MOST_ROUNDS, Cycle
 from quadriform.motion.cycle_equations import CycleEvidence
-from quadriform.motion.slice_shifts import FEWEST
+from quadriform.motion.slice_shifts import SHIFTING
 from quadriform.points import Frame
 from quadriform.shapes.control_box import common_box
 from quadriform.shapes.splines import TimeBasis
@@ -127,7 +127,7 @@ def test_a_motion_that_does_not_repeat_has_a_knot_at_either_end():
 @pytest.mark.slow
 def test_points_of_no_slice_and_slices_of_few_points_are_not_moved(plain):
     few = np.full(100, -1)
-    few[: FEWEST - 1] = 7
+    few[: SHIFTING.fewest - 1] = 7
     for numbers in (np.full(100, -1), few):
         found = tracked(slices=[numbers, *[np.full(100, -1)] * 2])
         assert found.shifts == {}

@@ -6,7 +6,7 @@ from shapes_made import even_directions, made
 
 import quadriform as qf
 from quadriform.errors import OptionError, PointsError
-from quadriform.motion.slice_shifts import SPREAD, SlicePlanes
+from quadriform.motion.slice_shifts import SHIFTING, SlicePlanes
 
 FRAMES, BOX = 6, (3, 3, 3)
 OUTER = made(exponents=(1, 1), semi_axes=(20, 18, 30))
@@ -147,7 +147,7 @@ def test_without_data_a_shift_has_the_spread_that_is_assumed():
     assert not coupling.any() and not right.any() and coupling.shape == (len(own), 1, box.control_points.size)
     weights = np.linalg.eigvalsh(own)
     held = planes.unobservable().shape[1]
-    np.testing.assert_allclose(weights[: len(own) - held], (0.2 / SPREAD) ** 2, rtol=1e-6)
+    np.testing.assert_allclose(weights[: len(own) - held], (0.2 / SHIFTING.spread) ** 2, rtol=1e-6)
     assert (weights[len(own) - held :] > 1e4 * weights[0]).all()
 
 

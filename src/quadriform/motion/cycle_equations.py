@@ -16,7 +16,7 @@ import numpy as np
 from scipy.linalg import cho_solve, eigh
 from scipy.optimize import minimize_scalar
 
-from quadriform.fitting.least_squares.marginal_likelihood import cholesky_factor, spectrum
+from quadriform.fitting.least_squares.marginal_likelihood import SELECTION, cholesky_factor, spectrum
 from quadriform.fitting.least_squares.normal_equations import NormalEquations
 from quadriform.points import Array
 from quadriform.shapes.bernstein import gram
@@ -24,8 +24,6 @@ from quadriform.shapes.splines import TimeBasis
 
 NEARBY = np.log(1e3)
 """The strength in time is sought within this factor of the last one."""
-NOISE_FLOOR = 1e-9
-"""Of the cloud's RMS radius: no data is more exact than that."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +128,7 @@ class CycleEvidence:
         ranked = penalties[penalties > 0]
         rows = max(self.count - 3 * float((penalties <= 0).sum()), 1.0)
         # the minimum of the sum over the degrees of freedom
-        variance = max((self.constant - float(self.right @ found)) / rows, NOISE_FLOOR**2)
+        variance = max((self.constant - float(self.right @ found)) / rows, SELECTION.noise_floor**2)
         criterion = rows * np.log(variance) + 2 * np.log(np.diag(factor)).sum() - 3 * np.log(ranked).sum()
         size = self.knots * self.size
         rotated = self._in_time @ found[:size].reshape(self.knots, -1)

@@ -1,7 +1,7 @@
 """Slices that moved: each was taken in its own breath-hold, and lies beside its place by a shift in its plane.
 
 A shift is the same for the whole cycle. It is one more pair of unknowns in the linear problem of the control points,
-with a prior of mean zero and standard deviation SPREAD.
+with a prior of mean zero and standard deviation `spread`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,21 +15,27 @@ from quadriform.fitting.refinement.point_to_plane import Rows
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
 
-SPREAD = 0.05
-"""Standard deviation of a shift before the data is seen, in RMS radii of the cloud: two or three millimetres."""
-FEWEST = 6
-TOGETHER = 1e6
-"""All slices together do not move: no data would show it, for the model moves with them. The penalty on this is so many
-times larger.
-"""
-PARALLEL = 0.9
-"""Slices whose normals have at least this cosine with each other are a stack, with nothing that crosses it."""
-FOLLOWED = 3
-"""The degree along a stack up to which shifts are penalised likewise. A shear costs the model nothing either, and a
-bend or an S so little beside its gain at the many points of an image that the form of the heart would be mistaken for
-shifts.
-"""
 
+@dataclass(frozen=True)
+class Shifting:
+    """The constants of the shifts of slices."""
+
+    spread: float = 0.05
+    """Standard deviation of a shift before the data is seen, in RMS radii of the cloud: two or three millimetres."""
+    fewest: int = 6
+    """Slices of fewer points are not moved: two unknowns take up a third of what these determine."""
+    together: float = 1e6
+    """All slices together do not move: no data would show it, for the model moves with them. The penalty on this is so
+    many times larger."""
+    parallel: float = 0.9
+    """Slices whose normals have at least this cosine with each other are a stack, with nothing that crosses it."""
+    followed: int = 3
+    """The degree along a stack up to which shifts are penalised likewise. A shear costs the model nothing either, and a
+    bend or an S so little beside its gain at the many points of an image that the form of the heart would be mistaken
+    for shifts."""
+
+
+SHIFTING = Shifting()
 Numbers = NDArray[np.int64]
 SliceNumbers = Sequence[Mapping[str, Numbers]]
 """For each frame the slice number of each point, by surface."""
@@ -61,7 +67,7 @@ class SlicePlanes:
         kept, axes, centres, counts = [], [], [], []
         for number in np.unique(numbers):
             inside = points[numbers == number]
-            if len(inside) >= FEWEST:
+            if len(inside) >= SHIFTING.fewest:
                 kept.append(number)
                 counts.append(float(len(inside)))
                 centres.append(inside.mean(axis=0))
@@ -81,7 +87,7 @@ class SlicePlanes:
         normals = np.cross(self.axes[:, 0], self.axes[:, 1])
         heights = (self.centres - fractions @ self.centres) @ normals[0]
         # slices that cross the stack determine its shear and bend, so only the mean stays penalised
-        degree = FOLLOWED if (np.abs(normals @ normals.T) > PARALLEL).all() else 0
+        degree = SHIFTING.followed if (np.abs(normals @ normals.T) > SHIFTING.parallel).all() else 0
         root = np.sqrt(fractions)[:, None]
         # orthonormal in the weights of the slices
         along = np.linalg.qr(root * np.vander(heights, degree + 1, increasing=True))[0]
@@ -113,7 +119,7 @@ class SlicePlanes:
         count = 2 * len(self.numbers)
         coupling = np.zeros((count, len(frames), boxes[0].control_points.size))
         unobservable = self.unobservable()
-        own = (noise / SPREAD) ** 2 * (np.eye(count) + TOGETHER * unobservable @ unobservable.T)
+        own = (noise / SHIFTING.spread) ** 2 * (np.eye(count) + SHIFTING.together * unobservable @ unobservable.T)
         right = np.zeros(count)
         for frame, (surfaces, box) in enumerate(zip(frames, boxes)):
             for rows, numbers, targets in surfaces:

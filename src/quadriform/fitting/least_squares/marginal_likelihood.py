@@ -17,25 +17,35 @@ from quadriform.errors import DegenerateError, OptionError
 from quadriform.fitting.least_squares.normal_equations import NormalEquations
 from quadriform.points import Array
 
-WIDEST = (1e-13, 1e3)
-"""Range of strengths of the first search, in steps of a decade."""
-NEARBY = 30.0
-"""A later search stays within this factor of the strength before it."""
-NEAR = 0.1
-"""Tolerance, in the logarithm of the strength, of the derivative-free minimisation. The root of the derivative is found
-from there, for rounding of the data may change the result of the minimisation by this much."""
-MAX_SECANT_STEPS = 8
-STEP_TOLERANCE = 1e-6
-"""Length, in the logarithm of the strength, of the last secant step to the root; what is left is of higher order."""
-ROUND_TOLERANCE = 0.03
-"""The same within the rounds of a fit, of which each continues where the one before stopped."""
-FLAT = 0.02
-"""Strengths are equally good where the derivative of the criterion by their logarithm is below this: for data that the
-null space of K fits, the criterion decreases for ever with the strength, and its derivative tends to zero."""
-NOISE_FLOOR = 1e-9
-"""Least standard deviation: the logarithm of the variance stays finite where a fit is exact."""
-NULL_SPACE_WEIGHT = 1e-12
-"""Added on the null space of K, relative to the largest diagonal entry of A: what no point determines there is zero."""
+
+@dataclass(frozen=True)
+class Selection:
+    """The constants of the search for the strength; steps and tolerances are in its logarithm."""
+
+    widest: tuple[float, float] = (1e-13, 1e3)
+    """Range of strengths of the first search, in steps of a decade: from no regularisation to an affine map."""
+    nearby: float = 30.0
+    """A later search stays within this factor of the strength before it."""
+    near: float = 0.1
+    """Tolerance of the derivative-free minimisation. The root of the derivative is found from there, for rounding of
+    the data may change the result of the minimisation by this much."""
+    most_steps: int = 8
+    """Secant steps to the root, which converge in fewer or not at all."""
+    tolerance: float = 1e-6
+    """Length of the last secant step to the root; what is left is of higher order."""
+    round_tolerance: float = 0.03
+    """The same within the rounds of a fit, of which each continues where the one before stopped."""
+    flat: float = 0.02
+    """Strengths are equally good where the derivative of the criterion by their logarithm is below this: for data that
+    the null space of K fits, the criterion decreases for ever with the strength, and its derivative tends to zero."""
+    noise_floor: float = 1e-9
+    """Least standard deviation: the logarithm of the variance stays finite where a fit is exact."""
+    null_space_weight: float = 1e-12
+    """Added on the null space of K, relative to the largest diagonal entry of A: what no point determines there is
+    zero."""
+
+
+SELECTION = Selection()
 
 
 @dataclass(frozen=True)
@@ -136,7 +146,7 @@ class Evidence:
         """The data's matrix (3 k, 3 k) and right side (3 k,) in the eigenbasis of K."""
         rotated = self.equations.between(self.vectors)
         null = np.flatnonzero(np.repeat(self.values == 0, 3))
-        rotated.matrix[null, null] += NULL_SPACE_WEIGHT * np.abs(rotated.matrix.diagonal()).max()
+        rotated.matrix[null, null] += SELECTION.null_space_weight * np.abs(rotated.matrix.diagonal()).max()
         return rotated.matrix, rotated.right
 
     def cost(self, displacement: Array, strength: float) -> float:
@@ -164,7 +174,7 @@ class Evidence:
         displacement = self.vectors @ rotated.reshape(-1, 3)
         alone = self.data is None  # RSS + lambda p' K p, without what a penalty adds
         misfit = self.equations.constant - right @ rotated if alone else self.cost(displacement, strength)
-        variance = max(float(misfit) / dof, NOISE_FLOOR**2)
+        variance = max(float(misfit) / dof, SELECTION.noise_floor**2)
         log_determinant = 2 * np.log(np.diag(factor)).sum()
         # REML with fewer degrees of freedom for correlated residuals; the noise is still estimated from all of them
         effective_dof = max(self.effective_fraction * self.count - self.null_dimension, 1.0)
@@ -201,18 +211,18 @@ class Evidence:
         start = self._first() if near is None else near
         low, high = _nearby(start)
         x = float(np.clip(np.log(start), low, high))
-        root = self._root(x, min(x + NEAR, high), (low, high), STEP_TOLERANCE)
+        root = self._root(x, min(x + SELECTION.near, high), (low, high), SELECTION.tolerance)
         if root == (x, 0.0) and near is not None:
             return self.best()
         if root is None:
-            x, reach = self._by_values(low, high), 3 * NEAR
-            root = self._root(x, x + NEAR, (x - reach, x + reach), STEP_TOLERANCE) or (x, 0.0)
+            x, reach = self._by_values(low, high), 3 * SELECTION.near
+            root = self._root(x, x + SELECTION.near, (x - reach, x + reach), SELECTION.tolerance) or (x, 0.0)
         return self._determined(*root)
 
     def after(self, before: Solution) -> Solution:
         """The solution near the best strength, by one Newton step from the strength and curvature of the round before.
 
-        The strength is found to within about ROUND_TOLERANCE; later rounds refine it.
+        The strength is found to within about `round_tolerance`; later rounds refine it.
 
         Raises:
             DegenerateError: no strength determines the control points.
@@ -224,13 +234,13 @@ class Evidence:
         # one Newton step with the curvature of the round before: rounds differ little
         step = x - derivative / before.curvature
         root: tuple[float, float] | None = (step, before.curvature)
-        if abs(step - x) >= ROUND_TOLERANCE:
-            root = self._root(x, step, _nearby(before.strength), ROUND_TOLERANCE, derivative)
+        if abs(step - x) >= SELECTION.round_tolerance:
+            root = self._root(x, step, _nearby(before.strength), SELECTION.round_tolerance, derivative)
         return self.best(before.strength) if root is None else self._determined(*root)
 
     def _determined(self, x: float, curvature: float) -> Solution:
         """The solution at the logarithm of a strength, or at the nearest larger one that determines it."""
-        for factor_of_strength in (1.0, *np.geomspace(10, WIDEST[1] / WIDEST[0], 16)):
+        for factor_of_strength in (1.0, *np.geomspace(10, SELECTION.widest[1] / SELECTION.widest[0], 16)):
             found = self.solve(float(factor_of_strength * np.exp(x)))
             if found is not None:
                 return replace(found, curvature=curvature if factor_of_strength == 1 else 0.0)
@@ -242,9 +252,9 @@ class Evidence:
     def _first(self) -> float:
         """Where a first search begins: the least of the strengths, a decade apart, that are as good as the best."""
         # the criterion has flat ends, where a local search would stop: look at every decade first
-        strengths = np.geomspace(*WIDEST, 17)
+        strengths = np.geomspace(*SELECTION.widest, 17)
         criteria = np.array([self._criterion(float(strength)) for strength in strengths])
-        return float(strengths[np.argmax(criteria <= criteria.min() + FLAT / 2)])
+        return float(strengths[np.argmax(criteria <= criteria.min() + SELECTION.flat / 2)])
 
     def _by_values(self, low: float, high: float) -> float:
         """The logarithm of about the best strength between two."""
@@ -253,7 +263,7 @@ class Evidence:
                 lambda x: self._criterion(float(np.exp(x))),
                 bounds=(low, high),
                 method="bounded",
-                options={"xatol": NEAR},
+                options={"xatol": SELECTION.near},
             )
         return float(found.x)
 
@@ -272,9 +282,9 @@ class Evidence:
             derivative: at x0, where it was computed already.
         """
         derivatives = self._derivative(x0) if derivative is None else derivative, self._derivative(x1)
-        if all(each is not None and abs(each) < FLAT for each in derivatives):
+        if all(each is not None and abs(each) < SELECTION.flat for each in derivatives):
             return x0, 0.0
-        for _ in range(MAX_SECANT_STEPS):
+        for _ in range(SELECTION.most_steps):
             if derivatives[0] is None or derivatives[1] is None:
                 return None
             if (derivatives[1] - derivatives[0]) * (x1 - x0) <= 0:
@@ -320,7 +330,13 @@ def cholesky_factor(matrix: Array) -> Array | None:
 
 def _nearby(strength: float) -> tuple[float, float]:
     """The range of a later search, in logarithms."""
-    low, high = np.log(np.clip([strength / NEARBY, strength * NEARBY], WIDEST[0], NEARBY * WIDEST[1]))
+    low, high = np.log(
+        np.clip(
+            [strength / SELECTION.nearby, strength * SELECTION.nearby],
+            SELECTION.widest[0],
+            SELECTION.nearby * SELECTION.widest[1],
+        )
+    )
     return float(low), float(high)
 
 

@@ -30,33 +30,49 @@ from quadriform.points import Array, Frame
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.threads import threads_for
 
-MANY, SAMPLE = 50_000, 30_000
-"""A cloud of more points than the first is fitted to about so many of them."""
-PART = 16_000
-"""Points that are handled at once; the parts are shared out among the cores."""
-ROUNDS, TANGENTIAL_STEPS = 3, 4
-STRONGER, ACCEPTED = (1, 10, 100), 1.01
-"""Fold removal may make the noise this many times larger; else the strength is made so many times larger."""
+
+@dataclass(frozen=True)
+class LargeClouds:
+    """The constants of fits to very many points."""
+
+    many: int = 50_000
+    """A cloud of more points is fitted to a sample first, for memory would grow with the points that are held at once."""
+    sample: int = 30_000
+    """About so many of its points: 80 for each unknown of a box of 5 control points a side."""
+    part: int = 16_000
+    """Points that are handled at once; the parts are shared out among the cores."""
+    rounds: int = 3
+    """On all points, after the fit to the sample: the surface is near."""
+    tangential_steps: int = 4
+    """Of each foot point in a round, one more than in other fits: the first begins at that of its nearest neighbour."""
+    stronger: tuple[int, ...] = (1, 10, 100)
+    """Where the removal of folds would cost too much noise, the strength is made so many times larger."""
+    accepted: float = 1.01
+    """Fold removal may make the noise this many times larger: the fit to the sample had no folds."""
+
+
+LARGE = LargeClouds()
 MIX = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
+"""Odd numbers without a pattern in their bits, that of the golden ratio among them."""
 T = TypeVar("T")
 
 
 def sample_of_large(clouds: Mapping[str, Array], weights: Mapping[str, Array]) -> dict[str, NDArray[np.int64]] | None:
-    """Name -> indices of a sample of the points (n, 3); None chosen no cloud has more than `MANY`."""
-    if max(map(len, clouds.values())) <= MANY:
+    """Name -> indices of a sample of the points (n, 3); None where no cloud has more than `many`."""
+    if max(map(len, clouds.values())) <= LARGE.many:
         return None
     return {name: sampled(cloud, weights[name]) for name, cloud in clouds.items()}
 
 
 def sampled(cloud: Array, weights: Array) -> NDArray[np.int64]:
-    """Indices of about `SAMPLE` points (n, 3) that have a weight; of all chosen mask are not too many.
+    """Indices of about `sample` points (n, 3) that have a weight; of all where they are not too many.
 
     Chosen by a hash of their coordinates: the same whatever their order, and no pattern of a scan is met.
     """
-    if len(cloud) <= MANY:
+    if len(cloud) <= LARGE.many:
         return np.arange(len(cloud))
-    # a hash below this is chosen: the expected size of the sample is SAMPLE
-    limit = np.uint64(min(SAMPLE / int(np.count_nonzero(weights)), 1.0) * (2**64 - 2**11))
+    # a hash below this is chosen: so many are expected below it
+    limit = np.uint64(min(LARGE.sample / int(np.count_nonzero(weights)), 1.0) * (2**64 - 2**11))
     chosen = []
     for part in _parts(len(cloud)):
         mask = (_hashes(cloud[part]) <= limit) & (weights[part] > 0)
@@ -73,7 +89,7 @@ def _hashes(points: Array) -> NDArray[np.uint64]:
 
 
 def _parts(count: int) -> Iterator[slice]:
-    return (slice(start, min(start + PART, count)) for start in range(0, count, PART))
+    return (slice(start, min(start + LARGE.part, count)) for start in range(0, count, LARGE.part))
 
 
 @dataclass(frozen=True)
@@ -90,12 +106,12 @@ class _Surface:
         """Some of all points with foot points; with probabilities at the sample's inlier ratio if a noise is given."""
         points = frame.to_local(self.cloud[chosen])
         data = self.data.beside(points, self.weights[chosen], self.tree.query(points)[1])
-        data = data.with_tangential_steps(box, TANGENTIAL_STEPS)
+        data = data.with_tangential_steps(box, LARGE.tangential_steps)
         return data if noise is None else replace(data, inliers=data.probabilities(data.distances(box), noise))
 
     def updated(self, box: ControlBox, noise: float | None) -> "_Surface":
         """With the sample's foot points, and its inlier ratio if a noise is given, for a box that has moved."""
-        data = self.data.with_tangential_steps(box, TANGENTIAL_STEPS)
+        data = self.data.with_tangential_steps(box, LARGE.tangential_steps)
         return replace(self, data=data if noise is None else data.weighted(data.distances(box), noise))
 
 
@@ -111,7 +127,7 @@ class _All:
         """The work on every part, in their order."""
         # sums are added in the order of the parts, whatever thread is done first
         jobs = [(surface, chosen) for surface in surfaces for chosen in _parts(len(surface.cloud))]
-        with ThreadPoolExecutor(threads_for(PART * len(jobs))) as pool:
+        with ThreadPoolExecutor(threads_for(LARGE.part * len(jobs))) as pool:
             yield from pool.map(lambda job: work(*job), jobs)
 
     def sums(self, box: ControlBox, raised: ControlBox, noise: float) -> tuple[NormalEquations, float]:
@@ -166,14 +182,14 @@ def on_all(
 def _rounds(points: _All, found: Fit, box: ControlBox, options: TangentOptions) -> tuple[_All, Fit]:
     """A few rounds from the box of the sample, in the centred, scaled frame; the fit in the world.
 
-    The fit to the sample itself chosen all that they could lead to folds or leaves control points undetermined.
+    The fit to the sample itself where all that they lead to folds or leaves control points undetermined.
     """
     strength, scale = check_strength(options.strength), points.frame.scale
     noise, history = found.noise / scale, list(found.history)
     effective_fraction = 1.0 if found.enriched is None else found.enriched.evidence.effective_fraction
     solutions = list[Solution]()
     probes = np.concatenate([surface.data.superquadric.grid(8)[0] for surface in points.surfaces])
-    for _ in range(ROUNDS):
+    for _ in range(LARGE.rounds):
         points = points.updated(box, noise)
         equations, count = points.sums(box, box, noise)
         evidence = evidence_from(equations, box, options.regularity, count, effective_fraction)
@@ -222,12 +238,14 @@ def _unfolded(points: _All, evidence: Evidence, box: ControlBox, solution: Solut
     """The box moved by a solution, without folds; regularised more strongly where that would cost too much noise."""
     surfaces = {surface.name: surface.data.superquadric for surface in points.surfaces}
     penalty = JacobianPenalty.of(box, surfaces, evidence.count, solution.noise)
-    for factor in STRONGER:
+    for factor in LARGE.stronger:
         first = solution if factor == 1 else evidence.solve(factor * solution.strength)
         if first is None:
             continue
         state = _Solved(moved(box, first), first)
-        found = remove_folds(_Linear(evidence), state, penalty, first.strength, surfaces, ACCEPTED * solution.noise)
+        found = remove_folds(
+            _Linear(evidence), state, penalty, first.strength, surfaces, LARGE.accepted * solution.noise
+        )
         if found is not None:
             return replace(found, solution=replace(found.solution, curvature=solution.curvature))
     return None
