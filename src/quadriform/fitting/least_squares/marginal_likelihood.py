@@ -30,7 +30,7 @@ class Selection:
     """Tolerance of the derivative-free minimisation. The root of the derivative is found from there, for rounding of
     the data may change the result of the minimisation by this much."""
     most_steps: int = 8
-    """Secant steps to the root, which converge in fewer or not at all."""
+    """Secant steps to the root; where they do not converge, the minimum is sought without derivatives."""
     tolerance: float = 1e-6
     """Length of the last secant step to the root; what is left is of higher order."""
     round_tolerance: float = 0.03
@@ -330,13 +330,8 @@ def cholesky_factor(matrix: Array) -> Array | None:
 
 def _nearby(strength: float) -> tuple[float, float]:
     """The range of a later search, in logarithms."""
-    low, high = np.log(
-        np.clip(
-            [strength / SELECTION.nearby, strength * SELECTION.nearby],
-            SELECTION.widest[0],
-            SELECTION.nearby * SELECTION.widest[1],
-        )
-    )
+    factor, (least, most) = SELECTION.nearby, SELECTION.widest
+    low, high = np.log(np.clip([strength / factor, strength * factor], least, factor * most))
     return float(low), float(high)
 
 

@@ -36,7 +36,7 @@ class LargeClouds:
     """The constants of fits to very many points."""
 
     many: int = 50_000
-    """A cloud of more points is fitted to a sample first, for memory would grow with the points that are held at once."""
+    """A cloud of more points is fitted to a sample first: memory grows with the points that are held at once."""
     sample: int = 30_000
     """About so many of its points: 80 for each unknown of a box of 5 control points a side."""
     part: int = 16_000
