@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from quadriform.columns import MILLIMETRES, Chosen, Columns, chosen_columns, columns_of
 from quadriform.errors import ColumnsError, OptionError, PointsError, WarningKind, Warnings, choose
-from quadriform.points import Array, by_name, check_points, check_spread
+from quadriform.points import Array, by_name, check_points, check_spread, for_each
 from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.mesh_points import mesh_points
 from quadriform.words import short_repr
@@ -84,9 +84,7 @@ def point_sets(points: Any, columns: Chosen = None, normals: Any = None, weights
         check_spread(each.points, needed=11)
     if normals is None:
         return sets
-    beside = by_name(normals, "normals") if isinstance(normals, Mapping) else dict.fromkeys(sets, normals)
-    if beside.keys() != sets.keys():
-        raise OptionError(f"normals {sorted(beside)} and points {sorted(sets)} must have the same names")
+    beside = for_each(sets, normals, "normals")
     return {n: replace(each, normals=unit_normals(beside[n], len(each.points))) for n, each in sets.items()}
 
 

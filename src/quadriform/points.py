@@ -1,6 +1,6 @@
 """Input checks: whatever users pass becomes checked float64 arrays here, once; centre-and-scale and its undoing."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol, Self, TypeVar
 
@@ -141,6 +141,18 @@ def by_name(given: Mapping[Any, Named], what: str) -> dict[str, Named]:
             )
         result[text] = value
     return result
+
+
+def for_each(names: Collection[str], given: Mapping[Any, Named] | Named, what: str) -> dict[str, Named]:
+    """Return a value for each name: those of a mapping, or the same one for all.
+
+    Raises:
+        OptionError: a mapping with other names.
+    """
+    values: dict[str, Named] = by_name(given, what) if isinstance(given, Mapping) else dict.fromkeys(names, given)
+    if values.keys() != set(names):
+        raise OptionError(f"{what} {sorted(values)} and points {sorted(names)} must have the same names")
+    return values
 
 
 def check_number(value: float, option: str, low: float, high: float = np.inf) -> float:

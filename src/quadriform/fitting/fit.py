@@ -24,11 +24,11 @@ from quadriform.fitting.options import METHODS, PaperOptions, TangentOptions, op
 from quadriform.fitting.paper.two_step import two_step
 from quadriform.fitting.refinement.large_clouds import on_all, sample_of_large
 from quadriform.fitting.refinement.refine import LocalProblem, refine_tangent
-from quadriform.fitting.result import Fit, Progress, Result, rms, unnamed
+from quadriform.fitting.result import Fit, Progress, Result, SuperquadricFit, rms, unnamed
 from quadriform.fitting.superquadric.fit import covered_fraction, fit_by_paper, fit_robust
 from quadriform.fitting.threads import one_blas_thread
 from quadriform.point_sets import ALONE, Given, PointSet, common_unit, point_sets, points_sha256, precision_loss
-from quadriform.points import Array, Frame, by_name, check_weights
+from quadriform.points import Array, Frame, check_weights, for_each
 from quadriform.shapes.closest import closest_on
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.kinds import KINDS
@@ -76,30 +76,28 @@ def fit(
     sets = {name: each.in_metric_unit() for name, each in given.items()}
     unit, space = common_unit(sets, unit), choose(space, (*SPACES, "unknown"), "space")
     choose(kind, tuple(KINDS), "kind")
-    options = dict(box=box, regularity=regularity, strength=strength, robust=robust, base=base)
-    options |= dict(max_error=max_error, matching=matching, iterations=iterations, tolerance=tolerance)
-    chosen, clouds = options_for(method, options), _checked(sets, weights, method)
-    if isinstance(chosen, PaperOptions):
-        found = _with(sets, _fit_paper(clouds, kind, chosen, progress))
-    else:
-        found = _with(sets, _fit_tangent(clouds, kind, chosen, progress))
-    return replace(found, model=replace(found.model, unit=unit, space=space))
+    options = dict(box=box, regularity=regularity, strength=strength, robust=robust, base=base, max_error=max_error)
+    chosen = options_for(method, options | dict(matching=matching, iterations=iterations, tolerance=tolerance))
+    found = _fitted(_checked(sets, weights, method), kind, chosen, progress)
+    return _with(sets, replace(found, model=replace(found.model, unit=unit, space=space)))
 
 
-def _fit_paper(clouds: _Clouds, kind: str, options: PaperOptions, progress: Progress | None) -> Fit:
-    starts = {name: fit_by_paper(cloud, kind) for name, cloud in clouds.points.items()}
-    found = _refine_paper({name: each.superquadric for name, each in starts.items()}, clouds, options, progress)
-    return replace(found, warnings=named_texts({n: s.warnings for n, s in starts.items()}) | found.warnings)
-
-
-def _fit_tangent(clouds: _Clouds, kind: str, options: TangentOptions, progress: Progress | None) -> Fit:
+def _fitted(clouds: _Clouds, kind: str, options: PaperOptions | TangentOptions, progress: Progress | None) -> Fit:
+    """The superquadrics, then their refinement; a very large cloud is fitted to a sample first."""
+    if isinstance(options, PaperOptions):
+        starts = {name: fit_by_paper(cloud, kind) for name, cloud in clouds.points.items()}
+        found = _refine_paper(_superquadrics(starts), clouds, options, progress)
+        return replace(found, warnings=named_texts({n: s.warnings for n, s in starts.items()}) | found.warnings)
     index = sample_of_large(clouds.points, clouds.weights)
     sample = clouds.take(index)
     starts = {name: fit_robust(cloud, kind, sample.weights[name], {}) for name, cloud in sample.points.items()}
-    surfaces = {name: each.superquadric for name, each in starts.items()}
-    found = _refine_tangent(surfaces, clouds, index, options, progress, kind)
+    found = _refine_tangent(_superquadrics(starts), clouds, index, options, progress, kind)
     # warnings of the refined model are its own; its start matters where another order of points gives another
     return replace(found, notes=(*found.notes, *start_notes(starts, found.model)))
+
+
+def _superquadrics(starts: Mapping[str, SuperquadricFit]) -> dict[str, Superquadric]:
+    return {name: each.superquadric for name, each in starts.items()}
 
 
 @known_options
@@ -139,13 +137,10 @@ def refine(
     """
     sets = point_sets(points, weights=weights)
     named = {ALONE: superquadric} if isinstance(superquadric, Superquadric) else superquadric
-    surfaces = by_name(named, "superquadric")
-    if surfaces.keys() != sets.keys():
-        raise OptionError(f"surfaces {sorted(surfaces)} and points {sorted(sets)} must have the same names")
+    surfaces: dict[str, Superquadric] = for_each(sets, named, "surfaces")
     clouds = _checked(sets, weights, method)
-    options = dict(box=box, regularity=regularity, strength=strength, robust=robust, base=base)
-    options |= dict(max_error=max_error, matching=matching, iterations=iterations, tolerance=tolerance)
-    chosen = options_for(method, options)
+    options = dict(box=box, regularity=regularity, strength=strength, robust=robust, base=base, max_error=max_error)
+    chosen = options_for(method, options | dict(matching=matching, iterations=iterations, tolerance=tolerance))
     if isinstance(chosen, TangentOptions):
         index = sample_of_large(clouds.points, clouds.weights)
         return _with(sets, _refine_tangent(surfaces, clouds, index, chosen, progress, start=start))
@@ -174,9 +169,7 @@ def _checked(sets: Mapping[str, PointSet], weights: Weights, method: str) -> _Cl
     choose(method, METHODS, "method")
     if weights is not None and method == "paper":
         raise OptionError("option weights is not one of method='paper'; use method='tangent'")
-    given = by_name(weights, "weights") if isinstance(weights, Mapping) else dict.fromkeys(sets, weights)
-    if given.keys() != sets.keys():
-        raise OptionError(f"weights {sorted(given)} and points {sorted(sets)} must have the same names")
+    given = for_each(sets, weights, "weights")
     points = {name: each.points for name, each in sets.items()}
     normals = {name: each.normals for name, each in sets.items() if each.normals is not None}
     return _Clouds(points, {name: check_weights(given[name], len(each)) for name, each in points.items()}, normals)
@@ -198,10 +191,7 @@ def _refine_paper(
 ) -> Fit:
     """Centre and scale, refine, undo."""
     frame = Frame.of(np.concatenate(list(clouds.points.values())))  # copies are points like any other
-    local, superquadrics = (
-        {name: frame.to_local(cloud) for name, cloud in clouds.points.items()},
-        _in_frame(surfaces, frame),
-    )
+    local, superquadrics = _to_local(clouds.points, frame), _in_frame(surfaces, frame)
     box, history, strength = two_step(superquadrics, local, options, progress)
     model = DeformableModel(superquadrics, box)
     return _in_world(Result(model, history, strength, warnings=far_control_points(model)), clouds.points, frame)
@@ -234,7 +224,7 @@ def _refine_tangent(
     found = _in_world(_of_all_points(result, distinct), sample.points, frame)
     copies = named_texts({name: duplicates(each.copies, len(each.counted)) for name, each in distinct.items()})
     found = replace(found, warnings=copies | found.warnings)
-    return found if index is None else on_all(found, clouds.points, clouds.weights, index, options)
+    return found if index is None else on_all(found, clouds.points, clouds.weights, centred, options)
 
 
 def _of_all_points(result: Result, distinct: Mapping[str, Distinct]) -> Result:
@@ -243,14 +233,17 @@ def _of_all_points(result: Result, distinct: Mapping[str, Distinct]) -> Result:
     return replace(result, inliers=inliers, counted={name: each.counted for name, each in distinct.items()})
 
 
+def _to_local(clouds: Mapping[str, Array], frame: Frame) -> dict[str, Array]:
+    return {name: frame.to_local(cloud) for name, cloud in clouds.items()}
+
+
 def _in_frame(surfaces: Mapping[str, Superquadric], frame: Frame) -> dict[str, Superquadric]:
     return {name: frame.shape_to_local(surface) for name, surface in surfaces.items()}
 
 
 def _in_world(result: Result, clouds: Mapping[str, Array], frame: Frame) -> Fit:
     """The fit in the unit and frame of the points, with distances and warnings."""
-    local = {name: frame.to_local(cloud) for name, cloud in clouds.items()}
-    model = result.model
+    local, model = _to_local(clouds, frame), result.model
     residuals, before = (
         {name: closest_on(model.surfaces[name], box, cloud).signed for name, cloud in local.items()}
         for box in (model.box, model.box.with_control_points(model.box.rest))

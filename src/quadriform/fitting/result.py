@@ -22,6 +22,22 @@ Progress = Callable[[int, int], None]
 """Called with (steps done, steps in all)."""
 
 
+class Warned:
+    """Status and texts of a result with warnings."""
+
+    warnings: Warnings
+
+    @property
+    def status(self) -> str:
+        """The word "ok", or "warned" when there are warnings."""
+        return "warned" if self.warnings else "ok"
+
+    @property
+    def _texts(self) -> list[str]:
+        """The warnings, each with its kind."""
+        return [f"{kind}: {text}" for kind, text in self.warnings.items()]
+
+
 @dataclass(frozen=True)
 class Iteration:
     """One iteration of the two steps; lengths in the unit of the data.
@@ -38,6 +54,11 @@ class Iteration:
     box_displacement: float
     surface_motion: float
 
+    @classmethod
+    def of(cls, error: float, box_motion: Array, box_displacement: Array, surface_motion: Array) -> Iteration:
+        """From the vectors (..., 3) by which control points and model points have moved."""
+        return cls(error, *(rms_length(vectors) for vectors in (box_motion, box_displacement, surface_motion)))
+
     def scaled(self, scale: float) -> Iteration:
         """The same in another unit of length."""
         lengths = (self.error, self.box_motion, self.box_displacement, self.surface_motion)
@@ -45,7 +66,7 @@ class Iteration:
 
 
 @dataclass(frozen=True, repr=False)
-class SuperquadricFit:
+class SuperquadricFit(Warned):
     """A fitted superquadric.
 
     Attributes:
@@ -77,17 +98,11 @@ class SuperquadricFit:
         s = self.superquadric
         fitted = f"{s.kind} with semi-axes {listed(s.semi_axes)}, exponents {listed(s.exponents)}"
         points = f"{len(self.inliers)} points, noise {self.noise:.4g}, {self.iterations} iterations"
-        texts = [f"{kind}: {text}" for kind, text in self.warnings.items()]
-        return summary(f"SuperquadricFit: {self.status}", fitted, points, *texts)
-
-    @property
-    def status(self) -> str:
-        """The word "ok", or "warned" when there are warnings."""
-        return "warned" if self.warnings else "ok"
+        return summary(f"SuperquadricFit: {self.status}", fitted, points, *self._texts)
 
 
 @dataclass(frozen=True, repr=False)
-class Fit:
+class Fit(Warned):
     """A fitted deformable model.
 
     Attributes:
@@ -122,8 +137,7 @@ class Fit:
         numbers = f"RMS distance {self.rms:.4g}, noise {self.noise:.4g}, strength {self.strength:.2g}"
         counts = " x ".join(map(str, self.model.box.control_points.shape[:3]))
         model = f"{', '.join(self.model.surfaces)} in {counts} control points, {self.model.n_parameters} parameters"
-        texts = [f"{kind}: {text}" for kind, text in self.warnings.items()]
-        return summary(f"Fit: {self.status}", f"{self.n_points} points, {numbers}", model, *texts)
+        return summary(f"Fit: {self.status}", f"{self.n_points} points, {numbers}", model, *self._texts)
 
     def __post_init__(self) -> None:
         """Let the model carry status, warnings and notes, also after `dataclasses.replace`."""
@@ -142,11 +156,6 @@ class Fit:
             raise OptionError("uncertainty: method='paper' estimates none; use method='tangent'")
         foot = self.model.foot_points(points, surface)
         return self.enriched.deviation(self.model.box, foot.origins, foot.normals)
-
-    @property
-    def status(self) -> str:
-        """The word "ok", or "warned" when there are warnings."""
-        return "warned" if self.warnings else "ok"
 
     @property
     def iterations(self) -> int:
@@ -180,7 +189,7 @@ class Fit:
             FitError: there are warnings; the message has them.
         """
         if self.warnings:
-            raise FitError("; ".join(f"{kind}: {text}" for kind, text in self.warnings.items()))
+            raise FitError("; ".join(self._texts))
         return self
 
 
@@ -230,6 +239,11 @@ def flat(residuals: Array | dict[str, Array]) -> Array:
 def rms(residuals: Array | dict[str, Array]) -> float:
     """Root of the mean square of all residuals."""
     return float(np.sqrt((flat(residuals) ** 2).mean()))
+
+
+def rms_length(vectors: Array) -> float:
+    """Root of the mean square length of vectors (..., 3)."""
+    return float(np.sqrt((vectors**2).sum(axis=-1).mean()))
 
 
 def rms_of_inliers(distances: Array, inliers: NDArray[np.bool_]) -> float:

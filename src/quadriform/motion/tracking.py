@@ -18,7 +18,7 @@ from quadriform.fitting.diagnostics import INLIER, folding, named_texts, outlier
 from quadriform.fitting.fit import fit, precision_warnings, refine
 from quadriform.fitting.options import check_box, check_strength
 from quadriform.fitting.refinement.starts import ellipsoids
-from quadriform.fitting.result import Fit, Progress, flat, rms_of_inliers
+from quadriform.fitting.result import Fit, Progress, Warned, flat, rms_of_inliers
 from quadriform.motion.cycle import Cycle, CycleFit
 from quadriform.motion.slice_shifts import SlicePlanes
 from quadriform.point_sets import ALONE, Given, PointSet, common_unit, point_sets, points_sha256
@@ -40,7 +40,7 @@ AnyModel = TypeVar("AnyModel", DeformableModel, MovingModel)
 
 
 @dataclass(frozen=True, repr=False)
-class Track:
+class Track(Warned):
     """Models of all frames.
 
     Attributes:
@@ -70,8 +70,7 @@ class Track:
     def __repr__(self) -> str:
         times = f"{len(self.times)} frames from {self.times[0]:.4g} to {self.times[-1]:.4g}, strategy {self.strategy!r}"
         points = f"RMS distance {self.rms:.4g}, noise {self.noise:.4g}"
-        texts = [f"{kind}: {text}" for kind, text in self.warnings.items()]
-        return summary(f"Track: {self.status}", times, points, *texts)
+        return summary(f"Track: {self.status}", times, points, *self._texts)
 
     def __post_init__(self) -> None:
         """Let all models carry status, warnings and notes, also after `dataclasses.replace`."""
@@ -82,11 +81,6 @@ class Track:
     def _recorded(self, model: AnyModel) -> AnyModel:
         record = replace(model.record, status=self.status, warnings=self.warnings, notes=self.notes)
         return replace(model, record=record)
-
-    @property
-    def status(self) -> str:
-        """The word "ok", or "warned" when there are warnings."""
-        return "warned" if self.warnings else "ok"
 
     @property
     def rms(self) -> float:

@@ -156,12 +156,15 @@ class _Search:
 
     def points(self, at: Array) -> Array:
         """Undeformed surface points of all targets, (n, 3)."""
-        return self.to_world(self.scaled(np.arange(len(at)), at)) + self.superquadric.translation
+        return self._in_space(self.scaled(np.arange(len(at)), at))
+
+    def _in_space(self, scaled: Array) -> Array:
+        return self.superquadric.to_world(scaled * self.superquadric.semi_axes)
 
     @np.errstate(over="ignore", invalid="ignore")
     def value(self, index: Index, at: Array) -> Array:
         """Half the squared distance (n,) of some targets; infinite beyond the range of coordinates."""
-        points = self.to_world(self.scaled(index, at)) + self.superquadric.translation
+        points = self._in_space(self.scaled(index, at))
         far = (np.abs(points) > LARGEST).any(axis=1)
         points[far] = self.superquadric.translation
         half = ((self.targets[index] - self.box.deform(points)) ** 2).sum(axis=1) / 2
@@ -170,7 +173,7 @@ class _Search:
     def gradient(self, index: Index, at: Array) -> Array:
         """Its derivatives by t and u, (n, 2)."""
         q = self.scaled(index, at)
-        points = self.to_world(q) + self.superquadric.translation
+        points = self._in_space(q)
         offset = self.targets[index] - self.box.deform(points)
         undeformed = np.einsum("nij,ni->nj", self.box.jacobian(points), offset)
         by_parameters = self.derivatives(index, at, q)

@@ -7,7 +7,7 @@ import numpy as np
 from quadriform.fitting.options import PaperOptions
 from quadriform.fitting.paper.displacement import data_to_model, model_to_data
 from quadriform.fitting.paper.solvers import step_for
-from quadriform.fitting.result import Iteration, Progress
+from quadriform.fitting.result import Iteration, Progress, rms_length
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox, outer_box
 from quadriform.shapes.superquadric import Superquadric
@@ -48,20 +48,9 @@ def two_step(
         step = solve(displacement, control, rest)  # P7
         control = control + step  # section 3.3
         moved = b @ step
-        history.append(
-            Iteration(
-                error=_rms(moved - displacement),
-                box_motion=_rms(step),
-                box_displacement=_rms(control - rest),
-                surface_motion=_rms(moved),
-            )
-        )
+        history.append(Iteration.of(rms_length(moved - displacement), step, control - rest, moved))
         if progress is not None:
             progress(iteration + 1, options.iterations)
         if options.tolerance is not None and history[-1].surface_motion < options.tolerance:
             break  # section 3.3, the stop test
     return box.with_control_points(control), tuple(history), strength
-
-
-def _rms(vectors: Array) -> float:
-    return float(np.sqrt((vectors**2).sum(axis=1).mean()))

@@ -155,7 +155,7 @@ def on_all(
     found: Fit,
     clouds: Mapping[str, Array],
     weights: Mapping[str, Array],
-    index: Mapping[str, NDArray[np.int64]],
+    sample: Centred,
     options: TangentOptions,
 ) -> Fit:
     """A fit to a sample continued on all points.
@@ -164,10 +164,9 @@ def on_all(
         found: the fit to the sample.
         clouds: name -> (n, 3), all points.
         weights: name -> (n,).
-        index: name -> indices of the sample.
+        sample: the points that were fitted.
         options: of the fit.
     """
-    sample = Centred.of(*({name: each[index[name]] for name, each in part.items()} for part in (clouds, weights)))
     local = sample.frame.shape_to_local(found.model)
     surfaces = []
     for name, cloud in clouds.items():

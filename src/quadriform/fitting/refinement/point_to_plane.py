@@ -135,13 +135,5 @@ def step_length(total: Callable[[float], float]) -> float:
 
 def record(before: ControlBox, after: ControlBox, probes: Array, noise: float) -> Iteration:
     """The changes by one round; `probes` (n, 3) are points of the superquadrics."""
-    return Iteration(
-        error=noise,
-        box_motion=_rms(after.control_points - before.control_points),
-        box_displacement=_rms(after.control_points - after.rest),
-        surface_motion=_rms(after.deform(probes) - before.deform(probes)),
-    )
-
-
-def _rms(vectors: Array) -> float:
-    return float(np.sqrt((vectors**2).sum(axis=-1).mean()))
+    step, displacement = after.control_points - before.control_points, after.control_points - after.rest
+    return Iteration.of(noise, step, displacement, after.deform(probes) - before.deform(probes))

@@ -37,7 +37,7 @@ class LocalProblem:
 
     Attributes:
         clouds: name -> (n, 3) points.
-        weights: name -> (n,).
+        weights: name -> (n,), above 0.
         normals: name -> (n, 3) unit or zero, of the clouds that were given some.
         options: of the refinement.
         half_space: where no data is expected.
@@ -57,14 +57,11 @@ class LocalProblem:
 
     @cached_property
     def datasets(self) -> list[SurfaceData]:
-        """The data of each surface without the points of weight zero; around spheres, until there are starts."""
-        result = []
-        for name, cloud in self.clouds.items():
-            counted = self.weights[name] > 0
-            normals = self.normals[name][counted] if name in self.normals else None
-            weights = self.weights[name][counted]
-            result.append(SurfaceData.of(Superquadric(), cloud[counted], weights, self.half_space, normals))
-        return result
+        """The data of each surface; around spheres, until there are starts."""
+        return [
+            SurfaceData.of(Superquadric(), cloud, self.weights[name], self.half_space, self.normals.get(name))
+            for name, cloud in self.clouds.items()
+        ]
 
     @cached_property
     def first_sample(self) -> Subsample:
@@ -96,12 +93,9 @@ def refine_tangent(problem: LocalProblem, surfaces: dict[str, Superquadric], kin
 
 def _error(result: Result, clouds: Mapping[str, Array]) -> float:
     """RMS distance of the inliers to the model."""
-    squares, total = 0.0, 0.0
-    for name, cloud in clouds.items():
-        weight = np.ones(len(cloud)) if result.inliers is None else result.inliers[name]
-        squares += float(weight @ result.model.distance(cloud, name) ** 2)
-        total += float(weight.sum())
-    return float(np.sqrt(squares / total))
+    inliers = result.inliers or {}
+    squares = sum(float(inliers[name] @ result.model.distance(cloud, name) ** 2) for name, cloud in clouds.items())
+    return float(np.sqrt(squares / sum(float(weights.sum()) for weights in inliers.values())))
 
 
 def _best_start(
@@ -224,21 +218,12 @@ def _result(trial: _Trial, refined: Refined, warnings: Warnings) -> Result:
         noise=refined.noise,
         covariance=refined.solution.covariance(),
         enriched=_enriched(refined, local.options.regularity),
-        inliers=_all_inliers(local, refined),
+        inliers={name: data.inliers for name, data in zip(local.clouds, refined.datasets)},
         warnings=warnings | ill_conditioned(model, refined.solution),
         half_space=local.half_space,
         covered=trial.coarse.covered and local.half_space is None,
         ends=tuple(name for name, data in zip(local.clouds, trial.coarse.datasets) if data.ends()),
     )
-
-
-def _all_inliers(problem: LocalProblem, refined: Refined) -> dict[str, Array]:
-    """Probabilities of all points, zero for those of weight zero."""
-    result = {}
-    for (name, weights), data in zip(problem.weights.items(), refined.datasets):
-        result[name] = np.zeros(len(weights))
-        result[name][weights > 0] = data.inliers
-    return result
 
 
 def _enriched(refined: Refined, regularity: str | Regulariser) -> EnrichedBox:
