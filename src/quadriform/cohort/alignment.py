@@ -223,7 +223,7 @@ def check_same_surfaces(models: Sequence[DeformableModel], names: tuple[str, ...
         InputError: one has not.
     """
     for number, model in enumerate(models):
-        if set(model.surfaces) != set(names) or any(s.kind != "ellipsoid" for s in model.surfaces.values()):
+        if set(model.surfaces) != set(names) or any(not s.is_radial for s in model.surfaces.values()):
             raise InputError(f"model {number}: expected the surfaces {', '.join(names)}, all of kind 'ellipsoid'")
 
 

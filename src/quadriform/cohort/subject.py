@@ -244,7 +244,7 @@ def parameters_of(model: AnyModel, layout: Layout) -> Parameters:
             f"{layout.frames} frames at most, as in the rest of the cohort"
         )
     shape = models[0].box.control_points.shape[:3]
-    if shape != layout.box or any(surface.kind != "ellipsoid" for surface in model.surfaces.values()):
+    if shape != layout.box or any(not surface.is_radial for surface in model.surfaces.values()):
         raise InputError(f"box {shape}; expected {layout.box} around ellipsoids, as in the rest of the cohort")
     return Parameters(
         superquadrics=np.array([[m.surfaces[name].parameters for name in layout.surfaces] for m in models]),

@@ -90,7 +90,7 @@ def _names(model: DeformableModel, warnings: Warnings) -> tuple[str, str | None]
         warnings[WarningKind.MISSING_SURFACE] = "there is no surface 'epi': no mass, wall thickness, twist or strain"
         return cavity, None
     for name in ("endo", "epi"):
-        if model.surfaces[name].kind != "ellipsoid":
+        if not model.surfaces[name].is_radial:
             raise OptionError(f"models: {name} is of kind={model.surfaces[name].kind!r}; the wall needs 'ellipsoid'")
     return cavity, "epi"
 

@@ -257,5 +257,5 @@ class Superquadric:
         )
 
     def _only_ellipsoid(self, what: str) -> None:
-        if self.kind != "ellipsoid":
+        if not self.is_radial:
             raise OptionError(f"{what} holds for kind='ellipsoid' only, found kind={self.kind!r}")

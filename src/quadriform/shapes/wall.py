@@ -107,7 +107,7 @@ def _opposite(model: DeformableModel, inner: str, outer: str, start: Array) -> A
     """Points (n, 3) where the rays from the inner centre through its surface points leave the outer surface."""
     small, large = model.superquadric(inner), model.superquadric(outer)
     for name, surface in ((inner, small), (outer, large)):
-        if surface.kind != "ellipsoid":
+        if not surface.is_radial:
             raise OptionError(f"surface {name!r}: expected a superellipsoid, found kind={surface.kind!r}")
     outside = large.implicit(start) >= 1
     if outside.any():

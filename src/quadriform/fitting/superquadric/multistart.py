@@ -169,7 +169,7 @@ def solve(problem: Problem) -> Solution:
         search.annealed_starts(parts, search.frames(parts, FRAMES), SEARCH.coarse), SEARCH.kept, None
     )
     accepted = acceptable(best)
-    if problem.kind == "ellipsoid" and not accepted[best_first(best.scores())[0]]:
+    if KINDS[problem.kind].is_radial and not accepted[best_first(best.scores())[0]]:
         best = search.wider(np.concatenate([parts, sides(cloud.points, core)]), best)
         accepted = acceptable(best)
     # accepted candidates first: the likelihood does not see patterns in the distances
@@ -235,7 +235,7 @@ class Search:
         The search may take points of a clean but uneven sample for outliers; here all count, from the axes of the whole
         cloud and then, twice, from those of what the best starts come to.
         """
-        if self.cloud.kind != "ellipsoid":
+        if not KINDS[self.cloud.kind].is_radial:
             return None
         subset = self.cloud.sample(SEARCH.coarse)
         frames = self.frames(np.ones((1, len(self.cloud.points))), FRAMES)
@@ -278,7 +278,7 @@ class Search:
         return descent
 
     def _starts(self, parts: Array, rotations: Array) -> Candidates:
-        if self.cloud.kind != "ellipsoid":
+        if not KINDS[self.cloud.kind].is_radial:
             return other_kind(self.cloud.points[parts[0] > 0], self.cloud.kind)
         return ellipsoids(self.cloud.points, parts * self.cloud.weights, rotations)
 
