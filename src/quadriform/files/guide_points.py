@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from quadriform.errors import FileFormatError, InputError, PointsError, choose
 from quadriform.files.numbers import to_number
-from quadriform.files.reading import PathLike, quoted, read_bytes, utf8_text
+from quadriform.files.reading import PathLike, beginning, quoted, read_bytes, utf8_text
 from quadriform.points import Array
 from quadriform.words import short_repr
 
@@ -121,11 +121,7 @@ def is_guide_points(path: Path) -> bool:
         return False
     if FILE_NAME.fullmatch(path.name):
         return True
-    try:
-        with open(path, "rb") as stream:
-            text = stream.read(BEGINNING).decode("utf-8-sig", errors="replace")
-    except OSError:
-        return False
+    text = beginning(path, BEGINNING).decode("utf-8-sig", errors="replace")
     first = next((line for line in text.splitlines() if line.strip()), "")
     fields = fields_of(first)
     return "contourtype" in map(plain, fields) or (

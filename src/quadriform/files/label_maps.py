@@ -106,8 +106,7 @@ def _nifti(values: NDArray[np.uint8], world_from_voxel: Array, space: str, unit:
     spacing = voxel_spacing(affine)
     if np.abs(image.get_qform() - affine).max() > SQUARE * spacing.min() * max(values.shape):
         image.header["qform_code"] = 0
-    content: bytes = image.to_bytes()
-    return content
+    return bytes(image.to_bytes())
 
 
 def _nrrd(values: NDArray[np.uint8], world_from_voxel: Array, space: str, unit: str) -> bytes:

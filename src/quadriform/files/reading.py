@@ -65,6 +65,17 @@ def check_readable(path: PathLike) -> int:
     return status.st_size
 
 
+def beginning(path: PathLike, count: int) -> bytes:
+    """Return the first bytes of a regular file; none where it cannot be read."""
+    try:
+        if not Path(path).is_file():  # a pipe would wait for its writer
+            return b""
+        with open(path, "rb") as stream:
+            return stream.read(count)
+    except OSError:
+        return b""
+
+
 def check_budget(size: int, where: str) -> None:
     """Refuse a size, found or declared by a header, that is beyond the budget.
 

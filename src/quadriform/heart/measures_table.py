@@ -136,8 +136,6 @@ def write_measures(measures: Measures, path: str | os.PathLike[str], force: bool
 def _csv(measures: Measures) -> bytes:
     header = ("quantity", "value", "unit", "how", "observed", "rows", "status", "warnings")
     warnings = "; ".join(str(remark) for remark in measures.remarks if remark.kind)
-    whole = (len(measures.rows), measures.status, warnings)
-    rows = measures.rows
-    return csv_bytes(
-        header, [(r.quantity, repr(r.value), r.unit, r.how, "yes" if r.observed else "no", *whole) for r in rows]
-    )
+    rows, whole = measures.rows, (len(measures.rows), measures.status, warnings)
+    lines = [(r.quantity, repr(r.value), r.unit, r.how, "yes" if r.observed else "no", *whole) for r in rows]
+    return csv_bytes(header, lines)

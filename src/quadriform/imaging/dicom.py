@@ -19,7 +19,7 @@ from quadriform.imaging.dicom_segments import label_image
 from quadriform.imaging.dicom_spacing import LISTED, ImagePlane
 from quadriform.imaging.dicom_stack import SliceStack, stack_slices
 from quadriform.imaging.dicom_values import Dataset, is_segmentation, n_images
-from quadriform.imaging.reader_common import choose_frame, import_reader
+from quadriform.imaging.formats import choose_frame, import_reader
 from quadriform.imaging.volume import Volume
 from quadriform.points import Array
 from quadriform.words import first_of

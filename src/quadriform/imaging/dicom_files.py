@@ -8,17 +8,10 @@ from pathlib import Path
 from typing import IO
 
 from quadriform.errors import FileFormatError, InputError, QuadriformError
-from quadriform.files.reading import check_budget, check_readable, naming, quoted, visible_files
+from quadriform.files.reading import beginning, check_budget, check_readable, naming, quoted, visible_files
 from quadriform.imaging.dicom_values import KEYWORDS, Dataset, n_images
-from quadriform.imaging.reader_common import import_reader
+from quadriform.imaging.formats import DICOM_SUFFIXES, PREAMBLE, import_reader, is_dicom
 
-DICOM_SUFFIXES = (".dcm", ".ima")
-PREAMBLE = 128
-"""Bytes before the letters DICM (PS3.10, 7.1)."""
-FIRST_GROUPS = (b"\x02\x00", b"\x08\x00", b"\x00\x08")
-"""Groups of the first element of a file without these letters, in either byte order."""
-SHORT = 1 << 16
-"""The first element of such a file is shorter, where it does not name its value representation."""
 SERIES_TAG = 0x0020000E
 """Of SeriesInstanceUID."""
 PIXELS = (0x7FE00008, 0x7FE00009, 0x7FE00010)
@@ -76,29 +69,6 @@ class Folder:
     unreadable: dict[Path, QuadriformError] = field(default_factory=dict)
 
 
-def is_dicom(path: Path) -> bool:
-    """Return whether a file is DICOM by its content: the letters DICM, or a first element without them."""
-    start = beginning(path)
-    return start[PREAMBLE:] == b"DICM" or _begins_with_element(start)
-
-
-def beginning(path: Path) -> bytes:
-    """Return the first bytes of a file; none where it cannot be read."""
-    try:
-        with path.open("rb") as stream:
-            return stream.read(PREAMBLE + 4)
-    except OSError:
-        return b""
-
-
-def _begins_with_element(start: bytes) -> bool:
-    """A value representation of two capital letters after the tag, or a short length (PS3.5, 7.1)."""
-    if start[:2] not in FIRST_GROUPS or len(start) < PREAMBLE:
-        return False
-    named = start[4:6].isalpha() and start[4:6].isupper()
-    return named or (start[3] == 0 and 0 < int.from_bytes(start[4:8], "little") < SHORT)
-
-
 def examine_folder(folder: Path) -> Folder:
     """Return what the DICOM files of a folder contain, without hidden files and indices."""
     found = Folder()
@@ -120,7 +90,7 @@ def examine_folder(folder: Path) -> Folder:
 def _meant_as_dicom(file: Path) -> bool:
     """Whether a file may be a slice, even a damaged one: not text, and without the suffix of another format."""
     suffix = file.suffix.lower()
-    return suffix in DICOM_SUFFIXES or is_dicom(file) or (suffix == "" and b"\0" in beginning(file))
+    return suffix in DICOM_SUFFIXES or is_dicom(file) or (suffix == "" and b"\0" in beginning(file, PREAMBLE + 4))
 
 
 def examine(file: Path) -> Examined:
@@ -159,7 +129,7 @@ def _parsed(file: Path, last: int | None = None) -> tuple[Dataset, bool, bool]:
 
     size = check_readable(file)
     if not is_dicom(file):
-        raise FileFormatError(f"{quoted(file)}: not a DICOM file; it begins with {beginning(file)[:8]!r}")
+        raise FileFormatError(f"{quoted(file)}: not a DICOM file; it begins with {beginning(file, 8)!r}")
     with file.open("rb") as stream, decoding(file):
         stop = _StopCondition(stream, size, last)
         header = read_partial(stream, stop, force=True, specific_tags=[Tag(keyword) for keyword in KEYWORDS])

@@ -4,6 +4,7 @@ References: DICOM PS3.3, C.7.6.2 (Image Plane), C.7.6.16 (Multi-frame Functional
 C.8.4.15 (NM Reconstruction).
 """
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,6 @@ from quadriform.errors import AffineError, FileFormatError, MaskError
 from quadriform.imaging import dicom_values
 from quadriform.imaging.dicom_spacing import ImagePlane, pixel_steps, reconstructed_slice_step
 from quadriform.imaging.dicom_values import Dataset, n_images, optional_number, required_numbers
-
-DEFAULT_RESCALE = {"Slope": 1.0, "Intercept": 0.0}
 
 
 def planes_of(header: Dataset, file: Path) -> list[ImagePlane]:
@@ -55,21 +54,15 @@ def _enhanced(header: Dataset, file: Path) -> list[ImagePlane]:
         raise FileFormatError(f"{n} images, but {groups} functional groups")
     planes = []
     for index in range(n):
-        group = {
-            name: dicom_values.functional_group(header, index, f"{name}Sequence")
-            for name in (
-                *("PlanePosition", "PlaneOrientation", "PixelMeasures", "PixelValueTransformation"),
-                *("CardiacSynchronization", "FrameContent"),
-            )
-        }
+        group = partial(dicom_values.functional_group, header, index)
         plane = ImagePlane(
-            required_numbers(group["PlanePosition"], "ImagePositionPatient", 3),
-            *pixel_steps(group["PlaneOrientation"], group["PixelMeasures"]),
-            **_pixels(header, group["PixelValueTransformation"], file),
+            required_numbers(group("PlanePositionSequence"), "ImagePositionPatient", 3),
+            *pixel_steps(group("PlaneOrientationSequence"), group("PixelMeasuresSequence")),
+            **_pixels(header, group("PixelValueTransformationSequence"), file),
             index=index,
             alone=n == 1,
-            trigger_time=optional_number(group["CardiacSynchronization"], "NominalCardiacTriggerDelayTime"),
-            number=optional_number(group["FrameContent"], "TemporalPositionIndex"),
+            trigger_time=optional_number(group("CardiacSynchronizationSequence"), "NominalCardiacTriggerDelayTime"),
+            number=optional_number(group("FrameContentSequence"), "TemporalPositionIndex"),
         )
         planes.append(plane)
     return planes
@@ -83,13 +76,10 @@ def _nuclear(header: Dataset, file: Path) -> list[ImagePlane]:
         if len(set(dicom_values.vector_of(header, vector, n, 1))) > 1:
             raise MaskError(f"{vector} has several values; expected one reconstruction")
     # C.8.4.9: SliceVector and TimeSlotVector number slices and time slots from 1
-    slices, slots = (
-        dicom_values.vector_of(header, "SliceVector", n),
-        dicom_values.vector_of(header, "TimeSlotVector", n, 1),
-    )
-    detector, *others = [item for item in header.DetectorInformationSequence if "ImagePositionPatient" in item] or [
-        header
-    ]
+    slices = dicom_values.vector_of(header, "SliceVector", n)
+    slots = dicom_values.vector_of(header, "TimeSlotVector", n, 1)
+    located = [item for item in header.DetectorInformationSequence if "ImagePositionPatient" in item]
+    detector, *others = located or [header]
     if others:
         raise AffineError(f"{len(others) + 1} detectors with ImagePositionPatient; expected one")
     along_row, along_column = pixel_steps(detector, header)
@@ -115,8 +105,9 @@ def _pixels(header: Dataset, values: Any, file: Path) -> dict[str, Any]:
     return {
         "size": (int(header.Columns), int(header.Rows)),
         "file": file,
-        "rescale": tuple(
-            dicom_values.number_or_default(values, f"Rescale{name}", at) for name, at in DEFAULT_RESCALE.items()
+        "rescale": (
+            dicom_values.number_or_default(values, "RescaleSlope", 1.0),
+            dicom_values.number_or_default(values, "RescaleIntercept", 0.0),
         ),
     }
 

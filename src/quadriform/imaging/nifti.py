@@ -19,9 +19,8 @@ import numpy as np
 from quadriform.errors import FileFormatError, FileLimitError, InputError, MaskError, WarningKind, Warnings
 from quadriform.files import reading
 from quadriform.files.reading import check_budget, naming
-from quadriform.imaging.formats import is_pair, pair_of
+from quadriform.imaging.formats import Size, choose_frame, is_pair, pair_of
 from quadriform.imaging.nifti_forms import choose_form, read_forms
-from quadriform.imaging.reader_common import Size, choose_frame
 from quadriform.imaging.segments import Segment
 from quadriform.imaging.volume import Volume
 from quadriform.points import Array

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from quadriform.errors import AffineError, FileFormatError, MaskError
 from quadriform.files.reading import naming
-from quadriform.imaging.reader_common import Size, choose_frame, import_reader
+from quadriform.imaging.formats import Size, choose_frame, import_reader
 from quadriform.imaging.segments import SegmentMap
 from quadriform.imaging.text_headers import TextHeader, check_bytes, read_text_header
 from quadriform.imaging.volume import Volume

@@ -284,8 +284,7 @@ def thinned(points: Array, side: float) -> Array:
     # sorted by cube, in each cube by distance from its centre: the first of each cube is kept
     order = np.lexsort((off_centre, *cube.T))
     first = np.unique(cube[order], axis=0, return_index=True)[1]
-    kept: Array = points[np.sort(order[first])]
-    return kept
+    return np.asarray(points[np.sort(order[first])])
 
 
 def _cut_off(points: Array, plane: Plane) -> Mask:
