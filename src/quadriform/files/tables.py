@@ -247,13 +247,9 @@ def _parsed_lines(lines: list[str], where: str) -> _Text:
             rows.append((number, content))
     if not rows:
         raise FileFormatError(f"{where}: the table has no rows; expected x y z on each line")
-    count = None
-    if (
-        len(rows) > 1
-        and re.fullmatch(r"\s*\d{1,15}\s*", rows[0][1])
-        and len(_fields(rows[1][1], _separator(rows[1][1]))) >= 3
-    ):
-        count = int(rows.pop(0)[1])
+    # A whole number alone, above a row of three fields or more, is the count of an .xyz file.
+    alone = len(rows) > 1 and re.fullmatch(r"\s*\d{1,15}\s*", rows[0][1])
+    count = int(rows.pop(0)[1]) if alone and len(_fields(rows[1][1], _separator(rows[1][1]))) >= 3 else None
     separator = given[1] if given else _separator(rows[0][1])
     return _Text(comments, _without_last(rows, separator), separator, count, where)
 
