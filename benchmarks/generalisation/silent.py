@@ -34,11 +34,16 @@ TRUTH_POINTS = 12
 def benchmarks(shared: Path, limit: int | None) -> list[Benchmark]:
     """One benchmark for each part that is seen; no data is needed."""
     required = '0 "ok" are wrong, < 15 % of the warned are correct, 92-97 % within 2 sigma'
-    result = []
-    for k, pattern in enumerate(PATTERNS):
-        cases = [(n, NOISES[n // 5 % 5]) for n in range(FITS)[:limit] if n % 5 == k]
-        result.append(Benchmark(f"silent {pattern}", "RMS over what is accepted", cases, _row, _figure, required))
-    return result
+    numbers = range(FITS)[:limit]
+    return [
+        Benchmark(f"silent {pattern}", "RMS over what is accepted", _cases(numbers, k), _row, _figure, required)
+        for k, pattern in enumerate(PATTERNS[: len(numbers)])
+    ]
+
+
+def _cases(numbers: Sequence[int], pattern: int) -> list[Case]:
+    """Number and noise of the cases of one pattern."""
+    return [(n, NOISES[n // 5 % 5]) for n in numbers if n % 5 == pattern]
 
 
 def _row(case: Case, strength: Strength) -> Row:
