@@ -19,7 +19,7 @@ from scipy.optimize import minimize_scalar
 from quadriform.fitting.least_squares.marginal_likelihood import SELECTION, cholesky_factor, spectrum
 from quadriform.fitting.least_squares.normal_equations import NormalEquations
 from quadriform.points import Array
-from quadriform.shapes.bernstein import gram
+from quadriform.shapes.bernstein import gram, kronecker
 from quadriform.shapes.splines import TimeBasis
 
 NEARBY = np.log(1e3)
@@ -68,7 +68,7 @@ class CycleEvidence:
         bordered_block: tuple[Array, Array, Array] | None = None,
     ) -> None:
         self.count, self.knots, self.size = count, values.shape[1], 3 * len(penalty)
-        mass = np.kron(np.kron(gram(shape[0] - 1), gram(shape[1] - 1)), gram(shape[2] - 1))
+        mass = kronecker(gram(shape[0] - 1), gram(shape[1] - 1), gram(shape[2] - 1))
         energies, self._in_space = spectrum(penalty.tobytes())
         # eigenvectors of the penalty in time: knots decouple in it, and its null space stays exact
         swings, self._in_time = eigh(basis.bending(), basis.mass())

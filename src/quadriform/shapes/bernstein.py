@@ -49,6 +49,11 @@ def products(factors: list[Array]) -> Array:
     return (pairs[:, :, None] * along_u[:, None, :]).reshape(len(along_s), -1)
 
 
+def kronecker(first: Array, second: Array, third: Array) -> Array:
+    """The matrix over all control points that is a product of matrices along the three axes."""
+    return np.kron(np.kron(first, second), third)
+
+
 def elevation(low: int, high: int) -> Array:
     """Matrix (high + 1, low + 1) that writes a polynomial of degree `low` in the basis of degree `high`, exactly."""
     matrix = np.zeros((high + 1, low + 1))

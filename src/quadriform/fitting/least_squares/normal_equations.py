@@ -33,7 +33,7 @@ class NormalEquations:
 
     @classmethod
     def of_rows(cls, rows: Array, target: Array, weight: float) -> "NormalEquations":
-        """Of weight |rows p - wanted|^2, with rows (n, 3 k) and wanted (n,)."""
+        """Of weight |rows p - target|^2, with rows (n, 3 k) and target (n,)."""
         return cls(weight * rows.T @ rows, weight * rows.T @ target, float(weight * target @ target))
 
     def __add__(self, other: "NormalEquations") -> "NormalEquations":
@@ -93,16 +93,11 @@ def _sums(local: Array, values: Array, degrees: tuple[int, int, int]) -> Array:
 @lru_cache(maxsize=8)
 def _doubling(degrees: tuple[int, int, int]) -> tuple[NDArray[np.int64], Array]:
     """For each pair of control points the moment they meet in, and the factor of it, both (k, k)."""
-    index, factor = np.zeros((1, 1), np.int64), np.ones((1, 1))
+    index: NDArray[np.int64] = np.zeros((1, 1), np.int64)
     for degree in degrees:
         i = np.arange(degree + 1)
         meet = i[:, None] + i[None, :]
-        index = _outer(index * (2 * degree + 1), meet, np.add)
-        factor = _outer(factor, bernstein.product_factor(degree), np.multiply)
-    return index, factor
-
-
-def _outer(slow: NDArray, fast: NDArray, combine: np.ufunc) -> NDArray:
-    """Kronecker arrangement of two square tables with any operation in place of the product."""
-    both = combine(slow[:, None, :, None], fast[None, :, None, :])
-    return both.reshape(len(slow) * len(fast), -1)
+        # the index of a moment is that of its slower axes, times the moments along this axis, plus that along it
+        index = np.kron(index * (2 * degree + 1), np.ones_like(meet)) + np.kron(np.ones_like(index), meet)
+    l, m, n = (bernstein.product_factor(degree) for degree in degrees)
+    return index, bernstein.kronecker(l, m, n)

@@ -7,7 +7,7 @@ import numpy as np
 
 from quadriform.errors import OptionError
 from quadriform.points import Array
-from quadriform.shapes.bernstein import derivative_matrix, gram
+from quadriform.shapes.bernstein import derivative_matrix, gram, kronecker
 
 
 class Regulariser(Protocol):
@@ -22,14 +22,12 @@ class Springs:
 
     def matrix(self, shape: tuple[int, int, int]) -> Array:
         """D^T D with |D P|^2 = sum_j sum_{j' next to j} |P_j - P_j'|^2."""
-        index = np.arange(np.prod(shape)).reshape(shape)
-        result = np.zeros((index.size, index.size))
-        for axis in range(3):
-            moved = np.moveaxis(index, axis, 0)
-            one, other = moved[:-1].ravel(), moved[1:].ravel()
-            for a, b in ((one, other), (other, one)):
-                np.add.at(result, (a, a), 2.0)  # a pair counts twice: 2 |P_a - P_b|^2 over both
-                np.add.at(result, (a, b), -2.0)
+        units = [np.eye(count) for count in shape]
+        result = np.zeros((int(np.prod(shape)),) * 2)
+        for axis, unit in enumerate(units):
+            difference, factors = np.diff(unit, axis=0), units.copy()
+            factors[axis] = 2 * difference.T @ difference  # a pair counts twice: 2 |P_a - P_b|^2 over both
+            result += kronecker(*factors)
         return result
 
 
@@ -45,17 +43,10 @@ class Bending:
         """Sum over the six second derivatives, the mixed ones twice; not to be written to."""
         along = [Bending._one_axis(count - 1) for count in shape]
         result = np.zeros((int(np.prod(shape)),) * 2)
-        for orders, times in (
-            ((2, 0, 0), 1),
-            ((0, 2, 0), 1),
-            ((0, 0, 2), 1),
-            ((1, 1, 0), 2),
-            ((1, 0, 1), 2),
-            ((0, 1, 1), 2),
-        ):
+        for orders in ((2, 0, 0), (0, 2, 0), (0, 0, 2), (1, 1, 0), (1, 0, 1), (0, 1, 1)):
             # the integral of a product over the box is the product of integrals along its axes
-            first, second, third = (along[axis][order] for axis, order in enumerate(orders))
-            result += times * np.kron(np.kron(first, second), third)
+            integrals = (along[axis][order] for axis, order in enumerate(orders))
+            result += (1 if 2 in orders else 2) * kronecker(*integrals)
         result.setflags(write=False)
         return result
 

@@ -221,30 +221,23 @@ class _Solved:
     solution: Solution
 
 
-@dataclass(frozen=True)
-class _Linear:
-    """The linear problem of one round, whose sums over all points are not taken anew under a penalty."""
-
-    evidence: Evidence
-
-    def penalised(self, state: _Solved, penalty: JacobianPenalty, strength: float) -> _Solved | None:
-        """The state at the solution with the penalty, linear about the state's box; None without one."""
-        solution = self.evidence.plus(penalty.equations(state.box)).solve(strength)
-        return None if solution is None else _Solved(moved(state.box, solution), solution)
-
-
 def _unfolded(points: _All, evidence: Evidence, box: ControlBox, solution: Solution) -> _Solved | None:
     """The box moved by a solution, without folds; regularised more strongly where that would cost too much noise."""
     surfaces = {surface.name: surface.data.superquadric for surface in points.surfaces}
     penalty = JacobianPenalty.of(box, surfaces, evidence.count, solution.noise)
+
+    def penalised(state: _Solved, penalty: JacobianPenalty, strength: float) -> _Solved | None:
+        # the penalty is linear about the state's box; the sums over all points are not taken anew
+        found = evidence.plus(penalty.equations(state.box)).solve(strength)
+        return None if found is None else _Solved(moved(state.box, found), found)
+
     for factor in LARGE.stronger:
         first = solution if factor == 1 else evidence.solve(factor * solution.strength)
         if first is None:
             continue
         state = _Solved(moved(box, first), first)
-        found = remove_folds(
-            _Linear(evidence), state, penalty, first.strength, surfaces, LARGE.accepted * solution.noise
-        )
+        most = LARGE.accepted * solution.noise
+        found = remove_folds(penalised, state, penalty, first.strength, surfaces, most)
         if found is not None:
             return replace(found, solution=replace(found.solution, curvature=solution.curvature))
     return None

@@ -51,8 +51,9 @@ def ellipsoids(clouds: Mapping[str, Array]) -> dict[str, Superquadric]:
         clouds: name -> (n, 3) points, centred and scaled.
     """
     dense = {name: cloud[dense_points(cloud)] for name, cloud in clouds.items()}
-    found = {name: _ellipsoid(cloud) for name, cloud in dense.items()}
+    found = dict[str, Superquadric]()
     for name, cloud in dense.items():
+        found[name] = fit_robust(cloud, "ellipsoid", np.ones(len(cloud)), {"exponents": (1.0, 1.0)}).superquadric
         if found[name].semi_axes.max() > np.ptp(cloud, axis=0).max():
             found[name] = ellipsoid_by_moments(cloud)
     return nested(found, clouds)
@@ -73,7 +74,3 @@ def nested(surfaces: dict[str, Superquadric], clouds: Mapping[str, Array]) -> di
         runs_into = name != outer and size < 1 and 1 - nearest < LEAST_WALL * (1 - size)
         result[name] = replace(surfaces[outer], semi_axes=size * surfaces[outer].semi_axes) if runs_into else surface
     return result
-
-
-def _ellipsoid(points: Array) -> Superquadric:
-    return fit_robust(points, "ellipsoid", np.ones(len(points)), {"exponents": (1.0, 1.0)}).superquadric

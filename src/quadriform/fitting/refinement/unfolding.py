@@ -4,7 +4,7 @@ The data determines the surface, and next to nothing of the space inside; there 
 moving the surface. More strength everywhere would remove it too, but would move the surface off the data.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Protocol, TypeVar
 
@@ -78,13 +78,6 @@ class State(Protocol):
 S = TypeVar("S", bound=State)
 
 
-class Penalised(Protocol[S]):
-    """Data and a regulariser, to which a penalty can be added."""
-
-    def penalised(self, state: S, penalty: "JacobianPenalty", strength: float) -> S | None:
-        """The state after a round with the penalty; None where control points stay undetermined."""
-
-
 @dataclass(frozen=True)
 class JacobianPenalty:
     """Penalty on small Jacobian determinants: weight (MIN_DETERMINANT - det)^2 over the points with less.
@@ -137,7 +130,7 @@ class JacobianPenalty:
 
 
 def remove_folds(
-    problem: Penalised[S],
+    penalised: Callable[[S, JacobianPenalty, float], S | None],
     state: S,
     penalty: JacobianPenalty,
     strength: float,
@@ -147,6 +140,14 @@ def remove_folds(
     """The state after rounds under a growing penalty until it is verified to be free of folds.
 
     None where that is not reached with a noise of at most `most`.
+
+    Args:
+        penalised: the state after a round at a strength with the penalty; None where control points stay undetermined.
+        state: a box and the solution that led to it.
+        penalty: of the first round.
+        strength: of all rounds.
+        surfaces: name -> superquadric.
+        most: the noise that is accepted.
     """
     found: S | None = state
     for _ in range(FOLDS.most_rounds):
@@ -155,7 +156,7 @@ def remove_folds(
         verified, penalty = penalty.check(found.box, surfaces)
         if verified:
             return found
-        found, penalty = problem.penalised(found, penalty, strength), penalty.stronger()
+        found, penalty = penalised(found, penalty, strength), penalty.stronger()
     return None
 
 
@@ -223,7 +224,7 @@ def _descended(
         # the noise at the largest strength is that of a nearly affine map: no certified result need be worse
         if factor == FOLDS.strongest:
             most = min(most, refined.noise)
-    return remove_folds(problem, refined, penalty, strength, surfaces, most) or found
+    return remove_folds(problem.penalised, refined, penalty, strength, surfaces, most) or found
 
 
 def with_nearest_foot_points(
@@ -243,7 +244,7 @@ def with_nearest_foot_points(
             renewed = replace(renewed, datasets=datasets)
         strength, noise = refined.solution.strength, refined.noise
         lifted, _ = _lifted(problem, renewed, penalty, strength)
-        unfolded = remove_folds(problem, lifted, penalty, strength, surfaces, noise)
+        unfolded = remove_folds(problem.penalised, lifted, penalty, strength, surfaces, noise)
         if unfolded is None:
             return refined
         refined = unfolded

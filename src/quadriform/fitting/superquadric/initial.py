@@ -343,8 +343,10 @@ def _of_fourth_moments(points: Array, most: float) -> Array:
     In a plane that sum is a constant and the real part of a moment of (x + i y)^4: its extreme is known at once.
     """
     even = 3 / 5 * most
-    found = []
-    for begin in (np.eye(3), _rotated()):
+    found, aside = [], np.eye(3)
+    for (i, j), angle in zip(combinations(range(3), 2), SADDLE):
+        aside = _rotated(aside, i, j, angle)
+    for begin in (np.eye(3), aside):
         for sign in (1.0, -1.0):
             frame = _extreme(points, begin, sign, most)
             found.append((frame, abs(float(((points @ frame) ** 4).sum()) - even)))
@@ -360,19 +362,16 @@ def _extreme(points: Array, frame: Array, sign: float, most: float) -> Array:
             local = points @ frame
             moment = sign * ((local[:, i] + 1j * local[:, j]) ** 4).sum()
             angle = float(np.angle(moment)) / 4 if np.abs(moment) > EQUAL.values * most else 0.0
-            c, s = np.cos(angle), np.sin(angle)
-            frame = frame.copy()
-            frame[:, [i, j]] = frame[:, [i, j]] @ np.array([[c, -s], [s, c]])
+            frame = _rotated(frame, i, j, angle)
             largest = max(largest, abs(angle))
         if largest < 1e-14:
             break
     return frame
 
 
-def _rotated() -> Array:
-    """A frame off all symmetries of the coordinate axes."""
-    frame = np.eye(3)
-    for (i, j), angle in zip(combinations(range(3), 2), SADDLE):
-        c, s = np.cos(angle), np.sin(angle)
-        frame[:, [i, j]] = frame[:, [i, j]] @ np.array([[c, -s], [s, c]])
-    return frame
+def _rotated(frame: Array, i: int, j: int, angle: float) -> Array:
+    """The frame after a rotation in the plane of two of its axes."""
+    c, s = np.cos(angle), np.sin(angle)
+    rotated = frame.copy()
+    rotated[:, [i, j]] = frame[:, [i, j]] @ np.array([[c, -s], [s, c]])
+    return rotated

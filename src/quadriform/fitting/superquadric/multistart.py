@@ -82,6 +82,8 @@ class Settings:
 
 
 SEARCH = Settings()
+PARTS = ("semi_axes", "exponents", "rotation", "translation", "hole_radius")
+"""The parameters of a superquadric in the order of those of `Candidates`."""
 ENOUGH_PAIRS = (4 / (1 - SEARCH.pattern)) ** 2
 """With fewer neighbours pure noise has as much in common one time in 30,000 (four sigma), so nothing is concluded."""
 
@@ -121,13 +123,12 @@ class Problem:
     @property
     def fixed_mask(self) -> NDArray[np.bool_]:
         """(11,) or (12,): which parameters stay."""
-        names = np.repeat(["semi_axes", "exponents", "rotation", "translation", "hole_radius"], [3, 2, 3, 3, 1])
+        names = np.repeat(PARTS, [3, 2, 3, 3, 1])
         return np.isin(names[: KINDS[self.kind].n_parameters], list(self.fixed))
 
     def with_fixed(self, candidates: Candidates) -> Candidates:
         """Candidates with the fixed values."""
-        names = ("semi_axes", "exponents", "rotation", "translation", "hole_radius")
-        values: dict[str, Array] = dict(zip(names, candidates.arrays))
+        values: dict[str, Array] = dict(zip(PARTS, candidates.arrays))
         for name, value in self.fixed.items():
             values[name] = np.broadcast_to(np.log(value) if name == "semi_axes" else value, values[name].shape)
         return Candidates(self.kind, *values.values())
