@@ -277,6 +277,7 @@ def precision_loss(given: object, points: Array) -> Warnings:
     kind = given if isinstance(given, np.dtype) else getattr(given, "dtype", None)
     if isinstance(kind, np.dtype) and kind.kind != "f":
         return {}
+    # the step of floating-point numbers is coarsest at the largest of them
     largest = max(abs(float(points.min())), abs(float(points.max())))
     with np.errstate(over="ignore"):  # a cloud of that size is refused for it
         half = float(np.linalg.norm(np.ptp(points, axis=0))) / 2
@@ -311,6 +312,7 @@ def _are_single(points: Array) -> bool:
     other = points != single
     if not other.any():
         return True
+    # numbers that came through a text have the shortest decimals of those of single precision
     values, texts = points[other], np.float64(single[other].astype(str))
     return bool((values == texts).all())
 
@@ -319,6 +321,7 @@ def _decimal_grid(points: Array, least: float) -> float:
     """The largest power of ten, not below `least`, that all coordinates are multiples of; 0 where there is none."""
     if not 1e-300 < least < 1e300:
         return 0.0
+    # upwards as long as all coordinates are multiples; zeros alone would be so for ever
     grid, found = float(10.0 ** np.ceil(np.log10(least))), 0.0
     while points.any() and _are_multiples(points, grid):
         grid, found = 10 * grid, grid

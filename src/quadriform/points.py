@@ -191,6 +191,7 @@ def check_spread(points: Array, needed: int) -> None:
     distinct = _distinct(local[: 10 * needed])
     if distinct < needed:
         distinct = _distinct(local)
+    # the singular values of R are those of all points, and R is 3 x 3
     singular = np.linalg.svd(np.linalg.qr(local, mode="r"), compute_uv=False)
     rank = int((singular > FLAT * singular[0]).sum())
     if distinct >= 4 and rank < 3:

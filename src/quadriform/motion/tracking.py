@@ -217,6 +217,7 @@ def _previous(task: _Task) -> Track:
             if not _equal(task.clouds[frame], task.clouds[frame + before]):
                 fits[frame] = refine(surfaces, task.clouds[frame], start=done.model.box, **options)
             task.report(len(fits))
+    # one superquadric and one undeformed box for all frames: only the control points move
     ordered = [fits[frame] for frame in range(len(task.clouds))]
     box = ordered[0].model.box
     every = TimeBasis(task.times, task.basis.period)
@@ -264,6 +265,7 @@ def _cycle_in_world(task: _Task, frame: Frame, moving: MovingModel, found: Cycle
     """The track in the unit and frame of the points, with distances and warnings."""
     models = tuple(moving.at(time) for time in task.times)
     residuals = tuple(
+        # of the points after the shifts of their slices
         {name: model.distance(frame.to_world(data.points), name) for name, data in datasets.items()}
         for model, datasets in zip(models, found.datasets)
     )
@@ -340,7 +342,7 @@ def _basis(times: Array, period: float | str | None) -> TimeBasis:
     mean_step = float(times[-1] - times[0]) / (len(times) - 1)
     if isinstance(period, str):
         choose(period, ("auto",), "period")
-        period = mean_step * len(times)
+        period = mean_step * len(times)  # the frame after the last would be the first again
     count = min(len(times), MOST_KNOTS)
     if period is None:
         return TimeBasis(np.linspace(times[0], times[-1], count))

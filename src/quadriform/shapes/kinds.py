@@ -139,6 +139,7 @@ class Kind:
     def derivatives(self, q: Array, e: Array, hole: float) -> Derivatives:
         """F and its derivatives, by the chain rule."""
         terms = dict(zip("xyz", q.T)) | {"one": np.ones(len(q))}
+        # the inner norm less the hole radius, the outer norm of it, then their quotient
         inner = _Term.of(self.inner, terms, e, None)
         inner.value -= hole
         inner.by[HOLE] = -1.0 if self.has_hole else 0.0
@@ -164,6 +165,7 @@ class Kind:
         """The surface point on the ray through each point: from the centre, the core of a tube, or an axis."""
         f = self.implicit(q, e, hole)
         if self.has_hole:
+            # along the ray from the core of the tube, of radius `hole`: F grows in proportion to the distance from it
             s = norm(q[:, 0], q[:, 1], e[1])
             ring = (hole + (s - hole) / f) / s
             return np.stack([q[:, 0] * ring, q[:, 1] * ring, q[:, 2] / f], axis=1)
@@ -204,6 +206,7 @@ class _Term:
 
     def divided_by(self, other: "_Term") -> "_Term":
         """The quotient of two terms."""
+        # the quotient rule with the quotient itself in it: no square of a small denominator
         f = self.value / other.value
         return _Term(f, (self.by - f * other.by) / other.value)
 
@@ -253,6 +256,7 @@ def _two_sheets(kind: Kind, resolution: int, e: Array, hole: float, cut: float) 
 def _reach(kind: Kind, disc: Array, e: Array, cut: float) -> Array:
     """Length of each ray of the (y, z) plane up to where the surface is at the cut, by bisection."""
     ray = disc / np.maximum(np.linalg.norm(disc, axis=1), TINY)[:, None]
+    # the height grows along a ray, so halving finds where it is that of the cut
     low, high = np.zeros(len(ray)), np.full(len(ray), 2 * cut)
     for _ in range(60):
         middle = (low + high) / 2

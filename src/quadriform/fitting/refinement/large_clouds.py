@@ -172,6 +172,7 @@ def on_all(
     for name, cloud in clouds.items():
         data = SurfaceData.of(local.surfaces[name], sample.points[name], sample.weights[name])
         data = data.with_nearest_foot_points(local.box)
+        # on the scale of the sample's weights, whose mean is one
         even = weights[name] if sample.mean_weight == 1 else weights[name] / sample.mean_weight
         surfaces.append(_Surface(name, cloud, even, data, cKDTree(data.points)))
     points = _All(surfaces, sample.frame, options.robust)
@@ -249,6 +250,7 @@ def _enriched(
     """What a finer box says of all points."""
     if found.enriched is None:
         return None
+    # foot points of the fitted box are those of the raised one, which deforms space alike
     raised = box.elevate(found.enriched.degrees)
     points = points.updated(box, noise)
     equations, count = points.sums(box, raised, noise)

@@ -171,6 +171,7 @@ class Facing:
         """Data with foot points searched anew, then moved tangentially; and residuals of model points without data."""
         result, attractions = list[SurfaceData](), list[Attraction | None]()
         for pairs, covered, data in zip(self.pairs, self.covered, datasets):
+            # pairs are points of a grid; tangential steps bring the foot points between them
             costs = pairs.costs(box)
             result.append(
                 replace(data, origins=pairs.facing(costs)).with_tangential_steps(box, SCHEDULE.tangential_steps)
@@ -200,6 +201,7 @@ class MixtureWeights:
     def weighted(self, box: ControlBox, datasets: Datasets, noise: float | None) -> Datasets:
         """Data with probabilities at a noise; if it is None, at an estimate from the median distance."""
         distances = [data.distances(box) for data in datasets]
+        # of all surfaces together: a median is no estimate for a surface of outliers alone
         sigma = MAD_TO_SIGMA * float(np.median(np.concatenate(distances))) if noise is None else noise
         return tuple(data.weighted(each, sigma) for data, each in zip(datasets, distances))
 
@@ -273,6 +275,7 @@ class Problem:
             return None
         whole = moved(box, solution)
 
+        # the penalty is linear only near the box: a whole step may make it larger
         def at(length: float) -> ControlBox:
             step = length * (whole.control_points - box.control_points)
             return whole if length == 1 else box.with_control_points(box.control_points + step)

@@ -142,6 +142,7 @@ def _certified(
         refined = fine_stage(trial.problem, trial.datasets, trial.coarse)
         tried.append((trial, refined))
         accepted = accepted_noise(tried[0][1]) if most is None else most
+        # between several surfaces a fold is worse than noise
         limit = np.inf if len(trial.surfaces) > 1 else accepted
         for found in without_folds(trial.problem, refined, trial.surfaces, limit):
             if found.noise <= accepted:
@@ -154,6 +155,7 @@ def _ordered(
     problem: LocalProblem, starts: Sequence[dict[str, Superquadric]], shape: tuple[int, int, int]
 ) -> "list[_Trial]":
     """Trials of the starts, the one of largest evidence after its first stage first."""
+    # the criterion is minus twice the log evidence, so the least is the best
     trials = [_Trial.of(problem, surfaces, shape) for surfaces in starts]
     if len(trials) == 1:
         return trials
@@ -229,6 +231,7 @@ def _result(trial: _Trial, refined: Refined, warnings: Warnings) -> Result:
 def _enriched(refined: Refined, regularity: str | Regulariser) -> EnrichedBox:
     """The same foot points in a box with more control points, at its own strength of largest evidence."""
     l, m, n = refined.box.degrees
+    # the same deformation, so foot points and inlier probabilities stay
     enriched = refined.box.elevate((l + MORE, m + MORE, n + MORE))
     none, fraction = [None] * len(refined.datasets), refined.solution.effective_fraction
     evidence = evidence_of(refined.datasets, none, enriched, regularity, fraction)

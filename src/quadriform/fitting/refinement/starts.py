@@ -68,6 +68,7 @@ def nested(surfaces: dict[str, Superquadric], clouds: Mapping[str, Array]) -> di
     outer = max(clouds, key=lambda name: float(np.var(clouds[name], axis=0).sum()))  # an inner fit may have run away
     result = {}
     for name, surface in surfaces.items():
+        # F of the outer surface at the inner points is their size in units of it; the median leaves outliers aside
         levels = surfaces[outer].implicit(clouds[name]) / np.median(surfaces[outer].implicit(clouds[outer]))
         size = float(levels.mean())
         nearest = surfaces[outer].implicit(surface.grid(GRID)[0]).max()

@@ -99,7 +99,7 @@ class SurfaceData:
         around = self.neighbourhood
         if self.normals is None:
             return FacingCloud(self.points, oriented(self.points, around.normals), around.flatness)
-        given: NDArray[np.bool_] = np.any(self.normals, axis=1)
+        given: NDArray[np.bool_] = np.any(self.normals, axis=1)  # zero where a point has none
         normals = outward_normals(self.points, np.where(given[:, None], self.normals, around.normals))
         return FacingCloud(self.points, normals, np.where(given, 1.0, around.flatness))
 
@@ -136,6 +136,7 @@ class SurfaceData:
 
     def probabilities(self, distances: Array, noise: float) -> Array:
         """Inlier probabilities (m,) of points at such distances, at the estimated inlier ratio."""
+        # with exact data sigma would be that of the model's own misfit, and every corner an outlier
         mixture = Mixture(np.array([self.inlier_ratio]), np.array([max(noise, MISFIT)]))
         return mixture.densities(distances[None])[0][0]
 

@@ -95,6 +95,7 @@ class JacobianPenalty:
         """On a lattice inside the surfaces and on them, for data of `count` points with a noise."""
         grids = [surface.grid(FOLDS.grid)[0] for surface in surfaces.values()]
         points = np.concatenate([lattice_inside(box, list(surfaces.values()), FOLDS.lattice), *grids])
+        # a determinant of zero costs this fraction of the squared residuals of all data
         return cls(points, FOLDS.first_weight * count * (noise / FOLDS.min_determinant) ** 2)
 
     def minimum(self, box: ControlBox) -> float:
@@ -174,6 +175,7 @@ def least_regularised(problem: Problem, refined: Refined, surfaces: dict[str, Su
     """
     unfolded, best = _undeformed(refined), None
     penalty = _penalty(refined, surfaces)
+    # one strength a decade: each map begins near that of the last
     decades = int(np.ceil(np.log10(FOLDS.affine / refined.solution.strength)))
     for strength in np.geomspace(FOLDS.affine, refined.solution.strength, max(decades, 0) + 1):
         unfolded, above = _lifted(problem, problem.weighted(unfolded), penalty, float(strength))

@@ -164,7 +164,7 @@ def covered_fraction(superquadric: Superquadric, points: Array, half_space: Half
     cells, _ = sphere_grid(resolution)
     directions = unit_vectors(superquadric.to_local(points) / superquadric.semi_axes)
     seen = np.zeros(len(cells), dtype=bool)
-    seen[cKDTree(cells).query(directions)[1]] = True
+    seen[cKDTree(cells).query(directions)[1]] = True  # the nearest direction stands for a cell
     if half_space is not None:
         at, direction = half_space
         seen = seen[(superquadric.surface(cells) - at) @ direction <= 0]
@@ -174,7 +174,7 @@ def covered_fraction(superquadric: Superquadric, points: Array, half_space: Half
 def in_world(fit: SuperquadricFit, frame: Frame) -> SuperquadricFit:
     """A fit made in the centred, unit-free frame, back in the unit of the data."""
     unit = np.ones(len(fit.covariance))
-    unit[AXES] = unit[SHIFT] = frame.scale
+    unit[AXES] = unit[SHIFT] = frame.scale  # exponents, angles and the hole radius have no unit
     return replace(
         fit,
         superquadric=frame.shape_to_world(fit.superquadric),

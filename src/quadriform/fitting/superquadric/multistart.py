@@ -245,6 +245,7 @@ class Search:
             spread = Mixture(np.full(len(starts), LARGEST_RATIO), np.full(len(starts), SEARCH.hottest))
             descent = subset.descent(starts, spread, self.longest)
             descent.run(SEARCH.clean_steps, 0, lambda d: everyone(d.distances, d.weights))
+            # all points are inliers here, so the least sigma is the largest likelihood
             best = distinct(descent, -descent.mixture.sigma, SEARCH.kept_wide)
             if descent.mixture.sigma[best[0]] < SEARCH.exact:
                 return descent.picked(best[:1])
@@ -327,6 +328,7 @@ def acceptable(descent: Descent) -> NDArray[np.bool_]:
     pair = descent.inliers[:, point] * descent.inliers[:, neighbour] * weights[point]
     own, other = descent.distances[:, point], descent.distances[:, neighbour]
     difference, both = ((pair * (own - other) ** 2).sum(axis=1), (pair * (own**2 + other**2)).sum(axis=1))
+    # of independent distances the squares of the differences sum up to those of both
     white = (pair.sum(axis=1) > ENOUGH_PAIRS) & (difference > SEARCH.pattern * both)
     return (descent.mixture.inlier_ratio >= 0.5) & (white | (descent.mixture.sigma < SEARCH.exact))
 
@@ -339,6 +341,7 @@ def _ranking(descent: Descent, accepted: NDArray[np.bool_]) -> Array:
 def _alternatives(descent: Descent, ranking: Array) -> NDArray[np.int64]:
     """The best candidate and those within `alternative` of its cost."""
     index = distinct(descent, ranking, SEARCH.kept_wide)
+    # log likelihood falls by n / 2 times the relative growth of sigma squared
     margin = SEARCH.alternative / 2 * descent.inliers[index[0]].sum()
     return index[ranking[index] >= ranking[index[0]] - margin]
 
@@ -346,6 +349,7 @@ def _alternatives(descent: Descent, ranking: Array) -> NDArray[np.int64]:
 def _converged(problem: Problem, start: tuple[Candidates, Mixture], alternatives: int, longest: float) -> Solution:
     """Larger and larger samples, then all points; alternatives are compared up to the last."""
     candidates, mixture = start
+    # most steps are made on few points; a larger sample begins near its minimum
     size = SEARCH.fine * SEARCH.growth
     while size * 2 < len(problem.points):
         descent = problem.sample(size).descent(candidates, mixture, longest)
