@@ -60,6 +60,7 @@ def read_point_set(path: str | os.PathLike[str], columns: Chosen = None) -> Poin
         return point_set(parse_npy(data, where), where, columns)
     if suffix == ".npz":
         return point_set(_only_array(data, where), where, columns)
+    # A mesh is left, whose format says which numbers are coordinates.
     if columns is not None:
         raise OptionError(f"{where}: option columns goes with tables and arrays, found a mesh, which names its own")
     return PointSet(parse_mesh(data, suffix, where).vertices, unit=parse_space_and_unit(data[:HEAD])[1])

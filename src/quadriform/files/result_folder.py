@@ -106,6 +106,7 @@ def _exchange(staging: Path, folder: Path, first: str, old: Sequence[str]) -> No
     new = sorted((path.name for path in staging.iterdir()), key=lambda name: (name == first, name))
     present = [name for name in {*new, *old} if (folder / name).exists()]
     present.sort(key=lambda name: (name != first, name))
+    # A file that is replaced keeps its permissions.
     for name in set(new) & set(present):
         os.chmod(staging / name, (folder / name).stat().st_mode & 0o777)
     (staging / OLD).mkdir()

@@ -53,6 +53,7 @@ def _binary(data: bytes, where: str) -> Array | None:
         return None
     count = int.from_bytes(data[80:HEAD], "little")
     more = len(data) - HEAD - TRIANGLE * count
+    # Some programs pad the file with zeros; other bytes behind the triangles mean that the count is wrong.
     if more < 0 or (more >= TRIANGLE and any(data[HEAD + TRIANGLE * count :])):
         if data.lstrip()[:5].lower() == b"solid" or b"\0" not in data:
             return None
@@ -91,6 +92,7 @@ def _merged(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
     edge = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
     lengths = np.linalg.norm(vertices[edge[:, 1]] - vertices[edge[:, 0]], axis=1)
     near = min(_rounding(vertices), SHORT * float(np.median(lengths)))
+    # An edge as one number, from either end: inner edges occur in both directions.
     key, back = edge @ [len(vertices), 1], edge @ [1, len(vertices)]
     loose = np.unique(edge[~np.isin(key, back)])  # what is wound the wrong way is not loose
     if len(loose) == 0:

@@ -43,6 +43,7 @@ def encode_vtkhdf(
     check_space_and_unit(states[0].space, states[0].unit)
     names = list(states[0].surfaces) if surfaces is None else list(surfaces)
     rest, faces, owner = _triangles(states[0], names, resolution)
+    # In memory, so that the file can be written all or nothing.
     stream = io.BytesIO()
     with _h5py().File(stream, "w") as file:
         root = file.create_group("VTKHDF")

@@ -80,6 +80,7 @@ def pair_of(path: Path) -> tuple[Path, Path]:
     own = name[len(stem) : len(stem) + 4]
     found: list[Path] = []
     for suffix in (".hdr", ".img"):
+        # the other file is named in capitals where this one is
         letters = suffix.upper() if own.isupper() else suffix
         file = path if own.lower() == suffix else path.with_name(stem + letters + packed)
         if not file.is_file():

@@ -94,6 +94,7 @@ class FrameSeries:
         if not missing or max(numbers) > LARGEST_EXACT:
             return
         self.times = np.array(numbers, dtype=np.float64)
+        # after the last frame the first one follows at the shortest interval, which is that without a gap
         self.period = float(numbers[-1] - numbers[0] + min(late - early for early, late in pairwise(numbers)))
         self.notes.append(
             f"there are no frames with the numbers {missing}: the numbers of the others are their times, and the model "

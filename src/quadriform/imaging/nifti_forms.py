@@ -154,6 +154,7 @@ def _same_sizes(forms: Forms) -> bool:
 
 def _corner_distance(forms: Forms) -> float:
     """The largest distance of a corner of the image by the sform from the same corner by the qform."""
+    # the difference of affine transforms is largest at a corner
     corners = np.array([(*corner, 1) for corner in np.ndindex(2, 2, 2)]) * (*np.array(forms.shape) - 1, 1)
     return float(np.linalg.norm(corners @ (forms.stored["sform"] - forms.stored["qform"]).T, axis=1).max())
 

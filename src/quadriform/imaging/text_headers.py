@@ -198,6 +198,7 @@ def _nrrd_space(fields: Mapping[str, str]) -> str:
 def _nrrd_spacing(fields: Mapping[str, str]) -> Array:
     """Lengths of the columns of `space directions`, else `spacings`; "none" is an axis without direction, as time."""
     if "space directions" in fields:
+        # written as (1,0,0) (0,1,0) none, with or without blanks
         vectors = fields["space directions"].replace("none", "()").replace(" ", "").strip("()").split(")(")
         return np.array([np.linalg.norm(_floats(vector.split(","))) for vector in vectors if vector])
     return _floats(fields.get("spacings", "").split())

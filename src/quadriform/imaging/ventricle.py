@@ -265,6 +265,7 @@ def _finish(
 
 def _default_spacing(surfaces: dict[str, Array], image: Volume) -> float:
     side = float(image.spacing.max())
+    # below the shortest side of a voxel nothing is thinned any more
     while side > image.spacing.min() and min(len(thinned(points, side)) for points in surfaces.values()) < MIN_POINTS:
         side /= 2
     return side
