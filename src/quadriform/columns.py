@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from unicodedata import normalize
 
 from quadriform.errors import ColumnsError, OptionError
+from quadriform.words import first_of
 
 Chosen = str | Sequence[str | int] | None
 """Names between commas, or a sequence of names or of positions from 0; None leaves it to the table."""
@@ -217,5 +218,4 @@ def _unit(coordinates: list[_Name], what: str) -> str:
 
 
 def _listed(names: Sequence[str]) -> str:
-    shown = ", ".join(repr(name[:40]) for name in names[:12])
-    return shown + (f" and {len(names) - 12} more" if len(names) > 12 else "")
+    return first_of([repr(name[:40]) for name in names], 12)

@@ -192,6 +192,11 @@ class _Task:
         sizes = [np.median(np.linalg.norm(points - points.mean(axis=0), axis=1)) for points in every]
         return int(np.argmax([len(points) * size for points, size in zip(every, sizes)]))
 
+    @property
+    def sha256(self) -> str:
+        """Of the points of all frames."""
+        return points_sha256(cloud for frame in self.clouds for cloud in frame.values())
+
     def report(self, done: int) -> None:
         if self.progress is not None:
             self.progress(done, len(self.clouds))
@@ -230,13 +235,12 @@ def _equal(one: Mapping[str, Array], other: Mapping[str, Array]) -> bool:
 
 
 def _of_fits(strategy: str, task: _Task, fits: Sequence[Fit], moving: MovingModel | None) -> Track:
-    sha256 = points_sha256(cloud for frame in task.clouds for cloud in frame.values())
     named_residuals = [f.residuals if isinstance(f.residuals, dict) else {ALONE: f.residuals} for f in fits]
     return Track(
         strategy=strategy,
         times=task.times,
         models=tuple(found.model for found in fits),
-        moving=None if moving is None else replace(moving, input_sha256=sha256),
+        moving=None if moving is None else replace(moving, input_sha256=task.sha256),
         residuals=tuple(named_residuals),
         noise=float(np.sqrt(np.mean([found.noise**2 for found in fits]))),
         strengths=(float(np.median([found.strength for found in fits])),),
@@ -253,9 +257,9 @@ def _cycle(task: _Task) -> Track:
     values, options = task.basis.values(task.times), task.options
     cycle = Cycle(surfaces, box, local, values, task.basis, options["regularity"], options["robust"], planes)
     found = cycle.fit(check_strength(task.options["strength"]), task.progress)
-    sha256 = points_sha256(cloud for clouds in task.clouds for cloud in clouds.values())
+    control = found.control_points
     moving = MovingModel(
-        surfaces, box.origin, box.edges, task.basis, found.control_points, input_sha256=sha256, frame_times=task.times
+        surfaces, box.origin, box.edges, task.basis, control, input_sha256=task.sha256, frame_times=task.times
     )
     shifts = {} if planes is None else planes[0].named(frame.scale * found.shifts)
     return _cycle_in_world(task, frame, frame.shape_to_world(moving), found, shifts)

@@ -16,7 +16,7 @@ from quadriform.points import Array, unit_vectors
 from quadriform.shapes import _kernel
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.kinds import KINDS
-from quadriform.shapes.mesh import sorted_unique
+from quadriform.shapes.mesh import ranks, sorted_unique
 from quadriform.shapes.ridges import beside_ridges, has_ridges
 from quadriform.shapes.superquadric import Superquadric
 from quadriform.shapes.threads import threads_for
@@ -291,10 +291,9 @@ class CandidateIndex:
         kept = ~several
         kept[several] = lowest
         owner, vertex = owner[kept], vertex[kept]
-        _, first, count = np.unique(owner, return_index=True, return_counts=True)
-        rank = np.arange(len(owner)) - np.repeat(first, count)
+        count = np.unique(owner, return_counts=True)[1]
         # Near the centre of a sphere all vertices are equally near; an even selection is enough.
-        thinned = rank % np.repeat(-(-count // MOST), count) == 0
+        thinned = ranks(count) % np.repeat(-(-count // MOST), count) == 0
         return owner[thinned], vertex[thinned]
 
 
@@ -305,7 +304,7 @@ def _neighbours(kind: str) -> Index:
     n = len(vertices)
     pairs = np.concatenate([quads[:, [i, j]] for i in range(4) for j in range(4) if i != j])
     one, other = np.divmod(sorted_unique(pairs[:, 0] * n + pairs[:, 1]), n)
-    rank = np.arange(len(one)) - np.searchsorted(one, np.arange(n))[one]  # of each pair among those of its vertex
+    rank = ranks(np.bincount(one))  # of each pair among those of its vertex
     table = np.tile(np.arange(n), (int(rank.max()) + 1, 1))
     table[rank, one] = other
     return table

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.points import Array, unit_vectors
-from quadriform.shapes.mesh import Mesh, solid_angles, sorted_unique
+from quadriform.shapes.mesh import Mesh, ranks, solid_angles, sorted_unique
 
 CELL = 1.5
 """Side of a grid cell, in mean sizes of a triangle's box."""
@@ -88,9 +88,8 @@ def _sharing_a_cell(low: Array, high: Array) -> tuple[Index, Index]:
     owner, code = np.arange(len(low)), np.zeros(len(low), dtype=np.int64)
     for axis in range(3):  # a box stands in the list once for each cell along this axis
         counts = (last[:, axis] - first[:, axis] + 1)[owner]
-        rank = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
         owner, code = np.repeat(owner, counts), np.repeat(code, counts)
-        code = code * shape[axis] + first[owner, axis] + rank
+        code = code * shape[axis] + first[owner, axis] + ranks(counts)
     order = np.argsort(code, kind="stable")  # stable: owners rise within a cell
     return _pairs(code[order], owner[order])
 
@@ -101,7 +100,7 @@ def _pairs(code: Index, owner: Index) -> tuple[Index, Index]:
     end = np.searchsorted(code, code, side="right")
     later = end - np.arange(len(code)) - 1
     a = np.repeat(np.arange(len(code)), later)
-    b = a + 1 + np.arange(len(a)) - np.repeat(np.cumsum(later) - later, later)
+    b = a + 1 + ranks(later)
     return owner[a], owner[b]
 
 

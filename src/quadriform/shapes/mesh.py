@@ -73,6 +73,11 @@ def extrapolated(coarse: float, fine: float) -> float:
     return fine + (fine - coarse) / 3
 
 
+def ranks(counts: NDArray[np.int64]) -> NDArray[np.int64]:
+    """0, 1, ... up to each count less one, for one count after the other."""
+    return np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+
+
 def sorted_unique(codes: NDArray[np.int64]) -> NDArray[np.int64]:
     """The distinct values of whole numbers (n,), in ascending order.
 

@@ -16,14 +16,6 @@ STEPS = np.array([0.7548776662466927, 0.5698402909980532])
 """Of the sequence that fills the unit square evenly: 1/p and 1/p^2 with p^3 = p + 1 (M. Roberts, 2018)."""
 GRID_BITS = 21
 """Cells of the curve that orders the triangles, along each axis, as a power of two; three fit in 64 bits."""
-SPREAD = (
-    (32, 0x1F00000000FFFF),
-    (16, 0x1F0000FF0000FF),
-    (8, 0x100F00F00F00F00F),
-    (4, 0x10C30C30C30C30C3),
-    (2, 0x1249249249249249),
-)
-"""Shifts and masks that put two empty bits between the bits of a 21-bit number."""
 
 
 def mesh_points(mesh: Mesh) -> tuple[Array, str | None]:
@@ -82,9 +74,8 @@ def _spread(corners: Array, areas: Array, count: int) -> tuple[NDArray[np.int64]
     return order[at], np.column_stack([1 - square.sum(axis=1), square])
 
 
-def _curve(points: Array) -> NDArray[np.uint64]:
+def _curve(points: Array) -> NDArray[np.int64]:
     """Position along a curve through all cells of a grid (Z order): near each other in space are near on the curve."""
-    cells = np.minimum(points * 2**GRID_BITS, 2**GRID_BITS - 1).astype(np.uint64)
-    for shift, mask in SPREAD:
-        cells = (cells | (cells << np.uint64(shift))) & np.uint64(mask)
-    return np.asarray(cells[:, 0] << np.uint64(2) | cells[:, 1] << np.uint64(1) | cells[:, 2])
+    cells = np.minimum(points * 2**GRID_BITS, 2**GRID_BITS - 1).astype(np.int64)
+    # the bits of the three coordinates in turn, the highest first
+    return sum((((cells >> bit) & 1) @ [4, 2, 1]) << 3 * bit for bit in range(GRID_BITS))

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.points import Array
-from quadriform.shapes.mesh import Mesh
+from quadriform.shapes.mesh import Mesh, ranks
 
 OFF_GRID = (0.5772157e-7, 0.6931472e-7)
 """Columns of voxel centres are moved so far, in voxels, lest they run along the edges of triangles."""
@@ -41,8 +41,7 @@ def _columns(corners: Array, shape: tuple[int, ...]) -> tuple[NDArray[np.int64],
     size = np.maximum(high - low, 0)
     counts = size.prod(axis=1)
     triangle = np.repeat(np.arange(len(corners)), counts)
-    rank = np.arange(len(triangle)) - np.repeat(np.cumsum(counts) - counts, counts)
-    width = size[triangle, 1]
+    rank, width = ranks(counts), size[triangle, 1]
     return triangle, low[triangle, 0] + rank // width, low[triangle, 1] + rank % width
 
 
