@@ -78,6 +78,7 @@ def test_vtp_in_ascii_is_read(tmp_path):
         ('type="PolyData"', 'type="ImageData"', "PolyData"),
         ('type="Float64"', 'type="Int128"', "Points/DataArray"),
         ("AAAA", "AA", "damaged"),
+        (">YAAA", ">UAAA", "80 bytes declared, 96 found"),
     ],
 )
 def test_bad_vtp(tmp_path, old, new, message):
