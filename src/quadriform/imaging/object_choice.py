@@ -1,5 +1,7 @@
 """The selection of an object in an image, and where none is given: segments, labels, or what is above Otsu's threshold.
 
+Where none is given:
+
 1. A file that names its segments: the one segment; of several one must be chosen.
 2. Values that are not all whole numbers, or some below -1: a grey image.
 3. One value beside 0: a mask.
