@@ -65,6 +65,7 @@ def _options(texts: list[str]) -> dict[str, Any]:
 
     found: dict[str, Any] = {}
     for text in texts:
+        # only the first sign separates: a value may contain others
         name, equals, value = text.partition("=")
         if not equals or name in found:
             raise OptionError(f"option --set={text!r}: expected NAME=VALUE, each name once")

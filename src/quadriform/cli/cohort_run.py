@@ -52,6 +52,7 @@ def _engine(chosen: EngineChoice) -> Callable[[], AbstractContextManager[WorkerP
         raise OptionError("options --processes, --workers and --scheduler exclude each other; give one")
     if chosen.workers is None and chosen.scheduler is None:
         return partial(executors.processes, chosen.processes or executors.cores())
+    # before anything is read: the message says how to install it
     stores.require_library("distributed")
     return partial(executors.cluster, chosen.scheduler, chosen.workers or 0)
 
@@ -69,6 +70,7 @@ def _reporting(show_ids: bool) -> Iterator[OnOutcome]:
             nonlocal lines
             if outcome.failure is not None:
                 lines += 1
+                # thousands of lines would hide the bar; the table has them all
                 if lines <= MOST_LINES:
                     print_line(_failure(outcome, show_ids))
                 if lines == MOST_LINES:

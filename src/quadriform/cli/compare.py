@@ -36,6 +36,7 @@ def compare(a: Path, b: Path, *, surface: str | None = None, strict: bool = Fals
     from quadriform.cli.status import repeat_warnings
     from quadriform.files.reading import naming
 
+    # the frame of A is kept, because results are compared with A as the reference
     one = _read(a, surface)
     two = _in_space(_read(b, surface), one.space)
     if surface is not None and all(surface not in getattr(body.shape, "surfaces", ()) for body in (one, two)):
@@ -71,6 +72,7 @@ def _in_space(body: _Body, space: str) -> _Body:
 
 def _common(one: _Body, two: _Body, what: str) -> str:
     """The space or the unit that both have; unknown goes with everything, with a note."""
+    # equal values have one key: two entries mean that they differ or that one is unknown
     found = {str(getattr(body, what)): body.file for body in (one, two)}
     known = [value for value in found if value != "unknown"]
     if len(known) == 2:

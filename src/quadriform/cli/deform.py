@@ -67,6 +67,7 @@ def _moved(
     with naming(file):
         rotation = rotation_to_model(file, space_and_unit_of(file, columns), (carrier.space, carrier.unit))
         given = read_point_set(file, columns).in_metric_unit().points if mesh is None else mesh.vertices
+        # into the frame of the model, in which its map is defined
         return (carrier.undeform if inverse else carrier.deform)(given @ rotation.T), mesh
 
 
@@ -79,6 +80,7 @@ def _write(
     from quadriform.shapes.mesh import Mesh
     from quadriform.shapes.spaces import rotation_between
 
+    # rows are points: a rotation acts from the right, transposed
     moved = moved @ rotation_between(carrier.space, target).T
     if mesh is None:
         write_points(moved, output, force)

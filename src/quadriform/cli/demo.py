@@ -90,6 +90,7 @@ def _write(result: "Fit", found: "ImagePoints", volume: "Volume", output: Path, 
 def _rows(result: "Fit", found: "ImagePoints") -> list[tuple[str, str]]:
     from quadriform.fitting.result import flat, rms
 
+    # caps are no data: they only close the surface
     data, model = ~found.on_border, result.model
     error, alone = (rms(flat(values)[data]) for values in (result.residuals, result.superquadric_residuals))
     return [

@@ -62,6 +62,7 @@ def export(model: Path, *, to: str, output: Path, details: Details, space: str |
     grid = None if like is None else _grid(like, details.affine, state)
     names = [name for kind in formats for name in _names(kind, state)]
     check_file_names([output / name for name in names], "two surfaces")
+    # before the work, and before the first of the files is written
     check_results(output, names, common.force, [model] if like is None else [model, like])
     files: dict[str, bytes] = {}
     for kind in formats:
@@ -75,6 +76,7 @@ def export(model: Path, *, to: str, output: Path, details: Details, space: str |
 
 def _formats(to: str, details: Details) -> list[str]:
     formats = list(dict.fromkeys(choose(name.strip().lower(), FORMATS, "--to") for name in to.split(",")))
+    # an image without nii would silently have no effect
     if ("nii" in formats) != (details.like is not None):
         raise OptionError("options --to nii and --like IMAGE go together: labels need a grid")
     if details.affine is not None and details.like is None:
@@ -103,6 +105,7 @@ def _read(path: Path, details: Details, space: str | None) -> "tuple[DeformableM
             raise OptionError(f"option --at={at:g}: {str(path)!r} does not move")
         return loaded, ([loaded], [0.0])
     start = float(loaded.basis.knots[0])
+    # the end of a period is its start and would be drawn twice
     times = start + np.linspace(0, loaded.basis.span, details.frames, endpoint=loaded.basis.period is None)
     return loaded.at(start if at is None else at), ([loaded.at(float(time)) for time in times], times.tolist())
 

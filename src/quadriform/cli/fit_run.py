@@ -89,6 +89,7 @@ def plan(
         return [replace(_surfaces_job(inputs, surfaces, output, image), space=space)], False
     if not inputs:
         raise OptionError("expected at least one INPUT, or --surface NAME=FILE")
+    # a folder of DICOM slices is one image, not a folder of inputs
     folders = {path for path in inputs if path.is_dir() and not kind_of(path)}
     files = [file for path in inputs for file in (_files_in(path) if path in folders else [path])]
     several = len(files) > 1 or bool(folders)
@@ -211,6 +212,7 @@ def _fit(job: Job, sources: Mapping[str, Source], options: Mapping[str, Any]) ->
 
 
 def _record(job: Job, found: Fit, seconds: float) -> Record:
+    # percentiles of distances, without the side on which a point lies
     distances = np.abs(flat(found.residuals))
     return {
         "input": job.name,

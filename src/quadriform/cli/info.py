@@ -111,6 +111,7 @@ def _image(file: Path, frame: int | None, affine: str | None) -> dict[str, Any]:
     from quadriform.imaging.reading import read_volume
 
     volume = read_volume(file, frame, affine)
+    # an oblique image reaches its extent at one of its eight corners
     corners = np.array(list(np.ndindex(2, 2, 2))) * (np.array(volume.values.shape) - 1)
     return {
         "kind": "image",

@@ -38,6 +38,7 @@ def read_base(options: Sequence[str], metadata: SpaceAndUnit) -> "Base":
         return float(options[0])
     except ValueError:
         pass
+    # a file whose name has five commas is a file
     if options[0].count(",") == 5 and not Path(options[0]).exists():
         plane = decimals(options[0], "--base", 6)
         return plane[:3], plane[3:]

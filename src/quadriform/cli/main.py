@@ -66,6 +66,7 @@ def main(arguments: Sequence[str]) -> int:
     subjects of a cohort failed, 70 internal error, 130 interrupted.
     """
     try:
+        # not standalone: errors and exit codes are ours
         result = app(list(arguments) or ["--help"], prog_name="quadriform", standalone_mode=False)
         code = result if isinstance(result, int) else 0
         return error_line("interrupted", code) if code == INTERRUPTED else code  # typer catches the key itself

@@ -90,6 +90,7 @@ def load_frames(files: list[Path]) -> tuple[list["DeformableModel"], "Array | No
         if isinstance(model, DeformableModel):
             return [model], None
         return [model.at(float(time)) for time in model.frame_times], model.frame_times
+    # shells sort frame_10 before frame_2
     ordered = in_time(files, by_hand=True)
     if ordered != files:
         note(f"the models are taken in the order of the numbers in their names: {listed(ordered)}")

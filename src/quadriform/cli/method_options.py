@@ -61,6 +61,7 @@ def _box(text: str | None) -> tuple[int, ...] | str | None:
 
 def _strength(text: str | None) -> float | str | None:
     try:
+        # words such as auto go to the fit, which knows and names those that are allowed
         return None if text is None else float(text)
     except ValueError:
         return text

@@ -102,6 +102,7 @@ def subcommand(function: Callable[..., None]) -> Callable[..., None]:
     not called Args or Attributes is a panel of the help.
     """
     parameters = signature(function).parameters.values()
+    # annotations are classes here: these modules do not postpone their evaluation
     groups: dict[str, Any] = {each.name: each.annotation for each in parameters if is_dataclass(each.annotation)}
     about = _described(Common) | _described(ObjectInImage) | {name: {"help": text} for name, text in SHARED.items()}
     about |= {name: entry for group in (*groups.values(), function) for name, entry in _described(group).items()}
@@ -189,6 +190,7 @@ def check_file_names(paths: Iterable[Path], what: str) -> None:
     Raises:
         OptionError: naming the two.
     """
+    # NFC and casefold: the coarsest of the common file systems
     seen: dict[str, Path] = {}
     for path in paths:
         before = seen.setdefault(normalize("NFC", str(path).casefold()), path)

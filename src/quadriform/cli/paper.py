@@ -30,6 +30,7 @@ def paper(
     from quadriform.files.atomic import check_writable, write_bytes
     from quadriform.report.paper.whole import paper_page
 
+    # before the work, which takes minutes
     check_writable(output, force)
     names = [name.strip() for text in figure or () for name in text.split(",")]
     i, j, k = numbers(box, 3, "--box")

@@ -43,6 +43,7 @@ def report(
         measures, planes = _measures(frames, times, where)
     check_strict(strict, frames[0].warnings if measures is None else measures.warnings, model)
     print_remarks(remarks_of(frames[0].record) if measures is None else measures.remarks)
+    # the frames above do not move; the page plays the moving model
     shown = read_any_model(model)
     record = {"model": model.name, "input_sha256": shown.input_sha256} | status_fields(shown.record)
     title = shown.record.title or model.stem

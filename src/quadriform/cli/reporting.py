@@ -55,6 +55,7 @@ def page_of_fit(
     rotation = rotation_between(space, fit.model.space)
     rotated = {name: cloud @ rotation.T for name, cloud in clouds.items()}
     if image is not None:
+        # the image rotates with its points: its voxels stay, their places in the world change
         affine = np.block([[rotation, np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]]) @ image.world_from_voxel
         image = replace(image, world_from_voxel=affine, space=fit.model.space)
     found = measures_of([fit.model], None)
@@ -85,6 +86,7 @@ def page_of_track(
     for number, frame in enumerate(clouds):
         rotated = {name: cloud @ rotation.T for name, cloud in frame.items()}
         for name, which in (slices[number] if found.shifts else {}).items():
+            # a slice that was not shifted has no entry
             rotated[name] = rotated[name] + np.array([found.shifts.get(int(n), no_shift) for n in which]).reshape(-1, 3)
         shown.append(rotated)
     times = found.times if found.moving is not None else None

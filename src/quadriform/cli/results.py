@@ -26,6 +26,7 @@ def earlier_results(folder: Path) -> list[str]:
     models = [path.name for path in folder.iterdir() if path.name == MODEL or FRAME.fullmatch(path.name)]
     found: set[str] = set()
     for name in models:
+        # a file of this name that is no model of ours is not ours to replace
         found |= {name, REPORT, *_beside(folder / name)} if _is_model(folder / name) else set()
     return sorted(name for name in found if (folder / name).exists())
 

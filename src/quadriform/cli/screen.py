@@ -62,6 +62,7 @@ def emit(text: str) -> None:
     try:
         print(text, flush=True)
     except BrokenPipeError:
+        # else Python would fail once more when it flushes stdout at the end
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

@@ -33,6 +33,7 @@ def segment(image: Path, *, output: Path, chosen: ObjectInImage, common: Common)
     with naming(image):
         volume, arguments, notes = read_object(image, options)
         found = segment_volume(volume, **arguments)
+        # before the mask is encoded: nothing is written for a refused result
         check_strict(common.strict, found.warnings)
         content = encode_labels(found.mask.astype("uint8"), volume.world_from_voxel, volume.space, volume.unit, suffix)
     write_bytes(output, content, common.force)

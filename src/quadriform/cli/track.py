@@ -84,6 +84,7 @@ def track(
 def _period(text: str) -> float | str | None:
     if text in ("auto", "none"):
         return "auto" if text == "auto" else None
+    # float would also read inf, nan and 1_0
     if not re.fullmatch(r"\d+(\.\d*)?([eE][+-]?\d+)?", text):
         raise OptionError(f"option --period={text!r}: expected a time above 0, auto or none")
     return float(text)

@@ -40,6 +40,7 @@ def run(
     """
     options = motion.options()
     files = frame_files(inputs)
+    # a folder is shown by its name, not by its hundred files
     shown = inputs if any(map(Path.is_dir, inputs)) else files  # in the order of time
     folder = output or Path(f"{stem(inputs[0])}-track")
     earlier = earlier_results(folder)
@@ -88,6 +89,7 @@ def _track(
     with progress_bar("cycle") as progress:
         slices = frames.slices if shift_slices else None
         found = track(frames.clouds, slices=slices, progress=progress, **frames.with_times(options))
+    # an image of several files counts as all of them, each once
     sha256 = sha256_of(*dict.fromkeys(file for path in files for file in files_of(path)))
     record = replace(found.models[0].record, title=title_of(inputs), sources=input_files({"": files}))
     metadata: dict[str, Any] = {"space": space, "unit": unit, "input_sha256": sha256, "record": record}

@@ -34,6 +34,7 @@ def _drawn(axes: "Axes", words: str) -> Markup:
 def histogram(residuals: Mapping[str, Array], unit: str, voxel: float | None) -> Markup:
     """Signed distances of the data points, surface by surface, with half a voxel to either side where there is one."""
     axes = _axes(6, 2.6, xlabel=f"signed distance to the model, {unit} (negative: inside)", ylabel="points")
+    # one far outlier would leave all other distances in a single bin
     most = float(np.percentile(np.abs(np.concatenate(list(residuals.values()))), 99.5)) or 1.0
     bins = np.linspace(-most, most, 41)  # outliers are clipped into the outermost bins
     for colour, (name, values) in zip(COLOURS, residuals.items()):
@@ -67,6 +68,7 @@ def curve(times: Array, values: Array, quantity: str, unit: str, labels: Mapping
     for name, frame in labels.items():
         position = (float(times[frame]), float(values[frame]))
         axes.annotate(name, position, xytext=(0, 6), textcoords="offset points", ha="center", fontsize=8)
+    # room for the names of the frames above the curve
     axes.margins(y=0.2)
     return _drawn(axes, f"{quantity} over the cycle, from {values.min():.4g} to {values.max():.4g} {unit}")
 
@@ -79,9 +81,11 @@ def bullseye(values: Mapping[int, float], quantity: str, unit: str) -> Markup:
     axes: Any = Figure(figsize=(3.4, 3.6)).add_subplot(projection="polar")
     low, high = min(values.values()), max(values.values())
     scale = colormaps["cividis"]
+    # ring 0, the base, is outermost: the disc is the ventricle seen from its apex
     for ring, (first, count, start) in enumerate(RINGS):
         inner, width = 3 - ring, 2 * np.pi / count
         for k in range(count):
+            # angles run counter-clockwise from the right: 60 degrees is where the anterior segment begins
             left, value = np.radians(start) + k * width, values.get(first + k + 1, np.nan)
             fraction = (value - low) / ((high - low) or 1.0)
             tone = scale(fraction) if np.isfinite(fraction) else "#fff"

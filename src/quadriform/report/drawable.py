@@ -55,6 +55,7 @@ def surfaces_of(drawable: Drawable, surface: str | None, time: float | None, res
     Raises:
         OptionError: nothing that has a surface, an unknown surface, a time too many or too few, no resolution.
     """
+    # whole numbers of NumPy are no int
     if not isinstance(resolution, (int, np.integer)) or not 1 <= resolution <= FINEST:
         raise OptionError(f"option resolution={resolution!r}: expected a whole number from 1 to {FINEST}")
     if isinstance(drawable, Mesh):

@@ -33,6 +33,7 @@ def to_trimesh(
 
     found = surfaces_of(model, surface, time, resolution)
     mesh = found.only
+    # processing would merge vertices, so that they no longer correspond to those of the model
     shell = Trimesh(
         mesh.vertices.copy(), mesh.faces.copy(), process=False, metadata={"space": found.space, "status": found.status}
     )
@@ -63,6 +64,7 @@ def to_pyvista(model: Drawable, surface: str | None = None, *, time: float | Non
     except ImportError as error:
         raise OptionError("to_pyvista needs pyvista; pip install 'quadriform[viz]'") from error
     shell = pyvista.PolyData.from_regular_faces(mesh.vertices.copy(), mesh.faces.copy())
+    # PyVista has no notion of frame and unit; field data is written into .vtp files
     shell.field_data["SPACE"] = [found.space]
     shell.field_data["UNIT"] = [found.unit]
     shell.field_data["STATUS"] = [found.status]

@@ -40,6 +40,7 @@ def _nearby(model: DeformableModel, name: str, cloud: Array, residuals: Array) -
     count = min(NEIGHBOURS, len(cloud))
     # k as a list: for one neighbour the tree would return (n,) instead of (n, 1)
     distances, index = cKDTree(cloud).query(points, k=np.arange(1, count + 1))
+    # the grid is nearly even, so that its cells are about as large as the mean of the area
     cell = np.sqrt(model.area(name) / len(points))
     return np.where(distances[:, 0] < FAR * cell, residuals[index].mean(axis=1), np.nan)
 
@@ -53,6 +54,7 @@ def uncertainty_field(fit: Fit) -> Field:
 
 def thickness_field(models: Sequence[DeformableModel]) -> Field:
     """Distance of each grid point of both walls of a ventricle, "endo" and "epi", to the other wall."""
+    # from either wall: the nearest point of the other is not mutual where the wall is curved
     pairs = (("endo", "epi"), ("epi", "endo"))
     values = {one: [np.abs(m.distance(_grid_points(m, one), other)) for m in models] for one, other in pairs}
     return Field("thickness", models[0].unit.replace("unknown", "units"), values)

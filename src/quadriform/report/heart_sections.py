@@ -58,6 +58,7 @@ def _bullseyes(measures: Measures) -> Markup:
     anchored = True
     units = {}
     for row in measures.rows:
+        # a row of a segment is named "segment 7, mid anterior: wall thickness"
         if match := SEGMENT.fullmatch(row.quantity):
             found.setdefault(match[2], {})[int(match[1])] = row.value
             units[match[2]] = row.unit + ("" if row.observed else " (not observed)")
@@ -65,6 +66,7 @@ def _bullseyes(measures: Measures) -> Markup:
     drawn = [charts.bullseye(values, name, units[name]) for name, values in found.items() if _shown(name)]
     if not drawn:
         return Markup("")
+    # without insertions of the right ventricle no segment has an anatomical name
     words = f"{ANATOMY}." if anchored else "Rings from base to apex; where a ring starts is arbitrary (unanchored)."
     return figure(Markup('<div class="beside">{}</div>').format(Markup("").join(drawn)), words)
 

@@ -36,6 +36,7 @@ def show(thing: Shown) -> Path:
     Raises:
         OptionError: something else, or frames that were tracked alone and so are no moving model.
     """
+    # not deleted when it is closed: the browser reads it after that
     with tempfile.NamedTemporaryFile(suffix=".html", prefix="quadriform-", delete=False) as file:
         file.write(_page(thing))
     path = Path(file.name)
@@ -45,6 +46,7 @@ def show(thing: Shown) -> Path:
 
 def as_html(thing: Shown) -> str:
     """The same as a frame for a notebook: a page of its own, which sees nothing of the notebook."""
+    # srcdoc is an attribute: the page stands in it escaped, once more than its own texts
     text = escape(_page(thing).decode())
     frame = '<iframe sandbox="allow-scripts" style="width: 100%; height: {}px; border: 0" srcdoc="{}"></iframe>'
     return str(Markup(frame).format(HEIGHT, text))
@@ -60,6 +62,7 @@ def _page(thing: Shown) -> bytes:
 def _parts(thing: Shown) -> tuple[DeformableModel | MovingModel, Scene, list[tuple[str, str]]]:
     if isinstance(thing, Fit):
         rows = [("points", str(thing.n_points))]
+        # only the default method computes a covariance
         fields = [] if thing.enriched is None else [uncertainty_field(thing)]
         return thing.model, Scene(errors=[thing.rms], fields=fields), rows
     if isinstance(thing, Track):

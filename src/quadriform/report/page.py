@@ -24,6 +24,7 @@ class Section:
 
 @cache
 def _templates() -> Environment:
+    # strict: a name that a template misspells is an error, not an empty place on a page
     return Environment(
         loader=PackageLoader("quadriform.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )

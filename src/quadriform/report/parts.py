@@ -35,9 +35,11 @@ def svg(drawing: "Figure", words: str) -> Markup:
     import matplotlib
 
     stream = io.StringIO()
+    # text as text: it can be searched, and the ids are hashed with a fixed salt: the same bytes every time
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "quadriform"}):
         drawing.savefig(stream, format="svg", bbox_inches="tight", metadata={"Date": None, "Creator": None})
     text = stream.getvalue()
+    # inside a page an XML declaration and a document type are not allowed
     text = text[text.index("<svg") :].replace("<svg", Markup('<svg role="img" aria-label="{}"').format(words), 1)
     return Markup(text)
 

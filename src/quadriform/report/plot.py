@@ -61,6 +61,7 @@ def plot(
     clouds = [] if points is None else _clouds(points)
     tints = (_tint(colour),) if isinstance(colour, str) else COLOURS
     target = _new_axes() if axes is None else _deep(axes)
+    # the largest extent orders surfaces inside each other; only the innermost hides nothing
     innermost = min(found.meshes, key=lambda name: float(np.ptp(found.meshes[name].vertices, axis=0).max()))
     if clouds:
         target.scatter(*np.concatenate(clouds).T, s=2, c="black", depthshade=False, label="points")
@@ -77,6 +78,7 @@ def _draw(axes: Any, mesh: Mesh, name: str, tint: str, values: Array | None, alp
         *mesh.vertices.T, triangles=mesh.faces, color=tint, alpha=alpha, linewidth=0, antialiased=False, label=name
     )
     if values is not None:
+        # matplotlib colours triangles, not vertices
         drawn.set_array(values[mesh.faces].mean(axis=1))
 
 

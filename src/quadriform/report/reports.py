@@ -49,6 +49,7 @@ def fit_report(
     """
     model, unit = fit.model, fit.model.unit.replace("unknown", "units")
     residuals, before = _by_name(fit.residuals, clouds), _by_name(fit.superquadric_residuals, clouds)
+    # the longest side: an error below half of it is below what the image resolves
     voxel = None if image is None else float(image.spacing.max())
     sentence = (
         f"the model lies {fit.rms:.4g} {unit} (RMS) from {fit.n_points} points; the superquadric alone "
@@ -90,6 +91,7 @@ def track_report(
     """
     model: MovingModel | DeformableModel = found.models[0] if found.moving is None else found.moving
     unit = model.unit.replace("unknown", "units")
+    # frames that were fitted alone have no common motion to play; the first stands for them
     shown = range(len(found.models) if found.moving is not None else 1)
     each = {name: [clouds[k][name] for k in shown] for name in model.surfaces}
     signed = {name: [found.residuals[k][name] for k in shown] for name in model.surfaces}

@@ -62,6 +62,7 @@ def errors(residuals: Clouds, before: Clouds | None, unit: str, voxel: float | N
 
 
 def _error_row(name: str, residuals: Array, unit: str, voxel: float | None) -> list[str]:
+    # a median of signed distances would be near zero whatever the error
     away = np.abs(residuals)
     rms = float(np.sqrt((away**2).mean()))
     numbers = [rms, float(np.median(away)), float(np.percentile(away, 95)), float(away.max())]
@@ -112,6 +113,7 @@ def methods(text: str, record: Mapping[str, Any]) -> list[Section]:
     """
     used = ", ".join(f"{name} {version(name)}" for name in LIBRARIES)
     whole = f"{text} Computed with quadriform {version('quadriform')} ({used}), after {PAPER}."
+    # what changes from one run to the next would make pages of the same fit differ
     kept = {name: value for name, value in record.items() if name not in HERE}
     paste = Markup('<p class="paste">{}</p>').format(whole)
     settings = Markup("<pre>{}</pre>").format(escape(json.dumps(kept, indent=1, default=str)))

@@ -49,6 +49,7 @@ def slices_png(
     figure = Figure(figsize=(11, 0.6 + 2.9 * rows * values.shape[1] * steps[1] / (values.shape[0] * steps[0])))
     figure.suptitle(title, fontsize=10)
     window = _window(values)
+    # voxel coordinates: the third is the number of the slice
     heights = np.concatenate([mesh.vertices[:, 2] for mesh in outlines.values()])
     for position, k in enumerate(_levels(heights, values.shape[2], count)):
         axes = figure.add_subplot(rows, columns, position + 1)
@@ -57,6 +58,7 @@ def slices_png(
             _draw_outline(axes, mesh, float(k), colour)
         axes.set_title(f"slice {k}", fontsize=8, pad=2)
     _legend(figure, outlines)
+    # room for the legend below the slices
     figure.tight_layout(rect=(0, 0.03, 1, 1))
     stream = io.BytesIO()
     figure.savefig(stream, format="png", dpi=110)
@@ -86,6 +88,7 @@ def slice_pictures(
     steps = voxel_spacing(world_from_voxel)
     window = _window(values)
     reached = np.concatenate([mesh.vertices[:, 2] for mesh in outlines]) if outlines else _uneven(values)
+    # voxels need not be cubes: the picture has the proportions of the body
     height = 2.0 * values.shape[1] * steps[1] / (values.shape[0] * steps[0])
     widths = WIDTHS if len(outlines) > 1 else (ALONE,)
     pictures = {}
@@ -122,6 +125,7 @@ def planes_section(volume: Volume, meshes: Mapping[str, Mesh], title: str) -> Se
     """Three slices along each axis of an image, with the outlines of the meshes; `title` names the image."""
     pictures = Markup("")
     for axis, letter in enumerate("ijk"):
+        # the axis that is cut becomes the last one, and the columns of the affine follow it
         order = [other for other in range(3) if other != axis] + [axis]
         affine = volume.world_from_voxel[:, [*order, 3]]
         data = slices_png(volume.values.transpose(order), affine, meshes, f"{title}, across {letter}", 3, 3)

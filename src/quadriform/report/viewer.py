@@ -102,6 +102,7 @@ def payload(model: DeformableModel | MovingModel, scene: Scene) -> dict[str, Any
         "reach": reach,
         "surfaces": _surfaces(model),
         "box": {"origin": box.origin.tolist(), "edges": box.edges.tolist(), "shape": list(control.shape[1:4])},
+        # 32 bits about the centre: far from the origin they would not resolve the surface
         "control": packed((control - centre).astype("<f4")),
         "time": _time(model) if isinstance(model, MovingModel) else None,
         "points": _points(scene, centre, quantum, residual_quantum),
@@ -149,6 +150,7 @@ def _time(model: MovingModel) -> dict[str, Any]:
 
 def _extent(model: DeformableModel | MovingModel) -> tuple[Array, float]:
     """Centre (3,) of the surfaces at all knots, and how far to look from there."""
+    # between two knots the surface moves little: their extent is near enough for a view
     boxes = [model.box(t) for t in model.basis.knots] if isinstance(model, MovingModel) else [model.box]
     rest = np.concatenate([surface.grid(8)[0] for surface in model.surfaces.values()])
     points = np.concatenate([box.deform(rest) for box in boxes])
@@ -202,6 +204,7 @@ def _field(one: Field) -> dict[str, Any]:
 
 def _steps(values: Array, low: float, high: float) -> Array:
     fraction = np.clip((np.nan_to_num(values) - low) / (high - low), 0, 1)
+    # 255 stands for no value, so that 0 to 254 are left for the range
     return np.where(np.isfinite(values), np.round(STEPS * fraction), NO_VALUE).astype("u1")
 
 

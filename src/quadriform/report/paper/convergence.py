@@ -54,6 +54,7 @@ def measure_convergence(subject: Subject, box: Box) -> Convergence:
         return refine(start, subject.points, method="paper", box=box, iterations=iterations, tolerance=tolerance)
 
     long = after(LONGEST, STOP)
+    # the history has the error of the least squares only; distances are measured on fits of so many steps
     errors = {0: subject.paper.superquadric_rms} | {count: after(count, None).rms for count in STEPS}
     errors |= {subject.paper.iterations: subject.paper.rms, long.iterations: long.rms}
     steps = sorted(errors)

@@ -63,12 +63,14 @@ def in_space(
         draw(axes)
     low, high = window.min(axis=0), window.max(axis=0)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    # the same scale along all axes, whatever the window
     axes.set_box_aspect(high - low, zoom=zoom)
     return _packed(figure, words)
 
 
 def cloud(points: Array, colour: str = ORANGE, size: float = 2.0) -> Artist:
     """Points, those far away pale; the first, every k-th of many."""
+    # rounded up, so that at most SHOWN are left
     some = points[:: -(-len(points) // SHOWN)]
     return lambda axes: axes.scatter(*some.T, s=size, color=colour, linewidths=0, depthshade=True)
 
@@ -84,6 +86,7 @@ def box(lattice: ControlBox, colour: str = GREY) -> Artist:
     """The lines between neighbouring control points."""
     from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
+    # the lines along one axis are the rows when this axis stands last
     rows = [np.moveaxis(lattice.control_points, axis, 2) for axis in range(3)]
     lines = [line for row in rows for line in row.reshape(-1, row.shape[2], 3)]
     return lambda axes: axes.add_collection3d(Line3DCollection(lines, colors=colour, linewidths=0.5))
@@ -163,6 +166,7 @@ def _packed(figure: Any, words: str) -> Markup:
     stream = io.BytesIO()
     figure.savefig(stream, format="png", dpi=100, facecolor="white")
     pixels = Image.open(stream).convert("RGB")
+    # without dithering, which PNG cannot compress
     pixels = pixels.quantize(PALETTE, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
     packed = io.BytesIO()
     pixels.save(packed, format="png", optimize=True)

@@ -43,17 +43,8 @@ def _row(name: str, errors: list[float]) -> Row:
     return name, NONE, mm(errors[0]), mm(errors[1])
 
 
-def synthetic_example(material: Material) -> Remake:
-    """Fig. 6."""
-    return _from_start_to_end("6", material.crossing)
-
-
-def medical_example(material: Material) -> Remake:
-    """Fig. 7."""
-    return _from_start_to_end("7", material.first.subject)
-
-
-def _from_start_to_end(key: str, subject: Subject) -> Remake:
+def from_start_to_end(key: str, subject: Subject) -> Remake:
+    """Figs. 6 and 7."""
     errors = [[fit.superquadric_rms for fit in subject.fits], [fit.rms for fit in subject.fits]]
     ratios = [f"{end / start:.0%}" for start, end in zip(*errors)]
     return Remake(
@@ -77,11 +68,13 @@ def _warnings(fit: Fit) -> str:
 
 def _four_steps(subject: Subject) -> Tiles:
     starts = [before(fit.model) for fit in subject.fits]
+    # one window for both methods, so that their pictures can be compared
     around = np.concatenate([subject.cloud, *(start.mesh(subject.surface, 8).vertices for start in starts)])
     pictures = [("points", drawing.in_space(around, "points", drawing.cloud(subject.cloud)))]
     for fit, start, name, colour in zip(subject.fits, starts, METHODS, COLOURS):
         mesh = start.mesh(subject.surface, drawing.RESOLUTION)
         final = fit.model.mesh(subject.surface, drawing.RESOLUTION)
+        # boxes reach farther than surfaces; the fields beside them would be small in the same window
         corners = np.concatenate([start.box.control_points.reshape(-1, 3), around])
         field = displacement_field(start, subject.cloud, subject.surface)
         steps: dict[str, tuple[Array, list[drawing.Artist], float]] = {

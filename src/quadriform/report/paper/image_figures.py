@@ -20,18 +20,8 @@ MARGIN = 3
 SLICES = 12
 
 
-def first_images(material: Material) -> Remake:
-    """Fig. 13."""
-    return _images("13", {"64 x 64 x 64": material.first, "64 x 64 x 21": material.second})
-
-
-def third_image(material: Material) -> Remake:
-    """Fig. 14."""
-    return _images("14", {"98 x 100 x 110": material.third})
-
-
-def _images(key: str, scans: Mapping[str, Scan]) -> Remake:
-    """Scans by the voxels that the paper states; the paper's own images were never published."""
+def images(key: str, scans: Mapping[str, Scan]) -> Remake:
+    """Figs. 13 and 14: scans by the voxels that the paper states; its own images were never published."""
     sizes = listed([f"{_voxels(scan)} voxels of {_spacing(scan)} mm" for scan in scans.values()])
     real = all(scan.real for scan in scans.values())
     instead = "of other hearts" if real else f"of {text(key, 'stand_in')}, for no real data was given"
@@ -55,21 +45,6 @@ def _slices(key: str, scan: Scan) -> Markup:
     tiles, subject = _tiles(scan.volume, {}), scan.subject
     size = {"voxels": _voxels(scan), "spacing": _spacing(scan), "count": len(tiles)}
     return shown(key, drawing.tiles(tiles, "small"), subject.source, subject=subject.name, **size)
-
-
-def first_overlay(material: Material) -> Remake:
-    """Fig. 15."""
-    return _overlaid("15", material.first)
-
-
-def second_overlay(material: Material) -> Remake:
-    """Fig. 16."""
-    return _overlaid("16", material.second)
-
-
-def third_overlay(material: Material) -> Remake:
-    """Fig. 18."""
-    return _overlaid("18", material.third)
 
 
 def segmentation(material: Material) -> Remake:
@@ -107,7 +82,8 @@ def _around(volume: Volume, meshes: list[Mesh]) -> Volume:
     return volume.crop(((i0, i1), (j0, j1), (0, size[2])))
 
 
-def _overlaid(key: str, scan: Scan) -> Remake:
+def overlaid(key: str, scan: Scan) -> Remake:
+    """Figs. 15, 16 and 18."""
     paper, default = scan.subject.fits
     models = {  # the dark colour first: the light one is drawn over it, thinner
         "model, default": (default.model.mesh(resolution=40), drawing.BY_DEFAULT),

@@ -55,6 +55,7 @@ def _distances(found: list[Convergence], label: str) -> Markup:
         for each, colour in zip(found, COLOURS):
             axes.plot(each.steps, each.errors, "o-", color=colour, markersize=4)
             axes.axhline(each.subject.default.rms, color=colour, linestyle="--")
+        # a logarithm has no place for iteration 0, the superquadric
         axes.set_xscale("symlog", linthresh=1)
         axes.xaxis.set_major_formatter("{x:g}")
         axes.set_xlim(left=0)

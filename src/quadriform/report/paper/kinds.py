@@ -58,6 +58,7 @@ def _bent(truth: Superquadric, curvature: float, box: Box, resolution: int) -> B
     surface = truth.grid(resolution)[0]
     points = examples.noisy(surface)
     found = fit_superquadric(points, truth.kind, "paper")
+    # distances are those of models; in an undeformed box they are the superquadric's own
     alone = DeformableModel({"surface": found.superquadric}, ControlBox.around(found.superquadric))
     error = rms(alone.distance(surface))
     moved = bend(points, curvature)

@@ -142,6 +142,7 @@ def _both(each: Matching) -> str:
 
 
 def _draw_distances(axes: Axes, radial: Array, nearest: Array) -> None:
+    # latitude through the poles at longitude 0: the section in the plane of x and z
     section = FLAT.natural(np.stack([np.linspace(-np.pi, np.pi, 200), np.zeros(200)], 1))
     axes.plot(section[:, 0], section[:, 2], color=drawing.GREY)
     m = OUTSIDE[0]

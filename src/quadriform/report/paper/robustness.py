@@ -64,6 +64,7 @@ def measure_matchings(box: Box, resolution: int = 32) -> dict[str, Matching]:
     truth = examples.ventricle(resolution)
     noisy, crossing = examples.noisy(truth), examples.crossing_superquadrics(3 * resolution // 4)
     fine = examples.ventricle(2 * resolution)
+    # sorted, so that the order of the points is not random too
     uneven = fine[np.sort(np.random.default_rng(2).choice(len(fine), len(truth), replace=False))]
     return {
         "dense: three crossing superquadrics": _matching(crossing, crossing, box),

@@ -135,10 +135,12 @@ def brain(box: Box) -> Scan:
 def coarse_brain(box: Box) -> Scan:
     """The same at a quarter of its resolution."""
     image = example_volume()
+    # a rest that fills no block is left out
     sizes = [size // COARSER for size in image.values.shape]
     values = image.values[tuple(slice(0, COARSER * size) for size in sizes)].astype(np.float64)
     shape = [count for size in sizes for count in (size, COARSER)]
     affine = image.world_from_voxel.copy()
+    # the centre of a coarse voxel is that of the block, not of its first voxel
     affine[:3, 3] += affine[:3, :3] @ np.full(3, (COARSER - 1) / 2)
     affine[:3, :3] *= COARSER
     coarse = replace(image, values=values.reshape(shape).mean(axis=(1, 3, 5)), world_from_voxel=affine)

@@ -97,6 +97,7 @@ def _curved(points: Array) -> float:
 
 def _is_curved(points: Array) -> Array:
     normals = ROUNDED_BOX.gradient(points)
+    # flat faces of a rounded box have normals along an axis
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     return np.asarray(np.abs(normals).max(axis=1) < np.cos(np.radians(EDGE)))
 

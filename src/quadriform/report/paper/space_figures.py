@@ -130,6 +130,7 @@ def _section(model: DeformableModel, like: ControlBox) -> tuple[list[Array], lis
     chosen, plane = _nearest_edges(box, like)
     fine, coarse = np.linspace(0, 1, 101), np.linspace(0, 1, LINES)
     lines = [_line(chosen[order], fine, at) for at in coarse for order in ([0, 1], [1, 0])]
+    # the third coordinate is 1/2: the plane through the centre of the box
     middle, normal = box.origin + box.edges.sum(axis=0) / 2, np.cross(*plane.T)
     cuts = [_cut(surface.mesh(WALL), normal, middle) for surface in model.surfaces.values()]
     # the surfaces are cut before the deformation, so that the cut follows the map as the lines do

@@ -16,24 +16,15 @@ VIEWS = ((18, -58), (18, 32), (80, -58))
 COLOURS = (drawing.ORANGE, drawing.BY_PAPER, drawing.BY_DEFAULT)
 
 
-def first_surface(material: Material) -> Remake:
-    """Fig. 19."""
-    return _surface("19", ("6,000", "46"), material.first, 3)
-
-
-def second_surface(material: Material) -> Remake:
-    """Fig. 20."""
-    return _surface("20", ("1,000", "7.7"), material.second, 1)
-
-
 def third_surface(material: Material) -> Remake:
     """Fig. 21, and both walls of a ventricle in one box and in two."""
-    made, walls = _surface("21", ("10,000", "77"), material.third, 2), material.walls
+    made, walls = surface("21", ("10,000", "77"), material.third, 2), material.walls
     words = made.words | {"walls": text("walls", "verdict", **wall_words(walls))}
     return replace(made, words=words, rows=[*made.rows, *wall_rows(walls)])
 
 
-def _surface(key: str, stated: tuple[str, str], scan: Scan, views: int) -> Remake:
+def surface(key: str, stated: tuple[str, str], scan: Scan, views: int) -> Remake:
+    """Figs. 19 to 21: points and compression ratio as the paper states them, and from how many views it shows them."""
     paper, default = scan.subject.fits
     points, count = len(scan.subject.cloud), paper.model.n_parameters
     words: dict[str, object] = {
@@ -64,6 +55,7 @@ def _beside(key: str, scan: Scan, views: int) -> Markup:
     subject = scan.subject
     models = [fit.model.mesh(subject.surface, drawing.RESOLUTION) for fit in subject.fits]
     meshes = dict(zip(("isosurface", "paper's model", "default's model"), (scan.outline, *models)))
+    # one window, so that the three are drawn at one scale
     window = np.concatenate([mesh.vertices for mesh in meshes.values()])
     pictures = [
         (title, drawing.in_space(window, title, drawing.mesh(mesh, colour), view=view, inches=2.4))

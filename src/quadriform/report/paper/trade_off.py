@@ -70,6 +70,7 @@ def measure_trade_off(box: Box, resolution: int = 16) -> TradeOff:
     def by_paper(regularity: str, strength: float | str) -> Fit:
         return refine(start, {ALONE: points}, method="paper", box=box, regularity=regularity, strength=strength)
 
+    # the same shares for other boxes than 5 x 5 x 5
     counts = [round(fraction * int(np.prod(box))) for fraction in FRACTIONS]
     svd = [by_paper("svd", "auto" if fraction == 1 else count) for fraction, count in zip(FRACTIONS, counts)]
     bending = [fit(points, box=box, strength=strength) for strength in BENDING]
