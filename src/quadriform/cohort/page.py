@@ -13,7 +13,7 @@ from quadriform.cohort.layout import Layout
 from quadriform.cohort.modes import Modes
 from quadriform.cohort.overview import SHOWN, Overview, SubjectSummary, overview
 from quadriform.files.atomic import write_bytes
-from quadriform.report.page import Section, page, rendered, source
+from quadriform.report.page import Section, page, rendered, report_text, source
 from quadriform.report.parts import table
 from quadriform.report.viewer import Scene, packed, viewer
 
@@ -21,7 +21,6 @@ NAME = "cohort.html"
 MOST_SUBJECTS = 2000
 """On the page: those with most warnings. All are in the table of measures."""
 MOST_FAILURES = 200
-LEAD = "The model of each subject is in its folder beside this page; everything else is in this one file."
 
 
 def write_page(results: Path, layout: Layout, modes: Modes | None) -> None:
@@ -36,16 +35,14 @@ def write_page(results: Path, layout: Layout, modes: Modes | None) -> None:
         parts.append(_shape(modes, found.warned))
     parts += [_subjects(found, layout), _failed(results)]
     style = source("viewer/viewer.css") + source("cohort/cohort.css")
-    write_bytes(results / NAME, page("Cohort", LEAD, parts, style), force=True)
+    write_bytes(results / NAME, page("Cohort", report_text("cohort", "lead"), parts, style), force=True)
 
 
 def _summary(results: Path, layout: Layout, found: Overview) -> Section:
     done, failed = len(found.rms), len(failures.rows(results))
-    median = f" The median RMS distance is {np.median(found.rms):.4g} {_unit(layout)}." if done else ""
-    sentence = (
-        f"{done} of {layout.subjects} subjects have a model, {failed} failed; {found.warned} of the models have "
-        f"warnings.{median}"
-    )
+    median = report_text("cohort", "median", rms=np.median(found.rms), unit=_unit(layout)) if done else ""
+    counts = {"done": done, "subjects": layout.subjects, "failed": failed, "warned": found.warned}
+    sentence = report_text("cohort", "verdict", **counts, median=median)
     status = "warned" if failed or found.warned else "ok"
     body = Markup('<div class="verdict {}"><p>{}</p></div>').format(status, sentence)
     if found.kinds:
@@ -65,7 +62,7 @@ def _shape(modes: Modes, warned: int) -> Section:
     found, mean = modes.found, modes.found.mean
     unit = mean.unit.replace("unknown", "units")
     words = [
-        f"one sigma moves the surface by {sigma:.3g} {unit} (RMS), {100 * ratio:.1f} % of the variance"
+        report_text("cohort", "mode", sigma=sigma, unit=unit, percent=100 * ratio)
         for sigma, ratio in zip(found.deviations, found.variance_ratios)
     ]
     data = {
@@ -79,11 +76,8 @@ def _shape(modes: Modes, warned: int) -> Section:
         payload=Markup(json.dumps(data, separators=(",", ":"))),
         script=source("cohort/modes.js"),
     )
-    text = (
-        f"Mean and principal modes of {modes.subjects} subjects in their first frame, aligned over one reference, so "
-        "that control points correspond; position and orientation are removed, size is not."
-    )
-    text += " Models with warnings are among them." if warned else ""
+    among = report_text("cohort", "warned") if warned else ""
+    text = report_text("cohort", "shape", count=modes.subjects, warned=among)
     return Section("Shape", Markup('<p class="note">{}</p>').format(text) + body)
 
 
@@ -102,7 +96,7 @@ def _subjects(found: Overview, layout: Layout) -> Section:
     )
     others = len(found.rms) - len(found.worst)
     if others:
-        text = f"The {len(found.worst)} subjects with most warnings; the {others} others are in metrics/*.parquet."
+        text = report_text("cohort", "others", shown=len(found.worst), others=others)
         body = Markup('<p class="note">{}</p>').format(text) + body
     return Section("Subjects", body)
 
@@ -128,5 +122,7 @@ def _failed(results: Path) -> Section:
         return Section("Failures", Markup("<p>None.</p>"))
     body = table(failures.HEADER, rows[:MOST_FAILURES])
     if len(rows) > MOST_FAILURES:
-        body += Markup("<p>{}</p>").format(f"The first {MOST_FAILURES} of {len(rows)}; all are in {failures.TABLE}.")
+        body += Markup("<p>{}</p>").format(
+            report_text("cohort", "failures", most=MOST_FAILURES, count=len(rows), table=failures.TABLE)
+        )
     return Section("Failures", body)

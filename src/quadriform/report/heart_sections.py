@@ -7,7 +7,7 @@ from markupsafe import Markup
 
 from quadriform.heart.measures_table import Measures
 from quadriform.report import charts
-from quadriform.report.page import Section
+from quadriform.report.page import Section, report_text
 from quadriform.report.parts import figure, table
 
 READERS = {
@@ -16,12 +16,7 @@ READERS = {
     "ejection fraction": "4.6 to 7.5 %",
     "myocardial mass": "20.2 to 34.5 g",
 }
-READERS_NOTE = (
-    "Readers: by how much seven expert readers differed from each other on fifteen cine studies, the smallest and the "
-    "largest of them (Suinesiaputra et al., J Cardiovasc Magn Reson 2015; 17: 63)."
-)
 SEGMENT = re.compile(r"(?:unanchored )?segment (\d+), [^:]*: (.*)")
-ANATOMY = "Rings from base to apex, segment 1 anterior at the top"
 UNITS = {"cavity volume": "ml", "wall thickness": "mm", "twist angle": "degrees"}
 
 
@@ -49,7 +44,7 @@ def _function(measures: Measures) -> Markup:
     ]
     items = [Markup("<li><strong>{}</strong>: {}</li>").format(*each) for each in measures.own_warnings.items()]
     warnings = Markup("<ul>{}</ul>").format(Markup("").join(items)) if items else Markup("")
-    note = Markup('<p class="note">{}</p>').format(READERS_NOTE)
+    note = Markup('<p class="note">{}</p>').format(report_text("captions", "readers"))
     return warnings + table(("quantity", "value", "readers", "how"), rows) + note
 
 
@@ -67,7 +62,7 @@ def _bullseyes(measures: Measures) -> Markup:
     if not drawn:
         return Markup("")
     # without insertions of the right ventricle no segment has an anatomical name
-    words = f"{ANATOMY}." if anchored else "Rings from base to apex; where a ring starts is arbitrary (unanchored)."
+    words = report_text("captions", "anchored" if anchored else "unanchored")
     return figure(Markup('<div class="beside">{}</div>').format(Markup("").join(drawn)), words)
 
 

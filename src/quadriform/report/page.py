@@ -1,5 +1,6 @@
 """One page of HTML that needs nothing beside it: no network, no other file, no script of others."""
 
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -38,6 +39,18 @@ def rendered(template: str, **values: object) -> Markup:
 def source(name: str) -> Markup:
     """A style or a script of this package as it stands."""
     return Markup(files("quadriform.report").joinpath("templates", name).read_text("utf-8"))
+
+
+@cache
+def texts(table: str) -> dict[str, dict[str, str]]:
+    """A table of texts of this package by their sections, with gaps in braces for numbers."""
+    # as plain text: a page escapes what it says like everything else
+    return tomllib.loads(str(source(table)))
+
+
+def report_text(section: str, name: str, /, **words: object) -> str:
+    """One of the texts of reports, with words in its gaps."""
+    return texts("reports.toml")[section][name].format(**words)
 
 
 def page(title: str, lead: str, sections: Sequence[Section], more_style: str = "") -> bytes:

@@ -13,14 +13,13 @@ from quadriform.points import Array
 from quadriform.report import sections
 from quadriform.report.fields import residual_field, thickness_field, uncertainty_field
 from quadriform.report.heart_sections import heart_sections
-from quadriform.report.page import Section, page, source
+from quadriform.report.page import Section, page, report_text, source
 from quadriform.report.slices import planes_section
 from quadriform.report.viewer import Field, Plane, Scene, viewer
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
 from quadriform.shapes.record import remarks, remarks_of
 
-LEAD = "A superquadric deformed by a box of control points. This page is one file and needs no network."
 WALLS = {"endo", "epi"}
 Clouds = Mapping[str, Array]
 
@@ -51,12 +50,10 @@ def fit_report(
     residuals, before = _by_name(fit.residuals, clouds), _by_name(fit.superquadric_residuals, clouds)
     # the longest side: an error below half of it is below what the image resolves
     voxel = None if image is None else float(image.spacing.max())
-    sentence = (
-        f"the model lies {fit.rms:.4g} {unit} (RMS) from {fit.n_points} points; the superquadric alone "
-        f"{fit.superquadric_rms:.4g} {unit}. Noise along the normal {fit.noise:.3g} {unit}."
-    )
     parts = [
-        sections.verdict(sentence, fit.status, remarks(fit.warnings, fit.notes)),
+        sections.verdict(
+            report_text("fit", "verdict", fit=fit, unit=unit), fit.status, remarks(fit.warnings, fit.notes)
+        ),
         Section("Model", viewer(model, _fit_scene(fit, clouds, residuals, title))),
         sections.errors(residuals, before, unit, voxel),
     ]
@@ -99,13 +96,11 @@ def track_report(
     fields = [residual_field(models, each, signed), *_thickness(models)]
     scene = Scene(title, each, signed, found.frame_rms[list(shown)].tolist(), fields, _cavity(model))
     worst = int(found.frame_rms.argmax())
-    sentence = (
-        f"over {len(found.models)} frames the model lies {found.rms:.4g} {unit} (RMS) from the points; worst is frame "
-        f"{worst} with {found.frame_rms[worst]:.4g} {unit}."
-    )
+    words = {"frames": len(found.models), "worst": worst, "worst_rms": found.frame_rms[worst], "unit": unit}
+    verdict = report_text("track", "verdict", track=found, **words)
     together = {name: np.concatenate([frame[name] for frame in found.residuals]) for name in model.surfaces}
     parts = [
-        sections.verdict(sentence, found.status, remarks(found.warnings, found.notes)),
+        sections.verdict(verdict, found.status, remarks(found.warnings, found.notes)),
         Section("Model", viewer(model, scene)),
         *([] if measures is None else heart_sections(measures)),
         sections.errors(together, None, unit, None),
@@ -134,7 +129,7 @@ def model_report(
     moving = isinstance(model, MovingModel)
     models = [model.at(t) for t in model.frame_times] if isinstance(model, MovingModel) else [model]
     scene = Scene(title, errors=[None] * len(models), fields=_thickness(models), cavity=_cavity(model), planes=planes)
-    sentence = f"a {'moving ' if moving else ''}model of {model.n_parameters} parameters; without its data."
+    sentence = report_text("model", "verdict", model=model, moving="moving " if moving else "")
     fit = model.record
     status, found = (fit.status, remarks_of(fit)) if measures is None else (measures.status, measures.remarks)
     parts = [
@@ -148,7 +143,7 @@ def model_report(
 
 
 def _page(title: str, parts: Sequence[Section]) -> bytes:
-    return page(title, LEAD, parts, source("viewer/viewer.css"))
+    return page(title, report_text("page", "lead"), parts, source("viewer/viewer.css"))
 
 
 def _by_name(residuals: Array | dict[str, Array], clouds: Clouds) -> dict[str, Array]:
@@ -164,30 +159,19 @@ def _cavity(model: DeformableModel | MovingModel) -> str:
 
 
 def _fit_words(fit: Fit) -> str:
-    model = fit.model
-    box = " x ".join(str(count) for count in model.box.control_points.shape[:3])
-    how = (
-        "the two-step iteration of the original"
-        if fit.enriched is None
-        else "tangent distance, with the foot points updated"
-    )
-    return (
-        f"{fit.n_points} points were modelled by {_surfaces(model)} and a free-form deformation with {box} control "
-        f"points ({model.n_parameters} parameters), fitted by {how} with strength {fit.strength:.3g} in "
-        f"{fit.iterations} iterations. RMS distance {fit.rms:.4g} {model.unit.replace('unknown', 'units')}."
-    )
+    method = report_text("fit", "paper" if fit.enriched is None else "tangent")
+    return report_text("fit", "methods", fit=fit, method=method, **_model_words(fit.model))
 
 
 def _track_words(found: Track) -> str:
-    model = found.models[0]
+    shifts = report_text("track", "shifts", count=len(found.shifts)) if found.shifts else ""
+    words = {"frames": len(found.models), "strengths": ", ".join(f"{strength:.3g}" for strength in found.strengths)}
+    return report_text("track", "methods", track=found, shifts=shifts, **words, **_model_words(found.models[0]))
+
+
+def _model_words(model: DeformableModel) -> dict[str, str]:
     box = " x ".join(str(count) for count in model.box.control_points.shape[:3])
-    shifts = f" {len(found.shifts)} slices were shifted in their planes." if found.shifts else ""
-    strengths = ", ".join(f"{strength:.3g}" for strength in found.strengths)
-    return (
-        f"{len(found.models)} frames were modelled by {_surfaces(model)} and a free-form deformation with {box} "
-        f"control points, strategy {found.strategy!r}, strength {strengths}.{shifts} RMS distance over all frames "
-        f"{found.rms:.4g} {model.unit.replace('unknown', 'units')}."
-    )
+    return {"surfaces": _surfaces(model), "box": box, "unit": model.unit.replace("unknown", "units")}
 
 
 def _surfaces(model: DeformableModel) -> str:

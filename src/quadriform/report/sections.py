@@ -11,16 +11,12 @@ from markupsafe import Markup, escape
 from quadriform.fitting.result import Iteration
 from quadriform.points import Array
 from quadriform.report import charts
-from quadriform.report.page import Section, rendered
+from quadriform.report.page import Section, rendered, report_text
 from quadriform.report.parts import figure, table
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
 from quadriform.shapes.record import Remark
 
-PAPER = (
-    "E. Bardinet, L. D. Cohen, N. Ayache, A Parametric Deformable Model to Fit Unstructured 3D Data, Computer Vision "
-    "and Image Understanding 71(1):39-54, 1998"
-)
 HERE = ("input", "outputs", "seconds")
 LIBRARIES = ("numpy", "scipy")
 Clouds = Mapping[str, Array]
@@ -56,8 +52,7 @@ def errors(residuals: Clouds, before: Clouds | None, unit: str, voxel: float | N
         rows.append(_error_row("superquadric alone, all", np.concatenate(list(before.values())), unit, voxel))
     header = ["surface", "points", f"RMS {unit}", f"median {unit}", f"95 % {unit}", f"largest {unit}"]
     header += ["RMS in voxels"] if voxel is not None else []
-    words = "Signed distances of the data points to the fitted surface; the outermost bins hold what lies beyond."
-    body = table(header, rows) + figure(charts.histogram(residuals, unit, voxel), words)
+    body = table(header, rows) + figure(charts.histogram(residuals, unit, voxel), report_text("captions", "errors"))
     return Section("Errors", body)
 
 
@@ -76,8 +71,7 @@ def _error_row(name: str, residuals: Array, unit: str, voxel: float | None) -> l
 
 def convergence(history: Sequence[Iteration], unit: str) -> Section:
     """How the fit went."""
-    words = "After each iteration, of whatever points it looked at: few first, all at the end. RMS values."
-    return Section("Convergence", figure(charts.convergence(history, unit), words))
+    return Section("Convergence", figure(charts.convergence(history, unit), report_text("captions", "convergence")))
 
 
 def parameters(model: DeformableModel | MovingModel, n_points: int | None) -> Section:
@@ -112,7 +106,7 @@ def methods(text: str, record: Mapping[str, Any]) -> list[Section]:
             they are nobody's business, and the same input gives the same page.
     """
     used = ", ".join(f"{name} {version(name)}" for name in LIBRARIES)
-    whole = f"{text} Computed with quadriform {version('quadriform')} ({used}), after {PAPER}."
+    whole = report_text("methods", "paper", text=text, version=version("quadriform"), used=used)
     # what changes from one run to the next would make pages of the same fit differ
     kept = {name: value for name, value in record.items() if name not in HERE}
     paste = Markup('<p class="paste">{}</p>').format(whole)

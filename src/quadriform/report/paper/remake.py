@@ -1,13 +1,11 @@
 """One figure of the paper made again: what it shows, ours by both methods, and how they compare in numbers."""
 
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 
 from markupsafe import Markup
 
-from quadriform.report.page import Section, rendered, source
+from quadriform.report.page import Section, rendered, texts
 from quadriform.report.parts import figure, table
 
 HEADER = ("quantity", "the paper", 'method="paper"', "default")
@@ -61,15 +59,10 @@ class Remake:
         return Section(f"{self.name}: {text(self.key, 'title', **self.words)}", body)
 
 
-@cache
-def _texts() -> dict[str, dict[str, str]]:
-    return tomllib.loads(str(source("paper/figures.toml")))
-
-
 def text(key: str, part: str, /, **words: object) -> str:
     """One of the texts of a figure, with words in its gaps."""
-    own = _texts()[key]
-    found = own if part in own else _texts()[own["like"]]
+    every = texts("paper/figures.toml")
+    found = every[key] if part in every[key] else every[every[key]["like"]]
     return found[part].format(**words)
 
 
