@@ -60,7 +60,8 @@ def heart_page() -> bytes:
 def main() -> None:
     with TemporaryDirectory() as folder:
         demo(output=Path(folder) / "demo", force=False)
-        shutil.copyfile(Path(folder) / "demo" / "slices.png", FIGURES / "demo.png")
+        slices = Image.open(Path(folder) / "demo" / "slices.png").convert("RGB")
+        slices.quantize(COLOURS).save(FIGURES / "demo.png", optimize=True)
         heart = Path(folder) / "heart.html"
         heart.write_bytes(heart_page())
         driver = browser()

@@ -1,7 +1,7 @@
 """Drawings of a report: histogram, curves, and the bullseye of the seventeen segments."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -11,24 +11,17 @@ from quadriform.points import Array
 from quadriform.report.parts import svg
 from quadriform.report.slices import COLOURS
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 RINGS = ((0, 6, 60.0), (6, 6, 60.0), (12, 4, 45.0), (16, 1, 0.0))
 """First segment, how many, and where the first begins (degrees), from base to apex (Cerqueira et al. 2002)."""
 
 
-def _axes(width: float, height: float, **labels: str) -> "Axes":
+def _axes(width: float, height: float, **labels: str) -> Any:
     from matplotlib.figure import Figure
 
     axes = Figure(figsize=(width, height)).subplots()
     axes.set(**labels)
     axes.spines[["top", "right"]].set_visible(False)
     return axes
-
-
-def _drawn(axes: "Axes", words: str) -> Markup:
-    return svg(axes.get_figure(), words)  # type: ignore[arg-type]
 
 
 def histogram(residuals: Mapping[str, Array], unit: str, voxel: float | None) -> Markup:
@@ -45,7 +38,7 @@ def histogram(residuals: Mapping[str, Array], unit: str, voxel: float | None) ->
         for side in (-voxel / 2, voxel / 2):
             axes.axvline(side, color="#57606a", ls="--", lw=1, label="half a voxel" if side > 0 else None)
     axes.legend(frameon=False, fontsize=8)
-    return _drawn(axes, f"Histogram of the signed distances of the data points in {unit}")
+    return svg(axes.figure, f"Histogram of the signed distances of the data points in {unit}")
 
 
 def convergence(history: Sequence[Iteration], unit: str) -> Markup:
@@ -57,7 +50,7 @@ def convergence(history: Sequence[Iteration], unit: str) -> Markup:
         # a step of zero length has no logarithm
         axes.plot(numbers, np.maximum(values, 1e-12), color=colour, label=key.replace("_", " "))
     axes.legend(frameon=False, fontsize=8)
-    return _drawn(axes, "Error, surface motion and box displacement over the iterations")
+    return svg(axes.figure, "Error, surface motion and box displacement over the iterations")
 
 
 def curve(times: Array, values: Array, quantity: str, unit: str, labels: Mapping[str, int]) -> Markup:
@@ -70,7 +63,7 @@ def curve(times: Array, values: Array, quantity: str, unit: str, labels: Mapping
         axes.annotate(name, position, xytext=(0, 6), textcoords="offset points", ha="center", fontsize=8)
     # room for the names of the frames above the curve
     axes.margins(y=0.2)
-    return _drawn(axes, f"{quantity} over the cycle, from {values.min():.4g} to {values.max():.4g} {unit}")
+    return svg(axes.figure, f"{quantity} over the cycle, from {values.min():.4g} to {values.max():.4g} {unit}")
 
 
 def bullseye(values: Mapping[int, float], quantity: str, unit: str) -> Markup:
@@ -99,4 +92,4 @@ def bullseye(values: Mapping[int, float], quantity: str, unit: str) -> Markup:
     axes.set_axis_off()
     axes.set_title(f"{quantity}, {unit}", fontsize=10)
     words = ", ".join(f"segment {number} {value:.3g}" for number, value in sorted(values.items()))
-    return svg(axes.get_figure(), f"Bullseye of {quantity} in {unit}: {words}")
+    return svg(axes.figure, f"Bullseye of {quantity} in {unit}: {words}")

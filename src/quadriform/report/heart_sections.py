@@ -7,15 +7,9 @@ from markupsafe import Markup
 
 from quadriform.heart.measures_table import Measures
 from quadriform.report import charts
-from quadriform.report.page import Section, report_text
+from quadriform.report.page import Section, report_text, texts
 from quadriform.report.parts import figure, table
 
-READERS = {
-    "end-diastolic volume": "15.2 to 28.4 ml",
-    "end-systolic volume": "14.0 to 21.5 ml",
-    "ejection fraction": "4.6 to 7.5 %",
-    "myocardial mass": "20.2 to 34.5 g",
-}
 SEGMENT = re.compile(r"(?:unanchored )?segment (\d+), [^:]*: (.*)")
 UNITS = {"cavity volume": "ml", "wall thickness": "mm", "twist angle": "degrees"}
 
@@ -37,10 +31,11 @@ def heart_sections(measures: Measures) -> list[Section]:
 
 
 def _function(measures: Measures) -> Markup:
+    readers = texts("reports.toml")["readers"]
     rows = [
-        [row.quantity, f"{row.value:.4g} {row.unit}", READERS.get(row.quantity, ""), row.how]
+        [row.quantity, f"{row.value:.4g} {row.unit}", readers.get(row.quantity, ""), row.how]
         for row in measures.rows
-        if row.quantity in (*READERS, "stroke volume")
+        if row.quantity in (*readers, "stroke volume")
     ]
     items = [Markup("<li><strong>{}</strong>: {}</li>").format(*each) for each in measures.own_warnings.items()]
     warnings = Markup("<ul>{}</ul>").format(Markup("").join(items)) if items else Markup("")
@@ -58,16 +53,13 @@ def _bullseyes(measures: Measures) -> Markup:
             found.setdefault(match[2], {})[int(match[1])] = row.value
             units[match[2]] = row.unit + ("" if row.observed else " (not observed)")
             anchored &= not row.quantity.startswith("unanchored")
-    drawn = [charts.bullseye(values, name, units[name]) for name, values in found.items() if _shown(name)]
+    # Green strain is in the table: its rings would look like those of the strain beside them
+    drawn = [charts.bullseye(values, name, units[name]) for name, values in found.items() if "Green" not in name]
     if not drawn:
         return Markup("")
     # without insertions of the right ventricle no segment has an anatomical name
     words = report_text("captions", "anchored" if anchored else "unanchored")
     return figure(Markup('<div class="beside">{}</div>').format(Markup("").join(drawn)), words)
-
-
-def _shown(name: str) -> bool:
-    return not name.startswith("Green")
 
 
 def _curves(measures: Measures) -> Markup:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
+from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
@@ -42,7 +43,7 @@ def source(name: str) -> Markup:
 
 
 @cache
-def texts(table: str) -> dict[str, dict[str, str]]:
+def texts(table: str) -> dict[str, dict[str, Any]]:
     """A table of texts of this package by their sections, with gaps in braces for numbers."""
     # as plain text: a page escapes what it says like everything else
     return tomllib.loads(str(source(table)))
@@ -50,7 +51,7 @@ def texts(table: str) -> dict[str, dict[str, str]]:
 
 def report_text(section: str, name: str, /, **words: object) -> str:
     """One of the texts of reports, with words in its gaps."""
-    return texts("reports.toml")[section][name].format(**words)
+    return str(texts("reports.toml")[section][name].format(**words))
 
 
 def page(title: str, lead: str, sections: Sequence[Section], more_style: str = "") -> bytes:

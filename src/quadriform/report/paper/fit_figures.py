@@ -14,6 +14,7 @@ METHODS = ('method="paper"', "default")
 MODELS = ("paper's model", "default's model")
 COLOURS = (drawing.BY_PAPER, drawing.BY_DEFAULT)
 
+STEPS = ("superellipsoid and box", "displacement field", "final model")
 WHEN = ("superellipsoid to data", "final model to data")
 
 Tiles = list[tuple[str, Markup]]
@@ -76,18 +77,13 @@ def _four_steps(subject: Subject) -> Tiles:
         final = fit.model.mesh(subject.surface, drawing.RESOLUTION)
         # boxes reach farther than surfaces; the fields beside them would be small in the same window
         corners = np.concatenate([start.box.control_points.reshape(-1, 3), around])
-        field = displacement_field(start, subject.cloud, subject.surface)
-        steps: dict[str, tuple[Array, list[drawing.Artist], float]] = {
-            f"superellipsoid and box, {name}": (
-                corners,
-                [drawing.mesh(mesh, colour, 0.5), drawing.box(start.box)],
-                0.9,
-            ),
-            f"displacement field, {name}": (around, [drawing.arrows(*field)], 1.12),
-            f"final model, {name}": (around, [drawing.mesh(final, colour)], 1.12),
-        }
+        in_box = (drawing.mesh(mesh, colour, 0.5), drawing.box(start.box))
+        steps = displacement_field(start, subject.cloud, subject.surface)
+        first, field, last = (f"{what}, {name}" for what in STEPS)
         pictures += [
-            (title, drawing.in_space(view, title, *artists, zoom=z)) for title, (view, artists, z) in steps.items()
+            (first, drawing.in_space(corners, first, *in_box, zoom=0.9)),
+            (field, drawing.in_space(around, field, drawing.arrows(*steps))),
+            (last, drawing.in_space(around, last, drawing.mesh(final, colour))),
         ]
     return pictures
 

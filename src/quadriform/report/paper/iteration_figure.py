@@ -64,18 +64,13 @@ def _distances(found: list[Convergence], label: str) -> Markup:
 
 
 def _rows(each: Convergence) -> list[Row]:
-    name, subject = each.subject.name, each.subject
+    name, subject, default = each.subject.name, each.subject, mm(each.subject.default.rms)
     first, last, count = each.long.history[0], each.long.history[-1], each.long.iterations
     converged = f"not by {LONGEST}" if each.converged is None else str(each.converged)
     end = "at the stop test" if count < LONGEST else f"after {count} iterations, without the stop test being met"
     return [
-        (
-            f"distance RMS after {subject.paper.iterations} iterations, {name}",
-            NONE,
-            mm(subject.paper.rms),
-            mm(subject.default.rms),
-        ),
-        (f"distance RMS {end}, {name}", NONE, f"{mm(each.long.rms)} in {count}", mm(subject.default.rms)),
+        (f"distance RMS after {subject.paper.iterations} iterations, {name}", NONE, mm(subject.paper.rms), default),
+        (f"distance RMS {end}, {name}", NONE, f"{mm(each.long.rms)} in {count}", default),
         (f"least-squares error, first and last, {name}", "curve", f"{mm(first.error)}, {mm(last.error)}", NOT),
         (f"motion of the box, first and last, {name}", "curve", f"{mm(first.box_motion)}, {mm(last.box_motion)}", NOT),
         (f"iterations until the error stays within {WITHIN:.0%} of its last value, {name}", "30", converged, NOT),

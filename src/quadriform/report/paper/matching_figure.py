@@ -8,9 +8,10 @@ from scipy.spatial import cKDTree
 
 from quadriform.fitting.result import rms
 from quadriform.points import Array
+from quadriform.report.page import texts
 from quadriform.report.paper import drawing
 from quadriform.report.paper.material import Material
-from quadriform.report.paper.remake import NOT, SAME, Remake, beside, listed, shown
+from quadriform.report.paper.remake import FIGURES, NOT, SAME, Remake, beside, listed, shown
 from quadriform.report.paper.robustness import DIRECTIONS, Matching
 from quadriform.report.paper.subjects import SYNTHETIC
 from quadriform.report.parts import table
@@ -24,15 +25,6 @@ OUTSIDE = np.array([[52.0, 0.0, 38.0]])
 """The point M, left."""
 INSIDE = np.array([[12.0, 0.0, 0.0]])
 """The point N, left."""
-MATCHED = ("data", "points", "data to model, the paper's, mm", "model to data, the usual, mm", "default, mm")
-MEASURED = (
-    "distance to the superellipsoid",
-    "of M, mm",
-    "of N, mm",
-    "of the data RMS, mm",
-    "difference from the exact RMS, mm",
-    "data above the exact",
-)
 RADIAL, FIRST, TAUBIN = "radial |M0 M|", "first order (P4)", "second order (Taubin)"
 EXACT = "exact |M P|"
 Lengths = Mapping[str, Array]
@@ -58,8 +50,8 @@ def distances(material: Material) -> Remake:
         [shown("4", drawing.tiles(pictures, "charts"), SYNTHETIC)],
         [],
         [
-            table(MEASURED, _distance_rows(of_two, of_data)),
-            table(MATCHED, [_row(name, each) for name, each in found.items()]),
+            table(texts(FIGURES)["4"]["measured"], _distance_rows(of_two, of_data)),
+            table(texts(FIGURES)["4"]["matched"], [_row(name, each) for name, each in found.items()]),
         ],
     )
 

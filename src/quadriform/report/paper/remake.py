@@ -8,6 +8,8 @@ from markupsafe import Markup
 from quadriform.report.page import Section, rendered, texts
 from quadriform.report.parts import figure, table
 
+FIGURES = "paper/figures.toml"
+"""The texts of the page."""
 HEADER = ("quantity", "the paper", 'method="paper"', "default")
 NONE = "not given"
 """Where the paper gives no number."""
@@ -61,9 +63,9 @@ class Remake:
 
 def text(key: str, part: str, /, **words: object) -> str:
     """One of the texts of a figure, with words in its gaps."""
-    every = texts("paper/figures.toml")
+    every = texts(FIGURES)
     found = every[key] if part in every[key] else every[every[key]["like"]]
-    return found[part].format(**words)
+    return str(found[part].format(**words))
 
 
 def shown(key: str, picture: Markup, source: str, /, **words: object) -> Markup:

@@ -14,16 +14,9 @@ from quadriform.imaging.segmentation import Mask
 from quadriform.imaging.ventricle import HALF, thinned
 from quadriform.imaging.volume import Region, Volume
 from quadriform.report.paper import clouds
+from quadriform.report.paper.remake import text
 from quadriform.report.paper.subjects import SYNTHETIC, Box, Subject, Walls, fitted, walls
 from quadriform.shapes.mesh import Mesh
-
-BRAIN = "human brain, example4d.nii.gz of nibabel (the nibabel authors; MIT)"
-SPECT = (
-    'PhysioNet, "Myocardial perfusion scintigraphy image database" 1.0.0, doi 10.13026/ce2z-dw74 (ODbL 1.0), '
-    "rest 99mTc-MIBI study {}"
-)
-PIG = "cine MRI of a pig, WrightGroupSRI/ep-dataset (CC0 1.0), frame 0"
-HUMAN = "contours of a human ventricle in cine MRI, UOA-Heart-Mechanics-Research/biv-me (Apache-2.0), frame 0"
 
 SPECT_FILE = "spect_mpi/nifti/mpi_rest_{}.nii.gz"
 PIG_LABELS, PIG_IMAGE = "pig_cine_mri/sax_lv_labels_crop_4d.nii.gz", "pig_cine_mri/sax_cine_crop_4d.nii.gz"
@@ -129,7 +122,7 @@ def _scan(image: Volume, chain: Chain, name: str, source: str, box: Box, **more:
 
 def brain(box: Box) -> Scan:
     """The brain that comes with nibabel: a slab that its image cuts above and below."""
-    return _scan(example_volume(), WHOLE_BRAIN, "brain", BRAIN, box)[0]
+    return _scan(example_volume(), WHOLE_BRAIN, "brain", text("sources", "brain"), box)[0]
 
 
 def coarse_brain(box: Box) -> Scan:
@@ -144,7 +137,7 @@ def coarse_brain(box: Box) -> Scan:
     affine[:3, 3] += affine[:3, :3] @ np.full(3, (COARSER - 1) / 2)
     affine[:3, :3] *= COARSER
     coarse = replace(image, values=values.reshape(shape).mean(axis=(1, 3, 5)), world_from_voxel=affine)
-    return _scan(coarse, COARSE_BRAIN, "coarse brain", BRAIN, box)[0]
+    return _scan(coarse, COARSE_BRAIN, "coarse brain", text("sources", "brain"), box)[0]
 
 
 def scanner(box: Box) -> Scan:
@@ -169,13 +162,13 @@ def _level(name: str) -> Chain:
 def spect(folder: Path, study: int, box: Box) -> Scan:
     """Epicardium of a perfusion image."""
     image = read_volume(folder / SPECT_FILE.format(study))
-    return _scan(image, SPECT_WALL, f"SPECT image {study}", SPECT.format(study), box, real=True)[0]
+    return _scan(image, SPECT_WALL, f"SPECT image {study}", text("sources", "spect", study=study), box, real=True)[0]
 
 
 def pig(folder: Path, box: Box) -> Scan:
     """Endocardium of a pig from the grey image; the labels serve for a comparison only."""
     image = read_volume(folder / PIG_IMAGE, 0)
-    scan, found = _scan(image, PIG_CAVITY, "pig's ventricle", PIG, box, real=True)
+    scan, found = _scan(image, PIG_CAVITY, "pig's ventricle", text("sources", "pig"), box, real=True)
     inside = tuple(slice(*pair) for pair in PIG_REGION)
     by_hand = read_volume(folder / PIG_LABELS, 0).values[inside] == CAVITY_LABEL
     mask = found.segmentation.mask[inside]
@@ -187,4 +180,5 @@ def human_walls(folder: Path, box: Box) -> Walls:
     from quadriform.files.guide_points import read_guide_points
 
     found = read_guide_points(folder / HUMAN_FILE)
-    return walls("human ventricle", HUMAN, {name: found.surface(name)[0] for name in ("epi", "endo")}, box)
+    points = {name: found.surface(name)[0] for name in ("epi", "endo")}
+    return walls("human ventricle", text("sources", "human"), points, box)

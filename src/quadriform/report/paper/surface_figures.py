@@ -26,14 +26,13 @@ def third_surface(material: Material) -> Remake:
 def surface(key: str, stated: tuple[str, str], scan: Scan, views: int) -> Remake:
     """Figs. 19 to 21: points and compression ratio as the paper states them, and from how many views it shows them."""
     paper, default = scan.subject.fits
-    points, count = len(scan.subject.cloud), paper.model.n_parameters
+    points = len(scan.subject.cloud)
     words: dict[str, object] = {
         "subject": scan.subject.name,
         "points": points,
         "coordinates": 3 * points,
-        "count": count,
-        "threes": count / 3,
-        "ratio": paper.compression_ratio,
+        "fit": paper,
+        "threes": paper.model.n_parameters / 3,
         "compared": beside(default.rms, paper.rms),
         "default": mm(default.rms),
         "paper": mm(paper.rms),
