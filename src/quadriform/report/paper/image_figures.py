@@ -23,7 +23,7 @@ SLICES = 12
 def images(key: str, scans: Mapping[str, Scan]) -> Remake:
     """Figs. 13 and 14: scans by the voxels that the paper states; its own images were never published."""
     sizes = listed([f"{_voxels(scan)} voxels of {_spacing(scan)} mm" for scan in scans.values()])
-    real = all(scan.real for scan in scans.values())
+    real = any(scan.real for scan in scans.values())
     instead = "of other hearts" if real else f"of {text(key, 'stand_in')}, for no real data was given"
     rows = [_size(scan, stated) for stated, scan in scans.items()]
     return Remake(key, {"instead": instead, "sizes": sizes}, [_slices(key, scan) for scan in scans.values()], rows)
