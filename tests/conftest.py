@@ -40,6 +40,17 @@ def shared() -> Path:
 
 
 @pytest.fixture
+def blank_figures(monkeypatch):
+    """Half of what a small fit takes on the terminal is the drawing of its page's charts."""
+    from matplotlib.figure import Figure
+
+    def blank(figure, stream, format, **how):
+        stream.write("<svg></svg>" if format == "svg" else b"")
+
+    monkeypatch.setattr(Figure, "savefig", blank)
+
+
+@pytest.fixture
 def rng() -> np.random.Generator:
     """A generator with a fixed seed."""
     return np.random.default_rng(1998)

@@ -119,14 +119,13 @@ def mirrored_and_in_another_unit(fitter: Fitter) -> None:
 
 
 DRESSES: dict[str, Callable[[np.ndarray], Any]] = {
-    "18 longdouble": lambda cloud: cloud.astype(np.longdouble),
+    "18 longdouble, 21 Fortran order": lambda cloud: np.asfortranarray(cloud.astype(np.longdouble)),
     "19 list": np.ndarray.tolist,
-    "19 __array__": lambda cloud: Table(cloud),
-    "21 Fortran order": np.asfortranarray,
-    "21 negative strides": lambda cloud: cloud[::-1, ::-1].copy()[::-1, ::-1],
+    "19 __array__, 22 big endian": lambda cloud: Table(cloud.astype(">f8")),
     "21 every second row": lambda cloud: np.repeat(cloud, 2, axis=0)[::2],
-    "21 read-only": lambda cloud: np.frombuffer(cloud.tobytes()).reshape(-1, 3),
-    "22 big endian": lambda cloud: cloud.astype(">f8"),
+    "21 negative strides, read-only": lambda cloud: np.frombuffer(cloud[::-1, ::-1].tobytes()).reshape(-1, 3)[
+        ::-1, ::-1
+    ],
 }
 
 

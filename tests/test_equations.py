@@ -3,6 +3,7 @@
 import ast
 import importlib.util
 import re
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -14,7 +15,7 @@ SECTIONS = {"2", "2.2", "2.4", "3.2.1", "3.2.2", "3.2.3", "3.3", "3.4.2", "5", "
 spec = importlib.util.spec_from_file_location("equation_lines", ROOT / "docs" / "equation_lines.py")
 lines = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(lines)
-PLACES = lines.lines()
+places = cache(lines.lines)
 
 
 def rows():
@@ -24,19 +25,20 @@ def rows():
     return [(paper, where, test) for paper, _, where, test in cells[2:]]
 
 
+@cache
 def names(path):
     """The functions and methods of a file."""
     return dict(lines.functions(ast.parse(path.read_text(encoding="utf-8"))))
 
 
 def test_every_marker_has_its_row():
-    assert set(PLACES) - {(paper, where) for paper, where, _ in rows()} == set()
+    assert set(places()) - {(paper, where) for paper, where, _ in rows()} == set()
 
 
 @pytest.mark.parametrize(("paper", "where", "test"), rows(), ids=[f"{r[0]}-{r[1].split(':')[1]}" for r in rows()])
 def test_every_row_is_true(paper, where, test):
     """The marker is in the function, at the file and line that the site shows, and the test is there."""
-    file, _, line = PLACES[paper, where].rpartition(":")
+    file, _, line = places()[paper, where].rpartition(":")
     module, name = where.split(":")
     assert file == f"src/{module.replace('.', '/')}.py"
     function = names(ROOT / file)[name]
@@ -53,7 +55,7 @@ def test_the_site_shows_file_and_line_in_every_row():
     shown = [line for line in lines.with_lines(PAGE).splitlines() if line.startswith(("| P", "| section"))]
     assert len(shown) == len(rows()) > 40
     for line, (paper, where, _) in zip(shown, rows()):
-        assert f"`{where}` ({PLACES[paper, where]})" in line
+        assert f"`{where}` ({places()[paper, where]})" in line
 
 
 NAMED = sorted(set(re.findall(r"`quadriform\.([a-z_.]+):([\w.]+)`", PAGE)))

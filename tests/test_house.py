@@ -4,6 +4,7 @@ import ast
 import re
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -15,12 +16,10 @@ MOST_LINES = 30
 FORBIDDEN = ("pickle", "eval(", "exec(", "yaml.load", "np.linalg.inv(", "np.random.seed", "shell=True", "os.system")
 
 
+@cache
 def parsed():
     """Path relative to the repository and syntax tree of every source file."""
     return [(str(path.relative_to(ROOT)), ast.parse(path.read_text(encoding="utf-8"))) for path in SOURCES]
-
-
-TREES = parsed()
 
 
 def public_without_docstring(body, prefix=""):
@@ -53,7 +52,7 @@ def test_files_stay_under_400_lines():
 
 def test_functions_stay_under_the_limit_of_lines():
     long = []
-    for name, tree in TREES:
+    for name, tree in parsed():
         source = (ROOT / name).read_text(encoding="utf-8").splitlines()
         functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
         long += [(name, each.name) for each in functions if lines_of_code(each, source) > MOST_LINES]
@@ -66,15 +65,15 @@ def test_lines_of_code_are_counted():
 
 
 def test_everything_public_has_a_docstring():
-    bare = [(name, each) for name, tree in TREES for each in public_without_docstring(tree.body)]
+    bare = [(name, each) for name, tree in parsed() for each in public_without_docstring(tree.body)]
     assert bare == []
-    assert [name for name, tree in TREES if tree.body and not ast.get_docstring(tree)] == []
+    assert [name for name, tree in parsed() if tree.body and not ast.get_docstring(tree)] == []
 
 
 @pytest.mark.slow
 def test_nothing_runs_code_from_data_or_inverts_matrices():
     found = []
-    for name, _ in TREES:
+    for name, _ in parsed():
         code = ast.unparse(without_docstrings(ast.parse((ROOT / name).read_text(encoding="utf-8"))))
         found += [(name, word) for word in FORBIDDEN if word in code.replace("allow_pickle=False", "")]
     assert found == []
@@ -91,7 +90,7 @@ def without_docstrings(tree):
 
 def test_no_validation_by_assert():
     """`python -O` takes asserts out."""
-    assert [name for name, tree in TREES if any(isinstance(node, ast.Assert) for node in ast.walk(tree))] == []
+    assert [name for name, tree in parsed() if any(isinstance(node, ast.Assert) for node in ast.walk(tree))] == []
 
 
 def test_no_machine_paths_in_the_project():

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import nibabel
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
 from quadriform.cli.main import main
 from quadriform.shapes.pose import rotation_from_euler
@@ -33,16 +32,6 @@ def terminal(capsys, tmp_path, monkeypatch):
         return Result(code, shown.out, shown.err)
 
     return call
-
-
-@pytest.fixture
-def blank_figures(monkeypatch):
-    """Half of what a small fit takes is the drawing of its page's charts; whole pages are looked at in tests/report."""
-
-    def blank(figure, stream, format, **how):
-        stream.write("<svg></svg>" if format == "svg" else b"")
-
-    monkeypatch.setattr(Figure, "savefig", blank)
 
 
 @pytest.fixture

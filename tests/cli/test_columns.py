@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from shapes_made import lumpy
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
 CLOUD = lumpy(80)
 
 

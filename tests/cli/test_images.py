@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose
 from quadriform.imaging.file_points import files_of
 from quadriform.imaging.reading import read_volume
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
 SPACING = (1.5, 1.2, 3.0)
 ORIGIN = (-12.0, 30.0, 7.0)
 

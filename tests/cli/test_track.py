@@ -11,6 +11,8 @@ import quadriform as qf
 from quadriform.imaging.image_points import CAP
 from quadriform.shapes.splines import TimeBasis
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
+
 
 def frames_written(folder, ellipsoid, count=4):
     paths = []

@@ -17,6 +17,7 @@ from quadriform.files.metadata import parse_record
 from quadriform.shapes import comparison
 from quadriform.shapes.record import NOT_RECORDED
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
 AXES = {"endo": np.array([25.0, 24, 40]), "epi": np.array([35.0, 34, 50])}
 
 

@@ -67,7 +67,7 @@ def test_a_finer_box_costs_no_more():
 
 
 @pytest.mark.slow
-def test_many_inputs_at_once_are_each_alone(tmp_path, monkeypatch, capsys):
+def test_many_inputs_at_once_are_each_alone(tmp_path, monkeypatch, capsys, blank_figures):
     """M12: in either order."""
     monkeypatch.chdir(tmp_path)
     for name, seed in (("a", 1), ("b", 2)):

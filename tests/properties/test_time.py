@@ -21,7 +21,7 @@ def apart(one, other):
     return max(gap(a, b) for a, b in zip(one.models, other.models, strict=True))
 
 
-@pytest.fixture(scope="module", params=[("cycle", "auto"), ("cycle", None), ("previous", None), ("alone", None)])
+@pytest.fixture(scope="module", params=[("cycle", "auto"), ("cycle", None), ("previous", None)])
 def plain(request):
     strategy, period = request.param
     options = {"strategy": strategy, "period": period}

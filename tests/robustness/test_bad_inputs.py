@@ -177,7 +177,7 @@ def test_row_13_at_worse_offsets_the_digits_that_are_gone_are_named():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scale", [1e-6, 1e-3, 1e3, 1e6])
+@pytest.mark.parametrize("scale", [1e-6, 1e6])
 def test_row_15_any_unit(plain, scale):
     same_surface(fit(scale * CLOUD), plain, lambda points: scale * points)
 
@@ -190,7 +190,7 @@ def whole():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", [np.int8, np.int16, np.int32, np.int64, np.uint8])
+@pytest.mark.parametrize("kind", [np.int8, np.int64, np.uint8])
 def test_row_17_whole_numbers_are_what_they_say(kind, whole):
     np.testing.assert_array_equal(fit(whole[0].astype(kind)).residuals, whole[1].residuals)
 
@@ -210,9 +210,7 @@ def test_row_23_one_gross_outlier_moves_nothing(plain):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("count", "share", "seed", "tolerance"), [(400, 0.1, 0, 2e-2), (400, 0.1, 1, 2e-2), (2000, 0.3, 0, 5e-2)]
-)
+@pytest.mark.parametrize(("count", "share", "seed", "tolerance"), [(400, 0.1, 0, 2e-2), (2000, 0.3, 0, 5e-2)])
 def test_row_24_outliers_change_little(count, share, seed, tolerance):
     """With 30 % of strangers 400 points are too few for the box, which is warned of: see `WARNED`."""
     cloud = lumpy(count)

@@ -24,11 +24,13 @@ def test_normals_of_a_file_are_not_read(tmp_path, sign):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("signs", ["flipped", "arbitrary", "zero"])
+@pytest.mark.parametrize("signs", ["arbitrary", "zero"])
 def test_row_34_the_signs_of_normals_do_not_matter(signs):
+    """Some are flipped, or all are nothing; how long they are does not matter either."""
     cloud, rng = lumpy(100), np.random.default_rng(3)
-    normals = qf.fit(cloud, box=(2, 2, 2)).model.foot_points(cloud).normals
-    sign = {"flipped": -1, "arbitrary": rng.choice([-1.0, 1.0], (100, 1)), "zero": 0}[signs]
+    normals = qf.Superquadric(semi_axes=(32, 27, 38)).gradient(cloud)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    sign = {"arbitrary": rng.choice([-1.0, 1.0], (100, 1)), "zero": 0}[signs]
     plain = qf.fit(cloud, normals=None if signs == "zero" else normals, box=(3, 3, 3))
     found = qf.fit(cloud, normals=7 * sign * normals, box=(3, 3, 3))
     np.testing.assert_allclose(found.residuals, plain.residuals, atol=1e-12)

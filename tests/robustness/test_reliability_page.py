@@ -4,6 +4,7 @@ import ast
 import re
 import runpy
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -28,6 +29,7 @@ def argued_away():
     return re.findall(r"^- \*\*Row (\d+),", section("What we do otherwise"), re.MULTILINE)
 
 
+@cache
 def names_in(path):
     """Tests of a file, those of classes with the name of the class before."""
     found = set()
