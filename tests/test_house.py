@@ -1,12 +1,14 @@
 """The house: small files and functions, docstrings, nothing that runs code from data, imports downwards and light."""
 
 import ast
+import importlib.util
 import re
 import subprocess
 import sys
 from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -110,6 +112,20 @@ def test_importing_is_light():
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, encoding="utf-8", check=True)
     assert done.stdout.splitlines() == ["[]", "[]"], done.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["tangent", "paper"])
+def test_points_pass_through_few_modules(method):
+    """The path of the data through a fit can be followed from one module to the next."""
+    import quadriform
+
+    spec = importlib.util.spec_from_file_location("path", ROOT / "benchmarks" / "path.py")
+    path = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(path)
+    points = quadriform.Superquadric("ellipsoid", (30, 20, 15), (0.8, 1.2)).grid(20)[0]
+    points = points + np.random.default_rng(0).normal(0, 0.3, points.shape)
+    assert len(path.modules(points, method)) <= 15
 
 
 def test_every_public_name_is_there():

@@ -6,10 +6,10 @@ from shapes_made import SKEW, even_directions, made, turned
 
 from quadriform.errors import DegenerateError
 from quadriform.fitting.superquadric.initial import (
+    STARTS,
     ellipsoid_by_moments,
     hyperboloid_by_quadric,
     principal_frame,
-    start,
     toroid_by_moments,
 )
 from quadriform.shapes.directions import sphere_grid
@@ -91,4 +91,4 @@ def test_points_of_an_ellipsoid_are_no_hyperboloid():
 
 @pytest.mark.parametrize("kind", ["ellipsoid", "toroid", "hyperboloid1", "hyperboloid2"])
 def test_each_kind_has_its_start(kind):
-    assert start(made(kind, (1, 1)).grid(6)[0], kind).kind == kind
+    assert STARTS[kind](made(kind, (1, 1)).grid(6)[0]).kind == kind

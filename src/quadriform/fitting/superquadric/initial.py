@@ -179,17 +179,13 @@ def _hyperboloid(points: Array, kind: str, centre: Array, axes: Array, sizes: Ar
     return Superquadric(kind, sizes, np.ones(2), axes, centre, height=height)
 
 
-def start(points: Array, kind: str) -> Superquadric:
-    """The paper's one start for a kind."""
-    return STARTS[kind](points)
-
-
 STARTS: dict[str, Callable[[Array], Superquadric]] = {
     "ellipsoid": ellipsoid_by_moments,
     "toroid": toroid_by_moments,
     "hyperboloid1": partial(hyperboloid_by_quadric, kind="hyperboloid1"),
     "hyperboloid2": partial(hyperboloid_by_quadric, kind="hyperboloid2"),
 }
+"""The paper's one start for each kind."""
 
 
 def cut_to(found: Superquadric, points: Array) -> Superquadric:

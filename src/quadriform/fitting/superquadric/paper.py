@@ -10,7 +10,7 @@ from quadriform.fitting.diagnostics import at_bound, not_converged, undetermined
 from quadriform.fitting.mixture import LEAST_SIGMA
 from quadriform.fitting.result import SuperquadricFit
 from quadriform.fitting.superquadric.identifiability import determined
-from quadriform.fitting.superquadric.initial import cut_to, start
+from quadriform.fitting.superquadric.initial import STARTS, cut_to
 from quadriform.fitting.superquadric.levenberg_marquardt import ROTATION, Candidates, distances
 from quadriform.points import Array
 from quadriform.shapes.superquadric import EXPONENTS, Superquadric
@@ -62,7 +62,7 @@ class _Unbounded:
 
 def fit_paper(points: Array, kind: str) -> SuperquadricFit:
     """The paper's fit to centred, scaled points (n, 3)."""
-    coordinates = _Unbounded(start(points, kind))
+    coordinates = _Unbounded(STARTS[kind](points))
     rotated = points @ coordinates.axes
 
     def criterion(unbounded: Array) -> tuple[float, Array]:
@@ -109,7 +109,7 @@ def least_criterion(points: Array, kind: str) -> Superquadric:
     Conjugate gradients stop a few digits earlier; a start that other results depend on must be the same for a rotated
     cloud. Points (n, 3) centred and scaled.
     """
-    coordinates = _Unbounded(start(points, kind))
+    coordinates = _Unbounded(STARTS[kind](points))
     rotated = points @ coordinates.axes
 
     def residual(unbounded: Array) -> Array:
