@@ -1,11 +1,13 @@
 """Exit codes, one line on stderr, and a start without heavy libraries; some of it in real processes."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+import typer
 from typer.testing import CliRunner
 
 from quadriform import __version__, errors
@@ -26,6 +28,19 @@ def test_every_subcommand_has_help():
     for words in ([], ["--help"], *([name, "--help"] for name in ("fit", "segment", "deform", "export", "info"))):
         result = CliRunner().invoke(entry.app, words)
         assert "Usage" in result.output
+
+
+def test_each_option_has_the_help_of_its_docstring():
+    """Arguments and options of groups too; sections that are no Args are panels, and none is left in the text."""
+    commands = typer.main.get_command(entry.app).commands
+    for command in commands.values():
+        assert all(each.help for each in command.params), command.name
+        assert not re.search(r"^(Args|Images|Method.*):$", command.help, re.MULTILINE)
+    fit = {each.name: each for each in commands["fit"].params}
+    assert fit["matching"].help == "data-to-model or model-to-data."
+    assert (fit["matching"].rich_help_panel, fit["border"].rich_help_panel) == ("Method paper", "Images")
+    assert (fit["robust"].secondary_opts, fit["strict"].secondary_opts) == (["--no-robust"], [])
+    assert commands["cohort"].params[0].param_type_name == "argument"
 
 
 @pytest.mark.slow

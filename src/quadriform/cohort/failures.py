@@ -31,11 +31,6 @@ def write_part(results: Path, block: int, outcomes: Sequence[Outcome]) -> None:
             path.unlink()
 
 
-def parts(results: Path) -> list[Path]:
-    """Return the existing parts, in order."""
-    return sorted((results / PARTS).glob("*.csv"))
-
-
 def gather(results: Path) -> int:
     """Write the table of all existing parts, and return its number of rows.
 
@@ -46,26 +41,22 @@ def gather(results: Path) -> int:
     """
     while True:
         before = _state(results)
-        rows = [row for part in before for row in _rows(part)]
-        write_bytes(results / TABLE, csv_bytes(HEADER, rows), force=True)
+        found = [row for part in before for row in rows(part)]
+        write_bytes(results / TABLE, csv_bytes(HEADER, found), force=True)
         if _state(results) == before:
-            return len(rows)
-
-
-def rows(results: Path) -> list[tuple[str, ...]]:
-    """Return the rows of the table, without its header; empty where there is none."""
-    return _rows(results / TABLE)
+            return len(found)
 
 
 def _state(results: Path) -> dict[Path, int]:
     found = {}
-    for part in parts(results):
+    for part in sorted((results / PARTS).glob("*.csv")):
         with suppress(FileNotFoundError):
             found[part] = part.stat().st_mtime_ns
     return found
 
 
-def _rows(part: Path) -> list[tuple[str, ...]]:
+def rows(part: Path) -> list[tuple[str, ...]]:
+    """Return the rows of the table or of a part, without its header; empty where there is none."""
     try:
         with open(part, encoding="utf-8", newline="") as stream:
             return [tuple(row) for row in csv.reader(stream)][1:]

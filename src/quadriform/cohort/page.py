@@ -39,7 +39,7 @@ def write_page(results: Path, layout: Layout, modes: Modes | None) -> None:
 
 
 def _summary(results: Path, layout: Layout, found: Overview) -> Section:
-    done, failed = len(found.rms), len(failures.rows(results))
+    done, failed = len(found.rms), len(failures.rows(results / failures.TABLE))
     median = report_text("cohort", "median", rms=np.median(found.rms), unit=_unit(layout)) if done else ""
     counts = {"done": done, "subjects": layout.subjects, "failed": failed, "warned": found.warned}
     sentence = report_text("cohort", "verdict", **counts, median=median)
@@ -117,7 +117,7 @@ def _number(value: float | None) -> tuple[str, Any]:
 
 
 def _failed(results: Path) -> Section:
-    rows = failures.rows(results)
+    rows = failures.rows(results / failures.TABLE)
     if not rows:
         return Section("Failures", Markup("<p>None.</p>"))
     body = table(failures.HEADER, rows[:MOST_FAILURES])

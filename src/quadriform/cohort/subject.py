@@ -7,7 +7,7 @@ warnings, and a hash of the input by which a later run detects changes.
 import hashlib
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -286,8 +286,9 @@ def _record(key: str, measures: tuple[Measure, ...], fit: ModelRecord) -> bytes:
 
 def _kept(task: Task, key: str) -> Outcome | None:
     """The outcome of an earlier run of the same task; None when there is none, or it cannot be used."""
+    path = task.target / RECORD
     try:
-        record = Field(_document(task.target / RECORD), "", "record")
+        record = Field(parse_json(read_bytes(path), quoted(path)), "", "record")
         if record.member("version").whole() != VERSION or record.member("key").text() != key:
             return None
         model = load(task.target / MODEL)
@@ -297,10 +298,6 @@ def _kept(task: Task, key: str) -> Outcome | None:
         return Outcome(task.row.number, task.row.id, KEPT, parameters_of(model, task.layout), measures)
     except (QuadriformError, ValueError):
         return None
-
-
-def _document(path: Path) -> Mapping[str, Any]:
-    return parse_json(read_bytes(path), quoted(path))
 
 
 def _measures(field: Field) -> Iterator[Measure]:
