@@ -137,7 +137,7 @@ class TestFits:
     def test_a_cone_is_a_closed_body_without_folds(self):
         """Its rim, where base and mantle meet at 63 degrees, was once taken for the edge of an open cloud."""
         mesh = cone_mesh()
-        found = qf.fit(mesh)
+        found = qf.fit(mesh, box=(4, 4, 4))
         assert found.model.volume() == pytest.approx(mesh.volume(), rel=0.01)
         assert not {WarningKind.FOLDING, WarningKind.PARTIAL_COVERAGE} & found.warnings.keys()
 
