@@ -54,8 +54,16 @@ def assert_same_surface(found, plain, carry, tolerance):
     assert np.abs(found.model.distance(carry(plain.model.mesh(resolution=8).vertices))).max() < tolerance * radius
 
 
+OF_THE_PAPER = ("M1 rigid", "M2 scale 1e6", "M6 mirror", "M9 offset 1e6")
+"""One of each sort, for a method after the other: all are centred and scaled by the same lines."""
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("change", CHANGES)
+@pytest.mark.parametrize(
+    ("plain", "change"),
+    [(way, change) for way in WAYS for change in (CHANGES if way == "tangent" else OF_THE_PAPER)],
+    indirect=["plain"],
+)
 def test_a_fit_moves_with_its_points(plain, change):
     options, tolerance, fit = plain
     matrix, offset = CHANGES[change]
