@@ -1,14 +1,19 @@
 """From an image to the points of a ventricle: made ones with known walls, and real ones."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import ndimage
 
 from quadriform.errors import MaskError, OptionError, WarningKind
 from quadriform.imaging.blood_pool import blood_pool
+from quadriform.imaging.file_points import ImageOptions
 from quadriform.imaging.reading import read_volume
 from quadriform.imaging.segmentation import Labels
+from quadriform.imaging.segments import Segment
 from quadriform.imaging.ventricle import ventricle_from_labels, ventricle_from_perfusion
+from quadriform.imaging.ventricle_files import labelled_heart
 from quadriform.imaging.volume import Volume
 
 BLOOD, MUSCLE = Labels((1,)), Labels((2,))
@@ -47,7 +52,8 @@ def in_order(points):
 
 def test_labels_give_both_walls():
     found = from_labels(labelled())
-    assert found.base is None and not found.warnings
+    assert found.base is None and found.face is None and not found.warnings
+    assert found.record["left_out_voxels"] == 0
     assert np.abs(implicit(found.isosurfaces["endo"], (14.2, 13.1, 22.3))).max() * 14 < 1.5
     assert np.abs(implicit(found.isosurfaces["epi"], (22.2, 21.1, 30.3))).max() * 22 < 1.5
     assert len(found.clouds["endo"]) < len(found.isosurfaces["endo"])
@@ -82,11 +88,13 @@ def test_what_the_region_cuts_is_open_and_is_the_base():
     assert np.allclose(direction, (0, 0, 1))
     assert found.isosurfaces["endo"][:, 2].max() == pytest.approx(point[2])
     assert "last k" in found.warnings[WarningKind.BORDER_CUT]
+    assert np.allclose(found.face[0] - point, (0, 0, 1)) and np.allclose(found.face[1], direction)  # half a voxel
 
 
 def test_what_lies_beyond_a_given_plane_is_left_out():
     volume = labelled()
     found = from_labels(volume, base=(np.array([0, 0, 5.0]), np.array([0, 0, 3.0])))
+    assert np.array_equal(found.face, found.base)
     assert max(points[:, 2].max() for points in found.clouds.values()) <= 5
     assert found.record["beyond_base"]["endo"] > 0
     with pytest.raises(MaskError, match="direction"):
@@ -100,6 +108,26 @@ def test_a_cavity_without_wall_is_named_and_has_no_epicardium():
     assert WarningKind.OPEN_WALL in found.warnings
     lid = found.isosurfaces["epi"]
     assert not inside(lid[lid[:, 2] > 10.9][:, :3] * [1, 1, 0], (12.0, 11.0, 20.0)).any()
+
+
+def test_a_heart_by_a_preset_or_by_segments_is_that_of_its_labels():
+    volume = replace(labelled(), segments=(Segment("LV", 1, (1,)), Segment("LV wall", 2, (2,))))
+    expected = from_labels(volume).clouds
+    for texts in (
+        ("endo=preset:ukbb", "epi=preset:ukbb"),
+        ("endo=label:1", "epi=label:1+2"),
+        ("endo=label:LV", "epi=label:LV wall"),
+    ):
+        found = labelled_heart(texts).points(volume, ImageOptions(), None).clouds
+        assert found.keys() == expected.keys()
+        assert all(np.array_equal(found[name], expected[name]) for name in expected)
+
+
+def test_voxels_apart_from_the_cavity_are_counted():
+    volume = labelled()
+    values = volume.values.copy()
+    values[1:3, 1:4, 1] = 1
+    assert from_labels(replace(volume, values=values)).record["left_out_voxels"] == 6
 
 
 def test_swapped_shared_and_missing_labels_are_refused():

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import typer
 
+from quadriform.cli.heart_options import HeartChoice
 from quadriform.cli.method_options import MethodChoice
 from quadriform.cli.options import Common, ObjectInImage, check_space, subcommand
 
@@ -31,6 +32,7 @@ def fit(
     *,
     output: Path | None = None,
     surface: list[str] | None = None,
+    hearts: HeartChoice,
     method: MethodChoice,
     reading: Reading,
     space: str | None = None,
@@ -50,7 +52,10 @@ def fit(
 
     image = replace(reading.parse(reading.border), columns=reading.columns, unit=reading.unit)
     options = method.options()
+    heart = hearts.parse(inputs or [], surface or [], image, options.get("base"))
     jobs, several = plan(inputs or [], surface or [], output, image, check_space(space))
+    if heart is not None:
+        jobs = [job.of_heart(heart) for job in jobs]
     if several:
         raise typer.Exit(run_all(jobs, options, common))
     run_one(jobs[0], options, common)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from quadriform.cli.exit_codes import report_error
+from quadriform.cli.heart_volumes import plane_in_model, volume_rows, volumes_below, with_base
 from quadriform.cli.options import Common, check_file_names, stem, surface_file
 from quadriform.cli.reporting import REPORT, fit_options, page_of_fit
 from quadriform.cli.results import MODEL, earlier_results
@@ -21,6 +22,7 @@ from quadriform.files.frame_numbers import natural
 from quadriform.files.reading import naming
 from quadriform.files.result_folder import check_results, replaced_together
 from quadriform.fitting.result import Fit, flat
+from quadriform.heart.base import BasePlane
 from quadriform.imaging.file_points import (
     ImageOptions,
     Source,
@@ -32,6 +34,8 @@ from quadriform.imaging.file_points import (
     without_folders,
 )
 from quadriform.imaging.fit_files import fit_sources
+from quadriform.imaging.ventricle import Plane
+from quadriform.imaging.ventricle_files import Heart, read_ventricle
 from quadriform.point_sets import ALONE
 from quadriform.shapes.record import remarks
 
@@ -46,11 +50,18 @@ class Job:
         sources: surface name -> file and how to read it.
         folder: for the results.
         space: frame of the world to write in; None is that of the input.
+        heart: how the ventricle of the one image is found, or None.
     """
 
     sources: Mapping[str, tuple[Path, ImageOptions]]
     folder: Path
     space: str | None = None
+    heart: Heart | None = None
+
+    def of_heart(self, heart: Heart) -> "Job":
+        """The same with the surfaces of a ventricle."""
+        source = next(iter(self.sources.values()))
+        return replace(self, sources=dict.fromkeys(heart.surfaces, source), heart=heart)
 
     @property
     def files(self) -> list[Path]:
@@ -162,8 +173,10 @@ def run_all(jobs: Sequence[Job], options: Mapping[str, Any], common: Common) -> 
             code = report_error(error)
             message = " ".join(str(error).split())
             records.append({"input": job.name, "status": "failed", "exit_code": code, "message": message})
-    header = ("input", "status", "points", "error RMS", "superquadric alone", "seconds")
-    show(records, common.as_json, [_line(record) for record in records], f"{len(records)} inputs", header)
+    header = ["input", "status", "points", "error RMS", "superquadric alone", "seconds"]
+    header += ["cavity volume"] if any("volume_ml" in record for record in records) else []
+    lines = [_line(record)[: len(header)] for record in records]
+    show(records, common.as_json, lines, f"{len(records)} inputs", header)
     return max(record.get("exit_code", 0) for record in records)
 
 
@@ -172,7 +185,9 @@ def _run(job: Job, options: Mapping[str, Any], common: Common) -> Record:
     check_results(job.folder, names, common.force, job.files)
     begin = time.perf_counter()
     with naming(*job.files):
-        sources = {name: read_source(path, image) for name, (path, image) in job.sources.items()}
+        sources, base, face = _read(job, options.get("base"))
+        # the paper's method has no base; its points end there all the same
+        options = dict(options) if base is None or options.get("method") == "paper" else {**options, "base": base}
         assumed = [text for source in sources.values() for text in source.notes]
         for text in dict.fromkeys(assumed):
             note(text)
@@ -180,9 +195,23 @@ def _run(job: Job, options: Mapping[str, Any], common: Common) -> Record:
         print_remarks(remarks({}, found.notes, job.name))
         found = replace(found, notes=(*without_folders(assumed, job.files), *found.notes))
         check_strict(common.strict, found.warnings)
-    record = _record(job, found, time.perf_counter() - begin)
-    _write(job, found, _page(job, sources, found, record | fit_options(options)), common.force)
+    plane = plane_in_model(face, next(iter(sources.values())).space, found.model)
+    volumes = {} if job.heart is None else volumes_below(found.model, plane)
+    if plane is not None:
+        found = replace(found, model=with_base(found.model, plane))
+    record = _record(job, found, time.perf_counter() - begin) | volumes
+    _write(job, found, _page(job, sources, found, plane, record | fit_options(options)), common.force)
     return record
+
+
+def _read(job: Job, base: Any) -> tuple[dict[str, Source], Any, Plane | None]:
+    """Points by surface, where they end on purpose, and the plane below which the volumes of a ventricle count."""
+    if job.heart is None:
+        return {name: read_source(path, image) for name, (path, image) in job.sources.items()}, base, None
+    path, image = next(iter(job.sources.values()))
+    found = read_ventricle(path, job.heart, image, base)
+    plain = None if found.base is None else tuple(part.tolist() for part in found.base)  # as the page lists it
+    return found.surfaces, plain, found.face
 
 
 def _write(job: Job, found: Fit, page: bytes, force: bool) -> None:
@@ -194,11 +223,12 @@ def _write(job: Job, found: Fit, page: bytes, force: bool) -> None:
         write_bytes(folder / REPORT, page)
 
 
-def _page(job: Job, sources: Mapping[str, Source], found: Fit, record: Record) -> bytes:
+def _page(job: Job, sources: Mapping[str, Source], found: Fit, plane: BasePlane | None, record: Record) -> bytes:
     clouds = {name: source.points for name, source in sources.items()}
     first = next(iter(sources.values()))
     image = first.image if len(job.files) == 1 else None
-    return page_of_fit(found, clouds, image, first.space, ", ".join(path.name for path in job.files), record)
+    title = ", ".join(path.name for path in job.files)
+    return page_of_fit(found, clouds, image, first.space, title, record, plane)
 
 
 def _fit(job: Job, sources: Mapping[str, Source], options: Mapping[str, Any]) -> Fit:
@@ -247,6 +277,7 @@ def _rows(record: Record) -> list[tuple[str, str]]:
         ("error RMS", f"{error['rms']:.4g}{unit}"),
         ("error 95 %", f"{error['p95']:.4g}{unit}"),
         ("error max", f"{error['max']:.4g}{unit}"),
+        *volume_rows(record),
         ("superquadric alone RMS", f"{record['superquadric_rms']:.4g}{unit}"),
         ("noise", f"{record['noise']:.4g}{unit}"),
         ("strength", f"{record['strength']:.3g}"),
@@ -259,8 +290,11 @@ def _rows(record: Record) -> list[tuple[str, str]]:
 
 
 def _line(record: Record) -> tuple[str, ...]:
+    """The cells of a closing table; the last one is that of a ventricle."""
     if record["status"] == "failed":
-        return (Path(record["input"]).name, f"failed ({record['exit_code']})", "", "", "", "")
+        return (Path(record["input"]).name, f"failed ({record['exit_code']})", "", "", "", "", "")
     unit = after_number(record["unit"])
     errors = (f"{rms:.4g}{unit}" for rms in (record["error"]["rms"], record["superquadric_rms"]))
-    return (Path(record["input"]).name, record["status"], str(record["points"]), *errors, f"{record['seconds']:.2f}")
+    cavity = f"{record['volume_ml']:.4g} ml" if "volume_ml" in record else ""
+    name, seconds = Path(record["input"]).name, f"{record['seconds']:.2f}"
+    return (name, record["status"], str(record["points"]), *errors, seconds, cavity)

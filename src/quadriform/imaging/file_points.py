@@ -26,7 +26,7 @@ from quadriform.words import numbers
 
 if TYPE_CHECKING:
     from quadriform.imaging.labels import Preset
-    from quadriform.imaging.object_choice import Labels
+    from quadriform.imaging.object_choice import Labels, Select
     from quadriform.imaging.segmentation import Segmentation
     from quadriform.imaging.volume import Volume
 
@@ -71,6 +71,13 @@ class ImageOptions:
         """The given options that do not apply to points and meshes, as the command line names them."""
         found = [option for name, option in IMAGE_OPTIONS.items() if getattr(self, name) is not None]
         return found + [option for name, option in SEGMENT_OPTIONS.items() if self.segment.get(name)]
+
+    @property
+    def select_above(self) -> "Select | None":
+        """The threshold as an argument of `segment`."""
+        from quadriform.imaging.object_choice import Percentile
+
+        return Percentile(*self.threshold) if isinstance(self.threshold, tuple) else self.threshold  # type: ignore[return-value]
 
     def with_label(self, label: str) -> "ImageOptions":
         """Return the same options with other labels."""
@@ -176,9 +183,9 @@ def read_source(path: Path, options: ImageOptions) -> Source:
     if kind in ("mesh", "points") and (given := options.of_images):
         raise OptionError(f"option {given[0]} goes with images, found the file of {CONTENT[kind]} {str(path)!r}")
     if kind == "image":
-        return _in_unit(_from_image(path, options), options.unit, path)
+        return in_unit(_from_image(path, options), options.unit, path)
     if kind == "mesh":
-        return _in_unit(_from_mesh(path), options.unit, path)
+        return in_unit(_from_mesh(path), options.unit, path)
     if kind == "model":
         raise FileFormatError(f"{str(path)!r}: expected points, a mesh or an image, found a model")
     return _from_table(path, options)
@@ -205,8 +212,13 @@ def _from_table(path: Path, options: ImageOptions) -> Source:
     return Source(found.points, unit=found.unit, warnings=warnings, notes=notes, normals=found.normals)
 
 
-def _in_unit(source: Source, unit: str | None, path: Path) -> Source:
-    """The points of an image or a mesh in the given unit, where the file states none."""
+def in_unit(source: Source, unit: str | None, path: Path) -> Source:
+    """Return the points of an image or a mesh in the given unit, where the file states none.
+
+    Raises:
+        InputError: the file states another.
+        OptionError: a unit that is not known, or other than mm and m.
+    """
     found = _with_unit(PointSet(source.points, unit=source.unit), unit, path)
     if found.unit not in ("mm", "m", "unknown"):
         raise OptionError(f"option --unit={unit!r}: of images and meshes expected mm or m")
@@ -286,17 +298,14 @@ def _from_image(path: Path, options: ImageOptions) -> Source:
 def _select(volume: "Volume", options: ImageOptions) -> tuple[Any, tuple[str, ...]]:
     """The argument `select` of `segment`, and notes of what was assumed where no option was given."""
     from quadriform.imaging.labels import preset_labels
-    from quadriform.imaging.object_choice import Labels, Percentile, choose_object
+    from quadriform.imaging.object_choice import Labels, choose_object
 
     if options.preset is not None:
         return preset_labels(volume, options.preset), ()
     if options.labels is not None:
         return Labels(options.labels), ()
-    if isinstance(options.threshold, tuple):
-        return Percentile(*options.threshold), ()
-    if options.threshold is not None:
-        return options.threshold, ()
-    return choose_object(volume)
+    threshold = options.select_above
+    return choose_object(volume) if threshold is None else (threshold, ())
 
 
 # --- input files of a record ---------------------------------------------------------------------------------------

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 from warnings import warn
 
@@ -51,7 +51,10 @@ class VentriclePoints:
         base: the plane beyond which points were removed, as given or found; None where there is none. A cavity that
             meets the background inside the image has no base plane unless one is given, and OPEN_WALL.
         warnings: of reading and segmentation, BORDER_CUT, OPEN_BASE, OPEN_WALL.
-        record: number of voxels of cavity and wall, number of points beyond the base by surface, spacing of the points.
+        record: number of voxels of cavity and wall, number of points beyond the base by surface, spacing of the points;
+            of labels also the number of voxels of the cavity apart from its largest component, which are left out.
+        face: the plane below which volumes count; None for closed surfaces. Where the image cuts the cavity, this is
+            the outer face of its outermost voxels, half a voxel beyond `base`; otherwise `base`.
     """
 
     __repr__ = short_repr
@@ -61,6 +64,7 @@ class VentriclePoints:
     base: Plane | None
     warnings: Warnings
     record: dict[str, Any]
+    face: Plane | None = None
 
 
 def ventricle_from_labels(
@@ -111,7 +115,9 @@ def ventricle_from_labels(
     if cut := border_cut(tissue != BACKGROUND, cropped.world_from_voxel):
         warnings[WarningKind.BORDER_CUT] = f"{cut}; left open there"
     plane = _cut_face(tissue == CAVITY, cropped) if base is None else _check_plane(base)
-    return _finish(surfaces, plane, warnings, tissue, cropped, _renamed(spacing, apart))
+    found = _finish(surfaces, plane, warnings, tissue, cropped, _renamed(spacing, apart))
+    found.record["left_out_voxels"] = sum(blood.component_voxels) - int(_inside(blood).sum())
+    return found if base is not None or plane is None else replace(found, face=_outer_face(plane, cropped))
 
 
 def ventricle_from_perfusion(
@@ -229,6 +235,14 @@ def _cut_face(cavity: Mask, cropped: Volume) -> Plane | None:
     return cropped.points_world(voxels).mean(axis=0), outward / np.linalg.norm(outward)
 
 
+def _outer_face(plane: Plane, cropped: Volume) -> Plane:
+    """The face of the voxels whose centres lie on a face of the image, as `_cut_face` returns it."""
+    point, direction = plane
+    # two axes of the grid lie in the plane: the height of a voxel is that of its third edge
+    height = np.abs(direction @ cropped.world_from_voxel[:3, :3]).max()
+    return point + 0.5 * height * direction, direction
+
+
 def _check_plane(base: Plane) -> Plane:
     point, direction = check_points(np.array(base), "base")
     if not direction.any():
@@ -260,7 +274,7 @@ def _finish(
         "spacing": side,
     }
     clouds = {name: thinned(points, side) for name, points in kept.items()}
-    return VentriclePoints(clouds, kept, plane, warnings, record)
+    return VentriclePoints(clouds, kept, plane, warnings, record, face=plane)
 
 
 def _default_spacing(surfaces: dict[str, Array], image: Volume) -> float:

@@ -1,0 +1,175 @@
+"""Points of a ventricle from an image file: by labels of its parts, or by the bright wall of a perfusion image."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from quadriform.errors import OptionError, WarningKind
+from quadriform.files.reading import naming
+from quadriform.imaging.file_points import CONTENT, ImageOptions, Source, in_unit, kind_of
+from quadriform.imaging.labels import Preset, parse_surface, preset_labels
+from quadriform.imaging.object_choice import Labels
+from quadriform.imaging.reading import read_volume
+from quadriform.imaging.ventricle import HALF, Plane, VentriclePoints, ventricle_from_labels, ventricle_from_perfusion
+from quadriform.imaging.volume import Volume
+from quadriform.words import listed
+
+Rule = Labels | Preset
+
+
+@dataclass(frozen=True)
+class LabelledHeart:
+    """Which labels of an image are the parts of a left ventricle.
+
+    Attributes:
+        endo: what the endocardium encloses, the cavity.
+        epi: what the epicardium encloses, or the wall alone; None for the cavity alone.
+    """
+
+    endo: Rule
+    epi: Rule | None = None
+    option: ClassVar[str] = "--heart"
+    goes_with: ClassVar[tuple[str, ...]] = ("--frame", "--region")
+    # the base is where the image cuts the cavity
+    noted: ClassVar[tuple[WarningKind, ...]] = (WarningKind.BORDER_CUT, WarningKind.ANISOTROPIC)
+
+    @property
+    def surfaces(self) -> tuple[str, ...]:
+        """Names of the surfaces."""
+        return ("endo",) if self.epi is None else ("endo", "epi")
+
+    def points(self, volume: Volume, image: ImageOptions, base: Plane | None) -> VentriclePoints:
+        """Return the points of both surfaces in an image.
+
+        Raises:
+            MaskError, DegenerateError, OptionError: labels are missing, or give no ventricle.
+        """
+        cavity = _labels(volume, self.endo)
+        wall = None if self.epi is None else self._wall(cavity, _labels(volume, self.epi))
+        region = image.segment.get("region")
+        return ventricle_from_labels(volume, cavity=Labels(cavity), wall=wall, region=region, base=base)
+
+    def _wall(self, cavity: Sequence[int], enclosed: Sequence[int]) -> Labels:
+        wall = tuple(label for label in enclosed if label not in cavity)
+        if not wall:
+            raise OptionError(
+                f"option --heart: all labels of epi ({listed(enclosed)}) are labels of endo; expected those of the "
+                "wall too, as in --heart endo=label:1 --heart epi=label:1+2"
+            )
+        return Labels(wall)
+
+
+@dataclass(frozen=True)
+class PerfusionHeart:
+    """The bright wall of a left ventricle in a perfusion image, and the cavity inside it."""
+
+    surfaces: ClassVar[tuple[str, ...]] = ("endo", "epi")
+    option: ClassVar[str] = "--perfusion"
+    goes_with: ClassVar[tuple[str, ...]] = ("--frame", "--region", "--threshold", "--seed")
+    noted: ClassVar[tuple[WarningKind, ...]] = (WarningKind.OPEN_BASE, WarningKind.ANISOTROPIC)
+
+    def points(self, volume: Volume, image: ImageOptions, base: Plane | None) -> VentriclePoints:
+        """Return the points of both surfaces in an image.
+
+        Raises:
+            MaskError, OptionError: there is no wall, or it encloses no cavity.
+        """
+        threshold = image.select_above
+        return ventricle_from_perfusion(
+            volume,
+            select=HALF if threshold is None else threshold,
+            region=image.segment.get("region"),
+            component=image.segment.get("component", "largest"),
+            base=base,
+        )
+
+
+Heart = LabelledHeart | PerfusionHeart
+
+
+@dataclass(frozen=True)
+class VentricleSource:
+    """Points of a ventricle from a file, and where it ends.
+
+    Attributes:
+        surfaces: name -> points of the surface.
+        base: as `VentriclePoints` has it.
+        face: likewise.
+    """
+
+    surfaces: dict[str, Source]
+    base: Plane | None
+    face: Plane | None
+
+
+def labelled_heart(texts: Sequence[str]) -> LabelledHeart:
+    """Return which labels are the parts of a ventricle, from texts such as endo=label:1 and epi=label:1+2.
+
+    Raises:
+        OptionError: another form, another or a repeated name, or no cavity.
+    """
+    rules: dict[str, Rule] = {}
+    for text in texts:
+        name, rule = parse_surface(text)
+        if name not in ("endo", "epi") or name in rules:
+            raise OptionError(f"option --heart={text!r}: expected endo=... and, for the wall, epi=..., each once")
+        rules[name] = rule
+    if "endo" not in rules:
+        raise OptionError("option --heart: epi without endo; expected the cavity too, as --heart endo=label:1")
+    return LabelledHeart(**rules)
+
+
+def check_image_options(heart: Heart, image: ImageOptions) -> None:
+    """Refuse options that choose an object in an image in another manner.
+
+    Raises:
+        OptionError: naming both options.
+    """
+    given = [*image.of_images, *(["--columns"] if image.columns is not None else [])]
+    for option in given:
+        if option not in heart.goes_with:
+            raise OptionError(f"options {heart.option} and {option} exclude each other; give one")
+
+
+def read_ventricle(path: Path, heart: Heart, image: ImageOptions, base: Plane | None) -> VentricleSource:
+    """Return the points of a ventricle from an image file.
+
+    Args:
+        path: of the image.
+        heart: how its parts are found.
+        image: frame, region, threshold and unit, where they are given.
+        base: plane beyond which nothing is taken; None: as the image shows.
+
+    Raises:
+        OptionError: the file is no image.
+        InputError, FileFormatError, FileLimitError, MaskError, DegenerateError: the image gives no ventricle.
+    """
+    kind = kind_of(path)
+    if kind in CONTENT or kind == "model":
+        what = CONTENT.get(str(kind), "a model")
+        raise OptionError(f"option {heart.option} goes with images, found the file of {what} {str(path)!r}")
+    with naming(path):
+        volume = read_volume(path, image.frame, image.affine)
+        found = heart.points(volume, image, base)
+    # with a base these are no defects of the fit, but what every stack of slices through a heart has
+    noted = () if found.base is None else heart.noted
+    warnings = {kind: text for kind, text in found.warnings.items() if kind not in noted}
+    notes = tuple(f"{path}: {text}" for text in _notes(found, noted))
+    sources = {
+        name: in_unit(Source(points, volume.space, volume.unit, warnings, notes, image=volume), image.unit, path)
+        for name, points in found.clouds.items()
+    }
+    return VentricleSource(sources, found.base, found.face)
+
+
+def _notes(found: VentriclePoints, noted: Sequence[WarningKind]) -> list[str]:
+    texts = [text for kind, text in found.warnings.items() if kind in noted]
+    if left_out := found.record.get("left_out_voxels"):
+        texts.append(f"{left_out} voxels of the cavity are apart from its largest component and left out")
+    return texts
+
+
+def _labels(volume: Volume, rule: Rule) -> tuple[int, ...]:
+    chosen = preset_labels(volume, rule) if isinstance(rule, Preset) else rule
+    return volume.label_values(chosen.values)
