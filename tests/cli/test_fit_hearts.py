@@ -52,12 +52,12 @@ def image(tmp_path):
 
 @pytest.fixture
 def hearts(image):
-    """A label image of a cavity 1 in a wall 2 that is cut at the height `top`."""
+    """A label image of a cavity 1 in a wall 2 that is cut at the height `top`; `axes` of the world are x, y, z."""
 
-    def write(name="heart.nii", top=TOP):
+    def write(name="heart.nii", top=TOP, axes=(0, 1, 2)):
         at, affine = grid(top)
         values = np.where(inside(at, ENDO), 1, np.where(inside(at, EPI), 2, 0))
-        return image(name, values.astype(np.uint8), affine)
+        return image(name, values.astype(np.uint8), affine[[*axes, 3]])
 
     return write
 
@@ -83,15 +83,16 @@ def test_the_cavity_counts_below_the_face_where_the_image_cuts_it(terminal, hear
 
 @pytest.mark.slow
 def test_the_wall_counts_below_the_same_face_and_the_frame_does_not_matter(terminal, hearts):
-    name = hearts()
+    name = hearts(axes=(2, 0, 1))
     record = record_of(terminal("fit", name, *BOTH, "-o", "out", "--space", "RAS", "--json"))
     assert record["volume_ml"] == pytest.approx(below(ENDO, TOP), rel=0.02)
     wall = below(EPI, TOP) - below(ENDO, TOP)
     assert record["wall_volume_ml"] == pytest.approx(wall, rel=0.03)
-    assert record["base"]["point"][2] == pytest.approx(TOP)
+    assert record["base"]["point"][0] == pytest.approx(TOP) and record["base"]["direction"] == [1, 0, 0]
     shown = terminal("fit", name, *BOTH, "-o", "shown").out
     for row in ("cavity volume below the base", "cavity volume, closed surface", "wall volume below the base"):
         assert row in shown
+    assert f"-{TOP:g}," in shown and "/-1,0,0" in shown  # in LPS, the frame of images
 
 
 @pytest.mark.slow
