@@ -29,8 +29,9 @@ from generalisation.rows import (
 from quadriform.heart.base import BasePlane
 from quadriform.heart.volumes import volume
 
-FIT = ("--surface", "endo=label:1")
-"""The options of `quadriform fit` and `quadriform track` by which a user names the cavity."""
+FIT = ("--heart", "endo=label:1")
+TRACK = ("--surface", "endo=label:1")
+"""The options of `quadriform fit` and of `quadriform track` by which a user names the cavity."""
 PHASES = ("ED", "ES")
 LEAST_ERROR = 0.5
 """Points of ejection fraction; smaller errors are those of the voxel count itself."""
@@ -99,7 +100,7 @@ def _cycle(folder: Path, patient: str, strength: Strength):
     file = folder / f"{patient}_4d_endo.nii.gz"
     with TemporaryDirectory() as made:
         out = Path(made) / "cycle"
-        record = commands.run("track", file, *FIT, *commands.strength_option(strength), "-o", out)
+        record = commands.run("track", file, *TRACK, *commands.strength_option(strength), "-o", out)
         moving = qf.load(out / "model.json")
     models = [moving.at(float(time)) for time in moving.frame_times]
     return [qf.read_volume(file, frame) for frame in range(len(models))], models, commands.status_of(record)
