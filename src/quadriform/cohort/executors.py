@@ -32,20 +32,39 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+class _Processes(ProcessPoolExecutor):
+    """Processes of this machine, all started before the first task.
+
+    By default `submit` starts one when none is idle. The thread that watches the processes does not know this one yet:
+    if it dies, its task never completes; if another one dies, Python 3.11 neither ends the new one nor stops
+    waiting for it (python/cpython#109810).
+    """
+
+    def __init__(self, workers: int) -> None:
+        spawn = multiprocessing.get_context("spawn")  # a fork would copy locks that threads have taken
+        super().__init__(workers, mp_context=spawn, initializer=_initialise_worker)
+        self._safe_to_dynamically_spawn_children = False
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Wait for the processes; kill them where the thread that ends them never started, or failed.
+
+        It may fail where a task is submitted just when the pool breaks.
+        """
+        if self._broken or self._executor_manager_thread is None:
+            for process in list((self._processes or {}).values()):
+                process.kill()
+        super().shutdown(wait, cancel_futures=cancel_futures)
+
+
 class _ProcessPool(WorkerPool):
     """Processes of this machine, replaced when one of them dies."""
 
     def __init__(self, workers: int) -> None:
-        super().__init__(_new_pool(workers), workers)
+        super().__init__(_Processes(workers), workers)
 
     def restart(self) -> None:
         self.executor.shutdown(wait=True, cancel_futures=True)
-        self.executor = _new_pool(self.workers)
-
-
-def _new_pool(workers: int) -> ProcessPoolExecutor:
-    spawn = multiprocessing.get_context("spawn")  # a fork would copy locks that threads have taken
-    return ProcessPoolExecutor(workers, mp_context=spawn, initializer=_initialise_worker)
+        self.executor = _Processes(self.workers)
 
 
 class _DaskCluster(WorkerPool):

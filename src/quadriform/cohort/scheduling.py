@@ -73,17 +73,29 @@ def _fill(waiting: dict[Future[R], T], source: Iterator[T], work: Callable[[T], 
     """Submit tasks up to the capacity; returns those that a broken executor refuses."""
     for task in islice(source, max(0, engine.max_pending() - len(waiting))):
         try:
-            waiting[engine.executor.submit(work, task)] = task
-        except (BrokenExecutor, OSError):  # a pool of processes that breaks just now closes the pipes of a new worker
+            waiting[_submitted(task, work, engine)] = task
+        except BrokenExecutor:
             return [task]
     return []
+
+
+def _submitted(task: T, work: Callable[[T], R], engine: WorkerPool) -> Future[R]:
+    """Return the result to come.
+
+    Raises:
+        BrokenExecutor: the executor is broken, or breaks just now.
+    """
+    try:
+        return engine.executor.submit(work, task)
+    except OSError as error:  # a pool of processes that breaks closes the pipes of a worker that it starts
+        raise BrokenExecutor("the executor broke while a task was submitted") from error
 
 
 def _one_by_one(suspects: list[T], work: Callable[[T], R], engine: WorkerPool) -> Iterator[tuple[T, R | BaseException]]:
     """Tasks that were submitted when a worker died, each alone: one that ends its worker again is the cause."""
     for task in suspects:
         try:
-            yield task, engine.executor.submit(work, task).result()
+            yield task, _submitted(task, work, engine).result()
         except BrokenExecutor as error:
             engine.restart()
             yield task, error
