@@ -64,7 +64,7 @@ foreign: $(READY)
 kill: $(READY)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTHONPATH=tests $(BIN)/python tests/robustness/killed_fits.py
 
-# Ten million points in one GiB of addresses; the tests take 100,000.
+# Ten million points in one GiB of addresses; the tests take 60,000.
 large: $(READY)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/robustness/little_room.py 10000000
 

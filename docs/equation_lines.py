@@ -31,6 +31,8 @@ def functions(tree: ast.Module) -> Iterator[tuple[str, ast.FunctionDef]]:
 def markers(path: Path) -> Iterator[tuple[str, str, int]]:
     """(label, function, line) of each marker comment of a source file."""
     text = path.read_text(encoding="utf-8")
+    if not MARKER.search(text):  # most files have none, and to read all as Python takes a second
+        return
     spans = [(node.lineno, node.end_lineno or node.lineno, name) for name, node in functions(ast.parse(text))]
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
         if token.type == tokenize.COMMENT and MARKER.match(token.string):

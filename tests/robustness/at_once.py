@@ -19,7 +19,7 @@ def cloud(seed):
 
 
 def fitted(seed):
-    return qf.fit(cloud(seed), box=(3, 3, 3)).model.box.control_points
+    return qf.fit(cloud(seed), box=(2, 2, 2)).model.box.control_points
 
 
 def report(name, found, wanted):

@@ -14,7 +14,7 @@ import quadriform as qf
 
 NOISE, PART = 0.05, 100_000
 WORST = 1 / 30
-"""Of the noise: more than 100,000 points should leave, less than their sample does."""
+"""Of the noise: more than 60,000 points should leave, less than their sample does."""
 
 
 def cloud(truth: qf.Superquadric, count: int) -> np.ndarray:
