@@ -500,13 +500,14 @@ def test_a_real_image(terminal, shared):
 
 
 @pytest.mark.slow
-def test_a_mesh_of_few_vertices_is_sampled_by_area_and_that_is_recorded(terminal, tmp_path):
+def test_a_mesh_of_few_vertices_is_sampled_by_area_and_that_is_recorded(terminal, tmp_path, monkeypatch):
+    monkeypatch.setattr("quadriform.shapes.mesh_points.SAMPLES", 500)
     block = box_mesh()
     for suffix in (".stl", ".ply", ".obj", ".vtp"):
         write_mesh(block, tmp_path / f"block{suffix}", "LPS", "mm")
     result = terminal("fit", "block.stl", "-o", "out", "--json", *BRIEF)
     record = json.loads(result.out)
-    assert result.code == 0 and record["points"] == 5000
+    assert result.code == 0 and record["points"] == 500
     assert "spread evenly over the area of 12 triangles" in record["notes"][0]
     assert "spread evenly" in " ".join(terminal("fit", "block.ply", "-o", "paper", *BRIEF).out.split())
     assert read_points("block.stl").shape == (8, 3)

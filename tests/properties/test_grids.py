@@ -63,7 +63,7 @@ def reordered(volume, axes, flips):
 
 def fitted(volume, surfaces):
     clouds = ventricle_from_labels(volume, cavity=Labels((1,)), wall=Labels((2,))).clouds
-    return qf.fit({name: clouds[name] for name in surfaces}).model
+    return qf.fit({name: clouds[name] for name in surfaces}, box=(4, 4, 4)).model
 
 
 def farthest(one, other, surface):

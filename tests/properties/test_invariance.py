@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from shapes_made import even_directions, gap, lumpy, made, turned, two_walls
+from shapes_made import even_directions, lumpy, made, turned, two_walls
 
 import quadriform as qf
 from quadriform.heart.wall import Wall
@@ -99,8 +99,7 @@ def test_a_shape_with_edges_moves_with_its_points_too(exponents, rng):
     points = points + 3 * np.sin(points[:, [1, 2, 0]] / 9) + 0.5 * rng.normal(size=points.shape)
     plain = qf.fit(points, box=(3, 3, 3))
     assert plain.model.superquadric().exponents.max() > 1.5
-    assert gap(plain.model, qf.fit(rng.permutation(points), box=(3, 3, 3)).model) < 1e-7
-    found = qf.fit(points @ TURN.T, box=(3, 3, 3))
+    found = qf.fit(rng.permutation(points) @ TURN.T, box=(3, 3, 3))
     vertices = plain.model.mesh(resolution=8).vertices @ TURN.T
     assert np.abs(found.model.distance(vertices)).max() < 1e-7 * Frame.of(vertices).scale
 
