@@ -106,7 +106,6 @@ def test_measures_are_one_number_a_row(serial):
 
 
 @pytest.mark.slow
-@pytest.mark.slow
 def test_processes_give_the_same_bytes(cohort, serial, tmp_path):
     run(cohort, tmp_path / "out", partial(executors.processes, 2), CHOICES)
     assert differences(serial[0], tmp_path / "out") == []
@@ -179,7 +178,6 @@ def test_a_killed_run_resumes_without_repeating_finished_subjects(cohort, serial
     assert differences(serial[0], out) == []
 
 
-@pytest.mark.slow
 @pytest.mark.slow
 def test_shards_at_the_same_time_make_the_same_store(cohort, serial, tmp_path):
     out, summaries = tmp_path / "out", []
