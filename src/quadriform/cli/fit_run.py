@@ -34,7 +34,6 @@ from quadriform.imaging.file_points import (
     without_folders,
 )
 from quadriform.imaging.fit_files import fit_sources
-from quadriform.imaging.ventricle import Plane
 from quadriform.imaging.ventricle_files import Heart, read_ventricle
 from quadriform.point_sets import ALONE
 from quadriform.shapes.record import remarks
@@ -185,7 +184,7 @@ def _run(job: Job, options: Mapping[str, Any], common: Common) -> Record:
     check_results(job.folder, names, common.force, job.files)
     begin = time.perf_counter()
     with naming(*job.files):
-        sources, base, face = _read(job, options.get("base"))
+        sources, base = _read(job, options.get("base"))
         # the paper's method has no base; its points end there all the same
         options = dict(options) if base is None or options.get("method") == "paper" else {**options, "base": base}
         assumed = [text for source in sources.values() for text in source.notes]
@@ -195,7 +194,7 @@ def _run(job: Job, options: Mapping[str, Any], common: Common) -> Record:
         print_remarks(remarks({}, found.notes, job.name))
         found = replace(found, notes=(*without_folders(assumed, job.files), *found.notes))
         check_strict(common.strict, found.warnings)
-    plane = plane_in_model(face, next(iter(sources.values())).space, found.model)
+    plane = None if job.heart is None else plane_in_model(base, next(iter(sources.values())).space, found.model)
     volumes = {} if job.heart is None else volumes_below(found.model, plane)
     if plane is not None:
         found = replace(found, model=with_base(found.model, plane))
@@ -204,14 +203,14 @@ def _run(job: Job, options: Mapping[str, Any], common: Common) -> Record:
     return record
 
 
-def _read(job: Job, base: Any) -> tuple[dict[str, Source], Any, Plane | None]:
-    """Points by surface, where they end on purpose, and the plane below which the volumes of a ventricle count."""
+def _read(job: Job, base: Any) -> tuple[dict[str, Source], Any]:
+    """Points by surface, and where they end on purpose; of a ventricle, volumes count below that plane."""
     if job.heart is None:
-        return {name: read_source(path, image) for name, (path, image) in job.sources.items()}, base, None
+        return {name: read_source(path, image) for name, (path, image) in job.sources.items()}, base
     path, image = next(iter(job.sources.values()))
     found = read_ventricle(path, job.heart, image, base)
-    plain = None if found.base is None else tuple(part.tolist() for part in found.base)  # as the page lists it
-    return found.surfaces, plain, found.face
+    # plain numbers, which the page lists
+    return found.surfaces, None if found.base is None else tuple(part.tolist() for part in found.base)
 
 
 def _write(job: Job, found: Fit, page: bytes, force: bool) -> None:

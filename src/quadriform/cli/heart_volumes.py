@@ -4,6 +4,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from quadriform.columns import MILLIMETRES
 from quadriform.heart.base import BasePlane
 from quadriform.heart.volumes import volume
@@ -14,12 +16,12 @@ SAME = 1e-3
 """A closed volume that differs by a smaller fraction is that below the base."""
 
 
-def plane_in_model(face: tuple[Any, Any] | None, space: str, model: DeformableModel) -> BasePlane | None:
+def plane_in_model(base: tuple[Any, Any] | None, space: str, model: DeformableModel) -> BasePlane | None:
     """The plane below which volumes count, in the frame of the model; `space` is its own."""
-    if face is None:
+    if base is None:
         return None
     rotation = rotation_between(space, model.space)
-    return BasePlane(*(rotation @ part for part in face))
+    return BasePlane(*(rotation @ np.asarray(part) for part in base))
 
 
 def volumes_below(model: DeformableModel, plane: BasePlane | None) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 from warnings import warn
 
@@ -37,6 +37,9 @@ MIN_POINTS = 125
 """As many as the default box has control points; fewer do not determine the weight of the regularisation."""
 ON_PLANE = 1e-9
 """Points beyond a plane by less than this fraction of the extent are on it."""
+BELOW_FACE = 0.49
+"""From the centre of a voxel to just below its face, in voxels: less than the 0.5 to the middle of an edge, so that the
+edge on which a point lies stays known."""
 OFFSET = np.array([0.31830989, 0.36787944, 0.41421356])
 """Corner of a cube, in sides of a cube: off every voxel grid, so that no point lies on a face between two cubes."""
 
@@ -53,8 +56,6 @@ class VentriclePoints:
         warnings: of reading and segmentation, BORDER_CUT, OPEN_BASE, OPEN_WALL.
         record: number of voxels of cavity and wall, number of points beyond the base by surface, spacing of the points;
             of labels also the number of voxels of the cavity apart from its largest component, which are left out.
-        face: the plane below which volumes count; None for closed surfaces. Where the image cuts the cavity, this is
-            the outer face of its outermost voxels, half a voxel beyond `base`; otherwise `base`.
     """
 
     __repr__ = short_repr
@@ -64,7 +65,6 @@ class VentriclePoints:
     base: Plane | None
     warnings: Warnings
     record: dict[str, Any]
-    face: Plane | None = None
 
 
 def ventricle_from_labels(
@@ -81,8 +81,10 @@ def ventricle_from_labels(
 
     Points lie halfway between voxels. Where the image or the region cuts the ventricle there are none, and the
     base plane is the face of the image or region that cuts the cavity over the largest area; anatomy is not checked, so
-    give `base` where the apex is cut too. Where the cavity meets the background inside the image, as at the valve plane
-    of a closed label, "endo" has points and "epi" has none; `base` removes them.
+    give `base` where the apex is cut too. The outermost voxels end at that face, half a voxel beyond their centres: the
+    points of their slice are repeated just below it, so that the volume below it is determined by data. Where the
+    cavity meets the background inside the image, as at the valve plane of a closed label, "endo" has points and "epi"
+    has none; `base` removes them.
 
     Args:
         volume: label image.
@@ -115,9 +117,11 @@ def ventricle_from_labels(
     if cut := border_cut(tissue != BACKGROUND, cropped.world_from_voxel):
         warnings[WarningKind.BORDER_CUT] = f"{cut}; left open there"
     plane = _cut_face(tissue == CAVITY, cropped) if base is None else _check_plane(base)
+    if base is None and plane is not None:
+        surfaces = {name: _up_to_face(points, plane, cropped) for name, points in surfaces.items()}
     found = _finish(surfaces, plane, warnings, tissue, cropped, _renamed(spacing, apart))
     found.record["left_out_voxels"] = sum(blood.component_voxels) - int(_inside(blood).sum())
-    return found if base is not None or plane is None else replace(found, face=_outer_face(plane, cropped))
+    return found
 
 
 def ventricle_from_perfusion(
@@ -221,7 +225,7 @@ def _open_wall(tissue: Tissue, world_from_voxel: Array) -> Warnings:
 
 
 def _cut_face(cavity: Mask, cropped: Volume) -> Plane | None:
-    """Through the outermost voxel centres of the face of the image that cuts most of the cavity."""
+    """The face of the image that cuts most of the cavity: the outer one of its outermost voxels."""
     # compared by area, for faces across thick slices are larger
     areas = face_area_vectors(cropped.world_from_voxel)
     faces = [(axis, end) for axis in range(3) for end in (0, -1)]
@@ -232,15 +236,22 @@ def _cut_face(cavity: Mask, cropped: Volume) -> Plane | None:
     at = 0 if end == 0 else cavity.shape[axis] - 1
     voxels = np.insert(np.argwhere(cavity.take(at, axis)).astype(np.float64), axis, at, axis=1)
     outward = areas[axis] * (-1 if end == 0 else 1)
-    return cropped.points_world(voxels).mean(axis=0), outward / np.linalg.norm(outward)
+    direction = outward / np.linalg.norm(outward)
+    return cropped.points_world(voxels).mean(axis=0) + 0.5 * _height(direction, cropped) * direction, direction
 
 
-def _outer_face(plane: Plane, cropped: Volume) -> Plane:
-    """The face of the voxels whose centres lie on a face of the image, as `_cut_face` returns it."""
-    point, direction = plane
-    # two axes of the grid lie in the plane: the height of a voxel is that of its third edge
-    height = np.abs(direction @ cropped.world_from_voxel[:3, :3]).max()
-    return point + 0.5 * height * direction, direction
+def _height(direction: Array, image: Volume) -> float:
+    """Of a voxel along the unit normal of one of its faces; its other edges are perpendicular to it."""
+    return float(np.abs(direction @ image.world_from_voxel[:3, :3]).max())
+
+
+def _up_to_face(points: Array, face: Plane, image: Volume) -> Array:
+    """The points, and those of the outermost slice again just below the face of the image."""
+    position, direction = face
+    height = _height(direction, image)
+    # the next points are a whole voxel below those of the outermost slice, which are half a voxel below the face
+    outermost = points[(points - position) @ direction > -height]
+    return np.concatenate([points, outermost + BELOW_FACE * height * direction])
 
 
 def _check_plane(base: Plane) -> Plane:
@@ -274,7 +285,7 @@ def _finish(
         "spacing": side,
     }
     clouds = {name: thinned(points, side) for name, points in kept.items()}
-    return VentriclePoints(clouds, kept, plane, warnings, record, face=plane)
+    return VentriclePoints(clouds, kept, plane, warnings, record)
 
 
 def _default_spacing(surfaces: dict[str, Array], image: Volume) -> float:

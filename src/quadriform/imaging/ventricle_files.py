@@ -95,12 +95,10 @@ class VentricleSource:
     Attributes:
         surfaces: name -> points of the surface.
         base: as `VentriclePoints` has it.
-        face: likewise.
     """
 
     surfaces: dict[str, Source]
     base: Plane | None
-    face: Plane | None
 
 
 def labelled_heart(texts: Sequence[str]) -> LabelledHeart:
@@ -160,7 +158,7 @@ def read_ventricle(path: Path, heart: Heart, image: ImageOptions, base: Plane | 
         name: in_unit(Source(points, volume.space, volume.unit, warnings, notes, image=volume), image.unit, path)
         for name, points in found.clouds.items()
     }
-    return VentricleSource(sources, found.base, found.face)
+    return VentricleSource(sources, found.base)
 
 
 def _notes(found: VentriclePoints, noted: Sequence[WarningKind]) -> list[str]:
