@@ -15,8 +15,6 @@ from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
 
 pytest.importorskip("sklearn", reason="the extra 'cohort' is not installed")
-from sklearn.decomposition import PCA
-from sklearn.pipeline import make_pipeline
 
 from quadriform.cohort.statistics import CorrespondingShapes, shape_modes
 
@@ -158,6 +156,9 @@ def test_two_walls_have_one_box():
 
 @pytest.mark.slow
 def test_it_is_the_first_step_of_a_pipeline_and_accepts_clouds():
+    from sklearn.decomposition import PCA
+    from sklearn.pipeline import make_pipeline
+
     clouds = [model(amounts).mesh(resolution=4).vertices for amounts in draws(2)]
     line = make_pipeline(CorrespondingShapes(box=(3, 3, 3)), PCA(1)).set_params(correspondingshapes__passes=1)
     assert line.fit_transform(clouds).shape == (2, 1)

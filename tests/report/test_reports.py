@@ -4,6 +4,7 @@ import base64
 import io
 import json
 import re
+from functools import partial
 from html import unescape
 
 import nibabel
@@ -15,6 +16,7 @@ from PIL import Image
 import quadriform as qf
 from quadriform.cli.main import main
 from quadriform.errors import OptionError
+from quadriform.fitting.fit import fit
 from quadriform.heart.synthetic import SyntheticVentricle
 from quadriform.motion.tracking import Track
 from quadriform.report import notebook
@@ -37,9 +39,12 @@ def egg():
 
 @pytest.fixture(scope="session")
 def demo(tmp_path_factory):
-    """The folder of `quadriform demo`."""
+    """The folder of `quadriform demo`; of fewer control points than the real one."""
     folder = tmp_path_factory.mktemp("demo")
-    assert main(["demo", "-o", str(folder / "out")]) == 0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("quadriform.fitting.fit.fit", partial(fit, box=(3, 3, 3)))
+        assert main(["demo", "-o", str(folder / "out")]) == 0
+    assert qf.load(folder / "out" / "model.json").box.control_points.shape == (3, 3, 3, 3)
     return folder / "out"
 
 
