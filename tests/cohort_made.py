@@ -1,13 +1,21 @@
 """Tiny cohorts on disk: clouds of ventricles of different sizes, and their list."""
 
 import filecmp
+from importlib.util import find_spec
 
 import numpy as np
+import pytest
 
 from quadriform.heart.synthetic import SyntheticVentricle
 
 TINY = {"box": (2, 2, 2), "robust": False, "strength": 1e-4}
 """The cheapest fit that is one."""
+
+
+def needs(*libraries):
+    """A mark that skips tests where a library is missing, without the seconds that importing them all takes."""
+    missing = [name for name in libraries if find_spec(name) is None]
+    return pytest.mark.skipif(bool(missing), reason="the extra 'cohort' is not installed")
 
 
 def listed(folder, subjects, frames=2, broken=(), points=24):

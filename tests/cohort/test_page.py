@@ -8,7 +8,7 @@ from html import unescape
 
 import numpy as np
 import pytest
-from cohort_made import TINY, listed
+from cohort_made import TINY, listed, needs
 
 from quadriform.cli.cohort_run import _record, _rows
 from quadriform.cohort import executors
@@ -19,8 +19,7 @@ from quadriform.cohort.page import write_page
 from quadriform.cohort.run import Choices, run
 from quadriform.files import load
 
-for library in ("zarr", "pyarrow", "sklearn"):
-    pytest.importorskip(library, reason="the extra 'cohort' is not installed")
+pytestmark = needs("zarr", "pyarrow", "sklearn")
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from cohort_made import TINY, differences, listed
+from cohort_made import TINY, differences, listed, needs
 
 from quadriform.cohort import executors
 from quadriform.cohort.run import Choices, run
@@ -22,8 +22,7 @@ from quadriform.cohort.stores import models
 from quadriform.errors import InputError, OptionError, OutputError
 from quadriform.files import load
 
-zarr = pytest.importorskip("zarr", reason="the extra 'cohort' is not installed")
-parquet = pytest.importorskip("pyarrow.parquet", reason="the extra 'cohort' is not installed")
+pytestmark = needs("zarr", "pyarrow")
 SUBJECTS, BROKEN = 8, (3, 6)
 CHOICES = Choices(options=TINY)
 WORDS = ("--set", "box=2,2,2", "--set", "robust=no", "--set", "strength=1e-4")
@@ -96,6 +95,8 @@ def test_models_come_back_from_the_store(serial):
 
 
 def test_measures_are_one_number_a_row(serial):
+    from pyarrow import parquet
+
     table = parquet.read_table(serial[0] / "metrics").to_pylist()
     assert set(table[0]) == {"subject", "frame", "quantity", "value", "unit", "text"}
     mine = [row for row in table if row["subject"] == "person05"]
@@ -180,6 +181,9 @@ def test_a_killed_run_resumes_without_repeating_finished_subjects(cohort, serial
 
 @pytest.mark.slow
 def test_shards_at_the_same_time_make_the_same_store(cohort, serial, tmp_path):
+    import zarr
+    from pyarrow import parquet
+
     out, summaries = tmp_path / "out", []
 
     def part(number):
