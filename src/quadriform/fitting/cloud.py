@@ -60,10 +60,9 @@ class Neighbours:
     isolated: float = np.sqrt(2.0)
     """Points whose neighbours are this many times farther away than those of the median point are not on a surface of
     the cloud's density, whose creases have neighbours on both sides: outliers, mostly."""
-    most_correlated: int = 64
-    """Correlation that reaches beyond so many neighbours counts for no more."""
-    asked: int = 10_000
-    """Correlation is taken at an even sample of so many points."""
+    correlation: tuple[tuple[int, int], ...] = ((10_000, 64), (500, 8192))
+    """Correlation is taken at an even sample of so many points, with so many neighbours of each; the next pair only
+    where it reaches beyond these neighbours."""
     sure: float = 3.0
     """It counts when it is so many of its own standard errors above none at all."""
 
@@ -347,7 +346,7 @@ def effective_fraction(feet: Array, deviations: Array, weights: Array) -> float:
 
     Points of a contour were drawn in one stroke, those of an isosurface have voxels in common: their errors, and the
     misfit of any small model, are correlated. n points whose deviations correlate by c_k with those of their k-th
-    neighbours count for n / (1 + sum of c_k); the sum, in pairs, ends where the correlation is lost (the initial
+    neighbours count for n / (1 + sum of c_k); the sum, in groups of ranks, ends where the correlation is lost (the initial
     positive sequence of Geyer, Statistical Science 7(4), 1992). Counted as n they would outweigh the regulariser.
 
     Args:
@@ -355,15 +354,27 @@ def effective_fraction(feet: Array, deviations: Array, weights: Array) -> float:
         deviations: (n,), signed distances to the fitted surface.
         weights: (n,), how much each counts; outliers nothing.
     """
-    count = min(NEAR.most_correlated, len(feet) - 1) // 2 * 2
-    # the correlation is a mean over points, so an even sample of them is enough
-    some = evenly_chosen(feet, NEAR.asked)
-    near = cKDTree(feet).query(feet[some], k=np.arange(2, count + 2), workers=threads_for(len(feet)))[1]
-    # pairs with an outlier carry no weight
-    joint = weights[some, None] * weights[near]
-    products = (joint * deviations[some, None] * deviations[near]).sum(axis=0)
     variance = float(weights @ deviations**2 / weights.sum())
-    correlation = products / np.maximum(joint.sum(axis=0) * variance, 1e-300)
-    pairs = correlation.reshape(-1, 2).sum(axis=1)
-    uncorrelated = np.flatnonzero(pairs < NEAR.sure * np.sqrt(2 / weights[some].sum()))
-    return float(1 / (1 + pairs[: uncorrelated[0] if len(uncorrelated) else None].sum()))
+    tree, total = cKDTree(feet), 0.0
+    # few neighbours of many points first, then many neighbours of few points, where errors are correlated farther
+    for asked, most in NEAR.correlation:
+        ranks = _doubling_ranks(min(most, len(feet) - 1))
+        some = evenly_chosen(feet, asked)  # the correlation is a mean over points, so an even sample is enough
+        near = tree.query(feet[some], k=np.arange(2, ranks[-1] + 2), workers=threads_for(len(feet)))[1]
+        # pairs with an outlier carry no weight
+        joint = weights[some, None] * weights[near]
+        products = np.add.reduceat((joint * deviations[some, None] * deviations[near]).sum(axis=0), ranks[:-1])
+        pairs = np.add.reduceat(joint.sum(axis=0), ranks[:-1])
+        correlation = products / np.maximum(pairs * variance, 1e-300)
+        # each pair is counted from both of its ends
+        lost = np.flatnonzero(correlation < NEAR.sure * np.sqrt(2 / np.maximum(pairs, 1e-300)))
+        end = lost[0] if len(lost) else len(correlation)
+        total = float((np.diff(ranks) * correlation)[:end].sum())
+        if len(lost):
+            break
+    return 1 / (1 + total)
+
+
+def _doubling_ranks(count: int) -> NDArray[np.int64]:
+    """Where groups of neighbours begin, and the end: 0, 2, 4, 8 ... up to a count."""
+    return np.unique(np.minimum([0, *2 ** np.arange(1, 1 + np.log2(max(count, 2)).astype(int)), count], count))

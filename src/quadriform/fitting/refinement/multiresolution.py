@@ -15,7 +15,7 @@ from quadriform.fitting.least_squares.marginal_likelihood import Solution
 from quadriform.fitting.least_squares.normal_equations import NormalEquations
 from quadriform.fitting.least_squares.regularisers import Regulariser
 from quadriform.fitting.refinement.correspondence import Correspondence
-from quadriform.fitting.refinement.point_to_plane import Attraction, evidence_of, moved, record, step_length
+from quadriform.fitting.refinement.point_to_plane import Attraction, evidence_of, fraction_of, moved, record, step_length
 from quadriform.fitting.refinement.surface_data import Subsample, SurfaceData
 from quadriform.fitting.result import Iteration, Progress
 from quadriform.points import Array
@@ -206,6 +206,43 @@ class MixtureWeights:
         return tuple(data.weighted(each, sigma) for data, each in zip(datasets, distances))
 
 
+class Independence(Protocol):
+    """A rule for the fraction of the data points that count as independent."""
+
+    def fraction(self, box: ControlBox, datasets: Datasets, first: bool) -> float:
+        """Effective number of independent points over the number of points, in (0, 1]; `first` without an earlier fit."""
+
+
+class AllIndependent:
+    """Every point counts."""
+
+    def fraction(self, box: ControlBox, datasets: Datasets, first: bool) -> float:
+        """One."""
+        return 1.0
+
+
+@dataclass(frozen=True)
+class Correlated:
+    """Errors of neighbours may be correlated, as those of a contour, a mask or a scan are.
+
+    The strength has two fixed points: once a fit follows correlated errors its residuals look independent, and the
+    strength stays too small. So the first round counts only as many points as there are unknowns of a coordinate, which
+    gives a smooth surface; later rounds go by the residuals of the round before.
+
+    Attributes:
+        least: number of points that count in any case: the control points, for each surface. Fewer would let the
+            evidence choose an ever larger strength where a surface without details fits.
+    """
+
+    least: float
+
+    def fraction(self, box: ControlBox, datasets: Datasets, first: bool) -> float:
+        """By the correlation of the residuals at a box; the least before there is a fit."""
+        count = sum(float((data.weights * data.inliers).sum()) for data in datasets)
+        least = self.least / max(count, self.least)
+        return least if first else max(least, fraction_of(datasets, box))
+
+
 @dataclass(frozen=True)
 class StoppingRule:
     """At most so many rounds, fewer when the surface moves less than a fraction of the noise."""
@@ -297,20 +334,21 @@ class Stage:
         foot_points: the correspondence.
         kernel: the rule for the inlier probabilities.
         stop: the stopping rule.
-        effective_fraction: independent data points by data points, in (0, 1]; it scales the log likelihood.
+        independence: the rule for how many points are independent.
     """
 
     problem: Problem
     foot_points: FootPoints
     kernel: Kernel
     stop: StoppingRule
-    effective_fraction: float = 1.0
+    independence: Independence = AllIndependent()
 
     def step(self, state: Start | Refined) -> Refined:
         """The state after one round."""
         datasets, attractions = self.foot_points.update(state.box, state.datasets)
         datasets = self.kernel.weighted(state.box, datasets, state.noise)
-        evidence = evidence_of(datasets, attractions, state.box, self.problem.regularity, self.effective_fraction)
+        fraction = self.independence.fraction(state.box, datasets, state.solution is None)
+        evidence = evidence_of(datasets, attractions, state.box, self.problem.regularity, fraction)
         solution = evidence.select(self.problem.strength, state.solution)
         after = Refined(moved(state.box, solution), datasets, solution, state.history)
         return self.problem.recorded(state.box, after)

@@ -9,6 +9,7 @@ from quadriform.errors import OptionError
 from quadriform.fitting.cloud import nearest
 from quadriform.fitting.refinement.multiresolution import (
     SCHEDULE,
+    Correlated,
     Facing,
     FixedWeights,
     Nearest,
@@ -19,7 +20,6 @@ from quadriform.fitting.refinement.multiresolution import (
     StoppingRule,
     TangentialSteps,
 )
-from quadriform.fitting.refinement.point_to_plane import fraction_of
 from quadriform.fitting.refinement.surface_data import Subsample, SurfaceData
 from quadriform.fitting.result import Iteration
 from quadriform.points import Array
@@ -103,15 +103,13 @@ def fine_stage(problem: Problem, datasets: Sequence[SurfaceData], coarse: Refine
     Raises:
         OptionError: the strength that the user gave leaves control points undetermined in the last round.
     """
-    state: Start | Refined = Start(coarse.box, coarse.datasets, coarse.solution, None, coarse.history)
+    state: Start | Refined = Start(coarse.box, coarse.datasets, history=coarse.history)
     rounds = SCHEDULE.fine_rounds
     if max(len(data.points) for data in datasets) > SCHEDULE.medium_points:
         some = [data.subsample(SCHEDULE.medium_points, robust=False) for data in datasets]
         state, rounds = _fine_stage(problem, some, coarse, state, rounds), SCHEDULE.last_rounds
     found = _fine_stage(problem, datasets, coarse, state, rounds)
-    if problem.strength is None:
-        return _of_independent(problem, found)
-    if found.solution.strength != problem.strength:
+    if problem.strength is not None and found.solution.strength != problem.strength:
         raise OptionError(
             f"option strength={problem.strength:g} leaves control points undetermined; expected a larger one, more "
             f"points or a smaller box (the evidence of the points is largest at {found.solution.strength:.1e})"
@@ -122,21 +120,12 @@ def fine_stage(problem: Problem, datasets: Sequence[SurfaceData], coarse: Refine
 def _fine_stage(
     problem: Problem, datasets: Sequence[SurfaceData], coarse: Refined, state: Start | Refined, rounds: int
 ) -> Refined:
-    stage = Stage(problem, TangentialSteps(), problem.kernel, StoppingRule(rounds, SCHEDULE.fine_motion))
+    stop = StoppingRule(rounds, SCHEDULE.fine_motion)
+    independence = Correlated(problem.box.rest.size / 3 * len(datasets))
+    stage = Stage(problem, TangentialSteps(), problem.kernel, stop, independence)
     first = tuple(replace(data, origins=_first_origins(data, part)) for data, part in zip(datasets, coarse.datasets))
     return stage.run(Start(state.box, first, state.solution, state.noise, state.history))
 
-
-def _of_independent(problem: Problem, found: Refined) -> Refined:
-    """A few rounds more at the strength of the effective number of independent points.
-
-    Only now: before the surface converges, all neighbours have similar residuals.
-    """
-    fraction = fraction_of(found.datasets, found.box)
-    if fraction >= 1:
-        return found
-    stage = Stage(problem, TangentialSteps(), FixedWeights(), StoppingRule(SCHEDULE.last_rounds), fraction)
-    return stage.run(Start(found.box, found.datasets, found.solution, found.noise, found.history))
 
 
 def _first_origins(data: SurfaceData, part: SurfaceData) -> Array:
