@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from quadriform.columns import MILLIMETRES, Chosen, Columns, chosen_columns, columns_of
 from quadriform.errors import ColumnsError, OptionError, PointsError, WarningKind, Warnings, choose
-from quadriform.points import Array, by_name, check_points, check_spread, for_each
+from quadriform.points import Array, by_name, check_noise, check_points, check_spread, for_each
 from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.mesh_points import mesh_points
 from quadriform.words import short_repr
@@ -40,6 +40,7 @@ class PointSet:
         unit: of the lengths: "mm", "m", another key of `columns.MILLIMETRES`, or "unknown".
         number_type: of the source; None where it is not known.
         notes: what was assumed, one sentence each.
+        noise: covariances (n, 3, 3) of the measurement of each point, in the square of `unit`; None where unknown.
     """
 
     __repr__ = short_repr
@@ -49,21 +50,25 @@ class PointSet:
     unit: str = "unknown"
     number_type: np.dtype[Any] | None = None
     notes: tuple[str, ...] = ()
+    noise: Array | None = None
 
     def in_metric_unit(self) -> "PointSet":
         """The same in a unit that models can have: metres stay, other lengths become millimetres, which is noted."""
         if self.unit in UNITS:
             return self
         note = f"lengths in {self.unit} became mm"
-        points = self.points * MILLIMETRES[self.unit]
-        return replace(self, points=points, unit="mm", notes=(*self.notes, note))
+        factor = MILLIMETRES[self.unit]
+        noise = None if self.noise is None else factor**2 * self.noise
+        return replace(self, points=factor * self.points, noise=noise, unit="mm", notes=(*self.notes, note))
 
 
 One = ArrayLike | Mesh | PointSet
 Given = One | Mapping[str, One]
 
 
-def point_sets(points: Any, columns: Chosen = None, normals: Any = None, weights: object = None) -> dict[str, PointSet]:
+def point_sets(
+    points: Any, columns: Chosen = None, normals: Any = None, weights: object = None, noise: Any = None
+) -> dict[str, PointSet]:
     """Checked points by name with what is known of them; a single cloud is called "surface".
 
     Args:
@@ -71,6 +76,7 @@ def point_sets(points: Any, columns: Chosen = None, normals: Any = None, weights
         columns: of all of them, as `point_set` takes it.
         normals: (n, 3) in place of those of the points, or by name; None leaves these.
         weights: of the points; None where all count the same.
+        noise: as `check_noise` takes it, in place of that of the points, or by name; None leaves these.
 
     Raises:
         PointsError, DegenerateError, OptionError: a cloud cannot be fitted, or there is none.
@@ -82,6 +88,9 @@ def point_sets(points: Any, columns: Chosen = None, normals: Any = None, weights
     sets = {n: point_set(cloud, "points" if single else f"{n}: points", columns, weights) for n, cloud in given.items()}
     for each in sets.values():
         check_spread(each.points, needed=11)
+    if noise is not None:
+        given_noise = for_each(sets, noise, "noise")
+        sets = {n: replace(each, noise=check_noise(given_noise[n], len(each.points))) for n, each in sets.items()}
     if normals is None:
         return sets
     beside = for_each(sets, normals, "normals")

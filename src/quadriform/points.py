@@ -120,6 +120,53 @@ def check_weights(weights: ArrayLike | None, n: int) -> Array:
     return array
 
 
+NOT_NEGATIVE = 1e-9
+"""Eigenvalues of a covariance may be negative by this fraction of the largest: rounding."""
+
+
+def check_noise(noise: ArrayLike | None, n: int, what: str = "noise") -> Array | None:
+    """Return covariances (n, 3, 3) of the measurement of n points; None for None.
+
+    Args:
+        noise: a standard deviation, one for each point (n,), or covariances (n, 3, 3), in the unit of the points.
+        n: number of points.
+        what: the name that an error message uses.
+
+    Raises:
+        PointsError: another shape, a standard deviation that is not positive and finite, or a matrix that is no
+            covariance: not symmetric, with a negative eigenvalue, or zero.
+    """
+    if noise is None:
+        return None
+    array = _as_numbers(noise, what)
+    if array.shape in ((), (n,)):
+        if not ((array > 0) & (array <= LARGEST)).all():
+            found = "not finite" if not np.isfinite(array).all() else f"{np.min(array):g} to {np.max(array):g}"
+            raise PointsError(f"{what}: expected standard deviations above 0 in the unit of the points, found {found}")
+        return np.broadcast_to(array[..., None, None] ** 2 * np.eye(3), (n, 3, 3))
+    if array.shape != (n, 3, 3):
+        raise PointsError(
+            f"{what}: expected a number, {n} standard deviations, or covariances of shape ({n}, 3, 3), "
+            f"found shape {array.shape}"
+        )
+    return _covariances(array, what)
+
+
+def _covariances(array: Array, what: str) -> Array:
+    """The same matrices (n, 3, 3), if each is a covariance."""
+    size = np.abs(array).max(axis=(1, 2))
+    valid = (size > 0) & (size <= LARGEST**2)  # false for NaN
+    symmetric = (np.abs(array - array.transpose(0, 2, 1)).max(axis=(1, 2)) <= NOT_NEGATIVE * size) & valid
+    scaled = np.where(symmetric[:, None, None], array, np.eye(3)) / np.where(symmetric, size, 1.0)[:, None, None]
+    valid = symmetric & (np.linalg.eigvalsh(scaled)[:, 0] >= -NOT_NEGATIVE)
+    if not valid.all():
+        raise PointsError(
+            f"{what}: {int((~valid).sum())} of {len(array)} matrices are no covariances, the first at index "
+            f"{int((~valid).argmax())}; expected symmetric ones without negative eigenvalues, not zero, and finite"
+        )
+    return array
+
+
 def by_name(given: Mapping[Any, Named], what: str) -> dict[str, Named]:
     """Return the same values under names that are text.
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from quadriform.columns import Chosen
 from quadriform.errors import OptionError, Warnings, choose, known_options
-from quadriform.fitting.cloud import Centred, Distinct
+from quadriform.fitting.cloud import Centred, Distinct, KnownNoise
 from quadriform.fitting.diagnostics import (
     INLIER,
     duplicates,
@@ -39,6 +39,7 @@ from quadriform.shapes.superquadric import Superquadric
 
 Clouds = ArrayLike | Mapping[str, ArrayLike]
 Weights = ArrayLike | Mapping[str, ArrayLike] | None
+Noise = ArrayLike | Mapping[str, ArrayLike] | None
 
 
 @known_options
@@ -58,6 +59,7 @@ def fit(
     iterations: int | None = None,
     tolerance: float | None = None,
     weights: Weights = None,
+    noise: Noise = None,
     progress: Progress | None = None,
     columns: Chosen = None,
     normals: ArrayLike | Mapping[str, ArrayLike] | None = None,
@@ -72,7 +74,7 @@ def fit(
     Raises:
         PointsError, DegenerateError, OptionError: the input cannot be fitted.
     """
-    given = point_sets(points, columns, normals, weights)
+    given = point_sets(points, columns, normals, weights, noise)
     sets = {name: each.in_metric_unit() for name, each in given.items()}
     unit, space = common_unit(sets, unit), choose(space, (*SPACES, "unknown"), "space")
     choose(kind, tuple(KINDS), "kind")
@@ -90,7 +92,10 @@ def _fitted(clouds: _Clouds, kind: str, options: PaperOptions | TangentOptions, 
         return replace(found, warnings=named_texts({n: s.warnings for n, s in starts.items()}) | found.warnings)
     index = sample_of_large(clouds.points, clouds.weights)
     sample = clouds.take(index)
-    starts = {name: fit_robust(cloud, kind, sample.weights[name], {}) for name, cloud in sample.points.items()}
+    starts = {
+        name: fit_robust(cloud, kind, sample.weights[name], {}, sample.noise.get(name))
+        for name, cloud in sample.points.items()
+    }
     found = _refine_tangent(_superquadrics(starts), clouds, index, options, progress, kind)
     # warnings of the refined model are its own; its start matters where another order of points gives another
     return replace(found, notes=(*found.notes, *start_notes(starts, found.model)))
@@ -118,6 +123,7 @@ def refine(
     tolerance: float | None = None,
     start: ControlBox | None = None,
     weights: Weights = None,
+    noise: Noise = None,
     progress: Progress | None = None,
 ) -> Fit:
     """The fit that refines given superquadric(s) by a free-form deformation.
@@ -129,13 +135,14 @@ def refine(
         start: a deformed box of the same superquadric(s) to go on from, such as that of the frame before; only for
             "tangent".
         weights: as in `fit`.
+        noise: as in `fit`.
         progress: as in `fit`.
         box, regularity, strength, robust, base, max_error, matching, iterations, tolerance: as in `fit`.
 
     Raises:
         PointsError, DegenerateError, OptionError: the input cannot be fitted.
     """
-    sets = point_sets(points, weights=weights)
+    sets = point_sets(points, weights=weights, noise=noise)
     named = {ALONE: superquadric} if isinstance(superquadric, Superquadric) else superquadric
     surfaces: dict[str, Superquadric] = for_each(sets, named, "surfaces")
     clouds = _checked(sets, weights, method)
@@ -151,17 +158,18 @@ def refine(
 
 @dataclass(frozen=True)
 class _Clouds:
-    """Checked points (n, 3), weights (n,) and normals (n, 3), where there are any, of all surfaces by name."""
+    """Checked points (n, 3), weights (n,), and normals (n, 3) and covariances (n, 3, 3) if there are any, by name."""
 
     points: dict[str, Array]
     weights: dict[str, Array]
     normals: dict[str, Array]
+    noise: dict[str, Array]
 
     def take(self, index: Mapping[str, NDArray[np.int64]] | None) -> _Clouds:
         """Some of the points; without an index all."""
         if index is None:
             return self
-        parts = (self.points, self.weights, self.normals)
+        parts = (self.points, self.weights, self.normals, self.noise)
         return _Clouds(*({name: each[index[name]] for name, each in part.items()} for part in parts))
 
 
@@ -172,7 +180,9 @@ def _checked(sets: Mapping[str, PointSet], weights: Weights, method: str) -> _Cl
     given = for_each(sets, weights, "weights")
     points = {name: each.points for name, each in sets.items()}
     normals = {name: each.normals for name, each in sets.items() if each.normals is not None}
-    return _Clouds(points, {name: check_weights(given[name], len(each)) for name, each in points.items()}, normals)
+    checked = {name: check_weights(given[name], len(each)) for name, each in points.items()}
+    noise = {name: each.noise for name, each in sets.items() if each.noise is not None}
+    return _Clouds(points, checked, normals, noise if noise.keys() == points.keys() else {})
 
 
 def _with(sets: Mapping[str, PointSet], found: Fit) -> Fit:
@@ -210,10 +220,12 @@ def _refine_tangent(
     sample = clouds.take(index)
     centred = Centred.of(sample.points, sample.weights)
     frame, distinct = centred.frame, centred.distinct
+    known = KnownNoise.of(sample.noise, centred)
     problem = LocalProblem(
         centred.points,
         centred.weights,
         {name: distinct[name].of_distinct(each) for name, each in sample.normals.items()},
+        known,
         options,
         half_space=options.half_space(sample.points, frame),
         max_error=None if options.max_error is None else options.max_error / frame.scale,
@@ -224,7 +236,9 @@ def _refine_tangent(
     found = _in_world(_of_all_points(result, distinct), sample.points, frame)
     copies = named_texts({name: duplicates(each.copies, len(each.counted)) for name, each in distinct.items()})
     found = replace(found, warnings=copies | found.warnings)
-    return found if index is None else on_all(found, clouds.points, clouds.weights, centred, options)
+    if index is None:
+        return found
+    return on_all(found, clouds.points, clouds.weights, clouds.noise, centred, known, options)
 
 
 def _of_all_points(result: Result, distinct: Mapping[str, Distinct]) -> Result:

@@ -132,6 +132,7 @@ class Source:
         slices: (n,) the slice of each point of an image, as `slice_numbers` counts them.
         image: from which the points were taken.
         normals: (n, 3) of a table or an array, or None.
+        noise: (n, 3, 3) covariances of the points of a mask, or None.
     """
 
     points: Array
@@ -142,11 +143,12 @@ class Source:
     slices: NDArray[np.int64] | None = None
     image: "Volume | None" = None
     normals: Array | None = None
+    noise: Array | None = None
 
     @property
     def cloud(self) -> PointSet:
-        """The points with their normals, as an argument of `fit`."""
-        return PointSet(self.points, self.normals)
+        """The points with their normals and noise, as an argument of `fit`."""
+        return PointSet(self.points, self.normals, noise=self.noise)
 
 
 def kind_of(path: Path) -> Literal["image", "mesh", "points", "model"] | None:
@@ -292,7 +294,8 @@ def _from_image(path: Path, options: ImageOptions) -> Source:
         found = points_from_image(volume, **arguments)
     notes = tuple(f"{path}: {note}" for note in notes + kept_note(found.segmentation))
     numbers = slice_numbers(volume, found.points)
-    return Source(found.points, volume.space, volume.unit, found.warnings, notes, numbers, volume)
+    known = found.warnings, notes, numbers, volume
+    return Source(found.points, volume.space, volume.unit, *known, noise=found.noise)
 
 
 def _select(volume: "Volume", options: ImageOptions) -> tuple[Any, tuple[str, ...]]:

@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.errors import MaskError, OptionError, WarningKind, Warnings, choose
-from quadriform.imaging.isosurface import Border, height_of, isosurface
+from quadriform.imaging.isosurface import Border, edge_noise, height_of, isosurface
 from quadriform.imaging.object_choice import Labels, Percentile, Select, choose_object
 from quadriform.imaging.segmentation import Component, Segmentation, segment
 from quadriform.imaging.volume import Region, Volume
+from quadriform.point_sets import PointSet
 from quadriform.points import Array
 from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.voxels import voxel_spacing
@@ -46,6 +47,8 @@ class ImagePoints:
         segmentation: the object.
         warnings: of reading, segmentation and isosurface.
         record: options and results; numbers, strings and lists.
+        noise: (n, 3, 3) covariances of the points of a mask, as `edge_noise` gives them; None of a grey image, whose
+            points are interpolated.
     """
 
     __repr__ = short_repr
@@ -56,6 +59,12 @@ class ImagePoints:
     segmentation: Segmentation
     warnings: Warnings
     record: dict[str, Any]
+    noise: Array | None = None
+
+    @property
+    def cloud(self) -> PointSet:
+        """The points with their noise, as an argument of `fit`."""
+        return PointSet(self.points, noise=self.noise)
 
 
 def points_from_image(
@@ -105,7 +114,10 @@ def points_from_image(
     options = chosen | morphology | {"surface": surface, "isolevel": level, "border": border, "notes": list(notes)}
     warnings = segmentation.warnings | result.warnings | _hollow(segmentation, result.mesh, fill_holes)
     record = options | _results(segmentation)
-    return ImagePoints(result.mesh.vertices, result.on_border, result.mesh, segmentation, warnings, record)
+    points = result.mesh.vertices
+    interpolated = surface == "grey" and segmentation.threshold is not None
+    noise = None if interpolated else edge_noise(volume, points)
+    return ImagePoints(points, result.on_border, result.mesh, segmentation, warnings, record, noise)
 
 
 def _hollow(found: Segmentation, mesh: Mesh, filled: bool) -> Warnings:

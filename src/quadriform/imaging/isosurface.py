@@ -71,6 +71,23 @@ def isosurface(volume: Volume, level: float = 0.5, *, border: Border = "open") -
     return Isosurface(Mesh(volume.points_world(voxels), faces), on_border, warnings)
 
 
+def edge_noise(volume: Volume, points: Array) -> Array:
+    """Covariances (n, 3, 3) of vertices of the surface of a mask, in the square of the unit of the image.
+
+    A vertex stands in the middle of the edge between two voxels; the surface crosses that edge anywhere. So the error
+    is uniform along the edge e, with the covariance e e' / 12, and there is none across it.
+
+    Args:
+        volume: the image.
+        points: (n, 3), in its world.
+    """
+    voxels = volume.voxels(points)
+    # two of three coordinates of a vertex are whole
+    axis = np.abs(voxels - np.rint(voxels)).argmax(axis=1)
+    edges = volume.world_from_voxel[:3, :3].T[axis]
+    return edges[:, :, None] * edges[:, None, :] / 12
+
+
 def height_of(mask: Volume, grey: Volume, level: float) -> Volume:
     """Return the grey image, mirrored at `level` wherever it disagrees with a mask about what is inside.
 

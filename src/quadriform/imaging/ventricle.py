@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 from warnings import warn
 
 import numpy as np
 
 from quadriform.errors import MaskError, OptionError, WarningKind, Warnings
-from quadriform.imaging.isosurface import height_of, isosurface
+from quadriform.imaging.isosurface import edge_noise, height_of, isosurface
 from quadriform.imaging.object_choice import Labels, Percentile, Select
 from quadriform.imaging.open_cavity import base_of_open_cavity, fill_open_cavity
 from quadriform.imaging.segmentation import Component, Mask, Segmentation, segment
@@ -56,6 +56,7 @@ class VentriclePoints:
         warnings: of reading and segmentation, BORDER_CUT, OPEN_BASE, OPEN_WALL.
         record: number of voxels of cavity and wall, number of points beyond the base by surface, spacing of the points;
             of labels also the number of voxels of the cavity apart from its largest component, which are left out.
+        noise: covariances (n, 3, 3) of the points of a label image by name, the `noise` of `fit`; None of a grey image.
     """
 
     __repr__ = short_repr
@@ -65,6 +66,7 @@ class VentriclePoints:
     base: Plane | None
     warnings: Warnings
     record: dict[str, Any]
+    noise: dict[str, Array] | None = None
 
 
 def ventricle_from_labels(
@@ -121,7 +123,7 @@ def ventricle_from_labels(
         surfaces = {name: _up_to_face(points, plane, cropped) for name, points in surfaces.items()}
     found = _finish(surfaces, plane, warnings, tissue, cropped, _renamed(spacing, apart))
     found.record["left_out_voxels"] = sum(blood.component_voxels) - int(_inside(blood).sum())
-    return found
+    return replace(found, noise={name: edge_noise(cropped, points) for name, points in found.clouds.items()})
 
 
 def ventricle_from_perfusion(

@@ -112,6 +112,7 @@ class Evidence:
         penalty: (k, k), K of the regulariser for one coordinate.
         count: n, the sum of the weights of the residuals.
         effective_fraction: as in `Solution`.
+        least_noise: lower bound of the standard deviation of the noise, as known from the measurement.
         data: the equations of the data alone; None where there is no penalty.
         values, vectors: of K.
         rank, null_dimension: of K for all coordinates.
@@ -124,6 +125,7 @@ class Evidence:
     penalty: Array
     count: float
     effective_fraction: float = 1.0
+    least_noise: float = 0.0
     data: NormalEquations | None = None
     values: Array = field(init=False)
     vectors: Array = field(init=False)
@@ -141,6 +143,10 @@ class Evidence:
         """The problem with the normal equations of a penalty added, which is no part of the noise."""
         return replace(self, equations=self.equations + equations, data=self.data or self.equations)
 
+    def without(self, equations: NormalEquations, count: float) -> "Evidence":
+        """The problem without some of the data, whose weights sum up to `count`."""
+        return replace(self, equations=self.equations - equations, count=self.count - count)
+
     @cached_property
     def _data(self) -> tuple[Array, Array]:
         """The data's matrix (3 k, 3 k) and right side (3 k,) in the eigenbasis of K."""
@@ -151,9 +157,8 @@ class Evidence:
 
     def cost(self, displacement: Array, strength: float) -> float:
         """The penalised sum of squares |J p - r|^2 + lambda p' K p at a displacement."""
-        p, data = displacement.ravel(), self.data or self.equations
-        squares = float(p @ (data.matrix @ p) - 2 * data.right @ p + data.constant)
-        return squares + strength * self.count * self._energy(self.vectors.T @ p.reshape(-1, 3))
+        squares = (self.data or self.equations).squares(displacement)
+        return squares + strength * self.count * self._energy(self.vectors.T @ displacement.reshape(-1, 3))
 
     def _energy(self, rotated: Array) -> float:
         """The regulariser's energy p' K p of displacements (k, 3) in the eigenbasis of K."""
@@ -174,12 +179,15 @@ class Evidence:
         displacement = self.vectors @ rotated.reshape(-1, 3)
         alone = self.data is None  # RSS + lambda p' K p, without what a penalty adds
         misfit = self.equations.constant - right @ rotated if alone else self.cost(displacement, strength)
-        variance = max(float(misfit) / dof, SELECTION.noise_floor**2)
+        variance = max(float(misfit) / dof, self.least_noise**2, SELECTION.noise_floor**2)
         log_determinant = 2 * np.log(np.diag(factor)).sum()
         # REML with fewer degrees of freedom for correlated residuals; the noise is still estimated from all of them
         effective_dof = max(self.effective_fraction * self.count - self.null_dimension, 1.0)
         # minus twice the log of the likelihood with the control points integrated out (REML)
-        criterion = effective_dof * np.log(variance) + log_determinant - self.rank * np.log(max(weight, 1e-300))
+        squares = effective_dof * float(misfit) / dof / variance  # a constant unless the noise is at its lower bound
+        criterion = (
+            effective_dof * np.log(variance) + squares + log_determinant - self.rank * np.log(max(weight, 1e-300))
+        )
         noise = float(np.sqrt(variance))
         return Solution(displacement, strength, noise, float(criterion), factor, self.vectors, self.effective_fraction)
 

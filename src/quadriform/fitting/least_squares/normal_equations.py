@@ -39,6 +39,14 @@ class NormalEquations:
     def __add__(self, other: "NormalEquations") -> "NormalEquations":
         return NormalEquations(self.matrix + other.matrix, self.right + other.right, self.constant + other.constant)
 
+    def __sub__(self, other: "NormalEquations") -> "NormalEquations":
+        return NormalEquations(self.matrix - other.matrix, self.right - other.right, self.constant - other.constant)
+
+    def squares(self, displacement: Array) -> float:
+        """The sum at displacements (k, 3)."""
+        p = displacement.ravel()
+        return float(p @ (self.matrix @ p) - 2 * self.right @ p + self.constant)
+
     def between(self, vectors: Array) -> "NormalEquations":
         """The same for coordinates in an orthonormal basis of the control points, the columns of `vectors` (k, k)."""
         size = len(vectors)

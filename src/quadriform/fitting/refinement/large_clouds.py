@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from quadriform.errors import WarningKind
-from quadriform.fitting.cloud import Centred
+from quadriform.fitting.cloud import Centred, KnownNoise
 from quadriform.fitting.diagnostics import named_texts, outliers
 from quadriform.fitting.least_squares.marginal_likelihood import Evidence, Solution
 from quadriform.fitting.least_squares.normal_equations import NormalEquations, normal_equations
@@ -94,25 +94,32 @@ def _parts(count: int) -> Iterator[slice]:
 
 @dataclass(frozen=True)
 class _Surface:
-    """All points of one surface, in the world, and the data of its sample in the centred, scaled frame."""
+    """All points of one surface, in the world, and the data of its sample in the centred, scaled frame.
+
+    The noise, where it is known, is that of all points: covariances (n, 3, 3) in the world.
+    """
 
     name: str
     cloud: Array
     weights: Array
+    noise: Array | None
     data: SurfaceData
     tree: cKDTree
 
-    def part(self, chosen: slice, frame: Frame, box: ControlBox, noise: float | None) -> SurfaceData:
+    def part(
+        self, chosen: slice, frame: Frame, box: ControlBox, noise: float | None, least_noise: float
+    ) -> SurfaceData:
         """Some of all points with foot points; with probabilities at the sample's inlier ratio if a noise is given."""
         points = frame.to_local(self.cloud[chosen])
-        data = self.data.beside(points, self.weights[chosen], self.tree.query(points)[1])
+        relative = None if self.noise is None else self.noise[chosen] / (least_noise * frame.scale) ** 2
+        data = self.data.beside(points, self.weights[chosen], self.tree.query(points)[1], relative)
         data = data.with_tangential_steps(box, LARGE.tangential_steps)
-        return data if noise is None else replace(data, inliers=data.probabilities(data.distances(box), noise))
+        return data if noise is None else replace(data, inliers=data.probabilities(data.standardised(box), noise))
 
     def updated(self, box: ControlBox, noise: float | None) -> "_Surface":
         """With the sample's foot points, and its inlier ratio if a noise is given, for a box that has moved."""
         data = self.data.with_tangential_steps(box, LARGE.tangential_steps)
-        return replace(self, data=data if noise is None else data.weighted(data.distances(box), noise))
+        return replace(self, data=data if noise is None else data.weighted(data.standardised(box), noise))
 
 
 @dataclass(frozen=True)
@@ -122,6 +129,7 @@ class _All:
     surfaces: Sequence[_Surface]
     frame: Frame
     robust: bool
+    least_noise: float
 
     def each(self, surfaces: Sequence[_Surface], work: Callable[[_Surface, slice], T]) -> Iterator[T]:
         """The work on every part, in their order."""
@@ -134,7 +142,7 @@ class _All:
         """Normal equations for a box that deforms like the one with the foot points, and the sum of weights."""
 
         def of_part(surface: _Surface, chosen: slice) -> tuple[NormalEquations, float]:
-            data = surface.part(chosen, self.frame, box, noise if self.robust else None)
+            data = surface.part(chosen, self.frame, box, noise if self.robust else None, self.least_noise)
             rows = data_rows(data, box)
             offsets = rows.targets - rows.origins
             equations = normal_equations(box.local(rows.origins), rows.metric, offsets, raised.degrees)
@@ -155,7 +163,9 @@ def on_all(
     found: Fit,
     clouds: Mapping[str, Array],
     weights: Mapping[str, Array],
+    noise: Mapping[str, Array],
     sample: Centred,
+    known: KnownNoise,
     options: TangentOptions,
 ) -> Fit:
     """A fit to a sample continued on all points.
@@ -164,18 +174,21 @@ def on_all(
         found: the fit to the sample.
         clouds: name -> (n, 3), all points.
         weights: name -> (n,).
+        noise: name -> (n, 3, 3), covariances of all points; empty where they are not known.
         sample: the points that were fitted.
+        known: what is known of the noise of these.
         options: of the fit.
     """
     local = sample.frame.shape_to_local(found.model)
     surfaces = []
     for name, cloud in clouds.items():
-        data = SurfaceData.of(local.surfaces[name], sample.points[name], sample.weights[name])
+        relative = known.relative.get(name)
+        data = SurfaceData.of(local.surfaces[name], sample.points[name], sample.weights[name], noise=relative)
         data = data.with_nearest_foot_points(local.box)
         # on the scale of the sample's weights, whose mean is one
         even = weights[name] if sample.mean_weight == 1 else weights[name] / sample.mean_weight
-        surfaces.append(_Surface(name, cloud, even, data, cKDTree(data.points)))
-    points = _All(surfaces, sample.frame, options.robust)
+        surfaces.append(_Surface(name, cloud, even, noise.get(name), data, cKDTree(data.points)))
+    points = _All(surfaces, sample.frame, options.robust, known.least)
     return _with_arrays(*_rounds(points, found, local.box, options))
 
 
@@ -192,7 +205,7 @@ def _rounds(points: _All, found: Fit, box: ControlBox, options: TangentOptions) 
     for _ in range(LARGE.rounds):
         points = points.updated(box, noise)
         equations, count = points.sums(box, box, noise)
-        evidence = evidence_from(equations, box, options.regularity, count, effective_fraction)
+        evidence = evidence_from(equations, box, options.regularity, count, effective_fraction, points.least_noise)
         first = evidence.select(strength, solutions[-1] if solutions else found.strength)
         after = _unfolded(points, evidence, box, first) if strength in (None, first.strength) else None
         if after is None:
@@ -254,7 +267,8 @@ def _enriched(
     raised = box.elevate(found.enriched.degrees)
     points = points.updated(box, noise)
     equations, count = points.sums(box, raised, noise)
-    evidence = evidence_from(equations, raised, regularity, count, solution.effective_fraction)
+    fraction = solution.effective_fraction
+    evidence = evidence_from(equations, raised, regularity, count, fraction, points.least_noise)
     return EnrichedBox(raised, evidence, solution.strength, points.frame.scale)
 
 
@@ -273,7 +287,8 @@ def _with_arrays(points: _All, fit: Fit) -> Fit:
             distances = after.distance(local, surface.name)
             made[0][chosen] = frame.scale * distances
             made[1][chosen] = frame.scale * before.distance(local, surface.name)
-            made[2][chosen] = surface.data.probabilities(distances, noise) if points.robust else 1.0
+            part = surface.part(chosen, frame, after.box, noise if points.robust else None, points.least_noise)
+            made[2][chosen] = part.inliers
             made[2][chosen] *= surface.weights[chosen] > 0
 
         for _ in points.each([surface], of_part):

@@ -11,11 +11,18 @@ from typing import Protocol
 
 import numpy as np
 
-from quadriform.fitting.least_squares.marginal_likelihood import Solution
+from quadriform.fitting.least_squares.marginal_likelihood import Evidence, Solution
 from quadriform.fitting.least_squares.normal_equations import NormalEquations
 from quadriform.fitting.least_squares.regularisers import Regulariser
 from quadriform.fitting.refinement.correspondence import Correspondence
-from quadriform.fitting.refinement.point_to_plane import Attraction, evidence_of, fraction_of, moved, record, step_length
+from quadriform.fitting.refinement.point_to_plane import (
+    Attraction,
+    evidence_of,
+    fraction_of,
+    moved,
+    record,
+    step_length,
+)
 from quadriform.fitting.refinement.surface_data import Subsample, SurfaceData
 from quadriform.fitting.result import Iteration, Progress
 from quadriform.points import Array
@@ -46,6 +53,8 @@ class Schedule:
     coarse_motion: float = 0.2
     fine_motion: float = 0.02
     """A stage ends when the RMS motion of the surface in a round is below this fraction of the noise."""
+    renewals: int = 3
+    """Most times that a smaller strength is sought by points left out, each from the result before."""
     tangential_steps: int = 3
     """Gauss-Newton steps of each foot point in a round; the next round continues from there."""
 
@@ -200,7 +209,7 @@ class MixtureWeights:
 
     def weighted(self, box: ControlBox, datasets: Datasets, noise: float | None) -> Datasets:
         """Data with probabilities at a noise; if it is None, at an estimate from the median distance."""
-        distances = [data.distances(box) for data in datasets]
+        distances = [data.standardised(box) for data in datasets]
         # of all surfaces together: a median is no estimate for a surface of outliers alone
         sigma = MAD_TO_SIGMA * float(np.median(np.concatenate(distances))) if noise is None else noise
         return tuple(data.weighted(each, sigma) for data, each in zip(datasets, distances))
@@ -210,7 +219,7 @@ class Independence(Protocol):
     """A rule for the fraction of the data points that count as independent."""
 
     def fraction(self, box: ControlBox, datasets: Datasets, first: bool) -> float:
-        """Effective number of independent points over the number of points, in (0, 1]; `first` without an earlier fit."""
+        """Effective number of independent points over that of all, in (0, 1]; `first` without an earlier fit."""
 
 
 class AllIndependent:
@@ -221,17 +230,20 @@ class AllIndependent:
         return 1.0
 
 
+ALL_INDEPENDENT = AllIndependent()
+
+
 @dataclass(frozen=True)
 class Correlated:
     """Errors of neighbours may be correlated, as those of a contour, a mask or a scan are.
 
     The strength has two fixed points: once a fit follows correlated errors its residuals look independent, and the
-    strength stays too small. So the first round counts only as many points as there are unknowns of a coordinate, which
-    gives a smooth surface; later rounds go by the residuals of the round before.
+    strength stays too small. So the first round counts only as many points as there are unknowns, which gives a smooth
+    surface; later rounds go by the residuals of the round before.
 
     Attributes:
-        least: number of points that count in any case: the control points, for each surface. Fewer would let the
-            evidence choose an ever larger strength where a surface without details fits.
+        least: number of points that count in any case. Fewer than unknowns would let the evidence choose an ever larger
+            strength where a surface without details fits.
     """
 
     least: float
@@ -275,6 +287,7 @@ class Problem:
         strength: alpha, the weight of the regulariser per data point; None for that of the largest marginal likelihood.
         robust: whether outliers are down-weighted.
         report: of the rounds.
+        least_noise: lower bound of the standard deviation of the noise.
     """
 
     box: ControlBox
@@ -283,11 +296,18 @@ class Problem:
     strength: float | None
     robust: bool
     report: Report
+    least_noise: float = 0.0
 
     @property
     def kernel(self) -> Kernel:
         """The rule for the inlier probabilities in the fine stage; coarse stages keep those of their data."""
         return MixtureWeights() if self.robust else FixedWeights()
+
+    def evidence(
+        self, datasets: Datasets, attractions: Attractions, box: ControlBox, effective_fraction: float
+    ) -> Evidence:
+        """The linear problem of a round as a function of the strength."""
+        return evidence_of(datasets, attractions, box, self.regularity, effective_fraction, self.least_noise)
 
     def weighted(self, state: Refined) -> Refined:
         """The state with inlier probabilities at a noise estimated anew from its distances."""
@@ -306,7 +326,7 @@ class Problem:
         undetermined.
         """
         box, (datasets, none) = state.box, TangentialSteps().update(state.box, state.datasets)
-        evidence = evidence_of(datasets, none, box, self.regularity, state.solution.effective_fraction)
+        evidence = self.evidence(datasets, none, box, state.solution.effective_fraction)
         solution = evidence.plus(penalty.equations(box)).solve(strength)
         if solution is None:
             return None
@@ -341,14 +361,14 @@ class Stage:
     foot_points: FootPoints
     kernel: Kernel
     stop: StoppingRule
-    independence: Independence = AllIndependent()
+    independence: Independence = ALL_INDEPENDENT
 
     def step(self, state: Start | Refined) -> Refined:
         """The state after one round."""
         datasets, attractions = self.foot_points.update(state.box, state.datasets)
         datasets = self.kernel.weighted(state.box, datasets, state.noise)
         fraction = self.independence.fraction(state.box, datasets, state.solution is None)
-        evidence = evidence_of(datasets, attractions, state.box, self.problem.regularity, fraction)
+        evidence = self.problem.evidence(datasets, attractions, state.box, fraction)
         solution = evidence.select(self.problem.strength, state.solution)
         after = Refined(moved(state.box, solution), datasets, solution, state.history)
         return self.problem.recorded(state.box, after)

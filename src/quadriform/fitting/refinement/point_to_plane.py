@@ -62,7 +62,7 @@ def data_rows(data: SurfaceData, box: ControlBox) -> Rows:
     along = data.neighbourhood.along - np.einsum("ni,ni->n", data.neighbourhood.along, normals)[:, None] * normals
     across = unit_vectors(np.cross(normals, along))
     across_curves = data.neighbourhood.alone_across()[:, None, None] * _squares(across)
-    weights = (data.weights * data.inliers)[:, None, None]
+    weights = (data.weights * data.inliers / data.variances(normals))[:, None, None]
     return Rows(data.origins, data.points, weights * (_tangential(normals) + across_curves))
 
 
@@ -86,6 +86,7 @@ def evidence_of(
     box: ControlBox,
     regularity: str | Regulariser,
     effective_fraction: float = 1.0,
+    least_noise: float = 0.0,
 ) -> Evidence:
     """The linear problem of one round as a function of the strength, if a fraction of the points are independent."""
     rows = [data_rows(data, box) for data in datasets]
@@ -97,15 +98,20 @@ def evidence_of(
     # the unknown is the displacement of the control points from the undeformed box
     equations = normal_equations(box.local(origins), metric, targets - origins, box.degrees)
     count = sum(float((data.weights * data.inliers).sum()) for data in datasets)
-    return evidence_from(equations, box, regularity, count, effective_fraction)
+    return evidence_from(equations, box, regularity, count, effective_fraction, least_noise)
 
 
 def evidence_from(
-    equations: NormalEquations, box: ControlBox, regularity: str | Regulariser, count: float, effective_fraction: float
+    equations: NormalEquations,
+    box: ControlBox,
+    regularity: str | Regulariser,
+    count: float,
+    effective_fraction: float,
+    least_noise: float = 0.0,
 ) -> Evidence:
     """Evidence from accumulated normal equations, of rows whose weights sum up to `count`."""
     l, m, n, _ = box.control_points.shape
-    return Evidence(equations, penalty_matrix(regularity, (l, m, n)), count, effective_fraction)
+    return Evidence(equations, penalty_matrix(regularity, (l, m, n)), count, effective_fraction, least_noise)
 
 
 def fraction_of(datasets: Sequence[SurfaceData], box: ControlBox) -> float:
@@ -114,7 +120,7 @@ def fraction_of(datasets: Sequence[SurfaceData], box: ControlBox) -> float:
     for data in datasets:
         feet, weights = box.deform(data.origins), data.weights * data.inliers
         normals = surface_normals(data.superquadric, box, data.origins)
-        deviations = np.einsum("ni,ni->n", data.points - feet, normals)
+        deviations = np.einsum("ni,ni->n", data.points - feet, normals) / np.sqrt(data.variances(normals))
         counts.append(float(weights.sum()))
         kept.append(effective_fraction(feet, deviations, weights))
     return float(np.average(kept, weights=counts))

@@ -7,13 +7,11 @@ from functools import cached_property
 import numpy as np
 
 from quadriform.errors import Warnings
-from quadriform.fitting.cloud import best_first
+from quadriform.fitting.cloud import KnownNoise, best_first
 from quadriform.fitting.diagnostics import POOR, folding, ill_conditioned, max_error_missed
-from quadriform.fitting.least_squares.regularisers import Regulariser
 from quadriform.fitting.least_squares.uncertainty import EnrichedBox
 from quadriform.fitting.options import TangentOptions, check_box, check_strength
 from quadriform.fitting.refinement.multiresolution import SCHEDULE, Problem, Refined, Report
-from quadriform.fitting.refinement.point_to_plane import evidence_of
 from quadriform.fitting.refinement.stages import all_coarse_stages, fine_stage, first_stage, shapes, warm_start
 from quadriform.fitting.refinement.starts import candidates
 from quadriform.fitting.refinement.surface_data import Subsample, SurfaceData
@@ -27,6 +25,9 @@ from quadriform.shapes.superquadric import Superquadric
 AUTO_SIDES = (3, 5, 7)
 MORE = 2
 """Additional control points a side of the enriched box of the uncertainty: the next step of 3, 5, 7."""
+MUCH_NEARER = 0.5
+"""An undeformed start at less than this fraction of the distance of all starts after their first stage is tried first.
+Around its true surface a start is as near before as after."""
 PROBES = 8
 """Cells along an edge of the grids by which the motion of the surfaces in a round is measured."""
 
@@ -39,6 +40,7 @@ class LocalProblem:
         clouds: name -> (n, 3) points.
         weights: name -> (n,), above 0.
         normals: name -> (n, 3) unit or zero, of the clouds that were given some.
+        noise: what is known of it.
         options: of the refinement.
         half_space: where no data is expected.
         max_error: RMS distance that box="auto" must reach.
@@ -49,6 +51,7 @@ class LocalProblem:
     clouds: Mapping[str, Array]
     weights: Mapping[str, Array]
     normals: Mapping[str, Array]
+    noise: KnownNoise
     options: TangentOptions
     half_space: HalfSpace | None = None
     max_error: float | None = None
@@ -58,8 +61,9 @@ class LocalProblem:
     @cached_property
     def datasets(self) -> list[SurfaceData]:
         """The data of each surface; around spheres, until there are starts."""
+        normals, noise = self.normals.get, self.noise.relative.get
         return [
-            SurfaceData.of(Superquadric(), cloud, self.weights[name], self.half_space, self.normals.get(name))
+            SurfaceData.of(Superquadric(), cloud, self.weights[name], self.half_space, normals(name), noise(name))
             for name, cloud in self.clouds.items()
         ]
 
@@ -154,12 +158,21 @@ def _certified(
 def _ordered(
     problem: LocalProblem, starts: Sequence[dict[str, Superquadric]], shape: tuple[int, int, int]
 ) -> "list[_Trial]":
-    """Trials of the starts, the one of largest evidence after its first stage first."""
+    """Trials of the starts, the one of largest evidence after its first stage first.
+
+    Before all of them one that is much nearer to the points undeformed than any is after its first stage: sharp edges
+    mislead the correspondence.
+    """
     # the criterion is minus twice the log evidence, so the least is the best
     trials = [_Trial.of(problem, surfaces, shape) for surfaces in starts]
     if len(trials) == 1:
         return trials
-    return [trials[index] for index in best_first(np.array([-trial.first.solution.criterion for trial in trials]))]
+    order = best_first(np.array([-trial.first.solution.criterion for trial in trials]))
+    undeformed = np.array([trial.undeformed_noise for trial in trials])
+    nearest = best_first(-undeformed)[0]
+    if undeformed[nearest] < MUCH_NEARER * min(trial.first.noise for trial in trials):
+        order = np.array([nearest, *order[order != nearest]])
+    return [trials[index] for index in order]
 
 
 @dataclass(frozen=True)
@@ -179,7 +192,7 @@ class _Trial:
         probes = np.concatenate([surface.grid(PROBES)[0] for surface in surfaces.values()])
         report = Report(local.progress, SCHEDULE.coarse_rounds * len(shapes(box)) + SCHEDULE.fine_rounds)
         strength = check_strength(options.strength)
-        problem = Problem(box, probes, options.regularity, strength, options.robust, report)
+        problem = Problem(box, probes, options.regularity, strength, options.robust, report, local.noise.least)
         datasets = [data.around(each) for data, each in zip(local.datasets, surfaces.values())]
         return cls(local, surfaces, problem, datasets)
 
@@ -187,6 +200,13 @@ class _Trial:
     def first(self) -> Refined:
         """After the first stage."""
         return first_stage(self.problem, self.local.first_sample.around(list(self.surfaces.values())))
+
+    @cached_property
+    def undeformed_noise(self) -> float:
+        """RMS distance of the points of the first stage to the superquadrics."""
+        box, datasets = self.problem.box, self.local.first_sample.around(list(self.surfaces.values())).datasets
+        distances = [data.with_nearest_foot_points(box).distances(box) for data in datasets]
+        return float(np.sqrt((np.concatenate(distances) ** 2).mean()))
 
     @cached_property
     def coarse(self) -> Refined:
@@ -219,7 +239,7 @@ def _result(trial: _Trial, refined: Refined, warnings: Warnings) -> Result:
         strength=refined.solution.strength,
         noise=refined.noise,
         covariance=refined.solution.covariance(),
-        enriched=_enriched(refined, local.options.regularity),
+        enriched=_enriched(trial.problem, refined),
         inliers={name: data.inliers for name, data in zip(local.clouds, refined.datasets)},
         warnings=warnings | ill_conditioned(model, refined.solution),
         half_space=local.half_space,
@@ -228,11 +248,11 @@ def _result(trial: _Trial, refined: Refined, warnings: Warnings) -> Result:
     )
 
 
-def _enriched(refined: Refined, regularity: str | Regulariser) -> EnrichedBox:
+def _enriched(problem: Problem, refined: Refined) -> EnrichedBox:
     """The same foot points in a box with more control points, at its own strength of largest evidence."""
     l, m, n = refined.box.degrees
     # the same deformation, so foot points and inlier probabilities stay
     enriched = refined.box.elevate((l + MORE, m + MORE, n + MORE))
-    none, fraction = [None] * len(refined.datasets), refined.solution.effective_fraction
-    evidence = evidence_of(refined.datasets, none, enriched, regularity, fraction)
+    none, fraction = (None,) * len(refined.datasets), refined.solution.effective_fraction
+    evidence = problem.evidence(refined.datasets, none, enriched, fraction)
     return EnrichedBox(enriched, evidence, refined.solution.strength)

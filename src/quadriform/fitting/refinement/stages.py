@@ -7,6 +7,7 @@ import numpy as np
 
 from quadriform.errors import OptionError
 from quadriform.fitting.cloud import nearest
+from quadriform.fitting.refinement.left_out import better_strength
 from quadriform.fitting.refinement.multiresolution import (
     SCHEDULE,
     Correlated,
@@ -107,9 +108,11 @@ def fine_stage(problem: Problem, datasets: Sequence[SurfaceData], coarse: Refine
     rounds = SCHEDULE.fine_rounds
     if max(len(data.points) for data in datasets) > SCHEDULE.medium_points:
         some = [data.subsample(SCHEDULE.medium_points, robust=False) for data in datasets]
-        state, rounds = _fine_stage(problem, some, coarse, state, rounds), SCHEDULE.last_rounds
-    found = _fine_stage(problem, datasets, coarse, state, rounds)
-    if problem.strength is not None and found.solution.strength != problem.strength:
+        state, rounds = _of(some, coarse, _stage(problem, rounds), state), SCHEDULE.last_rounds
+    found = _of(datasets, coarse, _stage(problem, rounds), state)
+    if problem.strength is None:
+        return _with_details(problem, found)
+    if found.solution.strength != problem.strength:
         raise OptionError(
             f"option strength={problem.strength:g} leaves control points undetermined; expected a larger one, more "
             f"points or a smaller box (the evidence of the points is largest at {found.solution.strength:.1e})"
@@ -117,15 +120,31 @@ def fine_stage(problem: Problem, datasets: Sequence[SurfaceData], coarse: Refine
     return found
 
 
-def _fine_stage(
-    problem: Problem, datasets: Sequence[SurfaceData], coarse: Refined, state: Start | Refined, rounds: int
-) -> Refined:
+def _with_details(problem: Problem, found: Refined) -> Refined:
+    """A result whose residuals are correlated, at a smaller strength where that predicts points left out better.
+
+    Correlated errors of the data leave correlated residuals, and so do details that a smooth surface misses; only of
+    the latter does a patch of the surface follow from the others.
+    """
+    for _ in range(SCHEDULE.renewals):
+        independent = found.solution.effective_fraction == 1
+        strength = None if independent else better_strength(problem, found)
+        if strength is None:
+            break
+        stage = _stage(replace(problem, strength=strength), SCHEDULE.last_rounds)
+        found = stage.run(Start(found.box, found.datasets, found.solution, found.noise, found.history))
+    return found
+
+
+def _stage(problem: Problem, rounds: int) -> Stage:
     stop = StoppingRule(rounds, SCHEDULE.fine_motion)
-    independence = Correlated(problem.box.rest.size / 3 * len(datasets))
-    stage = Stage(problem, TangentialSteps(), problem.kernel, stop, independence)
+    return Stage(problem, TangentialSteps(), problem.kernel, stop, Correlated(float(problem.box.rest.size)))
+
+
+def _of(datasets: Sequence[SurfaceData], coarse: Refined, stage: Stage, state: Start | Refined) -> Refined:
+    """A stage on other points than those of the state."""
     first = tuple(replace(data, origins=_first_origins(data, part)) for data, part in zip(datasets, coarse.datasets))
     return stage.run(Start(state.box, first, state.solution, state.noise, state.history))
-
 
 
 def _first_origins(data: SurfaceData, part: SurfaceData) -> Array:

@@ -53,7 +53,7 @@ def ellipsoids(clouds: Mapping[str, Array]) -> dict[str, Superquadric]:
     dense = {name: cloud[dense_points(cloud)] for name, cloud in clouds.items()}
     found = dict[str, Superquadric]()
     for name, cloud in dense.items():
-        found[name] = fit_robust(cloud, "ellipsoid", np.ones(len(cloud)), {"exponents": (1.0, 1.0)}).superquadric
+        found[name] = fit_robust(cloud, "ellipsoid", np.ones(len(cloud)), {"exponents": (1.0, 1.0)}, None).superquadric
         if found[name].semi_axes.max() > np.ptp(cloud, axis=0).max():
             found[name] = ellipsoid_by_moments(cloud)
     return nested(found, clouds)

@@ -15,11 +15,12 @@ from quadriform.fitting.cloud import (
     is_surface,
     oriented,
     outward_normals,
+    variances_along,
 )
 from quadriform.fitting.mixture import Mixture
 from quadriform.fitting.result import HalfSpace
 from quadriform.points import Array
-from quadriform.shapes.closest import closest_on, update_foot_points
+from quadriform.shapes.closest import closest_on, surface_normals, update_foot_points
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superquadric import Superquadric
 
@@ -43,6 +44,7 @@ class SurfaceData:
         origins: (n, 3), foot points on the superquadric.
         inliers: (n,), probabilities.
         inlier_ratio: mean of these, once they were estimated.
+        noise: (n, 3, 3), covariances of the points relative to the variance of the noise; None where all are alike.
     """
 
     superquadric: Superquadric
@@ -54,6 +56,7 @@ class SurfaceData:
     origins: Array
     inliers: Array
     inlier_ratio: float = 1.0
+    noise: Array | None = None
 
     @classmethod
     def of(
@@ -63,10 +66,11 @@ class SurfaceData:
         weights: Array,
         half_space: HalfSpace | None = None,
         normals: Array | None = None,
+        noise: Array | None = None,
     ) -> "SurfaceData":
         """All points as inliers, each as its own foot point until these are updated."""
-        neighbourhood, ones = Neighbourhood.of(points), np.ones(len(points))
-        return cls(superquadric, points, weights, half_space, normals, neighbourhood, points, ones)
+        around, ones = Neighbourhood.of(points), np.ones(len(points))
+        return cls(superquadric, points, weights, half_space, normals, around, points, ones, noise=noise)
 
     def subsample(self, count: int, robust: bool) -> "SurfaceData":
         """About `count` points, spread over their distances to the centre: whatever their order and pose.
@@ -78,8 +82,9 @@ class SurfaceData:
         if robust:
             order = order[dense_points(self.points)[order]]
         chosen = evenly_spread(order, count)
-        normals = None if self.normals is None else self.normals[chosen]
-        return SurfaceData.of(self.superquadric, self.points[chosen], self.weights[chosen], self.half_space, normals)
+        normals, noise = (None if each is None else each[chosen] for each in (self.normals, self.noise))
+        some = self.superquadric, self.points[chosen], self.weights[chosen]
+        return SurfaceData.of(*some, self.half_space, normals, noise)
 
     def around(self, superquadric: Superquadric) -> "SurfaceData":
         """The same points around another start."""
@@ -124,8 +129,19 @@ class SurfaceData:
         """From the points to their foot points, (n,)."""
         return np.linalg.norm(self.points - box.deform(self.origins), axis=1)
 
+    def variances(self, normals: Array) -> Array:
+        """Variance (n,) of each point along a normal (n, 3), relative to that of the noise."""
+        return np.ones(len(normals)) if self.noise is None else variances_along(self.noise, normals)
+
+    def standardised(self, box: ControlBox) -> Array:
+        """Distances from the points to their foot points, (n,), of which the inliers have one standard deviation."""
+        if self.noise is None:
+            return self.distances(box)
+        normals = surface_normals(self.superquadric, box, self.origins)
+        return self.distances(box) / np.sqrt(self.variances(normals))
+
     def weighted(self, distances: Array, noise: float) -> "SurfaceData":
-        """With inlier probabilities and their ratio, by EM at a given noise, from distances (n,) to the surface."""
+        """With inlier probabilities and their ratio, by EM at a given noise, from standardised distances (n,)."""
         found = replace(self, inlier_ratio=FIRST_RATIO)
         for _ in range(EM_ROUNDS):
             inliers = found.probabilities(distances, noise)
@@ -140,7 +156,9 @@ class SurfaceData:
         mixture = Mixture(np.array([self.inlier_ratio]), np.array([max(noise, MISFIT)]))
         return mixture.densities(distances[None])[0][0]
 
-    def beside(self, points: Array, weights: Array, near: NDArray[np.int64]) -> "SurfaceData":
+    def beside(
+        self, points: Array, weights: Array, near: NDArray[np.int64], noise: Array | None = None
+    ) -> "SurfaceData":
         """Other points (m, 3), each with the neighbourhood and the foot point of the one it is near to, by index."""
         return replace(
             self,
@@ -149,6 +167,7 @@ class SurfaceData:
             inliers=np.ones(len(points)),
             neighbourhood=self.neighbourhood.take(near),
             origins=self.origins[near],
+            noise=noise,
         )
 
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from quadriform.errors import OptionError, choose, known_options
-from quadriform.fitting.cloud import Centred
+from quadriform.fitting.cloud import Centred, KnownNoise
 from quadriform.fitting.diagnostics import (
     INLIER,
     POOR_SUPERQUADRIC,
@@ -32,7 +32,7 @@ from quadriform.fitting.superquadric.multistart import Problem, Solution, nearby
 from quadriform.fitting.superquadric.paper import fit_paper
 from quadriform.fitting.threads import one_blas_thread
 from quadriform.point_sets import ALONE, point_set, precision_loss
-from quadriform.points import Array, Frame, check_spread, check_weights, unit_vectors
+from quadriform.points import Array, Frame, check_noise, check_spread, check_weights, unit_vectors
 from quadriform.shapes.directions import sphere_grid
 from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.mesh import Mesh
@@ -51,6 +51,7 @@ def fit_superquadric(
     method: str = "robust",
     weights: ArrayLike | None = None,
     fixed: Mapping[str, ArrayLike] | None = None,
+    noise: ArrayLike | None = None,
 ) -> SuperquadricFit:
     """The superquadric that fits points around it.
 
@@ -62,6 +63,8 @@ def fit_superquadric(
             "paper": start from moments (A.3), criterion P3 by conjugate gradient (2.3).
         weights: (n,), >= 0; a point of weight k counts as k points, one of weight 0 is not there.
         fixed: values of "semi_axes", "exponents", "rotation" or "translation" that are fixed.
+        noise: of the measurement, only for "robust": a standard deviation, one for each point (n,), or covariances
+            (n, 3, 3), in the unit of the points. Distances are measured by it, and sigma is at least as large.
 
     Raises:
         PointsError, DegenerateError, OptionError: the input cannot be fitted.
@@ -70,10 +73,11 @@ def fit_superquadric(
     choose(method, ("robust", "paper"), "method")
     checked = point_set(points, weights=weights)
     world = checked.points
+    known = checked.noise if noise is None else check_noise(noise, len(world))
     if method == "robust":
-        found = fit_robust(world, kind, check_weights(weights, len(world)), dict(fixed or {}))
-    elif weights is not None or fixed:
-        raise OptionError("method='paper' takes neither weights nor fixed; use method='robust'")
+        found = fit_robust(world, kind, check_weights(weights, len(world)), dict(fixed or {}), known)
+    elif weights is not None or fixed or noise is not None:
+        raise OptionError("method='paper' takes neither weights nor fixed nor noise; use method='robust'")
     else:
         found = fit_by_paper(world, kind)
     return replace(found, warnings=precision_loss(checked.number_type, world) | found.warnings, notes=checked.notes)
@@ -86,7 +90,9 @@ def fit_by_paper(world: Array, kind: str) -> SuperquadricFit:
     return in_world(fit_paper(frame.to_local(world), kind), frame)
 
 
-def fit_robust(world: Array, kind: str, weights: Array, fixed: dict[str, ArrayLike]) -> SuperquadricFit:
+def fit_robust(
+    world: Array, kind: str, weights: Array, fixed: dict[str, ArrayLike], noise: Array | None
+) -> SuperquadricFit:
     """Fit one superquadric to points (n, 3) of which some may be outliers, parts of other things, or missing.
 
     Args:
@@ -94,12 +100,15 @@ def fit_robust(world: Array, kind: str, weights: Array, fixed: dict[str, ArrayLi
         kind: of the superquadric.
         weights: (n,) checked.
         fixed: fixed values by name, in the frame of the points.
+        noise: (n, 3, 3) covariances of the points, checked, where they are known.
     """
     check_spread(world[weights > 0], needed=KINDS[kind].n_parameters)
     centred = Centred.of({ALONE: world}, {ALONE: weights})
     frame, distinct = centred.frame, centred.distinct[ALONE]
-    even = np.zeros(len(distinct.points))
-    problem = Problem(centred.points[ALONE], centred.weights[ALONE], kind, _in_frame(fixed, frame), even)
+    even, local = np.zeros(len(distinct.points)), centred.points[ALONE]
+    known = KnownNoise.of({} if noise is None else {ALONE: noise}, centred)
+    deviations = known.deviations(ALONE, local)
+    problem = Problem(local, centred.weights[ALONE], kind, _in_frame(fixed, frame), even, deviations, known.least)
     with np.errstate(all="ignore"):
         solution = solve(problem)
     inliers = distinct.spread(solution.descent.inliers[0])
@@ -110,7 +119,7 @@ def fit_robust(world: Array, kind: str, weights: Array, fixed: dict[str, ArrayLi
 def plain_ellipsoid(points: Array, robust: Superquadric) -> Superquadric:
     """The ellipsoid with exponents of one that is reached from the moments of all points or from their robust fit."""
     fixed, even = {"exponents": np.ones(2)}, np.zeros(len(points))
-    problem = Problem(points, np.ones(len(points)), "ellipsoid", fixed, even)
+    problem = Problem(points, np.ones(len(points)), "ellipsoid", fixed, even, np.ones(len(points)))
     with np.errstate(all="ignore"):
         return nearby(problem, [ellipsoid_by_moments(points), robust])
 

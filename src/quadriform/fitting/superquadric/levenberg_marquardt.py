@@ -162,6 +162,8 @@ class Descent:
         longest: no semi-axis grows above it.
         fixed: (n_parameters,) true for parameters that stay.
         odds: (m,) log odds of the points to be inliers, besides their distances.
+        noise: (m,) standard deviations of the points relative to sigma, by which distances are divided.
+        least_sigma: lower bound of sigma.
     """
 
     def __init__(
@@ -173,13 +175,21 @@ class Descent:
         longest: float,
         fixed: Mask,
         odds: Array,
+        noise: Array,
+        least_sigma: float = 0.0,
     ) -> None:
         self.candidates, self.points, self.weights, self.mixture = candidates, points, weights, mixture
         self.longest, self.fixed, self.odds = longest, fixed, odds
+        self.noise, self.least_sigma = noise, least_sigma
         self.damping = np.full(len(candidates), DESCENT.damping)
-        self.distances, self.derivatives = distances(candidates, points)
+        self.distances, self.derivatives = self._standardised(candidates)
         self.inliers, self.log_density = mixture.densities(self.distances, self.odds)
         self.history: list[float] = []  # the least sigma after each step
+
+    def _standardised(self, candidates: Candidates) -> tuple[Array, Array]:
+        """Distances and their derivatives, divided by the relative standard deviations of the points."""
+        found, derivatives = distances(candidates, self.points)
+        return found / self.noise, derivatives / self.noise
 
     def picked(self, index: NDArray[np.int64]) -> tuple[Candidates, Mixture]:
         """The chosen candidates and their mixtures."""
@@ -234,7 +244,7 @@ class Descent:
     def _move(self, motion: Array) -> None:
         """Move one candidate and its mixture whether or not it gains."""
         self.candidates = self.candidates.moved(motion[None, :-2], self.longest)
-        self.distances, self.derivatives = distances(self.candidates, self.points)
+        self.distances, self.derivatives = self._standardised(self.candidates)
         self._set_mixture(Mixture.at(self.mixture.coordinates() + motion[-2:]))
 
     def _set_mixture(self, mixture: Mixture) -> None:
@@ -281,7 +291,7 @@ class Descent:
     def _try(self, step: Array) -> Mask:
         """Take the step where it does not lose; which (M,) did."""
         moved = self.candidates.moved(step, self.longest)
-        found, derivatives = distances(moved, self.points)
+        found, derivatives = self._standardised(moved)
         # at the same mixture: steps of candidates and of the mixture alternate
         inliers, log_density = self.mixture.densities(found, self.odds)
         before = (self.weights * self.log_density).sum(axis=1) + _log_prior(self.candidates)

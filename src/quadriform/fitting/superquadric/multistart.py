@@ -98,6 +98,8 @@ class Problem:
         kind: of the superquadric.
         fixed: values of parameters that stay, by name, in the frame of the points.
         odds: (n,) log odds to be an inlier, besides the distance to the surface.
+        noise: (n,) standard deviations of the points along the normal, relative to that of a point of average weight.
+        least_sigma: lower bound of the latter.
     """
 
     points: Array
@@ -105,6 +107,8 @@ class Problem:
     kind: str
     fixed: dict[str, Array]
     odds: Array
+    noise: Array
+    least_sigma: float = 0.0
 
     @cached_property
     def _order(self) -> NDArray[np.int64]:
@@ -118,7 +122,9 @@ class Problem:
     def sample(self, most: int) -> "Problem":
         """The same on an even sample of the points."""
         index = self.thinned(most)
-        return replace(self, points=self.points[index], weights=self.weights[index], odds=self.odds[index])
+        arrays = (self.points, self.weights, self.odds, self.noise)
+        points, weights, odds, noise = (each[index] for each in arrays)
+        return replace(self, points=points, weights=weights, odds=odds, noise=noise)
 
     @property
     def fixed_mask(self) -> NDArray[np.bool_]:
@@ -135,7 +141,12 @@ class Problem:
 
     def descent(self, candidates: Candidates, mixture: Mixture, longest: float) -> Descent:
         """A descent of the candidates on these points."""
-        return Descent(candidates, self.points, self.weights, mixture, longest, self.fixed_mask, self.odds)
+        return self.weighted_descent(candidates, self.weights, mixture, longest)
+
+    def weighted_descent(self, candidates: Candidates, weights: Array, mixture: Mixture, longest: float) -> Descent:
+        """The same with other weights (n,) or (M, n)."""
+        noise = self.noise, self.least_sigma
+        return Descent(candidates, self.points, weights, mixture, longest, self.fixed_mask, self.odds, *noise)
 
 
 @dataclass(frozen=True)
@@ -156,7 +167,8 @@ class Solution:
 def em(descent: Descent) -> Mixture:
     """The mixture re-estimated."""
     count = int((~descent.fixed).sum())
-    return estimated(descent.distances, descent.inliers, descent.weights, count)
+    found = estimated(descent.distances, descent.inliers, descent.weights, count)
+    return replace(found, sigma=np.maximum(found.sigma, descent.least_sigma))
 
 
 def solve(problem: Problem) -> Solution:
@@ -269,9 +281,7 @@ class Search:
         own = np.repeat(np.maximum(parts[:, index], 1e-6) * subset.weights, -(-len(starts) // len(parts)), axis=0)
         sizes = np.sqrt(np.exp(2 * starts.log_axes).mean(axis=1))  # RMS radius of the part
         spread = Mixture(np.full(len(starts), LARGEST_RATIO), SEARCH.hottest * sizes)
-        descent = Descent(
-            starts, subset.points, own[: len(starts)], spread, self.longest, subset.fixed_mask, subset.odds
-        )
+        descent = subset.weighted_descent(starts, own[: len(starts)], spread, self.longest)
         descent.run(SEARCH.own_steps, 0, lambda d: everyone(d.distances, d.weights))
         hot = Mixture(descent.mixture.inlier_ratio, np.minimum(descent.mixture.sigma, SEARCH.hottest * sizes))
         descent = subset.descent(descent.candidates, hot, self.longest)

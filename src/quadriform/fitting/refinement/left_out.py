@@ -1,0 +1,99 @@
+"""How well a strength predicts points that were left out, one patch of the surface at a time (cross-validation).
+
+Patches and not single points, for neighbours share their errors: a strength that follows correlated errors predicts the
+next point well and the next patch badly. Foot points and inlier probabilities stay those of the state that is asked, so
+this is for the smooth state, which no detail of the data has entered yet.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from quadriform.fitting.cloud import EQUAL, canonical_order
+from quadriform.fitting.least_squares.marginal_likelihood import Evidence
+from quadriform.fitting.least_squares.normal_equations import NormalEquations, normal_equations
+from quadriform.fitting.refinement.multiresolution import Problem, Refined
+from quadriform.fitting.refinement.point_to_plane import data_rows
+from quadriform.fitting.refinement.surface_data import SurfaceData
+from quadriform.points import Array
+from quadriform.shapes.control_box import ControlBox
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """The constants of the cross-validation."""
+
+    patches: int = 20
+    """Patches over all surfaces, each left out in turn: about as large as what a control point changes."""
+    step: float = 10.0
+    """Factor between neighbouring strengths, of which the best is found."""
+    better: float = 0.97
+    """A smaller strength must lower the error of prediction to this fraction of itself: errors of twenty patches are
+    known to a few per cent."""
+
+
+LEFT_OUT = LeftOut()
+
+
+def better_strength(problem: Problem, state: Refined) -> float | None:
+    """A smaller strength that predicts patches left out better than that of a state; None where there is none."""
+    patches = _patches(problem, state)
+    strengths, errors = [state.solution.strength], [_error(patches, state.solution.strength)]
+    while errors[-1] <= min(errors):
+        strengths.append(strengths[-1] / LEFT_OUT.step)
+        errors.append(_error(patches, strengths[-1]))
+    best = int(np.argmin(errors))
+    return None if errors[best] > LEFT_OUT.better * errors[0] else strengths[best]
+
+
+@dataclass(frozen=True)
+class _Patch:
+    """The equations of all points but those of a patch, and of these alone."""
+
+    others: Evidence
+    own: NormalEquations
+    count: float
+
+
+def _error(patches: Sequence[_Patch], strength: float) -> float:
+    """The RMS distance of the points of each patch to the surface without it; infinite where that is undetermined."""
+    squares = 0.0
+    for patch in patches:
+        found = patch.others.solve(strength)
+        if found is None:
+            return np.inf
+        squares += patch.own.squares(found.displacement)
+    return float(np.sqrt(max(squares, 0.0) / sum(patch.count for patch in patches)))
+
+
+def _patches(problem: Problem, state: Refined) -> list[_Patch]:
+    each = max(LEFT_OUT.patches // len(state.datasets), 2)
+    parts = [part for data in state.datasets for part in _equations(data, state.box, each)]
+    whole = problem.evidence(state.datasets, (None,) * len(state.datasets), state.box, 1.0)
+    return [_Patch(whole.without(own, count), own, count) for own, count in parts if count > 0]
+
+
+def _equations(data: SurfaceData, box: ControlBox, count: int) -> list[tuple[NormalEquations, float]]:
+    """Normal equations and sum of weights of each patch of one surface."""
+    rows, weights, patch = data_rows(data, box), data.weights * data.inliers, _patch_of(data.points, count)
+    local, offsets = box.local(rows.origins), rows.targets - rows.origins
+    chosen = [patch == number for number in range(count)]
+    return [
+        (normal_equations(local[of], rows.metric[of], offsets[of], box.degrees), float(weights[of].sum()))
+        for of in chosen
+    ]
+
+
+def _patch_of(points: Array, count: int) -> NDArray[np.int64]:
+    """The number (n,) of the patch of each point: that of the nearest of centres that are far from each other."""
+    ordered = points[canonical_order(points - points.mean(axis=0))]
+    far, centres = np.linalg.norm(ordered - points.mean(axis=0), axis=1), []
+    for _ in range(count):
+        # of equally far points the first in the canonical order, whatever their last digits are
+        centres.append(ordered[np.argmax(far >= (1 - EQUAL.values) * far.max())])
+        reached = np.linalg.norm(ordered - centres[-1], axis=1)
+        far = reached if len(centres) == 1 else np.minimum(far, reached)
+    return np.asarray(cKDTree(np.array(centres)).query(points)[1], dtype=np.int64)

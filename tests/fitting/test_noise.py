@@ -1,0 +1,170 @@
+"""What is known of the noise of a measurement: its metric, its lower bound, and correlated errors."""
+
+import numpy as np
+import pytest
+from clouds_made import noisy_egg
+from numpy.testing import assert_allclose
+from shapes_made import even_directions, made
+
+import quadriform as qf
+from quadriform.errors import OptionError, PointsError
+from quadriform.fitting.cloud import effective_fraction, variances_along
+from quadriform.points import check_noise
+
+BODY = made(semi_axes=(30.0, 22.0, 18.0), exponents=(0.9, 1.1))
+SPACING = np.array([1.0, 1.0, 10.0])
+
+
+def uneven(seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
+    """Points of which each second one is ten times noisier, and their standard deviations."""
+    rng = np.random.default_rng(seed)
+    clean = BODY.surface(even_directions(1200))
+    sigma = np.where(np.arange(len(clean)) % 2, 2.0, 0.2)
+    return clean + sigma[:, None] * rng.normal(size=clean.shape), sigma
+
+
+def along_axes(points: np.ndarray, axis: int, sigma: float) -> np.ndarray:
+    """Covariances of rank one: an error along one axis only."""
+    result = np.zeros((len(points), 3, 3))
+    result[:, axis, axis] = sigma**2
+    return result
+
+
+def off(fit: qf.Fit) -> float:
+    return float(np.sqrt((fit.model.distance(BODY.surface(even_directions(700))) ** 2).mean()))
+
+
+def mask_of_body() -> qf.Volume:
+    """The body as a mask of thick slices."""
+    size = np.ceil(80 / SPACING).astype(int)
+    centres = (np.moveaxis(np.indices(size), 0, -1) - (size - 1) / 2) * SPACING
+    affine = np.diag([*SPACING, 1.0])
+    affine[:3, 3] = -(size - 1) / 2 * SPACING
+    inside = BODY.implicit(centres.reshape(-1, 3)).reshape(size) < 1
+    return qf.Volume(inside.astype(np.uint8), affine)
+
+
+@pytest.mark.slow
+def test_a_number_for_each_point_weighs_it():
+    points, sigma = uneven()
+    known, plain = qf.fit(points, noise=sigma), qf.fit(points)
+    assert off(known) < 0.6 * off(plain)
+
+
+def test_the_estimated_noise_is_at_least_the_known_one():
+    points = noisy_egg(400, noise=0.1)
+    assert qf.fit(points, noise=0.5).noise >= 0.5 * (1 - 1e-9)
+    assert qf.fit_superquadric(points, noise=3.0).noise >= 3.0 * (1 - 1e-9)
+
+
+def test_a_number_below_the_noise_changes_nothing_but_rounding():
+    points = noisy_egg(400, noise=0.3)
+    assert_allclose(qf.fit(points, noise=1e-3).residuals, qf.fit(points).residuals, atol=1e-6)
+
+
+def test_a_number_is_the_same_as_equal_covariances():
+    points = noisy_egg(400, noise=0.3)
+    each = np.broadcast_to(0.25 * np.eye(3), (400, 3, 3))
+    assert_allclose(qf.fit(points, noise=0.5).residuals, qf.fit(points, noise=each).residuals, atol=1e-9)
+
+
+def test_covariances_rotate_and_scale_with_the_points():
+    rotation = np.linalg.qr(np.arange(9.0).reshape(3, 3) + np.eye(3))[0]
+    points = noisy_egg(400, noise=0.3)
+    covariances = along_axes(points, 0, 0.5)
+    moved = qf.fit(7 * points @ rotation.T, noise=49 * rotation @ covariances @ rotation.T)
+    assert_allclose(moved.residuals, 7 * qf.fit(points, noise=covariances).residuals, atol=1e-5)
+
+
+def test_an_error_along_one_axis_leaves_surfaces_along_it_exact():
+    """A covariance of rank one: where the normal is across the error, a tenth of the standard deviation remains."""
+    covariances = along_axes(np.zeros((2, 3)), 0, 2.0)
+    assert_allclose(variances_along(covariances, np.eye(3)[:2]), [4 * 1.01, 4 * 0.01])
+
+
+@pytest.mark.slow
+def test_a_mask_of_thick_slices_is_fitted_by_what_its_voxels_tell():
+    """Old fault: vertices of a mask were taken for points with one isotropic noise; voxel steps came out as details."""
+    found = qf.points_from_image(mask_of_body())
+    edges = np.sqrt(12 * np.trace(found.noise, axis1=1, axis2=2))
+    assert set(np.round(edges, 9)) == {1.0, 10.0}
+    known = qf.fit(found.points, noise=found.noise)
+    assert off(known) < min(0.4, 0.6 * off(qf.fit(found.points)))
+
+
+@pytest.mark.slow
+def test_ten_times_more_points_along_the_same_contours_change_nothing():
+    def contours(count: int) -> np.ndarray:
+        angle = 2 * np.pi * np.arange(count) / count
+        rings = []
+        for number, z in enumerate(np.linspace(-15, 15, 9)):
+            radius = (
+                20 * np.sqrt(1 - (z / 20) ** 2) + 0.4 * np.sin(3 * angle + number) + 0.3 * np.cos(5 * angle - number)
+            )
+            rings.append(np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(count, z)]))
+        return np.concatenate(rings)
+
+    few, many = qf.fit(contours(60)), qf.fit(contours(600))
+    inside = few.model.mesh(resolution=12).vertices
+    inside = inside[np.abs(inside[:, 2]) < 15]
+    assert np.sqrt((many.model.distance(inside) ** 2).mean()) < 0.1 * few.noise
+
+
+def test_the_effective_number_does_not_depend_on_the_density_of_correlated_points():
+    rng = np.random.default_rng(0)
+    waves = rng.normal(size=(40, 3))
+    phase = rng.uniform(0, 2 * np.pi, 40)
+
+    def count(n: int) -> float:
+        feet = even_directions(n)
+        deviations = np.cos(feet @ (6 * waves.T) + phase).sum(axis=1)
+        return n * effective_fraction(feet, deviations, np.ones(n))
+
+    assert count(16000) == pytest.approx(count(2000), rel=0.35)
+
+
+def test_independent_points_count_as_many():
+    feet = even_directions(3000)
+    deviations = np.random.default_rng(1).normal(size=3000)
+    assert effective_fraction(feet, deviations, np.ones(3000)) > 0.95
+
+
+@pytest.mark.parametrize(
+    ("noise", "said"),
+    [
+        (-1.0, "above 0"),
+        (0.0, "above 0"),
+        (np.inf, "not finite"),
+        (np.full(10, np.nan), "not finite"),
+        (np.ones(9), "found shape"),
+        (np.ones((10, 3)), "found shape"),
+        (np.zeros((10, 3, 3)), "10 of 10 matrices"),
+        (np.broadcast_to(np.diag([1.0, 1.0, -1.0]), (10, 3, 3)), "without negative eigenvalues"),
+        (np.broadcast_to(np.triu(np.ones((3, 3))), (10, 3, 3)), "symmetric"),
+        (np.full((10, 3, 3), np.inf), "no covariances"),
+        ("much", "real numbers"),
+    ],
+)
+def test_noise_that_means_nothing_is_refused(noise, said):
+    with pytest.raises(PointsError, match=said):
+        check_noise(noise, 10)
+
+
+def test_the_paper_and_files_take_no_noise(tmp_path):
+    points = noisy_egg(60)
+    with pytest.raises(OptionError, match="noise"):
+        qf.fit(points, method="paper", noise=1.0)
+    with pytest.raises(OptionError, match="noise"):
+        qf.fit_superquadric(points, method="paper", noise=1.0)
+    np.savetxt(tmp_path / "points.txt", points)
+    with pytest.raises(OptionError, match="noise"):
+        qf.fit(tmp_path / "points.txt", noise=1.0)
+
+
+@pytest.mark.slow
+def test_noise_of_a_large_cloud_counts_for_all_of_its_points():
+    rng = np.random.default_rng(2)
+    clean = BODY.surface(even_directions(52_000))
+    sigma = np.where(rng.random(len(clean)) < 0.5, 3.0, 0.1)
+    points = clean + sigma[:, None] * rng.normal(size=clean.shape)
+    assert off(qf.fit(points, noise=sigma)) < 0.5 * off(qf.fit(points))
