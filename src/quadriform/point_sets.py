@@ -89,8 +89,8 @@ def point_sets(
     for each in sets.values():
         check_spread(each.points, needed=11)
     if noise is not None:
-        given_noise = for_each(sets, noise, "noise")
-        sets = {n: replace(each, noise=check_noise(given_noise[n], len(each.points))) for n, each in sets.items()}
+        known = for_each(sets, noise, "noise")
+        sets = {n: replace(each, noise=check_noise(known[n], len(each.points))) for n, each in sets.items()}
     if normals is None:
         return sets
     beside = for_each(sets, normals, "normals")

@@ -80,7 +80,7 @@ def fit(
     choose(kind, tuple(KINDS), "kind")
     options = dict(box=box, regularity=regularity, strength=strength, robust=robust, base=base, max_error=max_error)
     chosen = options_for(method, options | dict(matching=matching, iterations=iterations, tolerance=tolerance))
-    found = _fitted(_checked(sets, weights, method), kind, chosen, progress)
+    found = _fitted(_checked(sets, weights, noise, method), kind, chosen, progress)
     return _with(sets, replace(found, model=replace(found.model, unit=unit, space=space)))
 
 
@@ -145,7 +145,7 @@ def refine(
     sets = point_sets(points, weights=weights, noise=noise)
     named = {ALONE: superquadric} if isinstance(superquadric, Superquadric) else superquadric
     surfaces: dict[str, Superquadric] = for_each(sets, named, "surfaces")
-    clouds = _checked(sets, weights, method)
+    clouds = _checked(sets, weights, noise, method)
     options = dict(box=box, regularity=regularity, strength=strength, robust=robust, base=base, max_error=max_error)
     chosen = options_for(method, options | dict(matching=matching, iterations=iterations, tolerance=tolerance))
     if isinstance(chosen, TangentOptions):
@@ -173,16 +173,18 @@ class _Clouds:
         return _Clouds(*({name: each[index[name]] for name, each in part.items()} for part in parts))
 
 
-def _checked(sets: Mapping[str, PointSet], weights: Weights, method: str) -> _Clouds:
+def _checked(sets: Mapping[str, PointSet], weights: Weights, noise: Noise, method: str) -> _Clouds:
     choose(method, METHODS, "method")
-    if weights is not None and method == "paper":
-        raise OptionError("option weights is not one of method='paper'; use method='tangent'")
+    for option, value in (("weights", weights), ("noise", noise)):
+        if value is not None and method == "paper":
+            raise OptionError(f"option {option} is not one of method='paper'; use method='tangent'")
     given = for_each(sets, weights, "weights")
     points = {name: each.points for name, each in sets.items()}
     normals = {name: each.normals for name, each in sets.items() if each.normals is not None}
     checked = {name: check_weights(given[name], len(each)) for name, each in points.items()}
-    noise = {name: each.noise for name, each in sets.items() if each.noise is not None}
-    return _Clouds(points, checked, normals, noise if noise.keys() == points.keys() else {})
+    known = {name: each.noise for name, each in sets.items() if each.noise is not None}
+    # of some surfaces only, it would say nothing of how much the others count
+    return _Clouds(points, checked, normals, known if known.keys() == points.keys() else {})
 
 
 def _with(sets: Mapping[str, PointSet], found: Fit) -> Fit:

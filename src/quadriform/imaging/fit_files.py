@@ -65,6 +65,10 @@ def fit(points: Input, **options: Any) -> Fit:
         tolerance: only for "paper": stop when the surface moves by less, as a fraction of the RMS radius of the
             points; unless given all iterations are made.
         weights: (n,) >= 0, or by name; a point of weight k counts as k points. Not for meshes and files.
+        noise: only for "tangent": what is known of the error of the points, in their unit: a standard deviation, one
+            for each point (n,), or covariances (n, 3, 3), or these by name. Distances are measured by it, and the
+            estimated noise is at least as large. A covariance may be of rank one, for an error along a ray or along the
+            edge of a voxel. Masks have theirs from the size of their voxels. Not for meshes and files.
         progress: called with (steps done, about how many).
         columns: which columns are which, where the names do not say it, such as "x,y,z,nx,ny,nz" for (n, 6).
         normals: (n, 3), or by name, in place of those in columns; signs may be arbitrary, zero means none. Not for
@@ -81,7 +85,7 @@ def fit(points: Input, **options: Any) -> Fit:
     paths = _path_by_name(points)
     if not paths:
         return fitting.fit(points, **given)  # type: ignore[arg-type]  # no paths are left
-    for name in ("weights", "normals"):
+    for name in ("weights", "normals", "noise"):
         if given.pop(name, None) is not None:
             raise OptionError(f"{name}: go with points, found files; read them with read_points first")
     image = ImageOptions(columns=given.pop("columns", None), unit=given.pop("unit", None))
