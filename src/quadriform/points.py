@@ -155,10 +155,10 @@ def check_noise(noise: ArrayLike | None, n: int, what: str = "noise") -> Array |
 def _covariances(array: Array, what: str) -> Array:
     """The same matrices (n, 3, 3), if each is a covariance."""
     size = np.abs(array).max(axis=(1, 2))
-    valid = (size > 0) & (size <= LARGEST**2)  # false for NaN
-    symmetric = (np.abs(array - array.transpose(0, 2, 1)).max(axis=(1, 2)) <= NOT_NEGATIVE * size) & valid
-    scaled = np.where(symmetric[:, None, None], array, np.eye(3)) / np.where(symmetric, size, 1.0)[:, None, None]
-    valid = symmetric & (np.linalg.eigvalsh(scaled)[:, 0] >= -NOT_NEGATIVE)
+    sized = (size > 0) & (size <= LARGEST**2)  # false for NaN
+    scaled = np.where(sized[:, None, None], array, np.eye(3)) / np.where(sized, size, 1.0)[:, None, None]
+    symmetric = np.abs(scaled - scaled.transpose(0, 2, 1)).max(axis=(1, 2)) <= NOT_NEGATIVE
+    valid = sized & symmetric & (np.linalg.eigvalsh(scaled)[:, 0] >= -NOT_NEGATIVE)
     if not valid.all():
         raise PointsError(
             f"{what}: {int((~valid).sum())} of {len(array)} matrices are no covariances, the first at index "

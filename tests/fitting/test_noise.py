@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from clouds_made import noisy_egg
 from numpy.testing import assert_allclose
+from scipy.interpolate import CubicSpline
 from shapes_made import even_directions, made
 
 import quadriform as qf
@@ -94,20 +95,20 @@ def test_a_mask_of_thick_slices_is_fitted_by_what_its_voxels_tell():
 
 @pytest.mark.slow
 def test_ten_times_more_points_along_the_same_contours_change_nothing():
-    def contours(count: int) -> np.ndarray:
-        angle = 2 * np.pi * np.arange(count) / count
-        rings = []
-        for number, z in enumerate(np.linspace(-15, 15, 9)):
-            radius = (
-                20 * np.sqrt(1 - (z / 20) ** 2) + 0.4 * np.sin(3 * angle + number) + 0.3 * np.cos(5 * angle - number)
-            )
-            rings.append(np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(count, z)]))
-        return np.concatenate(rings)
-
-    few, many = qf.fit(contours(60)), qf.fit(contours(600))
-    inside = few.model.mesh(resolution=12).vertices
-    inside = inside[np.abs(inside[:, 2]) < 15]
-    assert np.sqrt((many.model.distance(inside) ** 2).mean()) < 0.1 * few.noise
+    rng = np.random.default_rng(7)
+    angle = 2 * np.pi * np.arange(41) / 40
+    few, many = [], []
+    for z in np.linspace(-24, 24, 10):
+        radius = 20 * np.sqrt(1 - (z / 30) ** 2) + rng.normal(0, 0.5, 41)
+        radius[-1] = radius[0]
+        ring = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(41, z)])
+        ring[-1] = ring[0]
+        few.append(ring[:-1])
+        many.append(CubicSpline(angle, ring, bc_type="periodic")(2 * np.pi * np.arange(400) / 400))
+    first, second = qf.fit(np.concatenate(few)), qf.fit(np.concatenate(many))
+    inside = first.model.mesh(resolution=12).vertices
+    inside = inside[np.abs(inside[:, 2]) < 24]
+    assert np.sqrt((second.model.distance(inside) ** 2).mean()) < 0.1 * 0.5
 
 
 def test_the_effective_number_does_not_depend_on_the_density_of_correlated_points():
