@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import nibabel
 import numpy as np
 import pytest
 from scipy import ndimage
@@ -13,7 +14,7 @@ from quadriform.imaging.reading import read_volume
 from quadriform.imaging.segmentation import Labels
 from quadriform.imaging.segments import Segment
 from quadriform.imaging.ventricle import ventricle_from_labels, ventricle_from_perfusion
-from quadriform.imaging.ventricle_files import labelled_heart
+from quadriform.imaging.ventricle_files import PerfusionHeart, labelled_heart, read_ventricle
 from quadriform.imaging.volume import Volume
 
 BLOOD, MUSCLE = Labels((1,)), Labels((2,))
@@ -93,6 +94,9 @@ def test_what_the_region_cuts_is_open_and_is_the_base():
         assert heights[-2:] == pytest.approx([-1.0, -0.02])
         at_face, outermost = (points[np.isclose(points[:, 2] - point[2], height)] for height in heights[:-3:-1])
         assert np.array_equal(at_face[:, :2], outermost[:, :2])
+    # points just below the face stand on edges of their slice, not on the edge to a slice beyond it
+    beside = found.clouds["endo"][:, 2] > point[2] - 0.1
+    assert beside.any() and np.allclose(found.noise["endo"][beside][:, 2, 2], 0)
     assert "last k" in found.warnings[WarningKind.BORDER_CUT]
 
 
@@ -125,6 +129,19 @@ def test_a_heart_by_a_preset_or_by_segments_is_that_of_its_labels():
         found = labelled_heart(texts).points(volume, ImageOptions(), None).clouds
         assert found.keys() == expected.keys()
         assert all(np.array_equal(found[name], expected[name]) for name in expected)
+
+
+def test_points_of_a_label_file_have_the_noise_of_their_voxels_and_those_of_a_grey_one_none(tmp_path):
+    for volume, heart in ((labelled(), labelled_heart(["endo=label:1"])), (horseshoe(), PerfusionHeart())):
+        file = tmp_path / "image.nii"
+        nibabel.save(nibabel.Nifti1Image(volume.values, volume.world_from_voxel), file)
+        found = heart.points(read_volume(file), ImageOptions(), None)
+        sources = read_ventricle(file, heart, ImageOptions(), None).surfaces
+        for name, points in found.clouds.items():
+            assert np.array_equal(sources[name].points, points)
+            noise = sources[name].noise
+            assert noise is None if found.noise is None else np.array_equal(noise, found.noise[name])
+        assert (found.noise is None) == isinstance(heart, PerfusionHeart)
 
 
 def test_voxels_apart_from_the_cavity_are_counted():

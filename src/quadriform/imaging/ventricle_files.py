@@ -1,9 +1,11 @@
 """Points of a ventricle from an image file: by labels of its parts, or by the bright wall of a perfusion image."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
+
+import numpy as np
 
 from quadriform.errors import OptionError, WarningKind
 from quadriform.files.reading import naming
@@ -154,8 +156,10 @@ def read_ventricle(path: Path, heart: Heart, image: ImageOptions, base: Plane | 
     noted = () if found.base is None else heart.noted
     warnings = {kind: text for kind, text in found.warnings.items() if kind not in noted}
     notes = tuple(f"{path}: {text}" for text in _notes(found, noted))
+    common = Source(np.empty((0, 3)), volume.space, volume.unit, warnings, notes, image=volume)
+    noise = found.noise or dict.fromkeys(found.clouds)
     sources = {
-        name: in_unit(Source(points, volume.space, volume.unit, warnings, notes, image=volume), image.unit, path)
+        name: in_unit(replace(common, points=points, noise=noise[name]), image.unit, path)
         for name, points in found.clouds.items()
     }
     return VentricleSource(sources, found.base)
