@@ -9,7 +9,8 @@ from shapes_made import even_directions, made
 
 import quadriform as qf
 from quadriform.errors import OptionError, PointsError
-from quadriform.fitting.cloud import effective_fraction, variances_along
+from quadriform.fitting.cloud import effective_fraction
+from quadriform.fitting.noise import variances_along
 from quadriform.points import check_noise
 
 BODY = made(semi_axes=(30.0, 22.0, 18.0), exponents=(0.9, 1.1))
@@ -84,7 +85,7 @@ def test_an_error_along_one_axis_leaves_surfaces_along_it_exact():
 
 
 @pytest.mark.slow
-def test_a_mask_of_thick_slices_is_fitted_by_what_its_voxels_tell():
+def test_a_mask_of_thick_slices_is_fitted_as_its_voxels_suggest():
     """Old fault: vertices of a mask were taken for points with one isotropic noise; voxel steps came out as details."""
     found = qf.points_from_image(mask_of_body())
     edges = np.sqrt(12 * np.trace(found.noise, axis1=1, axis2=2))

@@ -93,7 +93,7 @@ def test_candidates_without_inliers_stay_where_they_are():
     """Old bug: normal equations of zeros, which cannot be factorised."""
     candidates = Candidates.of([made(exponents=(1, 1))])
     held, mixture = np.zeros(11, dtype=bool), Mixture(np.array([0.5]), np.array([0.1]))
-    descent = Descent(candidates, SPHERE, np.zeros(300), mixture, 100.0, held, np.zeros(300))
+    descent = Descent(candidates, SPHERE, np.zeros(300), mixture, 100.0, held, np.zeros(300), np.ones(300))
     descent.damping[:] = 0
     np.testing.assert_array_equal(descent._step(), np.zeros((1, 11)))
 

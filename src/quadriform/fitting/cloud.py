@@ -67,8 +67,6 @@ class Neighbours:
     """It counts when it is so many of its own standard errors above none at all."""
 
 
-LEAST_VARIANCE = 0.01
-"""Variance along any normal, as a fraction of the sum over all three axes: a tenth of the standard deviation."""
 EQUAL = Equality()
 NEAR = Neighbours()
 
@@ -144,52 +142,6 @@ class Centred:
         mean = float(np.concatenate([each.weights for each in distinct.values()]).mean())
         points = {name: frame.to_local(each.points) for name, each in distinct.items()}
         return cls(frame, distinct, points, mean, {name: each.weights / mean for name, each in distinct.items()})
-
-
-def variances_along(covariances: Array, normals: Array) -> Array:
-    """Variances (n,) of points with covariances (n, 3, 3) along normals (n, 3), bounded from below.
-
-    A covariance of rank one, of a scan along its ray or of a mask along the edge of a voxel, has none across it; there
-    a fraction of all of it remains, for errors of the instrument, of the grid and of the normal itself.
-    """
-    along = np.einsum("ni,nij,nj->n", normals, covariances, normals)
-    return along + LEAST_VARIANCE * np.trace(covariances, axis1=1, axis2=2)
-
-
-def mean_variance(covariances: Mapping[str, Array], clouds: Mapping[str, Array]) -> float:
-    """The mean variance of points by name, along the normals that neighbours suggest."""
-    along = [variances_along(each, Neighbourhood.of(clouds[name]).normals) for name, each in covariances.items()]
-    return float(np.concatenate(along).mean())
-
-
-@dataclass(frozen=True)
-class KnownNoise:
-    """What is known of the noise of a measurement, in the centred, scaled frame.
-
-    Attributes:
-        relative: name -> (n, 3, 3), covariances of the points divided by the mean variance along their normals.
-            Empty where nothing is known: all points are alike.
-        least: the square root of that mean, a lower bound of the estimated noise.
-    """
-
-    relative: Mapping[str, Array]
-    least: float
-
-    @classmethod
-    def of(cls, covariances: Mapping[str, Array], centred: Centred) -> "KnownNoise":
-        """From covariances (n, 3, 3) by name, in the unit of the data, of clouds with copies and weights."""
-        if not covariances:
-            return cls({}, 0.0)
-        distinct = {name: centred.distinct[name].of_distinct(each) for name, each in covariances.items()}
-        local = {name: each / centred.frame.scale**2 for name, each in distinct.items()}
-        reference = mean_variance(local, centred.points)
-        return cls({name: each / reference for name, each in local.items()}, float(np.sqrt(reference)))
-
-    def deviations(self, name: str, points: Array) -> Array:
-        """Relative standard deviations (n,) of points (n, 3) along the normals that their neighbours suggest."""
-        if name not in self.relative:
-            return np.ones(len(points))
-        return np.sqrt(variances_along(self.relative[name], Neighbourhood.of(points).normals))
 
 
 def canonical_order(points: Array) -> NDArray[np.int64]:
@@ -394,8 +346,8 @@ def effective_fraction(feet: Array, deviations: Array, weights: Array) -> float:
 
     Points of a contour were drawn in one stroke, those of an isosurface have voxels in common: their errors, and the
     misfit of any small model, are correlated. n points whose deviations correlate by c_k with those of their k-th
-    neighbours count for n / (1 + sum of c_k); the sum, in groups of neighbours, ends where the
-    correlation is lost (the initial positive sequence of Geyer, Statistical Science 7(4), 1992). Counted as n they
+    neighbours count for n / (1 + sum of c_k); the sum, in groups of neighbours, goes as far as there
+    is a correlation (the initial positive sequence of Geyer, Statistical Science 7(4), 1992). Counted as n they
     would outweigh the regulariser.
 
     Args:
@@ -415,10 +367,10 @@ def effective_fraction(feet: Array, deviations: Array, weights: Array) -> float:
         products = np.add.reduceat((joint * deviations[some, None] * deviations[near]).sum(axis=0), ranks[:-1])
         pairs = np.add.reduceat(joint.sum(axis=0), ranks[:-1])
         correlation = products / np.maximum(pairs * variance, 1e-300)
-        lost = np.flatnonzero(correlation < NEAR.sure * np.sqrt(1 / np.maximum(pairs, 1e-300)))
-        end = lost[0] if len(lost) else len(correlation)
+        ended = np.flatnonzero(correlation < NEAR.sure * np.sqrt(1 / np.maximum(pairs, 1e-300)))
+        end = ended[0] if len(ended) else len(correlation)
         total = float((np.diff(ranks) * correlation)[:end].sum())
-        if len(lost):
+        if len(ended):
             break
     return 1 / (1 + total)
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from quadriform.columns import Chosen
 from quadriform.errors import OptionError, Warnings, choose, known_options
-from quadriform.fitting.cloud import Centred, Distinct, KnownNoise
+from quadriform.fitting.cloud import Centred, Distinct
 from quadriform.fitting.diagnostics import (
     INLIER,
     duplicates,
@@ -20,6 +20,7 @@ from quadriform.fitting.diagnostics import (
     start_notes,
 )
 from quadriform.fitting.least_squares.regularisers import Regulariser
+from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.options import METHODS, PaperOptions, TangentOptions, options_for
 from quadriform.fitting.paper.two_step import two_step
 from quadriform.fitting.refinement.large_clouds import on_all, sample_of_large

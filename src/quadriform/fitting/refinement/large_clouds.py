@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from quadriform.errors import WarningKind
-from quadriform.fitting.cloud import Centred, KnownNoise
+from quadriform.fitting.cloud import Centred
 from quadriform.fitting.diagnostics import named_texts, outliers
 from quadriform.fitting.least_squares.marginal_likelihood import Evidence, Solution
 from quadriform.fitting.least_squares.normal_equations import NormalEquations, normal_equations
 from quadriform.fitting.least_squares.regularisers import Regulariser
 from quadriform.fitting.least_squares.uncertainty import EnrichedBox
+from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.options import TangentOptions, check_strength
 from quadriform.fitting.refinement.point_to_plane import data_rows, evidence_from, moved, record
 from quadriform.fitting.refinement.surface_data import SurfaceData

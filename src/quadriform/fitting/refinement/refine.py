@@ -7,9 +7,10 @@ from functools import cached_property
 import numpy as np
 
 from quadriform.errors import Warnings
-from quadriform.fitting.cloud import KnownNoise, best_first
+from quadriform.fitting.cloud import best_first
 from quadriform.fitting.diagnostics import POOR, folding, ill_conditioned, max_error_missed
 from quadriform.fitting.least_squares.uncertainty import EnrichedBox
+from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.options import TangentOptions, check_box, check_strength
 from quadriform.fitting.refinement.multiresolution import SCHEDULE, Problem, Refined, Report
 from quadriform.fitting.refinement.stages import all_coarse_stages, fine_stage, first_stage, shapes, warm_start

@@ -15,9 +15,9 @@ from quadriform.fitting.cloud import (
     is_surface,
     oriented,
     outward_normals,
-    variances_along,
 )
 from quadriform.fitting.mixture import Mixture
+from quadriform.fitting.noise import variances_along
 from quadriform.fitting.result import HalfSpace
 from quadriform.points import Array
 from quadriform.shapes.closest import closest_on, surface_normals, update_foot_points

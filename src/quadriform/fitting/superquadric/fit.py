@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from quadriform.errors import OptionError, choose, known_options
-from quadriform.fitting.cloud import Centred, KnownNoise
+from quadriform.fitting.cloud import Centred
 from quadriform.fitting.diagnostics import (
     INLIER,
     POOR_SUPERQUADRIC,
@@ -24,6 +24,7 @@ from quadriform.fitting.diagnostics import (
     poor_fit,
     undetermined,
 )
+from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.result import HalfSpace, SuperquadricFit
 from quadriform.fitting.superquadric.identifiability import determined
 from quadriform.fitting.superquadric.initial import cut_to, ellipsoid_by_moments
@@ -107,7 +108,7 @@ def fit_robust(
     frame, distinct = centred.frame, centred.distinct[ALONE]
     even, local = np.zeros(len(distinct.points)), centred.points[ALONE]
     known = KnownNoise.of({} if noise is None else {ALONE: noise}, centred)
-    deviations = known.deviations(ALONE, local)
+    deviations = known.deviations(ALONE, centred)
     problem = Problem(local, centred.weights[ALONE], kind, _in_frame(fixed, frame), even, deviations, known.least)
     with np.errstate(all="ignore"):
         solution = solve(problem)

@@ -1,0 +1,59 @@
+"""What is known of the noise of a measurement: covariances of the points, as a metric and as a lower bound."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from quadriform.fitting.cloud import Centred, Neighbourhood
+from quadriform.points import Array
+
+LEAST_VARIANCE = 0.01
+"""Variance along any normal, as a fraction of the sum over all three axes: a tenth of the standard deviation."""
+
+
+@dataclass(frozen=True)
+class KnownNoise:
+    """What is known of the noise of a measurement, in the centred, scaled frame.
+
+    Attributes:
+        relative: name -> (n, 3, 3), covariances of the points divided by the mean variance along their normals.
+            Empty where nothing is known: all points are alike.
+        least: the square root of that mean, a lower bound of the estimated noise.
+    """
+
+    relative: Mapping[str, Array]
+    least: float
+
+    @classmethod
+    def of(cls, covariances: Mapping[str, Array], centred: Centred) -> "KnownNoise":
+        """From covariances (n, 3, 3) by name, in the unit of the data, of clouds with copies and weights."""
+        if not covariances:
+            return cls({}, 0.0)
+        distinct = {name: centred.distinct[name].of_distinct(each) for name, each in covariances.items()}
+        local = {name: each / centred.frame.scale**2 for name, each in distinct.items()}
+        reference = mean_variance(local, centred.points)
+        return cls({name: each / reference for name, each in local.items()}, float(np.sqrt(reference)))
+
+    def deviations(self, name: str, centred: Centred) -> Array:
+        """Relative standard deviations (n,) of a cloud along the normals that neighbours suggest; ones if unknown."""
+        points = centred.points[name]
+        if name not in self.relative:
+            return np.ones(len(points))
+        return np.sqrt(variances_along(self.relative[name], Neighbourhood.of(points).normals))
+
+
+def variances_along(covariances: Array, normals: Array) -> Array:
+    """Variances (n,) of points with covariances (n, 3, 3) along normals (n, 3), bounded from below.
+
+    A covariance of rank one, of a scan along its ray or of a mask along the edge of a voxel, has none across it; there
+    a fraction of all of it remains, for errors of the instrument, of the grid and of the normal itself.
+    """
+    along = np.einsum("ni,nij,nj->n", normals, covariances, normals)
+    return along + LEAST_VARIANCE * np.trace(covariances, axis1=1, axis2=2)
+
+
+def mean_variance(covariances: Mapping[str, Array], clouds: Mapping[str, Array]) -> float:
+    """The mean variance of points by name, along the normals that neighbours suggest."""
+    along = [variances_along(each, Neighbourhood.of(clouds[name]).normals) for name, each in covariances.items()]
+    return float(np.concatenate(along).mean())
