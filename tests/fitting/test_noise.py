@@ -1,5 +1,7 @@
 """What is known of the noise of a measurement: its metric, its lower bound, and correlated errors."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from clouds_made import noisy_egg
@@ -11,6 +13,7 @@ import quadriform as qf
 from quadriform.errors import OptionError, PointsError
 from quadriform.fitting.cloud import effective_fraction
 from quadriform.fitting.noise import variances_along
+from quadriform.fitting.refinement import left_out
 from quadriform.points import check_noise
 
 BODY = made(semi_axes=(30.0, 22.0, 18.0), exponents=(0.9, 1.1))
@@ -123,6 +126,22 @@ def test_the_effective_number_does_not_depend_on_the_density_of_correlated_point
         return n * effective_fraction(feet, deviations, np.ones(n))
 
     assert count(16000) == pytest.approx(count(2000), rel=0.35)
+
+
+@pytest.mark.parametrize("level", [0.0, 1.0])
+def test_a_smaller_strength_that_predicts_no_better_is_not_sought_for_ever(level, monkeypatch):
+    """Old bug: exact data has left-out patches at distance zero for each strength, and the search went on."""
+    calls = []
+
+    def error(patches: object, strength: float) -> float:
+        calls.append(strength)
+        assert len(calls) < 5
+        return level
+
+    monkeypatch.setattr(left_out, "_patches", lambda problem, state: [])
+    monkeypatch.setattr(left_out, "_error", error)
+    state = SimpleNamespace(solution=SimpleNamespace(strength=1e-5))
+    assert left_out.better_strength(None, state) is None
 
 
 def test_independent_points_count_as_many():

@@ -31,8 +31,8 @@ class LeftOut:
     step: float = 10.0
     """Factor between neighbouring strengths, of which the best is found."""
     better: float = 0.97
-    """A smaller strength must lower the error of prediction to this fraction of itself: errors of twenty patches are
-    known to a few per cent."""
+    """Each step to a smaller strength must lower the error of prediction to this fraction of itself: errors of twenty
+    patches are known to a few per cent."""
 
 
 LEFT_OUT = LeftOut()
@@ -40,13 +40,12 @@ LEFT_OUT = LeftOut()
 
 def better_strength(problem: Problem, state: Refined) -> float | None:
     """A smaller strength that predicts patches left out better than that of a state; None where there is none."""
-    patches = _patches(problem, state)
-    strengths, errors = [state.solution.strength], [_error(patches, state.solution.strength)]
-    while errors[-1] <= min(errors):
-        strengths.append(strengths[-1] / LEFT_OUT.step)
-        errors.append(_error(patches, strengths[-1]))
-    best = int(np.argmin(errors))
-    return None if errors[best] > LEFT_OUT.better * errors[0] else strengths[best]
+    patches, strength = _patches(problem, state), state.solution.strength
+    error = _error(patches, strength)
+    # each step must gain: where the error is level, or zero, the larger strength is as good
+    while (smaller := _error(patches, strength / LEFT_OUT.step)) < LEFT_OUT.better * error:
+        strength, error = strength / LEFT_OUT.step, smaller
+    return strength if strength < state.solution.strength else None
 
 
 @dataclass(frozen=True)
