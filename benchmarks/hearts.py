@@ -14,13 +14,13 @@ import numpy as np
 from common import SHARED, rms, table
 
 import quadriform as qf
-from quadriform.heart.base import BasePlane
 from quadriform.heart.volumes import volume
 from quadriform.imaging.blood_pool import blood_pool
 from quadriform.imaging.reading import read_volume
 from quadriform.imaging.segmentation import Labels
 from quadriform.imaging.ventricle import VentriclePoints, ventricle_from_labels, ventricle_from_perfusion
 from quadriform.imaging.volume import Region, Volume
+from quadriform.shapes.landmarks import BasePlane
 from quadriform.shapes.model import DeformableModel
 
 DATA = SHARED / "data"

@@ -26,8 +26,8 @@ from generalisation.rows import (
     percent_ok,
     present,
 )
-from quadriform.heart.base import BasePlane
 from quadriform.heart.volumes import volume
+from quadriform.shapes.landmarks import BasePlane
 
 FIT = ("--heart", "endo=label:1")
 TRACK = ("--surface", "endo=label:1")

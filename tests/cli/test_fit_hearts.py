@@ -8,6 +8,7 @@ import pytest
 
 from quadriform.files import read_model
 from quadriform.imaging.reading import read_volume
+from quadriform.imaging.ventricle import FACE
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 ENDO, EPI = np.array([20.0, 18.0, 34.0]), np.array([28.0, 26.0, 42.0])
@@ -77,8 +78,34 @@ def test_the_cavity_counts_below_the_face_where_the_image_cuts_it(terminal, hear
     assert record["base"]["direction"] == [0, 0, 1] and record["base"]["point"][2] == pytest.approx(TOP)
     assert record["status"] == "ok" and "cuts the object at last k" in record["notes"][0]
     model = read_model("out/model.json")
-    assert "/0,0,1 in LPS" in model.record.sources[0].note
-    assert "below a fixed plane" in (tmp_path / "out/report.html").read_text()
+    assert model.landmarks.base.point[2] == pytest.approx(TOP)
+    assert f"below {FACE}" in (tmp_path / "out/report.html").read_text()
+
+
+@pytest.mark.slow
+def test_later_commands_count_below_the_base_that_the_model_was_stored_with(terminal, hearts, tmp_path):
+    """Whatever is made of the model: the volume is that of the fit, and says below what."""
+    record = record_of(terminal("fit", hearts(), *BOTH, "-o", "out", "--space", "RAS", "--json"))
+    measured = record_of(terminal("measure", "out/model.json", "--json"))["measures"]
+    found = {row["quantity"]: row for row in measured}
+    assert found["end-diastolic volume"]["value"] == pytest.approx(record["volume_ml"], rel=1e-9)
+    assert found["end-diastolic volume, closed"]["value"] == pytest.approx(record["closed_volume_ml"], rel=1e-9)
+    assert f"below {FACE}" in found["end-diastolic volume"]["how"]
+    assert found["myocardial mass"]["value"] == pytest.approx(1.05 * record["wall_volume_ml"], rel=1e-9)
+    assert terminal("report", "out/model.json", "-o", "page.html").code == 0
+    volume = f"{record['volume_ml']:.4g} ml"
+    for page in ("page.html", "out/report.html"):
+        assert volume in (tmp_path / page).read_text() and '"planes":null' not in (tmp_path / page).read_text()
+    compared = record_of(terminal("compare", "out/model.json", "out/model.json", "--surface", "endo", "--json"))
+    assert compared["volume_below_base_a"] == pytest.approx(1000 * record["volume_ml"], rel=1e-9)
+    assert FACE in terminal("info", "out/model.json").out.replace("\n", " ")
+
+
+@pytest.mark.slow
+def test_a_base_that_is_given_later_replaces_the_stored_one(terminal, hearts):
+    record_of(terminal("fit", hearts(), *CUT, "-o", "out", "--json"))
+    found = record_of(terminal("measure", "out/model.json", "--base", "0,0,6,0,0,1", "--json"))["measures"][0]
+    assert found["value"] == pytest.approx(below(ENDO, 6.0), rel=0.02) and "below a fixed plane" in found["how"]
 
 
 @pytest.mark.slow

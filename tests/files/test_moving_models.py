@@ -48,7 +48,7 @@ def test_a_file_of_version_1_has_its_frames_at_the_knots(moving, tmp_path):
     qf.save(moving, tmp_path / "model.json")
     document = json.loads((tmp_path / "model.json").read_text(encoding="utf-8"))
     del document["time"]["frames"]
-    document = {name: value for name, value in document.items() if name not in FIELDS} | {"version": 1}
+    document = {name: value for name, value in document.items() if name not in (*FIELDS, "landmarks")} | {"version": 1}
     (tmp_path / "old.json").write_text(json.dumps(document))
     old = qf.load(tmp_path / "old.json")
     assert np.array_equal(old.frame_times, moving.basis.knots)
@@ -66,9 +66,9 @@ def test_a_model_that_does_not_move_is_still_one(tmp_path):
 BREAKS = {
     "knots that turn back": (lambda d: d["time"].update(knots=[0, 2, 1]), "increasing"),
     "a knot too few": (lambda d: d["time"].update(knots=[0, 1]), "one box a knot"),
-    "a later version": (lambda d: d.update(version=4), "newer quadriform"),
+    "a later version": (lambda d: d.update(version=5), "newer quadriform"),
     "version 1 with times of frames": (
-        lambda d: [d.pop(name) for name in FIELDS] + [d.update(version=1)],
+        lambda d: [d.pop(name) for name in (*FIELDS, "landmarks")] + [d.update(version=1)],
         "time.frames",
     ),
     "version 2 with a record": (lambda d: d.update(version=2), "field status: expected only"),

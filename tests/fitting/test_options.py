@@ -7,7 +7,6 @@ from shapes_made import lumpy, made
 import quadriform as qf
 from quadriform.errors import OptionError, PointsError
 from quadriform.fitting.options import PaperOptions, TangentOptions, options_for
-from quadriform.points import Frame
 
 CLOUD = lumpy(200)
 
@@ -97,7 +96,6 @@ def test_each_method_has_its_own_options():
 
 def test_a_loop_is_the_plane_through_it():
     """A wobble-free ring above the cloud: its middle, and the direction away from the cloud."""
-    frame = Frame.of(CLOUD)
     t = np.linspace(0, 2 * np.pi, 20, endpoint=False)
     direction = np.array([1.0, 2, 2]) / 3
     first = np.array([2.0, -1, 0]) / np.sqrt(5)
@@ -105,12 +103,12 @@ def test_a_loop_is_the_plane_through_it():
     ring = ring + 12 * (np.cos(t)[:, None] * first + np.sin(t)[:, None] * np.cross(direction, first))
     plane = (CLOUD.mean(axis=0) + 30 * direction, 7 * direction)
     for base in (ring, ring[::-1], plane):
-        point, way = TangentOptions(base=base).half_space({"surface": CLOUD}, frame)
-        np.testing.assert_allclose(way, direction, atol=1e-12)
-        np.testing.assert_allclose(frame.to_world(point), plane[0], atol=1e-9)
-    below = TangentOptions(base=2 * CLOUD.mean(axis=0) - ring).half_space({"surface": CLOUD}, frame)
-    np.testing.assert_allclose(below[1], -direction, atol=1e-12)
-    assert TangentOptions().half_space({"surface": CLOUD}, frame) is None
+        found = TangentOptions(base=base).base_plane({"surface": CLOUD})
+        np.testing.assert_allclose(found.direction, direction, atol=1e-12)
+        np.testing.assert_allclose(found.point, plane[0], atol=1e-9)
+    below = TangentOptions(base=2 * CLOUD.mean(axis=0) - ring).base_plane({"surface": CLOUD})
+    np.testing.assert_allclose(below.direction, -direction, atol=1e-12)
+    assert TangentOptions().base_plane({"surface": CLOUD}) is None
 
 
 def test_a_box_to_go_on_from_is_not_the_papers():

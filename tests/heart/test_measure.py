@@ -9,12 +9,15 @@ import pytest
 from heart_made import SHARE, TIMES
 from heart_truth import true_measures, true_volume
 
+import quadriform as qf
 from quadriform.errors import OptionError, OutputError
 from quadriform.fitting.fit import refine
+from quadriform.heart.base import plane_through
 from quadriform.heart.measure import measure
 from quadriform.heart.measures_table import write_measures
 from quadriform.heart.synthetic import CENTRE, ROTATION
 from quadriform.motion.tracking import track
+from quadriform.shapes.landmarks import Landmarks
 
 OBSERVED = (
     "end-diastolic volume",
@@ -286,3 +289,48 @@ def test_measures_of_a_cycle_tracked_through_noisy_surface_points(heart, truth):
     found = measure(models, times, base=[heart.mitral_points(time, SHARE) for time in times])
     for name in OBSERVED:
         assert found[name] == pytest.approx(truth[name], rel=0.03), name
+
+
+# --- what the models were stored with ----------------------------------------------------------------------------
+
+
+def with_mitral_planes(heart, models):
+    """Each model with the plane of its own mitral points, and where the right ventricle would meet the left."""
+    ways = heart.surface("epi").surface(np.eye(3)[:2])
+    planes = [plane_through(heart.mitral_points(time), CENTRE) for time in TIMES]
+    inserts = [heart.positions(ways, time) for time in TIMES]
+    every = [Landmarks(plane, "the plane of its mitral points", points) for plane, points in zip(planes, inserts)]
+    return [replace(model, landmarks=landmarks) for model, landmarks in zip(models, every)], inserts
+
+
+def test_the_stored_base_and_insertions_are_those_that_are_given(heart, known):
+    stored, inserts = with_mitral_planes(heart, known)
+    given = measure(known, TIMES, base=[heart.mitral_points(time) for time in TIMES], rv_inserts=inserts)
+    found = measure(stored, TIMES)
+    assert dict(zip(found, (row.value for row in found.rows))) == pytest.approx(
+        dict(zip(given, (row.value for row in given.rows)))
+    )
+    assert "below the plane of its mitral points, as stored" in found.rows[0].how
+    assert "UNANCHORED" not in found.own_warnings and all(plane is not None for plane in found.planes)
+    again = measure(stored, TIMES, base=0.7)
+    assert again["end-diastolic volume"] == measure(known, TIMES, base=0.7)["end-diastolic volume"]
+
+
+def test_closed_surfaces_count_where_a_model_has_no_base(heart, known):
+    """A volume below a base and one without are not compared."""
+    stored, _ = with_mitral_planes(heart, known)
+    found = measure([stored[0], *known[1:]], TIMES)
+    assert "1 of 4 models have a base" in found.warnings["BASE_MISSES"]
+    assert found["ejection fraction"] == measure(known, TIMES)["ejection fraction"]
+
+
+def test_a_base_that_was_given_to_the_fit_is_stored(heart):
+    """Below it the volume counts, and not what the surface adds beyond."""
+    points, plane = heart.surface_points("endo", 0.0, 1500), plane_through(heart.mitral_points(0.0), CENTRE)
+    below = points[plane.heights(points) < 0]
+    fit = qf.fit({"endo": below}, base=(plane.point, 3 * plane.direction))
+    assert fit.model.landmarks.base.direction == pytest.approx(plane.direction)
+    assert fit.model.landmarks.base_from == "the given base"
+    found = measure(fit.model)
+    assert found["end-diastolic volume"] == measure(fit.model, base=(plane.point, plane.direction)).rows[0].value
+    assert qf.fit({"endo": points}).model.landmarks.base is None

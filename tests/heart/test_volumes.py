@@ -5,15 +5,17 @@ import pytest
 
 from quadriform.errors import DegenerateError, OptionError
 from quadriform.heart.axis import LongAxis
-from quadriform.heart.base import BasePlane, base_rule, plane_through
+from quadriform.heart.base import base_rule, plane_through
 from quadriform.heart.measure import contour_length
 from quadriform.heart.volumes import section_centre, volume, volume_below
 from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.landmarks import BasePlane
 from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
 
 UP = np.array([0.0, 0, 1])
+TWO = 2 * [DeformableModel({"endo": Superquadric()}, ControlBox.around(Superquadric()))]
 
 
 @pytest.fixture
@@ -89,13 +91,13 @@ def test_the_plane_of_mitral_points_leads_away_from_the_cavity(rng):
 )
 def test_what_is_no_base_is_refused(base, words):
     with pytest.raises(OptionError, match=words):
-        base_rule(base, 2)
+        base_rule(base, TWO, {})
 
 
 def test_the_rule_has_a_description():
     loop = np.eye(3)
-    assert "whole closed surface" in base_rule(None, 2).description
-    assert "80 %" in base_rule(0.8, 2).description
-    assert "fixed plane" in base_rule(([0, 0, 0], [0, 0, 2]), 2).description
-    assert "the same in all frames" in base_rule(loop, 2).description
-    assert "own" in base_rule([loop, loop], 2).description
+    assert "whole closed surface" in base_rule(None, TWO, {}).description
+    assert "80 %" in base_rule(0.8, TWO, {}).description
+    assert "fixed plane" in base_rule(([0, 0, 0], [0, 0, 2]), TWO, {}).description
+    assert "the same in all frames" in base_rule(loop, TWO, {}).description
+    assert "own" in base_rule([loop, loop], TWO, {}).description

@@ -5,7 +5,6 @@ import pytest
 
 from quadriform.errors import OptionError
 from quadriform.heart.axis import LongAxis
-from quadriform.heart.base import BasePlane
 from quadriform.heart.wall import Wall
 from quadriform.heart.wall_motion import (
     MovingWall,
@@ -16,6 +15,7 @@ from quadriform.heart.wall_motion import (
     relative_lengthening,
 )
 from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.landmarks import BasePlane
 from quadriform.shapes.pose import rotation_from_euler
 from quadriform.shapes.superquadric import Superquadric
 

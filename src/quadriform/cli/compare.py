@@ -119,9 +119,21 @@ def _record(a: "Surface", b: "Surface") -> dict[str, Any]:
         "hausdorff": max(a_to_b.largest, b_to_a.largest),
         "volume_a": volumes[0],
         "volume_b": volumes[1],
+        "volume_below_base_a": _below_base(a),
+        "volume_below_base_b": _below_base(b),
         "dice": None if None in volumes else dice(a, b),
         "parameters": None if difference is None else _parameters(difference),
     }
+
+
+def _below_base(body: "Surface") -> float | None:
+    """The volume of a ventricle below the base that its model was stored with, in cubed units; else None."""
+    from quadriform.heart.volumes import volume
+    from quadriform.shapes.mesh import Mesh
+
+    if isinstance(body, Mesh) or body.landmarks.base is None:
+        return None
+    return volume(body, next(iter(body.surfaces)), body.landmarks.base)
 
 
 def _parameters(difference: "ParameterDifference") -> dict[str, Any]:
@@ -145,6 +157,8 @@ def _rows(record: dict[str, Any]) -> list[tuple[str, str, str]]:
     rows.append(("Hausdorff distance", _words(record["hausdorff"]), unit))
     cubed = unit and f"{unit}^3"
     rows += [(f"volume {which.upper()}", _words(record[f"volume_{which}"]), cubed) for which in "ab"]
+    below = [(f"volume {which.upper()} below its base", record[f"volume_below_base_{which}"]) for which in "ab"]
+    rows += [(name, _words(value), cubed) for name, value in below if value is not None]
     rows.append(("Dice overlap", _words(record["dice"]), ""))
     if "status" in record:
         rows.append(("status of the fits", record["status"], ", ".join(record["warnings"])))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from quadriform.cli.exit_codes import report_error
-from quadriform.cli.heart_volumes import plane_in_model, volume_rows, volumes_below, with_base
+from quadriform.cli.heart_volumes import volume_rows, volumes_below
 from quadriform.cli.options import Common, check_file_names, stem, surface_file
 from quadriform.cli.reporting import REPORT, fit_options, page_of_fit
 from quadriform.cli.results import MODEL, earlier_results
@@ -22,7 +22,6 @@ from quadriform.files.frame_numbers import natural
 from quadriform.files.reading import naming
 from quadriform.files.result_folder import check_results, replaced_together
 from quadriform.fitting.result import Fit, flat
-from quadriform.heart.base import BasePlane
 from quadriform.imaging.file_points import (
     ImageOptions,
     Source,
@@ -36,6 +35,7 @@ from quadriform.imaging.file_points import (
 from quadriform.imaging.fit_files import fit_sources
 from quadriform.imaging.ventricle_files import Heart, read_ventricle
 from quadriform.point_sets import ALONE
+from quadriform.shapes.landmarks import Landmarks
 from quadriform.shapes.record import remarks
 
 Record = dict[str, Any]
@@ -184,33 +184,36 @@ def _run(job: Job, options: Mapping[str, Any], common: Common) -> Record:
     check_results(job.folder, names, common.force, job.files)
     begin = time.perf_counter()
     with naming(*job.files):
-        sources, base = _read(job, options.get("base"))
-        # the paper's method has no base; its points end there all the same
-        options = dict(options) if base is None or options.get("method") == "paper" else {**options, "base": base}
+        sources, landmarks = _read(job, options.get("base"))
+        options = _with_base(options, landmarks)
         assumed = [text for source in sources.values() for text in source.notes]
         for text in dict.fromkeys(assumed):
             note(text)
-        found = _fit(job, sources, options)
+        found = _fit(job, sources, options, landmarks)
         print_remarks(remarks({}, found.notes, job.name))
         found = replace(found, notes=(*without_folders(assumed, job.files), *found.notes))
         check_strict(common.strict, found.warnings)
-    plane = None if job.heart is None else plane_in_model(base, next(iter(sources.values())).space, found.model)
-    volumes = {} if job.heart is None else volumes_below(found.model, plane)
-    if plane is not None:
-        found = replace(found, model=with_base(found.model, plane))
+    volumes = {} if job.heart is None else volumes_below(found.model)
     record = _record(job, found, time.perf_counter() - begin) | volumes
-    _write(job, found, _page(job, sources, found, plane, record | fit_options(options)), common.force)
+    _write(job, found, _page(job, sources, found, record | fit_options(options)), common.force)
     return record
 
 
-def _read(job: Job, base: Any) -> tuple[dict[str, Source], Any]:
-    """Points by surface, and where they end on purpose; of a ventricle, volumes count below that plane."""
+def _read(job: Job, base: Any) -> tuple[dict[str, Source], Landmarks | None]:
+    """Points by surface; of a ventricle also where it ends, in the frame of the points."""
     if job.heart is None:
-        return {name: read_source(path, image) for name, (path, image) in job.sources.items()}, base
+        return {name: read_source(path, image) for name, (path, image) in job.sources.items()}, None
     path, image = next(iter(job.sources.values()))
     found = read_ventricle(path, job.heart, image, base)
+    return found.surfaces, found.landmarks
+
+
+def _with_base(options: Mapping[str, Any], landmarks: Landmarks | None) -> dict[str, Any]:
+    """The options with the base of a ventricle; the paper's method has none, its points end there all the same."""
+    if landmarks is None or landmarks.base is None or options.get("method") == "paper":
+        return dict(options)
     # plain numbers, which the page lists
-    return found.surfaces, None if found.base is None else tuple(part.tolist() for part in found.base)
+    return {**options, "base": (landmarks.base.point.tolist(), landmarks.base.direction.tolist())}
 
 
 def _write(job: Job, found: Fit, page: bytes, force: bool) -> None:
@@ -222,19 +225,20 @@ def _write(job: Job, found: Fit, page: bytes, force: bool) -> None:
         write_bytes(folder / REPORT, page)
 
 
-def _page(job: Job, sources: Mapping[str, Source], found: Fit, plane: BasePlane | None, record: Record) -> bytes:
+def _page(job: Job, sources: Mapping[str, Source], found: Fit, record: Record) -> bytes:
     clouds = {name: source.points for name, source in sources.items()}
     first = next(iter(sources.values()))
     image = first.image if len(job.files) == 1 else None
     title = ", ".join(path.name for path in job.files)
-    return page_of_fit(found, clouds, image, first.space, title, record, plane)
+    return page_of_fit(found, clouds, image, first.space, title, record)
 
 
-def _fit(job: Job, sources: Mapping[str, Source], options: Mapping[str, Any]) -> Fit:
+def _fit(job: Job, sources: Mapping[str, Source], options: Mapping[str, Any], landmarks: Landmarks | None) -> Fit:
     space = space_to_write(job.space, common_space_and_unit(sources)[0])
     with progress_bar(job.name) as progress:
         found = fit_sources(job.sources, sources, {**options, "progress": progress})
-    return replace(found, model=found.model.in_space(space))
+    model = found.model if landmarks is None else replace(found.model, landmarks=landmarks)
+    return replace(found, model=model.in_space(space))
 
 
 # --- records -----------------------------------------------------------------------------------------------------

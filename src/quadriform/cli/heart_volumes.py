@@ -1,37 +1,26 @@
 """Volumes of a fitted ventricle below its base: fields of the record, and rows of the table."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from quadriform.columns import MILLIMETRES
-from quadriform.heart.base import BasePlane
 from quadriform.heart.volumes import volume
 from quadriform.shapes.model import DeformableModel
-from quadriform.shapes.spaces import rotation_between
 
 SAME = 1e-3
 """A closed volume that differs by a smaller fraction is that below the base."""
 
 
-def plane_in_model(base: tuple[Any, Any] | None, space: str, model: DeformableModel) -> BasePlane | None:
-    """The plane below which volumes count, in the frame of the model; `space` is its own."""
-    if base is None:
-        return None
-    rotation = rotation_between(space, model.space)
-    return BasePlane(*(rotation @ np.asarray(part) for part in base))
-
-
-def volumes_below(model: DeformableModel, plane: BasePlane | None) -> dict[str, Any]:
+def volumes_below(model: DeformableModel) -> dict[str, Any]:
     """Fields of `--json`: volumes in ml of the cavity, and of the wall where there is one, below the base; the base."""
+    plane = model.landmarks.base
     ml = MILLIMETRES.get(model.unit, 1.0) ** 3 / 1000
     cavity = ml * volume(model, "endo", plane)
     wall = {"wall_volume_ml": ml * volume(model, "epi", plane) - cavity} if "epi" in model.surfaces else {}
     base = None if plane is None else {"point": plane.point.tolist(), "direction": plane.direction.tolist()}
     closed = ml * volume(model, "endo", None)
-    return {"volume_ml": cavity, **wall, "closed_volume_ml": closed, "base": base}
+    known = {"closed_volume_ml": closed, "base": base, "base_from": model.landmarks.base_from}
+    return {"volume_ml": cavity, **wall, **known}
 
 
 def volume_rows(record: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -45,14 +34,9 @@ def volume_rows(record: Mapping[str, Any]) -> list[tuple[str, str]]:
         rows.append(("cavity volume, closed surface", f"{closed:.4g} ml"))
     if "wall_volume_ml" in record:
         rows.append((f"wall volume{where}", f"{record['wall_volume_ml']:.4g} ml"))
-    return rows if base is None else [*rows, ("base", _text(base["point"], base["direction"]))]
-
-
-def with_base(model: DeformableModel, plane: BasePlane) -> DeformableModel:
-    """The model with the base in the notes on its input files."""
-    note = f"volumes count below the base {_text(plane.point, plane.direction)} in {model.space}"
-    sources = tuple(replace(source, note=note) for source in model.record.sources)
-    return replace(model, record=replace(model.record, sources=sources))
+    if base is None:
+        return rows
+    return [*rows, ("base", f"{record['base_from']}: {_text(base['point'], base['direction'])}")]
 
 
 def _text(point: Iterable[float], direction: Iterable[float]) -> str:

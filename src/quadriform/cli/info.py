@@ -168,6 +168,8 @@ def _record(model: "DeformableModel | MovingModel") -> dict[str, Any]:
     from quadriform.files.records import record_document
 
     found = record_document(model.record, model.surfaces)
+    every = model.landmarks if isinstance(model.landmarks, tuple) else (model.landmarks,)
+    bases = ", ".join(dict.fromkeys(each.base_from for each in every if each.base is not None))
     found = {name: found[name] for name in ("title", "status", "warnings", "notes", "sources", "coverage")}
     metadata = {"space": model.space, "unit": model.unit, "input_sha256": model.input_sha256 or "unknown"}
-    return metadata | found | status_fields(model.record)
+    return metadata | {"base": bases or "none"} | found | status_fields(model.record)

@@ -1,7 +1,7 @@
 """`quadriform report`: a model becomes one page that shows it."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from quadriform.cli.measure import Landmarks
 from quadriform.cli.options import subcommand
@@ -9,6 +9,7 @@ from quadriform.cli.screen import print_line, print_remarks
 from quadriform.shapes.record import remarks_of
 
 if TYPE_CHECKING:
+    from quadriform.heart.measures_table import Measures
     from quadriform.points import Array
     from quadriform.shapes.model import DeformableModel
 
@@ -38,31 +39,22 @@ def report(
     suffix_of(output, (".html",), "a page")
     check_writable(output, force, inputs=[model])
     frames, times = load_frames([model])
-    measures = planes = None
-    if where.base or where.contours or "endo" in frames[0].surfaces:
-        measures, planes = _measures(frames, times, where)
+    is_ventricle = where.base or where.contours or "endo" in frames[0].surfaces
+    measures = _measures(frames, times, where) if is_ventricle else None
     check_strict(strict, frames[0].warnings if measures is None else measures.warnings, model)
     print_remarks(remarks_of(frames[0].record) if measures is None else measures.remarks)
     # the frames above do not move; the page plays the moving model
     shown = read_any_model(model)
     record = {"model": model.name, "input_sha256": shown.input_sha256} | status_fields(shown.record)
     title = shown.record.title or model.stem
-    page = model_report(shown, title=title, record=record, measures=measures, planes=planes)
+    page = model_report(shown, title=title, record=record, measures=measures)
     write_bytes(output, page, force)
     print_line(f"written: {output}")
 
 
-def _measures(frames: "list[DeformableModel]", times: "Array | None", where: Landmarks) -> tuple[Any, Any]:
-    """The measures of a ventricle, and the planes of its base where one is given."""
+def _measures(frames: "list[DeformableModel]", times: "Array | None", where: Landmarks) -> "Measures":
     from quadriform.cli.measure import landmarks
-    from quadriform.heart.axis import base_planes
-    from quadriform.heart.base import base_rule
-    from quadriform.heart.heart_cycle import check_cycle
     from quadriform.heart.measure import measure
 
-    given, inserts = landmarks(where, frames)
-    measures = measure(frames, times, base=given, rv_inserts=inserts)
-    if given is None:
-        return measures, None
-    found = base_planes(check_cycle(frames, times), base_rule(given, len(frames)), {})
-    return measures, [(plane.point, plane.direction) for plane in found if plane is not None]
+    base, inserts = landmarks(where, frames)
+    return measure(frames, times, base=base, rv_inserts=inserts)

@@ -12,7 +12,6 @@ from quadriform.cli.screen import note
 from quadriform.errors import QuadriformError
 from quadriform.fitting.options import options_for
 from quadriform.fitting.result import Fit
-from quadriform.heart.base import BasePlane
 from quadriform.heart.measure import measure
 from quadriform.heart.measures_table import Measures
 from quadriform.imaging.volume import Volume
@@ -47,7 +46,6 @@ def page_of_fit(
     space: str,
     title: str,
     record: Record,
-    base: BasePlane | None = None,
 ) -> bytes:
     """The page of a fit.
 
@@ -58,7 +56,6 @@ def page_of_fit(
         space: frame of the input.
         title: of the page.
         record: what the terminal shows.
-        base: of the cavity, in the frame that was asked for; None is the whole closed surface.
     """
     rotation = rotation_between(space, fit.model.space)
     rotated = {name: cloud @ rotation.T for name, cloud in clouds.items()}
@@ -66,7 +63,7 @@ def page_of_fit(
         # the image rotates with its points: its voxels stay, their places in the world change
         affine = np.block([[rotation, np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]]) @ image.world_from_voxel
         image = replace(image, world_from_voxel=affine, space=fit.model.space)
-    found = measures_of([fit.model], None, base)
+    found = measures_of([fit.model], None)
     return fit_report(fit, rotated, title=title, record=record, image=image, measures=found)
 
 
@@ -101,14 +98,12 @@ def page_of_track(
     return track_report(found, shown, title=title, record=record, measures=measures_of(found.models, times))
 
 
-def measures_of(
-    models: Sequence[DeformableModel], times: Array | None, base: BasePlane | None = None
-) -> Measures | None:
+def measures_of(models: Sequence[DeformableModel], times: Array | None) -> Measures | None:
     """The measures of models with a surface "endo"; None, with a note, where they cannot be measured."""
     if "endo" not in models[0].surfaces:
         return None
     try:
-        return measure(models, times, base=None if base is None else (base.point, base.direction))
+        return measure(models, times)
     except QuadriformError as error:
         note(f"the report has no measures of the ventricle: {error}")
         return None

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from quadriform.errors import FileFormatError, OptionError
 from quadriform.files.arrays import parse_npz
 from quadriform.files.atomic import write_bytes
+from quadriform.files.landmarks import landmarks_document, read_landmarks
 from quadriform.files.metadata import SPACES, UNITS, check_space_and_unit
 from quadriform.files.packed import TEXT, VALUES, Unpacking, packed
 from quadriform.files.reading import PathLike, quoted, read_bytes, signature, suffix_of, suffix_to_read
@@ -31,10 +32,13 @@ from quadriform.shapes.superquadric import SHAPES, Superquadric
 
 MODEL_SUFFIXES = (".json", ".npz")
 FORMAT, MOVING = "quadriform-model", "quadriform-moving-model"
-VERSION = 2
-"""Since 2 the file holds the record of the fit; models of version 1 have the status "unknown"."""
-MOVING_VERSION = 3
-"""Since 2 the file has the times of its frames; before, they are those of the knots. Since 3 it has the record."""
+VERSION = 3
+"""Since 2 the file holds the record of the fit; models of version 1 have the status "unknown". Since 3 it may have
+landmarks."""
+MOVING_VERSION = 4
+"""Since 2 the file has the times of its frames; before, they are those of the knots. Since 3 it has the record, since 4
+it may have landmarks."""
+LANDMARKS = "landmarks"
 BODY = ("format", "version", "space", "unit", "input_sha256", "surfaces", "box")
 BOX = {"origin": (3,), "edges": (3, 3)}
 
@@ -53,7 +57,8 @@ def write_model(model: DeformableModel, path: PathLike, force: bool = False) -> 
         OutputError: the target cannot be written.
     """
     encode = {".json": encode_json, ".npz": packed}[suffix_of(path, MODEL_SUFFIXES, "a model")]
-    write_bytes(path, encode(_document(FORMAT, VERSION, model) | _box_document(model.box)), force)
+    landmarks = {LANDMARKS: landmarks_document(model.landmarks)}
+    write_bytes(path, encode(_document(FORMAT, VERSION, model) | landmarks | _box_document(model.box)), force)
 
 
 def write_moving_model(model: MovingModel, path: PathLike, force: bool = False) -> None:
@@ -67,7 +72,9 @@ def write_moving_model(model: MovingModel, path: PathLike, force: bool = False) 
     suffix_of(path, (".json",), "a moving model")
     knots, frames = model.basis.knots.tolist(), model.frame_times.tolist()
     time = {"time": {"knots": knots, "period": model.basis.period, "frames": frames}}
-    write_bytes(path, encode_json(_document(MOVING, MOVING_VERSION, model) | time | _box_document(model)), force)
+    landmarks = {LANDMARKS: [landmarks_document(each) for each in model.landmarks] or None}
+    document = _document(MOVING, MOVING_VERSION, model) | landmarks | time | _box_document(model)
+    write_bytes(path, encode_json(document), force)
 
 
 def read_model(path: PathLike) -> DeformableModel:
@@ -84,7 +91,8 @@ def read_model(path: PathLike) -> DeformableModel:
     root = Field(parse_json(data, where) if suffix == ".json" else _parse_arrays(data, where), "", where)
     fields = _fields(root, FORMAT, BODY, VERSION, recorded=2)
     box = root.member("box")
-    model = root.made(DeformableModel, box=box.made(ControlBox, **_box_fields(box)), **fields)
+    landmarks = read_landmarks(root.optional(LANDMARKS))
+    model = root.made(DeformableModel, box=box.made(ControlBox, **_box_fields(box)), landmarks=landmarks, **fields)
     _check_extent(model, where)
     return model
 
@@ -102,7 +110,10 @@ def read_moving_model(path: PathLike) -> MovingModel:
     root = Field(parse_json(read_bytes(path), where), "", where)
     fields = _fields(root, MOVING, (*BODY, "time"), MOVING_VERSION, recorded=3)
     times = _times(root.member("time"), root.member("version").whole())
-    model = root.made(MovingModel, **fields, **times, **_box_fields(root.member("box"), None))
+    every = root.optional(LANDMARKS)
+    landmarks = () if every.value is None else tuple(map(read_landmarks, every.items()))
+    box = _box_fields(root.member("box"), None)
+    model = root.made(MovingModel, **fields, **times, **box, landmarks=landmarks)
     # Between knots the splines stay near these states.
     for knot in model.basis.knots:
         _check_extent(root.made(model.at, float(knot)), where)
@@ -170,8 +181,8 @@ def _fields(root: Field, name: str, body: tuple[str, ...], latest: int, recorded
     version = root.member("version")
     if not 1 <= version.whole() <= latest:
         version.refuse(f"version 1 to {latest}; a later one needs a newer quadriform")
-    has_record = version.whole() >= recorded
-    root.only((*body, *FIELDS) if has_record else body)
+    has_record, has_landmarks = version.whole() >= recorded, version.whole() > recorded
+    root.only((*body, *(FIELDS if has_record else ()), *([LANDMARKS] if has_landmarks else ())))
     surfaces = _surfaces(root.member("surfaces"))
     return {
         "surfaces": surfaces,

@@ -33,6 +33,7 @@ from quadriform.points import Array, Frame, check_weights, for_each
 from quadriform.shapes.closest import closest_on
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.kinds import KINDS
+from quadriform.shapes.landmarks import GIVEN_BASE, NONE_KNOWN, Landmarks
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.record import ModelRecord
 from quadriform.shapes.spaces import SPACES
@@ -223,14 +224,14 @@ def _refine_tangent(
     sample = clouds.take(index)
     centred = Centred.of(sample.points, sample.weights)
     frame, distinct = centred.frame, centred.distinct
-    known = KnownNoise.of(sample.noise, centred)
+    known, base = KnownNoise.of(sample.noise, centred), options.base_plane(sample.points)
     problem = LocalProblem(
         centred.points,
         centred.weights,
         {name: distinct[name].of_distinct(each) for name, each in sample.normals.items()},
         known,
         options,
-        half_space=options.half_space(sample.points, frame),
+        half_space=None if base is None else (frame.to_local(base.point[None])[0], base.direction),
         max_error=None if options.max_error is None else options.max_error / frame.scale,
         start=None if start is None else frame.shape_to_local(start),
         progress=progress,
@@ -238,7 +239,9 @@ def _refine_tangent(
     result = refine_tangent(problem, _in_frame(surfaces, frame), kind)
     found = _in_world(_of_all_points(result, distinct), sample.points, frame)
     copies = named_texts({name: duplicates(each.copies, len(each.counted)) for name, each in distinct.items()})
-    found = replace(found, warnings=copies | found.warnings)
+    landmarks = NONE_KNOWN if base is None else Landmarks(base, GIVEN_BASE)
+    model = replace(found.model, landmarks=landmarks)
+    found = replace(found, model=model, warnings=copies | found.warnings)
     if index is None:
         return found
     return on_all(found, clouds.points, clouds.weights, clouds.noise, centred, known, options)

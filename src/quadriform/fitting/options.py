@@ -8,7 +8,8 @@ from numpy.typing import ArrayLike
 
 from quadriform.errors import OptionError, choose
 from quadriform.fitting.least_squares.regularisers import Regulariser
-from quadriform.points import Array, Frame, check_number, check_points
+from quadriform.points import Array, check_number, check_points
+from quadriform.shapes.landmarks import BasePlane
 
 METHODS = ("tangent", "paper")
 TANGENT_REGULARITIES = ("bending", "springs")
@@ -110,17 +111,15 @@ class TangentOptions:
         if self.max_error is not None:
             check_number(self.max_error, "max_error", 0)
 
-    def half_space(self, clouds: Mapping[str, Array], frame: Frame) -> tuple[Array, Array] | None:
-        """The base as a half-space (point, unit direction) in the centred, scaled frame.
+    def base_plane(self, clouds: Mapping[str, Array]) -> BasePlane | None:
+        """The base as a plane in the world of the points.
 
         Raises:
             OptionError: `base` is neither a plane nor a loop.
         """
         if self.base is None:
             return None
-        centre = np.concatenate(list(clouds.values())).mean(axis=0)
-        point, direction = _plane(self.base, centre)
-        return frame.to_local(point[None])[0], direction
+        return BasePlane(*_plane(self.base, np.concatenate(list(clouds.values())).mean(axis=0)))
 
 
 def _plane(base: ArrayLike | tuple[ArrayLike, ArrayLike], centre: Array) -> tuple[Array, Array]:

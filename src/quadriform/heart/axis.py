@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadriform.errors import OptionError, WarningKind, Warnings
-from quadriform.heart.base import BasePlane, BaseRule, plane_through
+from quadriform.heart.base import BaseRule, plane_through
 from quadriform.heart.heart_cycle import HeartCycle
 from quadriform.heart.volumes import section_centre, volume_below
 from quadriform.points import Array
+from quadriform.shapes.landmarks import BasePlane
 from quadriform.shapes.model import DeformableModel
 
 Planes = tuple[BasePlane | None, ...]
@@ -122,6 +123,8 @@ def _plane(frames: HeartCycle, rule: BaseRule, number: int, warnings: Warnings) 
     if rule.mitral_points is not None:
         centre = frames.models[number].mesh(frames.cavity, 8).vertices.mean(axis=0)
         return plane_through(rule.mitral_points[number], centre)
+    if rule.planes is not None:
+        return rule.planes[number]
     if rule.fraction is not None:
         return superquadric_axis(frames, number, warnings).plane(rule.fraction)
     return rule.fixed

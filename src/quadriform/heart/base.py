@@ -1,4 +1,4 @@
-"""The plane at the base of the ventricle, given by one of four rules."""
+"""The plane at the base of the ventricle, given by one of five rules."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,65 +6,55 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from quadriform.errors import DegenerateError, OptionError
+from quadriform.errors import DegenerateError, OptionError, WarningKind, Warnings
 from quadriform.points import Array, check_number, check_points
+from quadriform.shapes.landmarks import BasePlane
+from quadriform.shapes.model import DeformableModel
 
 Base = float | ArrayLike | tuple[ArrayLike, ArrayLike] | Sequence[ArrayLike] | None
-"""None, a fraction of the long axis, (point, direction), mitral points (n, 3), or such points for every frame."""
+"""None (what the models know), a fraction of the long axis, (point, direction), mitral points (n, 3), or such points
+for every frame."""
 
 COLLINEAR = 1e-3
 """Mitral points whose second singular value is below this fraction of the first lie on a line."""
 
 
 @dataclass(frozen=True)
-class BasePlane:
-    """The plane at the base.
-
-    Attributes:
-        point: (3,), on the plane, in the world.
-        direction: (3,), unit, towards the side that is cut off.
-    """
-
-    point: Array
-    direction: Array
-
-    def heights(self, points: Array) -> Array:
-        """Return signed distances (n,) of world points (n, 3), positive on the side that is cut off."""
-        return (points - self.point) @ self.direction
-
-
-@dataclass(frozen=True)
 class BaseRule:
-    """The rule for the base in every frame; at most one of the three is given.
+    """The rule for the base in every frame; at most one of the four is given.
 
     Attributes:
         fraction: of the long axis, from the apex, that is kept.
         fixed: one plane for all frames.
         mitral_points: (n, 3), one set a frame.
+        planes: one a frame, which the models were stored with.
         description: for the table of measures.
     """
 
     fraction: float | None = None
     fixed: BasePlane | None = None
     mitral_points: tuple[Array, ...] | None = None
+    planes: tuple[BasePlane, ...] | None = None
     description: str = "enclosed by the whole closed surface"
 
 
-def base_rule(base: Base, n_frames: int) -> BaseRule:
+def base_rule(base: Base, models: Sequence[DeformableModel], warnings: Warnings) -> BaseRule:
     """Return the rule of the option `base`.
 
     Args:
-        base: None: the closed surface as it is. A number in (0, 1]: this fraction of the long axis from the apex, in
-            every frame. A tuple (point, direction): this plane in all frames, the direction leading to the side that
-            is cut off. Points (n, 3): the least squares plane of these mitral points in all frames. A list of point
-            sets, one a frame: each frame's own.
-        n_frames: the number of frames.
+        base: None: the base that each model was stored with; of models without one the closed surface as it is. A
+            number in (0, 1]: this fraction of the long axis from the apex, in every frame. A tuple (point, direction):
+            this plane in all frames, the direction leading to the side that is cut off. Points (n, 3): the least
+            squares plane of these mitral points in all frames. A list of point sets, one a frame: each frame's own.
+        models: one a frame.
+        warnings: BASE_MISSES is added where some models have a base and others have none.
 
     Raises:
         OptionError: something else, or not one set a frame.
     """
+    n_frames = len(models)
     if base is None:
-        return BaseRule()
+        return _stored_rule(models, warnings)
     if isinstance(base, (int, float)):
         fraction = check_number(base, "base", 1e-3, 1)
         return BaseRule(fraction=fraction, description=f"below {100 * fraction:g} % of the long axis from the apex")
@@ -80,6 +70,21 @@ def base_rule(base: Base, n_frames: int) -> BaseRule:
         raise OptionError(f"option base: expected mitral points for each of {n_frames} frames, found {len(sets)} sets")
     points = tuple(_mitral_points(one, number) for number, one in enumerate(sets))
     return BaseRule(mitral_points=points, description=description)
+
+
+def _stored_rule(models: Sequence[DeformableModel], warnings: Warnings) -> BaseRule:
+    """The bases of the models; the closed surfaces where any has none, for both would not be comparable."""
+    every = [model.landmarks for model in models]
+    planes = tuple(each.base for each in every if each.base is not None)
+    if len(planes) == len(models):
+        names = " or ".join(dict.fromkeys(each.base_from for each in every))
+        return BaseRule(planes=planes, description=f"below {names}, as stored with the model")
+    if planes:
+        warnings[WarningKind.BASE_MISSES] = (
+            f"{len(planes)} of {len(models)} models have a base, the others have none: the whole closed surfaces "
+            "count; give the base"
+        )
+    return BaseRule()
 
 
 def _mitral_points(points: ArrayLike, frame: int) -> Array:

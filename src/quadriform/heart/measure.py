@@ -9,12 +9,13 @@ from numpy.typing import ArrayLike
 
 from quadriform.errors import OptionError, Warnings
 from quadriform.heart.axis import LongAxis, Planes, base_planes, long_axis
-from quadriform.heart.base import Base, BasePlane, BaseRule, base_rule
+from quadriform.heart.base import Base, BaseRule, base_rule
 from quadriform.heart.heart_cycle import HeartCycle, check_cycle
 from quadriform.heart.measures_table import Measures, Row
 from quadriform.heart.volumes import DENSITY, section, volume
 from quadriform.heart.wall_rows import wall_rows
 from quadriform.points import Array, unit_vectors
+from quadriform.shapes.landmarks import BasePlane
 from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.record import together
@@ -39,11 +40,13 @@ def measure(
         models: one a frame in the order of time, with the surfaces "endo" and "epi", or the cavity alone. Twist,
             strain and thickening need frames that share superquadrics and undeformed box.
         times: (F,) increasing, in any unit; the frames' numbers unless given.
-        base: the end of the cavity. None: the closed surface. A number: this fraction of the long axis from the apex.
-            (point, direction to the side cut off): a fixed plane. Mitral points (n, 3): their plane, in all
+        base: the end of the cavity. None: the base that the models were stored with, as those of `quadriform fit
+            --heart` and of contours are; without one the closed surface. A number: this fraction of the long axis from
+            the apex. (point, direction to the side cut off): a fixed plane. Mitral points (n, 3): their plane, in all
             frames. A list of mitral points, one set a frame: each frame's own plane.
         rv_inserts: (n, 3) points at end diastole where the right ventricle meets the left, anterior and inferior. A
-            list of such points, one set a frame: those of end diastole are taken, if there are any.
+            list of such points, one set a frame: those of end diastole are taken, if there are any. None: those that
+            the models were stored with.
         ed: frame of end diastole; the one of the largest volume unless given. End systole has the smallest volume.
         observed: whether the models were fitted to tracked material points. Contours and surfaces have none: twist
             and circumferential strain are then determined by the prior only, and reported as "not observed".
@@ -53,8 +56,8 @@ def measure(
             leaves nothing, insertions that determine no septum, a frame that does not exist.
     """
     frames = check_cycle(models, times)
-    rule = base_rule(base, len(frames.models))
     warnings = dict(frames.warnings)
+    rule = base_rule(base, frames.models, warnings)
     planes = base_planes(frames, rule, warnings)
     pairs = zip(frames.models, planes)
     volumes = frames.ml * np.array([volume(model, frames.cavity, plane) for model, plane in pairs])
@@ -69,11 +72,11 @@ def measure(
         rows.append(Row("longitudinal strain", float(curves["longitudinal strain"][end]), "%", how))
     if frames.wall is not None:
         axis = long_axis(frames, start, rule, planes[start], warnings)
-        inserts = _inserts_at(rv_inserts, start, len(frames.models))
+        inserts = _inserts_at(rv_inserts, start, frames.models)
         more, moving = wall_rows(frames, planes[start], axis, (start, end), inserts, observed, warnings)
         rows, curves = rows + more, curves | moving
     fit = together({f"frame {number}": model.record for number, model in enumerate(frames.models)})
-    return Measures(tuple(rows), warnings, frames.times, curves, start, end, fit)
+    return Measures(tuple(rows), warnings, frames.times, curves, start, end, fit, planes)
 
 
 def _ends(volumes: Array, ed: int | None) -> tuple[int, int | None]:
@@ -90,13 +93,17 @@ def _ends(volumes: Array, ed: int | None) -> tuple[int, int | None]:
     return start, end
 
 
-def _inserts_at(rv_inserts: ArrayLike | Sequence[ArrayLike] | None, frame: int, n_frames: int) -> ArrayLike | None:
-    """The insertions at a frame: the given points, or of one set a frame its own."""
+def _inserts_at(
+    rv_inserts: ArrayLike | Sequence[ArrayLike] | None, frame: int, models: Sequence[DeformableModel]
+) -> ArrayLike | None:
+    """The insertions at a frame: the given points, or of one set a frame its own; the stored ones unless given."""
+    if rv_inserts is None:
+        rv_inserts = [model.landmarks.rv_inserts for model in models]
     sets: list[ArrayLike] = list(rv_inserts) if isinstance(rv_inserts, Sequence) else []
     if not sets or any(np.ndim(one) != 2 for one in sets):
         return rv_inserts  # type: ignore[return-value]
-    if len(sets) != n_frames:
-        raise OptionError(f"rv_inserts: expected points for each of {n_frames} frames, found {len(sets)} sets")
+    if len(sets) != len(models):
+        raise OptionError(f"rv_inserts: expected points for each of {len(models)} frames, found {len(sets)} sets")
     return sets[frame] if np.size(sets[frame]) else None
 
 

@@ -12,6 +12,7 @@ from quadriform.errors import OptionError, Warnings, join_warnings
 from quadriform.files.atomic import write_bytes
 from quadriform.files.reading import suffix_of
 from quadriform.points import Array
+from quadriform.shapes.landmarks import BasePlane
 from quadriform.shapes.record import ModelRecord, Remark, remarks, remarks_of, worst
 from quadriform.words import csv_bytes, summary
 
@@ -51,6 +52,7 @@ class Measures:
         ed: frame of end diastole.
         es: frame of end systole, None when there is one frame.
         fit: the record of the models' fits, those of all frames together.
+        planes: the base of each frame, below which volumes count; None for a closed surface.
     """
 
     rows: tuple[Row, ...]
@@ -60,6 +62,7 @@ class Measures:
     ed: int
     es: int | None
     fit: ModelRecord = field(default_factory=ModelRecord)
+    planes: tuple[BasePlane | None, ...] = ()
 
     def __repr__(self) -> str:
         frames = f"{len(self.times)} frames, end diastole {self.ed}, end systole {self.es}"

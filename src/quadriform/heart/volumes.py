@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from quadriform.heart.base import BasePlane
 from quadriform.points import Array
+from quadriform.shapes.landmarks import BasePlane
 from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.model import DeformableModel
 

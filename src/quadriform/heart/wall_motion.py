@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.heart.axis import LongAxis
-from quadriform.heart.base import BasePlane
 from quadriform.heart.twist import LEVELS, Slices
 from quadriform.heart.wall import NODES, WEIGHTS, Wall
 from quadriform.points import Array, unit_vectors
 from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.landmarks import BasePlane
 
 
 @dataclass(frozen=True)

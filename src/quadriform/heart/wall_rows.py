@@ -8,7 +8,6 @@ from numpy.typing import ArrayLike, NDArray
 from quadriform.errors import WarningKind, Warnings
 from quadriform.heart.aha_segments import NAMES, AhaSegmentation
 from quadriform.heart.axis import LongAxis
-from quadriform.heart.base import BasePlane
 from quadriform.heart.heart_cycle import HeartCycle
 from quadriform.heart.measures_table import Row
 from quadriform.heart.twist import DEPTH, LEVELS
@@ -16,6 +15,7 @@ from quadriform.heart.wall import Wall
 from quadriform.heart.wall_motion import MovingWall, relative_lengthening
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.landmarks import BasePlane
 from quadriform.shapes.superquadric import Superquadric
 
 NOT_OBSERVED = "not observed: surfaces have no material points, so the prior alone determines this; "

@@ -25,6 +25,7 @@ from quadriform.imaging.voxel_faces import (
     face_area_vectors,
 )
 from quadriform.points import Array, check_number, check_points
+from quadriform.shapes.landmarks import GIVEN_BASE, BasePlane, Landmarks
 from quadriform.words import short_repr
 
 Plane = tuple[Array, Array]
@@ -40,6 +41,8 @@ ON_PLANE = 1e-9
 BELOW_FACE = 0.49
 """From the centre of a voxel to just below its face, in voxels: less than the 0.5 to the middle of an edge, so that the
 edge on which a point lies stays known."""
+FACE, OPENING = "the outer face of the last slice with labels", "the opening of the wall"
+"""What a base is that was found, in words."""
 OFFSET = np.array([0.31830989, 0.36787944, 0.41421356])
 """Corner of a cube, in sides of a cube: off every voxel grid, so that no point lies on a face between two cubes."""
 
@@ -57,6 +60,7 @@ class VentriclePoints:
         record: number of voxels of cavity and wall, number of points beyond the base by surface, spacing of the points;
             of labels also the number of voxels of the cavity apart from its largest component, which are left out.
         noise: covariances (n, 3, 3) of the points of a label image by name, the `noise` of `fit`; None of a grey image.
+        base_from: what the base is, in words; empty without one.
     """
 
     __repr__ = short_repr
@@ -67,6 +71,12 @@ class VentriclePoints:
     warnings: Warnings
     record: dict[str, Any]
     noise: dict[str, Array] | None = None
+    base_from: str = ""
+
+    @property
+    def landmarks(self) -> Landmarks:
+        """The base as a model stores it."""
+        return Landmarks() if self.base is None else Landmarks(BasePlane(*self.base), self.base_from)
 
 
 def ventricle_from_labels(
@@ -123,7 +133,8 @@ def ventricle_from_labels(
         surfaces = {name: _up_to_face(points, plane, cropped) for name, points in surfaces.items()}
     found = _finish(surfaces, plane, warnings, tissue, cropped, _renamed(spacing, apart))
     found.record["left_out_voxels"] = sum(blood.component_voxels) - int(_inside(blood).sum())
-    return replace(found, noise={name: edge_noise(cropped, points) for name, points in found.clouds.items()})
+    noise = {name: edge_noise(cropped, points) for name, points in found.clouds.items()}
+    return replace(found, noise=noise, base_from=_base_from(plane, base, FACE))
 
 
 def ventricle_from_perfusion(
@@ -171,11 +182,16 @@ def ventricle_from_perfusion(
     is_epi = (ends == BACKGROUND).any(axis=1) & ~is_endo  # a dark spot within the wall is neither
     surfaces = {"endo": points[is_endo], "epi": points[is_epi]}
     result = _finish(surfaces, plane, warnings, tissue, cropped, _renamed(spacing, apart))
+    result = replace(result, base_from=_base_from(plane, base, OPENING))
     if base is None:
         removed = sum(result.record["beyond_base"].values())
         total = sum(map(len, surfaces.values()))
         warnings[WarningKind.OPEN_BASE] = f"the wall is open; {removed} of {total} points at its rim are left out"
     return result
+
+
+def _base_from(plane: Plane | None, given: Plane | None, found: str) -> str:
+    return "" if plane is None else found if given is None else GIVEN_BASE
 
 
 def _renamed(spacing: float | None, apart: float | None) -> float | None:

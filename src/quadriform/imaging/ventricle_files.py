@@ -15,6 +15,7 @@ from quadriform.imaging.object_choice import Labels
 from quadriform.imaging.reading import read_volume
 from quadriform.imaging.ventricle import HALF, Plane, VentriclePoints, ventricle_from_labels, ventricle_from_perfusion
 from quadriform.imaging.volume import Volume
+from quadriform.shapes.landmarks import Landmarks
 from quadriform.words import listed
 
 Rule = Labels | Preset
@@ -96,11 +97,11 @@ class VentricleSource:
 
     Attributes:
         surfaces: name -> points of the surface.
-        base: as `VentriclePoints` has it.
+        landmarks: the base, where there is one, and what it is.
     """
 
     surfaces: dict[str, Source]
-    base: Plane | None
+    landmarks: Landmarks
 
 
 def labelled_heart(texts: Sequence[str]) -> LabelledHeart:
@@ -162,7 +163,7 @@ def read_ventricle(path: Path, heart: Heart, image: ImageOptions, base: Plane | 
         name: in_unit(replace(common, points=points, noise=noise[name]), image.unit, path)
         for name, points in found.clouds.items()
     }
-    return VentricleSource(sources, found.base)
+    return VentricleSource(sources, found.landmarks)
 
 
 def _notes(found: VentriclePoints, noted: Sequence[WarningKind]) -> list[str]:

@@ -1,6 +1,7 @@
 """Whole reports: of a fit, of a moving model, of a model alone."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -54,7 +55,7 @@ def fit_report(
         sections.verdict(
             report_text("fit", "verdict", fit=fit, unit=unit), fit.status, remarks(fit.warnings, fit.notes)
         ),
-        Section("Model", viewer(model, _fit_scene(fit, clouds, residuals, title))),
+        Section("Model", viewer(model, replace(_fit_scene(fit, clouds, residuals, title), planes=_planes(measures)))),
         sections.errors(residuals, before, unit, voxel),
     ]
     if image is not None:
@@ -94,7 +95,8 @@ def track_report(
     signed = {name: [found.residuals[k][name] for k in shown] for name in model.surfaces}
     models = [found.models[k] for k in shown]
     fields = [residual_field(models, each, signed), *_thickness(models)]
-    scene = Scene(title, each, signed, found.frame_rms[list(shown)].tolist(), fields, _cavity(model))
+    errors, planes = found.frame_rms[list(shown)].tolist(), _planes(measures)
+    scene = Scene(title, each, signed, errors, fields, _cavity(model), planes)
     worst = int(found.frame_rms.argmax())
     words = {"frames": len(found.models), "worst": worst, "worst_rms": found.frame_rms[worst], "unit": unit}
     verdict = report_text("track", "verdict", track=found, **words)
@@ -115,7 +117,6 @@ def model_report(
     title: str,
     record: Mapping[str, Any],
     measures: Measures | None = None,
-    planes: Sequence[Plane] | None = None,
 ) -> bytes:
     """The page of a model without the data it was fitted to.
 
@@ -124,11 +125,11 @@ def model_report(
         title: plain text.
         record: where it comes from.
         measures: of a ventricle.
-        planes: the base in each frame, where the cavity of the viewer's volumes ends.
     """
     moving = isinstance(model, MovingModel)
     models = [model.at(t) for t in model.frame_times] if isinstance(model, MovingModel) else [model]
-    scene = Scene(title, errors=[None] * len(models), fields=_thickness(models), cavity=_cavity(model), planes=planes)
+    unknown, planes = [None] * len(models), _planes(measures)
+    scene = Scene(title, errors=unknown, fields=_thickness(models), cavity=_cavity(model), planes=planes)
     sentence = report_text("model", "verdict", model=model, moving="moving " if moving else "")
     fit = model.record
     status, found = (fit.status, remarks_of(fit)) if measures is None else (measures.status, measures.remarks)
@@ -156,6 +157,12 @@ def _thickness(models: Sequence[DeformableModel]) -> list[Field]:
 
 def _cavity(model: DeformableModel | MovingModel) -> str:
     return "endo" if "endo" in model.surfaces else next(iter(model.surfaces))
+
+
+def _planes(measures: Measures | None) -> list[Plane] | None:
+    """The base of each frame, where the cavity of the viewer's volumes ends; None where a surface is closed."""
+    found = [plane for plane in (() if measures is None else measures.planes) if plane is not None]
+    return [(plane.point, plane.direction) for plane in found] or None
 
 
 def _fit_words(fit: Fit) -> str:

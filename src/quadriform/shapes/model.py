@@ -15,6 +15,7 @@ from quadriform.shapes import fold_bound
 from quadriform.shapes.closest import FootPoints, closest_on
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.crossings import crossings
+from quadriform.shapes.landmarks import NONE_KNOWN, Landmarks
 from quadriform.shapes.mesh import Mesh, extrapolated, split_quads
 from quadriform.shapes.record import ModelRecord, Recorded
 from quadriform.shapes.spaces import rotation_between
@@ -34,6 +35,7 @@ class DeformableModel(Recorded):
         unit: "mm", "m" or "unknown".
         input_sha256: hash of the input that the model was fitted to, empty for models built by hand.
         record: status, warnings and sources of its fit; "unknown" for models built by hand.
+        landmarks: of a ventricle, above all the base below which its volumes count.
     """
 
     surfaces: dict[str, Superquadric]
@@ -42,6 +44,7 @@ class DeformableModel(Recorded):
     unit: str = "unknown"
     input_sha256: str = ""
     record: ModelRecord = field(default_factory=ModelRecord)
+    landmarks: Landmarks = NONE_KNOWN
 
     def __repr__(self) -> str:
         counts = " x ".join(map(str, self.box.control_points.shape[:3]))
@@ -60,7 +63,8 @@ class DeformableModel(Recorded):
     def transformed(self, scale: float, offset: Array) -> DeformableModel:
         """The same model after `scale` x + `offset`: from a centred, scaled frame back to the world."""
         surfaces = {name: s.transformed(scale, offset) for name, s in self.surfaces.items()}
-        return replace(self, surfaces=surfaces, box=self.box.transformed(scale, offset))
+        landmarks = self.landmarks.transformed(scale, offset)
+        return replace(self, surfaces=surfaces, box=self.box.transformed(scale, offset), landmarks=landmarks)
 
     def in_space(self, space: str) -> DeformableModel:
         """The same model in another frame of the world, "LPS" or "RAS": a half-rotation about z lies between them.
@@ -71,7 +75,8 @@ class DeformableModel(Recorded):
         """
         rotation = rotation_between(self.space, space)
         surfaces = {name: s.rotated(rotation) for name, s in self.surfaces.items()}
-        return replace(self, surfaces=surfaces, box=self.box.rotated(rotation), space=space)
+        landmarks = self.landmarks.rotated(rotation)
+        return replace(self, surfaces=surfaces, box=self.box.rotated(rotation), space=space, landmarks=landmarks)
 
     def superquadric(self, surface: str | None = None) -> Superquadric:
         """The superquadric of a name; without a name the first.

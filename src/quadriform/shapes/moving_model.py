@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from quadriform.errors import OptionError
 from quadriform.points import Array, check_points
 from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.landmarks import NONE_KNOWN, Landmarks
 from quadriform.shapes.model import DeformableModel, lines_of
 from quadriform.shapes.record import ModelRecord, Recorded
 from quadriform.shapes.spaces import rotation_between
@@ -33,6 +34,7 @@ class MovingModel(Recorded):
         input_sha256: hash of the input that the model was fitted to.
         frame_times: (F,), increasing, of the frames that it was fitted to; those of the knots unless given.
         record: status, warnings and sources of its fit, those of all frames together.
+        landmarks: of a ventricle, one entry a frame; empty where none are known.
     """
 
     surfaces: dict[str, Superquadric]
@@ -45,6 +47,7 @@ class MovingModel(Recorded):
     input_sha256: str = ""
     frame_times: Array = ()  # type: ignore[assignment]
     record: ModelRecord = field(default_factory=ModelRecord)
+    landmarks: tuple[Landmarks, ...] = ()
 
     def __repr__(self) -> str:
         knots, *counts = self.control_points.shape[:4]
@@ -67,6 +70,8 @@ class MovingModel(Recorded):
             raise OptionError(f"frame_times: expected increasing times, found {times}")
         self.basis.values(times)  # refuses those that a motion without period does not cover
         object.__setattr__(self, "frame_times", times)
+        if self.landmarks and len(self.landmarks) != len(times):
+            raise OptionError(f"landmarks: expected one entry for each of {len(times)} frames, or none")
 
     @property
     def n_parameters(self) -> int:
@@ -79,12 +84,22 @@ class MovingModel(Recorded):
         return ControlBox(self.origin, self.edges, np.tensordot(weights, self.control_points, 1))
 
     def at(self, time: float) -> DeformableModel:
-        """The model at a time, in the unit of the knots; with a period any time.
+        """The model at a time, in the unit of the knots; with a period any time; landmarks of the nearest frame.
 
         Raises:
             OptionError: a time that a motion without period does not cover.
         """
-        return DeformableModel(self.surfaces, self.box(time), self.space, self.unit, self.input_sha256, self.record)
+        known = self.space, self.unit, self.input_sha256, self.record
+        return DeformableModel(self.surfaces, self.box(time), *known, self._landmarks_at(time))
+
+    def _landmarks_at(self, time: float) -> Landmarks:
+        """Those of the frame that is nearest in time."""
+        if not self.landmarks:
+            return NONE_KNOWN
+        distances = np.abs(self.frame_times - time)
+        if (period := self.basis.period) is not None:
+            distances = np.minimum(distances % period, -distances % period)
+        return self.landmarks[int(distances.argmin())]
 
     def trajectories(self, points: ArrayLike, times: ArrayLike) -> Array:
         """Positions (T, n, 3) at (T,) times of material points, given before deformation (n, 3)."""
@@ -114,6 +129,7 @@ class MovingModel(Recorded):
             origin=scale * self.origin + offset,
             edges=scale * self.edges,
             control_points=scale * self.control_points + offset,
+            landmarks=tuple(each.transformed(scale, offset) for each in self.landmarks),
         )
 
     def in_space(self, space: str) -> MovingModel:
@@ -131,4 +147,5 @@ class MovingModel(Recorded):
             edges=self.edges @ rotation.T,
             control_points=self.control_points @ rotation.T,
             space=space,
+            landmarks=tuple(each.rotated(rotation) for each in self.landmarks),
         )

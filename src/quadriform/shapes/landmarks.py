@@ -1,0 +1,73 @@
+"""Where the cavity of a ventricle ends, and where the right ventricle meets the left: what stays with its model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from quadriform.errors import OptionError
+from quadriform.points import Array
+from quadriform.words import plain
+
+NO_POINTS = np.empty((0, 3))
+GIVEN_BASE = "the given base"
+"""What a base is that was an option."""
+
+
+@dataclass(frozen=True)
+class BasePlane:
+    """The plane at the base.
+
+    Attributes:
+        point: (3,), on the plane, in the world.
+        direction: (3,), unit, towards the side that is cut off.
+    """
+
+    point: Array
+    direction: Array
+
+    def heights(self, points: Array) -> Array:
+        """Return signed distances (n,) of world points (n, 3), positive on the side that is cut off."""
+        return (points - self.point) @ self.direction
+
+    def rotated(self, rotation: Array) -> BasePlane:
+        """Return the same plane after a rotation (3, 3) about the origin."""
+        return BasePlane(rotation @ self.point, rotation @ self.direction)
+
+
+@dataclass(frozen=True)
+class Landmarks:
+    """Where the cavity of a ventricle ends, and where the right ventricle meets the left, at one time.
+
+    Attributes:
+        base: beyond this plane the model is extrapolated and no volume counts; None where none is known.
+        base_from: what the plane is, as in "below the plane of its mitral points"; empty without a plane.
+        rv_inserts: (n, 3), in the world; n may be 0.
+
+    Raises:
+        OptionError: a plane without a text, or a text without a plane.
+    """
+
+    base: BasePlane | None = None
+    base_from: str = ""
+    rv_inserts: Array = field(default_factory=lambda: NO_POINTS)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "base_from", plain(self.base_from))
+        if (self.base is None) != (not self.base_from):
+            raise OptionError(f"base_from={self.base_from!r}: expected a text exactly where there is a base")
+
+    def transformed(self, scale: float, offset: Array) -> Landmarks:
+        """Return the same after `scale` x + `offset`."""
+        base = None if self.base is None else replace(self.base, point=scale * self.base.point + offset)
+        return replace(self, base=base, rv_inserts=scale * self.rv_inserts + offset)
+
+    def rotated(self, rotation: Array) -> Landmarks:
+        """Return the same after a rotation (3, 3) about the origin."""
+        base = None if self.base is None else self.base.rotated(rotation)
+        return replace(self, base=base, rv_inserts=self.rv_inserts @ rotation.T)
+
+
+NONE_KNOWN = Landmarks()
+"""Of a model that is no ventricle, or of which nothing is known."""
