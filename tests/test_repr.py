@@ -56,7 +56,7 @@ def test_no_public_class_is_left_out(objects):
 
 def test_a_fit_prints_its_verdict_and_its_warnings(objects):
     text = repr(objects[0])
-    assert text.startswith("Fit: warned") and "OUTLIERS: " in text and "RMS distance" in text
+    assert text.startswith("Fit: warned") and "PARTIAL_COVERAGE: " in text and "RMS distance" in text
 
 
 def test_warnings_print_as_words():

@@ -3,7 +3,7 @@
 Every error message is one sentence chain: what is wrong, where, what was expected, what was found, what to try.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from difflib import get_close_matches
 from enum import StrEnum
 from functools import wraps
@@ -85,6 +85,7 @@ class WarningKind(StrEnum):
     ILL_CONDITIONED = "ILL_CONDITIONED"
     NEAR_SYMMETRIC = "NEAR_SYMMETRIC"
     OUTLIERS = "OUTLIERS"
+    MANY_OUTLIERS = "MANY_OUTLIERS"
     DUPLICATES = "DUPLICATES"
     PRECISION_LOSS = "PRECISION_LOSS"
     AT_BOUND = "AT_BOUND"
@@ -112,7 +113,46 @@ class WarningKind(StrEnum):
 
 
 Warnings = dict[WarningKind, str]
-"""From the kind of a warning to its sentence; `"OUTLIERS" in fit.warnings` works, for a kind is a string."""
+"""From the kind of a warning to its sentence; `"FOLDING" in fit.warnings` works, for a kind is a string."""
+NOTE, WARNED, UNRELIABLE = LEVELS = ("note", "warned", "unreliable")
+"""How much a kind of warning matters: it leaves the status "ok"; the result can be used with its restriction; it must
+not be used. What depends on a measured quantity has two kinds, such as OUTLIERS and MANY_OUTLIERS."""
+LEVEL: dict[WarningKind, str] = dict.fromkeys(WarningKind, WARNED) | {
+    # data as it often is, which the method allows for
+    WarningKind.OUTLIERS: NOTE,
+    WarningKind.DUPLICATES: NOTE,
+    WarningKind.ANISOTROPIC: NOTE,
+    # the surface is not the one that the points are from, or the map is none
+    WarningKind.FOLDING: UNRELIABLE,
+}
+"""The level of each kind; the only place where it is decided."""
+
+
+def status_of(warnings: Iterable[WarningKind]) -> str:
+    """The status that warnings lead to: "ok", "warned" or "unreliable"."""
+    worst = max((LEVELS.index(LEVEL[kind]) for kind in warnings), default=0)
+    return "ok" if worst == 0 else LEVELS[worst]
+
+
+def check_strict(strict: str | None, status: str, warnings: Warnings) -> None:
+    """Refuse a result by its status.
+
+    Args:
+        strict: the mildest status that is refused, "warned" or "unreliable"; None refuses nothing.
+        status: of the result.
+        warnings: which the message has.
+
+    Raises:
+        FitError: the status is refused.
+    """
+    if strict is not None and status in LEVELS[LEVELS.index(choose(strict, LEVELS[1:], "strict")) :]:
+        raise FitError("refused for its warnings: " + "; ".join(f"{kind}: {text}" for kind, text in warnings.items()))
+
+
+def without_notes(warnings: Warnings) -> tuple[Warnings, tuple[str, ...]]:
+    """The warnings that leave no status "ok", and the others as notes, each with its kind."""
+    notes = tuple(f"{kind}: {text}" for kind, text in warnings.items() if LEVEL[kind] == NOTE)
+    return {kind: text for kind, text in warnings.items() if LEVEL[kind] != NOTE}, notes
 
 
 def join_warnings(*parts: Warnings) -> Warnings:

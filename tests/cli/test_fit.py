@@ -257,7 +257,7 @@ def test_strict_refuses_warnings_and_writes_nothing(terminal, ellipsoid, tmp_pat
     warned = terminal("fit", "half.npy", "-o", "a", *BRIEF)
     assert warned.code == 0
     assert "warning: PARTIAL_COVERAGE" in warned.err
-    refused = terminal("fit", "half.npy", "-o", "b", "--strict", *BRIEF)
+    refused = terminal("fit", "half.npy", "-o", "b", "--strict=warned", *BRIEF)
     assert refused.code == 3
     assert "PARTIAL_COVERAGE" in refused.err
     assert not (tmp_path / "b").exists()

@@ -204,7 +204,7 @@ def test_one_model_is_enough_for_volumes_and_wall(terminal, beating, tmp_path):
     result = terminal("measure", "0.json")
     assert result.code == 0
     assert "warning: ONE_FRAME" in result.err
-    assert terminal("measure", "0.json", "--strict", "-o", "m.csv").code == 3
+    assert terminal("measure", "0.json", "--strict=warned", "-o", "m.csv").code == 3
     assert not (tmp_path / "m.csv").exists()
 
 

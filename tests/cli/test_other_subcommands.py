@@ -115,7 +115,7 @@ def test_segment_refuses(terminal, nifti, body, tmp_path):
         ((path, "-o", "mask.nii", "--label", "7"), 4, "no voxel has the label 7"),
         ((path, "-o", "mask.nii", "--seed", "0,0,0"), 4, "labels.nii"),
         ((path, "-o", "mask.nii", "--region", "0:99,0:2,0:2"), 2, "region"),
-        ((path, "-o", "mask.nii", "--region", "0:14,0:26,0:18", "--label", "1", "--strict"), 3, "BORDER_CUT"),
+        ((path, "-o", "mask.nii", "--region", "0:14,0:26,0:18", "--label", "1", "--strict=warned"), 3, "BORDER_CUT"),
         (("missing.nii", "-o", "mask.nii"), 4, "no such file"),
     ]:
         result = terminal("segment", *words)

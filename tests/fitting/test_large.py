@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from notes import note_of
 from shapes_made import lumpy
 
 import quadriform as qf
@@ -92,7 +93,7 @@ def test_outliers_are_reported_at_their_indices(small, rng):
     far = np.abs(fit.model.distance(points)) > 6 * NOISE
     assert (fit.inliers[far] < 0.5).all() and far[-100:].sum() > 67
     assert (fit.inliers[~far] > 0.5).mean() > 0.98
-    assert str(int((fit.inliers < 0.5).sum())) in fit.warnings["OUTLIERS"]
+    assert str(int((fit.inliers < 0.5).sum())) in note_of(fit, "OUTLIERS")
 
 
 def test_two_clouds_of_which_one_is_very_large(small):

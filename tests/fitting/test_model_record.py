@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from clouds_made import noisy_egg, random_directions
+from notes import note_of
 from shapes_made import lumpy, two_walls
 
 import quadriform as qf
@@ -64,7 +65,7 @@ def test_a_model_of_many_points_carries_the_warnings_of_all(monkeypatch):
     monkeypatch.setattr(large_clouds, "LARGE", replace(large_clouds.LARGE, many=300))
     few = np.vstack([EGG, EGG[:1] * 3])
     found = qf.fit(few, **SMALL)
-    assert "400" in found.warnings["OUTLIERS"] and found.model.warnings == found.warnings
+    assert "400" in note_of(found, "OUTLIERS") and found.model.notes == found.notes
 
 
 @pytest.mark.slow

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from fitters_made import FITTERS
+from notes import note_of
 from shapes_made import even_directions, lumpy, made, turned
 
 import quadriform as qf
@@ -117,11 +118,9 @@ WARNED = {
     "5 eleven": (lambda: CLOUD[:11], {"PARTIAL_COVERAGE"}),
     "5 twelve": (lambda: CLOUD[:12], {"PARTIAL_COVERAGE"}),
     "10": (lambda: made(semi_axes=(3.0, 2.0, 1e-3)).surface(SPHERE)[:, [2, 0, 1]], set()),
-    "11": (lambda: np.concatenate([CLOUD, CLOUD]), {"DUPLICATES"}),
     "14": (lambda: (CLOUD + 1e6).astype(np.float32), {"PRECISION_LOSS"}),
     "18 float16": (lambda: CLOUD.astype(np.float16), {"PRECISION_LOSS"}),
-    "23": (lambda: np.vstack([CLOUD, [20 * RADIUS, 0, 0]]), {"OUTLIERS"}),
-    "24 30 %": (lambda: with_strangers(0.3), {"OUTLIERS"}),
+    "24 30 %": (lambda: with_strangers(0.3), {"MANY_OUTLIERS"}),
     "24 50 %": (lambda: with_strangers(0.5), set()),
     "25 half": (lambda: BODY[BODY[:, 2] > 0], {"PARTIAL_COVERAGE"}),
     "25 quarter": (lambda: BODY[(BODY[:, 1:] > 0).all(axis=1)], {"PARTIAL_COVERAGE"}),
@@ -137,9 +136,14 @@ WARNED = {
 def test_what_is_doubtful_is_never_plain_ok(row):
     points, kinds = WARNED[row]
     found = fit(points())
-    assert found.status == "warned"
+    assert found.status in ("warned", "unreliable")
     assert kinds <= set(found.warnings)
     assert np.isfinite(found.residuals).all() and np.isfinite(found.model.box.control_points).all()
+
+
+def test_row_11_copies_are_a_note():
+    found = fit(np.concatenate([CLOUD, CLOUD]))
+    assert note_of(found, "DUPLICATES").startswith("200 of 400 points")
 
 
 @pytest.mark.parametrize(
@@ -194,7 +198,7 @@ def test_row_21_a_memory_map_is_never_written_to(tmp_path):
 def test_row_23_one_gross_outlier_moves_nothing(plain):
     found = fit(np.vstack([CLOUD, [20 * RADIUS, 0, 0]]))
     same_surface(found, plain, tolerance=1e-2)
-    assert found.warnings["OUTLIERS"].endswith("200")
+    assert note_of(found, "OUTLIERS").endswith("200")
 
 
 @pytest.mark.slow
@@ -204,7 +208,7 @@ def test_row_24_outliers_change_little(count, share, seed, tolerance):
     cloud = lumpy(count)
     found = qf.fit(np.vstack([cloud, strangers(share, count, seed)]), box=(4, 4, 4))
     same_surface(found, qf.fit(cloud, box=(4, 4, 4)), tolerance=tolerance)
-    assert "OUTLIERS" in found.warnings
+    assert note_of(found, "OUTLIERS") or "MANY_OUTLIERS" in found.warnings
 
 
 def test_row_28_points_on_axes_planes_and_at_the_centre_have_finite_distances():

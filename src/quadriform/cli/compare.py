@@ -25,7 +25,7 @@ class _Body:
 
 
 @subcommand
-def compare(a: Path, b: Path, *, surface: str | None = None, strict: bool = False, as_json: bool = False) -> None:
+def compare(a: Path, b: Path, *, surface: str | None = None, strict: str | None = None, as_json: bool = False) -> None:
     """Distances between two surfaces both ways, volumes, overlap, and how the parameters of two models differ.
 
     Args:

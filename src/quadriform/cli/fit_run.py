@@ -192,7 +192,7 @@ def _run(job: Job, options: Mapping[str, Any], common: Common) -> Record:
         found = _fit(job, sources, options, landmarks)
         print_remarks(remarks({}, found.notes, job.name))
         found = replace(found, notes=(*without_folders(assumed, job.files), *found.notes))
-        check_strict(common.strict, found.warnings)
+        check_strict(common.strict, found.status, found.warnings)
     volumes = {} if job.heart is None else volumes_below(found.model)
     record = _record(job, found, time.perf_counter() - begin) | volumes
     _write(job, found, _page(job, sources, found, record | fit_options(options)), common.force)

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 from quadriform.cli.options import subcommand
 from quadriform.cli.screen import print_remarks, show, texts
-from quadriform.errors import FileFormatError, join_warnings
-from quadriform.shapes.record import ModelRecord, remarks
+from quadriform.errors import FileFormatError, WarningKind, join_warnings, status_of
+from quadriform.shapes.record import ModelRecord, remarks, worst
 
 if TYPE_CHECKING:
     from quadriform.points import Array
@@ -21,7 +21,7 @@ def info(
     frame: int | None = None,
     affine: str | None = None,
     columns: str | None = None,
-    strict: bool = False,
+    strict: str | None = None,
     as_json: bool = False,
 ) -> None:
     """Show what a file holds: counts, extents, frame, unit and hash.
@@ -43,7 +43,8 @@ def info(
         remarks(record.get("warnings", {}), record.get("notes", ()), "from the fit" if kind == "model" else "")
     )
     show(record, as_json, [(name.replace("_", " "), _words(value)) for name, value in record.items()], str(file))
-    check_strict(strict, record.get("warnings", {}), file)
+    warnings = {WarningKind(kind): text for kind, text in record.get("warnings", {}).items()}
+    check_strict(strict, worst(record.get("status", "ok"), status_of(warnings)), warnings, file)
 
 
 def _words(value: Any) -> str:

@@ -9,6 +9,7 @@ import typer
 from quadriform import __version__
 from quadriform.cli import cohort, compare, deform, demo, export, fit, info, measure, paper, report, segment, track
 from quadriform.cli.exit_codes import INTERRUPTED, USAGE, error_line, report_error
+from quadriform.errors import UNRELIABLE
 
 # typer carries its own copy of click in some versions: its errors are found through a name that it does export.
 UsageProblem: type[Exception] = next(base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException")
@@ -51,6 +52,11 @@ def _root(
     pass
 
 
+def _with_level(argument: str) -> str:
+    """`--strict` alone as the option with a value that typer knows; else the argument."""
+    return f"--strict={UNRELIABLE}" if argument == "--strict" else argument
+
+
 def run() -> None:
     """Run the installed command, and leave the process with its exit code."""
     for stream in (sys.stdout, sys.stderr):
@@ -67,7 +73,7 @@ def main(arguments: Sequence[str]) -> int:
     """
     try:
         # not standalone: errors and exit codes are ours
-        result = app(list(arguments) or ["--help"], prog_name="quadriform", standalone_mode=False)
+        result = app([*map(_with_level, arguments)] or ["--help"], prog_name="quadriform", standalone_mode=False)
         code = result if isinstance(result, int) else 0
         return error_line("interrupted", code) if code == INTERRUPTED else code  # typer catches the key itself
     except UsageProblem as problem:

@@ -65,7 +65,7 @@ def measure(
     frames, times = load_frames(models)
     planes, inserts = landmarks(replace(where, contours=contours), frames)
     found = measure_heart(frames, times, base=planes, rv_inserts=inserts, ed=ed, observed=tracked)
-    check_strict(common.strict, found.warnings, *models)
+    check_strict(common.strict, found.status, found.warnings, *models)
     print_remarks(found.remarks)
     if output is not None:
         write_measures(found, output, common.force)

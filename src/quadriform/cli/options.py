@@ -35,12 +35,12 @@ class Common:
     """What nearly all subcommands take.
 
     Attributes:
-        strict: Refuse a result, or a model, with warnings (exit code 3).
+        strict: Refuse a result, or a model, that is unreliable (exit code 3); --strict=warned also one with warnings.
         force: Replace files that exist.
         as_json: Print JSON on stdout instead of a table.
     """
 
-    strict: bool = False
+    strict: str | None = None
     force: bool = False
     as_json: bool = False
 

@@ -20,7 +20,7 @@ def report(
     *,
     output: Path = Path("report.html"),
     where: Landmarks,
-    strict: bool = False,
+    strict: str | None = None,
     force: bool = False,
 ) -> None:
     """Write one page of HTML that holds the model itself: rotate it, play it, read its values, without a network.
@@ -41,7 +41,8 @@ def report(
     frames, times = load_frames([model])
     is_ventricle = where.base or where.contours or "endo" in frames[0].surfaces
     measures = _measures(frames, times, where) if is_ventricle else None
-    check_strict(strict, frames[0].warnings if measures is None else measures.warnings, model)
+    judged = frames[0] if measures is None else measures
+    check_strict(strict, judged.status, judged.warnings, model)
     print_remarks(remarks_of(frames[0].record) if measures is None else measures.remarks)
     # the frames above do not move; the page plays the moving model
     shown = read_any_model(model)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from quadriform.cli.options import Common, ObjectInImage, subcommand
 from quadriform.cli.screen import note, show, texts, warn
-from quadriform.errors import OptionError
+from quadriform.errors import OptionError, status_of
 
 if TYPE_CHECKING:
     from quadriform.imaging.segmentation import Segmentation
@@ -34,7 +34,7 @@ def segment(image: Path, *, output: Path, chosen: ObjectInImage, common: Common)
         volume, arguments, notes = read_object(image, options)
         found = segment_volume(volume, **arguments)
         # before the mask is encoded: nothing is written for a refused result
-        check_strict(common.strict, found.warnings)
+        check_strict(common.strict, status_of(found.warnings), found.warnings)
         content = encode_labels(found.mask.astype("uint8"), volume.world_from_voxel, volume.space, volume.unit, suffix)
     write_bytes(output, content, common.force)
     notes += kept_note(found)

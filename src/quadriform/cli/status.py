@@ -3,24 +3,25 @@
 from pathlib import Path
 from typing import Any
 
+from quadriform import errors
 from quadriform.cli.screen import print_remarks, texts
-from quadriform.errors import FitError, Warnings
+from quadriform.errors import Warnings
 from quadriform.files.reading import naming
 from quadriform.shapes.record import ModelRecord, remarks_of
 
 
-def repeat_warnings(record: ModelRecord, strict: bool, *files: Path) -> dict[str, Any]:
+def repeat_warnings(record: ModelRecord, strict: str | None, *files: Path) -> dict[str, Any]:
     """The same as `status_fields`; the warnings and notes of a model's fit are shown again, on stderr.
 
     Args:
         record: of the model, or of several together.
-        strict: whether warnings are refused.
+        strict: the mildest status that is refused, or None.
         files: which the models were read from.
 
     Raises:
-        FitError: with `strict`, where there are warnings.
+        FitError: the status is refused.
     """
-    check_strict(strict, record.warnings, *files)
+    check_strict(strict, record.status, record.warnings, *files)
     print_remarks(remarks_of(record))
     return status_fields(record)
 
@@ -34,12 +35,11 @@ def status_fields(record: ModelRecord) -> dict[str, Any]:
     }
 
 
-def check_strict(strict: bool, warnings: Warnings, *files: Path) -> None:
-    """Refuse warnings where `--strict` is given.
+def check_strict(strict: str | None, status: str, warnings: Warnings, *files: Path) -> None:
+    """Refuse a status as `--strict` says.
 
     Raises:
-        FitError: there are some; it names the files.
+        FitError: it is refused; the message names the files.
     """
-    if strict and warnings:
-        with naming(*files):
-            raise FitError("refused for its warnings: " + "; ".join(f"{k}: {text}" for k, text in warnings.items()))
+    with naming(*files):
+        errors.check_strict(strict, status, warnings)

@@ -51,7 +51,7 @@ def run(
         if motion.strategy == "alone":
             check_results(folder, [frame_model(n) for n in range(len(frames.clouds))], common.force, files)
         found = _track(frames, motion.shift_slices, space, options, shown, files)
-        check_strict(common.strict, found.warnings)
+        check_strict(common.strict, found.status, found.warnings)
     models = {MODEL: found.moving} if found.moving else {frame_model(n): m for n, m in enumerate(found.models)}
     record = _record(shown, [folder / name for name in (*models, FRAMES, REPORT)], found, time.perf_counter() - begin)
     page = _page(found, frames, title_of(shown), record | track_options(options))

@@ -34,7 +34,7 @@ class Choices:
         shard: which part, from 1, of how many.
         resume: keep results that are unchanged.
         force: process all subjects again.
-        strict: refuse results with warnings.
+        strict: the mildest status that is refused, or None.
         space: to write in; None for that of the first subject.
     """
 
@@ -42,7 +42,7 @@ class Choices:
     shard: tuple[int, int] = (1, 1)
     resume: bool = False
     force: bool = False
-    strict: bool = False
+    strict: str | None = None
     space: str | None = None
 
     def __post_init__(self) -> None:

@@ -20,7 +20,7 @@ from quadriform.cohort.layout import Layout
 from quadriform.cohort.manifest import READING, Row
 from quadriform.cohort.measures import Measure, measures_of
 from quadriform.cohort.subject_files import files_by_surface, read_subject
-from quadriform.errors import FitError, InputError, OutputError, QuadriformError, join_warnings
+from quadriform.errors import InputError, OutputError, QuadriformError, check_strict, join_warnings
 from quadriform.files import load, save, sha256_of
 from quadriform.files.atomic import make_folder, write_bytes
 from quadriform.files.models import parse_json
@@ -36,7 +36,7 @@ from quadriform.points import Array
 from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
-from quadriform.shapes.record import ModelRecord, remarks
+from quadriform.shapes.record import ModelRecord
 
 MODEL, RECORD = "model.json", "record.json"
 FORMAT = "quadriform-cohort-record"
@@ -60,7 +60,7 @@ class Task:
         results: in which the subject's folder is created.
         layout: of the cohort.
         resume: keep the result of an earlier run when nothing has changed since.
-        strict: refuse a result with warnings.
+        strict: the mildest status that is refused, or None.
     """
 
     row: Row
@@ -68,7 +68,7 @@ class Task:
     results: Path = field(repr=False)
     layout: Layout = field(repr=False)
     resume: bool = False
-    strict: bool = False
+    strict: str | None = None
 
     @property
     def target(self) -> Path:
@@ -167,8 +167,7 @@ def _work(task: Task) -> Outcome:
     frames, read = read_subject(task.row, task.folder)
     frames.notes = list(without_folders(frames.notes, files))
     model, measures = _fitted_or_tracked(frames, task)
-    if task.strict and model.warnings:
-        raise FitError("refused for its warnings: " + "; ".join(map(str, remarks(model.warnings))))
+    check_strict(task.strict, model.status, model.warnings)
     record = replace(model.record, title=task.row.id, sources=input_files(files_by_surface(task.row, task.folder)))
     model = replace(model, input_sha256=sha256_of(read[0], *read[1:]), record=record)
     parameters = parameters_of(model, task.layout)

@@ -15,6 +15,8 @@ from quadriform.shapes.superquadric import EXPONENTS, Superquadric
 
 INLIER = 0.5
 """A point of at least this probability belongs to the surface."""
+MANY = 0.25
+"""Where more than this fraction of the points are outliers, much of what was measured is not the surface."""
 NAMED = 5
 """How many outliers are named by index."""
 POOR, POOR_SUPERQUADRIC = 0.05, 0.1
@@ -80,12 +82,14 @@ def _of_surface(result: Result, name: str, covered: float, residuals: Array, inl
 
 
 def outliers(inliers: Array, counted: NDArray[np.bool_] | None = None) -> Warnings:
-    """OUTLIERS where points (n,) that count, all by default, are not of the surface."""
-    found = np.flatnonzero((inliers < INLIER) & (True if counted is None else counted))
+    """OUTLIERS where points (n,) that count, all by default, are not of the surface, or MANY_OUTLIERS."""
+    counted = np.ones(len(inliers), dtype=np.bool_) if counted is None else counted
+    found = np.flatnonzero((inliers < INLIER) & counted)
     if not len(found):
         return {}
     first = ", ".join(map(str, found[:NAMED])) + (", ..." if len(found) > NAMED else "")
-    return {WarningKind.OUTLIERS: f"{len(found)} of {len(inliers)} points are outliers: {first}"}
+    kind = WarningKind.MANY_OUTLIERS if len(found) > MANY * counted.sum() else WarningKind.OUTLIERS
+    return {kind: f"{len(found)} of {len(inliers)} points are outliers: {first}"}
 
 
 def duplicates(copies: int, count: int) -> Warnings:

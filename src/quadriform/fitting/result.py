@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from quadriform.errors import FitError, OptionError, Warnings
+from quadriform.errors import UNRELIABLE, FitError, OptionError, Warnings, status_of, without_notes
 from quadriform.fitting.least_squares.uncertainty import EnrichedBox
 from quadriform.point_sets import ALONE
 from quadriform.points import Array
@@ -23,14 +23,20 @@ Progress = Callable[[int, int], None]
 
 
 class Warned:
-    """Status and texts of a result with warnings."""
+    """Status and texts of a result with warnings; those that leave the status "ok" are kept among its notes."""
 
     warnings: Warnings
+    notes: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        warnings, notes = without_notes(self.warnings)
+        object.__setattr__(self, "warnings", warnings)
+        object.__setattr__(self, "notes", tuple(dict.fromkeys((*self.notes, *notes))))
 
     @property
     def status(self) -> str:
-        """The word "ok", or "warned" when there are warnings."""
-        return "warned" if self.warnings else "ok"
+        """The reliability: "ok"; "warned", usable where the warnings allow; "unreliable", not to be used."""
+        return status_of(self.warnings)
 
     @property
     def _texts(self) -> list[str]:
@@ -141,6 +147,7 @@ class Fit(Warned):
 
     def __post_init__(self) -> None:
         """Let the model carry status, warnings and notes, also after `dataclasses.replace`."""
+        super().__post_init__()
         record = replace(self.model.record, status=self.status, warnings=self.warnings, notes=self.notes)
         object.__setattr__(self, "model", replace(self.model, record=record))
 
@@ -191,6 +198,14 @@ class Fit(Warned):
         if self.warnings:
             raise FitError("; ".join(self._texts))
         return self
+
+    def require_usable(self) -> Fit:
+        """Return itself unless the status is "unreliable".
+
+        Raises:
+            FitError: it is; the message has the warnings.
+        """
+        return self.require_ok() if self.status == UNRELIABLE else self
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from quadriform.errors import OptionError, Warnings, join_warnings
+from quadriform.errors import OptionError, Warnings, join_warnings, status_of
 from quadriform.files.atomic import write_bytes
 from quadriform.files.reading import suffix_of
 from quadriform.points import Array
@@ -77,7 +77,7 @@ class Measures:
     @property
     def status(self) -> str:
         """Reliability of the numbers: "ok", "warned", "unreliable", or "unknown"."""
-        return worst(self.fit.status, "warned" if self.own_warnings else "ok")
+        return worst(self.fit.status, status_of(self.own_warnings))
 
     @property
     def remarks(self) -> list[Remark]:

@@ -74,6 +74,7 @@ class Track(Warned):
 
     def __post_init__(self) -> None:
         """Let all models carry status, warnings and notes, also after `dataclasses.replace`."""
+        super().__post_init__()
         models = tuple(self._recorded(model) for model in self.models)
         object.__setattr__(self, "models", models)
         object.__setattr__(self, "moving", None if self.moving is None else self._recorded(self.moving))
@@ -161,7 +162,7 @@ def track(
     warnings = found.warnings | _by_frame([precision_warnings(frame) for frame in sets])
     assumed = dict.fromkeys(note for frame in sets for each in frame.values() for note in each.notes)
     marked = found.in_unit(_unit_of(sets))
-    return replace(marked, warnings=warnings, notes=tuple(assumed))
+    return replace(marked, warnings=warnings, notes=(*assumed, *found.notes))
 
 
 def _unit_of(sets: _Sets) -> str:
@@ -245,6 +246,7 @@ def _of_fits(strategy: str, task: _Task, fits: Sequence[Fit], moving: MovingMode
         noise=float(np.sqrt(np.mean([found.noise**2 for found in fits]))),
         strengths=(float(np.median([found.strength for found in fits])),),
         warnings=_by_frame([found.warnings for found in fits]),
+        notes=tuple(f"frame {number}: {note}" for number, found in enumerate(fits) for note in found.notes),
     )
 
 

@@ -297,12 +297,15 @@ def _with_arrays(points: _All, fit: Fit) -> Fit:
         for found, array in zip(arrays, made):
             found[surface.name] = array
     of_points = named_texts({s.name: outliers(arrays[2][s.name], s.weights > 0) for s in points.surfaces})
-    warnings = {kind: text for kind, text in fit.warnings.items() if kind != WarningKind.OUTLIERS} | of_points
+    warnings = {kind: text for kind, text in fit.warnings.items() if kind != WarningKind.MANY_OUTLIERS} | of_points
+    # those of the sample are replaced
+    notes = tuple(note for note in fit.notes if not note.startswith(WarningKind.OUTLIERS))
     sha256 = points_sha256(surface.cloud for surface in points.surfaces)
     return replace(
         fit,
         model=replace(fit.model, input_sha256=sha256),
         warnings=warnings,
+        notes=notes,
         residuals=unnamed(arrays[0]),
         superquadric_residuals=unnamed(arrays[1]),
         inliers=unnamed(arrays[2]),

@@ -81,7 +81,8 @@ def fit_superquadric(
         raise OptionError("method='paper' takes neither weights nor fixed nor noise; use method='robust'")
     else:
         found = fit_by_paper(world, kind)
-    return replace(found, warnings=precision_loss(checked.number_type, world) | found.warnings, notes=checked.notes)
+    precision = precision_loss(checked.number_type, world)
+    return replace(found, warnings=precision | found.warnings, notes=(*checked.notes, *found.notes))
 
 
 def fit_by_paper(world: Array, kind: str) -> SuperquadricFit:
