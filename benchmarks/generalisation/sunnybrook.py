@@ -30,7 +30,7 @@ from quadriform.heart.volumes import volume
 from quadriform.shapes.landmarks import BasePlane
 
 FIT = ("--heart", "endo=label:1")
-TRACK = ("--surface", "endo=label:1")
+TRACK = FIT
 """The options of `quadriform fit` and of `quadriform track` by which a user names the cavity."""
 PHASES = ("ED", "ES")
 LEAST_ERROR = 0.5

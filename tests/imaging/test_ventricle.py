@@ -112,10 +112,57 @@ def test_what_lies_beyond_a_given_plane_is_left_out():
 
 
 def test_a_cavity_without_wall_is_named_and_has_no_epicardium():
-    found = from_labels(labelled(open_at=12.0))
-    assert WarningKind.OPEN_WALL in found.warnings
+    """The wall is missing on an oblique side, which is no end of a stack of slices."""
+    volume = labelled()
+    at, _ = grid()
+    bare = (volume.values == 2) & (at @ [0.6, 0, 0.8] > 12)
+    found = from_labels(replace(volume, values=np.where(bare, 0, volume.values)))
+    assert WarningKind.OPEN_WALL in found.warnings and found.base is None
     lid = found.isosurfaces["epi"]
-    assert not inside(lid[lid[:, 2] > 10.9][:, :3] * [1, 1, 0], (12.0, 11.0, 20.0)).any()
+    assert not (lid @ [0.6, 0, 0.8] > 14).any()
+
+
+@pytest.mark.parametrize("wall", [None, MUSCLE])
+@pytest.mark.parametrize("flip", [1, -1])
+def test_a_stack_that_ends_inside_the_image_is_one_that_the_image_cuts(wall, flip):
+    """Empty slices beyond the base say nothing: points and base are those without them."""
+    thick = {"shape": (40, 40, 16), "spacing": np.array([1.5, 1.5, 5.0])}
+    volume = labelled(open_at=12.0, **thick)
+    if flip < 0:  # the base is at the first slice then
+        turned = volume.world_from_voxel.copy()
+        turned[:, 3] += 15 * turned[:, 2]
+        turned[:, 2] *= -1
+        volume = replace(volume, values=volume.values[:, :, ::-1], world_from_voxel=turned)
+    used = np.flatnonzero((volume.values == 1).any(axis=(0, 1)))
+    side = (0, int(used[-1]) + 1) if flip > 0 else (int(used[0]), 16)
+    cut = volume.crop(((0, 40), (0, 40), side))
+    one, other = (ventricle_from_labels(each, cavity=BLOOD, wall=wall) for each in (volume, cut))
+    np.testing.assert_allclose(one.base, other.base, atol=1e-9)
+    assert one.base[1][2] == pytest.approx(1) and one.base_from == other.base_from != ""
+    for name, points in other.clouds.items():
+        np.testing.assert_allclose(one.clouds[name], points, atol=1e-9)
+    assert WarningKind.BORDER_CUT in other.warnings and WarningKind.BORDER_CUT not in one.warnings
+
+
+def test_a_rounded_end_is_no_base(rng):
+    """However many slices an ellipsoid has, and wherever they lie; and a wall over the end closes it."""
+    for slices in range(9, 40, 3):
+        at, affine = grid((40, 40, slices + 4), np.array([1.5, 1.5, 48 / slices]))
+        shifted = at + np.array([0, 0, rng.uniform(-0.5, 0.5) * 48 / slices])
+        values = inside(shifted, (14.2, 13.1, 24.0)).astype(np.uint8)
+        assert ventricle_from_labels(Volume(values, affine), cavity=BLOOD).base is None
+    volume = labelled(open_at=12.0, shape=(40, 40, 16), spacing=np.array([1.5, 1.5, 5.0]))
+    last = int(np.flatnonzero((volume.values == 1).any(axis=(0, 1)))[-1])
+    values = volume.values.copy()
+    values[:, :, last + 1] = np.where(values[:, :, last] > 0, 2, 0)
+    assert from_labels(replace(volume, values=values)).base is None
+
+
+def test_of_two_flat_ends_the_wider_one_is_the_base():
+    volume = labelled(open_at=8.0, shape=(40, 40, 16), spacing=np.array([1.5, 1.5, 5.0]))
+    at, _ = grid((40, 40, 16), np.array([1.5, 1.5, 5.0]))
+    both = replace(volume, values=np.where(at[..., 2] > -15, volume.values, 0).astype(np.uint8))
+    assert from_labels(both).base[1][2] == pytest.approx(1)
 
 
 def test_a_heart_by_a_preset_or_by_segments_is_that_of_its_labels():

@@ -4,9 +4,17 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from quadriform.columns import MILLIMETRES
+from quadriform.heart.measures_table import Measures
 from quadriform.heart.volumes import volume
 from quadriform.shapes.model import DeformableModel
 
+CYCLE = {
+    "ejection_fraction": "ejection fraction",
+    "end_diastolic_volume_ml": "end-diastolic volume",
+    "end_systolic_volume_ml": "end-systolic volume",
+    "closed_ejection_fraction": "ejection fraction, closed",
+}
+"""Field of `--json` -> quantity of the measures."""
 SAME = 1e-3
 """A closed volume that differs by a smaller fraction is that below the base."""
 
@@ -37,6 +45,27 @@ def volume_rows(record: Mapping[str, Any]) -> list[tuple[str, str]]:
     if base is None:
         return rows
     return [*rows, ("base", f"{record['base_from']}: {_text(base['point'], base['direction'])}")]
+
+
+def cycle_volumes(measures: Measures | None) -> dict[str, Any]:
+    """Fields of `--json`: volumes in ml and ejection fraction in % of a cycle, and where they come from."""
+    if measures is None or measures.es is None:
+        return {}
+    rows = {row.quantity: row for row in measures.rows}
+    found: dict[str, Any] = {name: rows[quantity].value for name, quantity in CYCLE.items() if quantity in rows}
+    return found | {"volumes_from": rows["ejection fraction"].how}
+
+
+def cycle_rows(record: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """The same as rows of a table."""
+    if "ejection_fraction" not in record:
+        return []
+    volumes = " / ".join(f"{record[name]:.4g}" for name in ("end_diastolic_volume_ml", "end_systolic_volume_ml"))
+    return [
+        ("ejection fraction", f"{record['ejection_fraction']:.3g} %"),
+        ("end-diastolic / end-systolic volume", f"{volumes} ml"),
+        ("of", record["volumes_from"]),
+    ]
 
 
 def _text(point: Iterable[float], direction: Iterable[float]) -> str:

@@ -74,6 +74,7 @@ def page_of_track(
     space: str,
     title: str,
     record: Record,
+    measures: Measures | None,
 ) -> bytes:
     """The page of a moving model; points are shown where the shifts of their slices move them.
 
@@ -84,6 +85,7 @@ def page_of_track(
         space: frame of the input.
         title: of the page.
         record: what the terminal shows.
+        measures: of a ventricle.
     """
     rotation = rotation_between(space, found.models[0].space)
     no_shift = np.zeros(3)
@@ -94,8 +96,7 @@ def page_of_track(
             # a slice that was not shifted has no entry
             rotated[name] = rotated[name] + np.array([found.shifts.get(int(n), no_shift) for n in which]).reshape(-1, 3)
         shown.append(rotated)
-    times = found.times if found.moving is not None else None
-    return track_report(found, shown, title=title, record=record, measures=measures_of(found.models, times))
+    return track_report(found, shown, title=title, record=record, measures=measures)
 
 
 def measures_of(models: Sequence[DeformableModel], times: Array | None) -> Measures | None:

@@ -3,11 +3,14 @@
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from quadriform.cli.options import Common, check_space, decimals, subcommand
 from quadriform.errors import OptionError
 from quadriform.words import numbers
+
+if TYPE_CHECKING:
+    from quadriform.imaging.ventricle_files import LabelledHeart
 
 
 @dataclass(frozen=True)
@@ -16,11 +19,30 @@ class Reading:
 
     Attributes:
         surface: NAME=label:VALUES of the label images, such as epi=label:1+2; give it once for each surface.
+        heart: The left ventricle in label images: endo=label:1 for the cavity, for the wall epi=label:1+2. In each
+            frame it ends where its labels end flat, and volumes end there.
     """
 
     surface: list[str] | None = None
+    heart: list[str] | None = None
     columns: str | None = None
     affine: str | None = None
+
+    @property
+    def labelled_heart(self) -> "LabelledHeart | None":
+        """Which labels are the parts of a ventricle; None where --heart is not given.
+
+        Raises:
+            OptionError: an option that cannot be read, or that does not go with it.
+        """
+        from quadriform.imaging.ventricle_files import labelled_heart
+
+        if self.heart is None:
+            return None
+        for option, given in (("--surface", self.surface), ("--columns", self.columns)):
+            if given:
+                raise OptionError(f"options --heart and {option} exclude each other; give one")
+        return labelled_heart(self.heart)
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from quadriform.cli.heart_volumes import cycle_rows, cycle_volumes
 from quadriform.cli.options import Common, stem
-from quadriform.cli.reporting import REPORT, page_of_track, track_options
+from quadriform.cli.reporting import REPORT, measures_of, page_of_track, track_options
 from quadriform.cli.results import FRAMES, MODEL, earlier_results, frame_model
 from quadriform.cli.screen import after_number, closing_rows, note, progress_bar, show, texts, warn
 from quadriform.cli.status import check_strict
@@ -21,10 +22,12 @@ from quadriform.files.reading import naming
 from quadriform.files.result_folder import check_results, replaced_together
 from quadriform.imaging.file_points import files_of, input_files, space_to_write, title_of, without_folders
 from quadriform.imaging.frame_series import FrameSeries, frame_files, keep_slices, read_frames
+from quadriform.shapes.landmarks import NONE_KNOWN
 from quadriform.shapes.record import remarks
 from quadriform.words import csv_bytes
 
 if TYPE_CHECKING:
+    from quadriform.heart.measures_table import Measures
     from quadriform.motion.tracking import Track
 
 Record = dict[str, Any]
@@ -53,8 +56,10 @@ def run(
         found = _track(frames, motion.shift_slices, space, options, shown, files)
         check_strict(common.strict, found.status, found.warnings)
     models = {MODEL: found.moving} if found.moving else {frame_model(n): m for n, m in enumerate(found.models)}
-    record = _record(shown, [folder / name for name in (*models, FRAMES, REPORT)], found, time.perf_counter() - begin)
-    page = _page(found, frames, title_of(shown), record | track_options(options))
+    measures = measures_of(found.models, found.times if found.moving is not None else None)
+    targets = [folder / name for name in (*models, FRAMES, REPORT)]
+    record = _record(shown, targets, found, measures, time.perf_counter() - begin)
+    page = _page(found, frames, measures, title_of(shown), record | track_options(options))
     with replaced_together(folder, next(iter(models)), common.force, earlier) as staging:
         for name, model in models.items():
             save(model, staging / name)
@@ -65,7 +70,7 @@ def run(
 
 
 def _read(files: Sequence[Path], reading: Reading, shift_slices: bool) -> FrameSeries:
-    frames = read_frames(files, reading.surface or [], reading.columns, reading.affine)
+    frames = read_frames(files, reading.surface or [], reading.columns, reading.affine, reading.labelled_heart)
     if shift_slices:
         keep_slices(frames)
     for text in dict.fromkeys(frames.notes):
@@ -93,26 +98,30 @@ def _track(
     sha256 = sha256_of(*dict.fromkeys(file for path in files for file in files_of(path)))
     record = replace(found.models[0].record, title=title_of(inputs), sources=input_files({"": files}))
     metadata: dict[str, Any] = {"space": space, "unit": unit, "input_sha256": sha256, "record": record}
+    each = frames.landmarks or (NONE_KNOWN,) * len(found.models)
     found = replace(
         found,
-        moving=None if found.moving is None else replace(found.moving, **metadata),
-        models=tuple(replace(model, **metadata) for model in found.models),
+        moving=None if found.moving is None else replace(found.moving, **metadata, landmarks=frames.landmarks),
+        models=tuple(replace(model, **metadata, landmarks=one) for model, one in zip(found.models, each)),
         warnings=join_warnings(frames.warnings, found.warnings),
         notes=(*without_folders(frames.notes, files), *found.notes),
     )
     return found.in_space(target)
 
 
-def _page(found: "Track", frames: FrameSeries, title: str, record: Record) -> bytes:
+def _page(found: "Track", frames: FrameSeries, measures: "Measures | None", title: str, record: Record) -> bytes:
     space = frames.space_and_unit[0]
-    return page_of_track(found, frames.clouds, frames.slices, space, title, record)
+    return page_of_track(found, frames.clouds, frames.slices, space, title, record, measures)
 
 
-def _record(inputs: Sequence[Path], targets: Sequence[Path], found: "Track", seconds: float) -> Record:
+def _record(
+    inputs: Sequence[Path], targets: Sequence[Path], found: "Track", measures: "Measures | None", seconds: float
+) -> Record:
     frames = []
     for number, (at, model, rms) in enumerate(zip(found.times, found.models, found.frame_rms)):
         volumes = {f"volume_{name}": model.volume(name) for name in model.surfaces}
-        frames.append({"frame": number, "time": float(at), "rms": float(rms), **volumes})
+        cavity = {} if measures is None else {"cavity_ml": float(measures.curves["cavity volume"][number])}
+        frames.append({"frame": number, "time": float(at), "rms": float(rms), **volumes, **cavity})
     model = found.models[0]
     return {
         "input": ", ".join(map(str, inputs)),
@@ -123,6 +132,7 @@ def _record(inputs: Sequence[Path], targets: Sequence[Path], found: "Track", sec
         "points": int(sum(len(values) for frame in found.residuals for values in frame.values())),
         "parameters": found.moving.n_parameters if found.moving else sum(m.n_parameters for m in found.models),
         "rms": found.rms,
+        **cycle_volumes(measures),
         "noise": found.noise,
         "strengths": list(found.strengths),
         "shifts": {str(number): shift.tolist() for number, shift in found.shifts.items()},
@@ -150,7 +160,8 @@ def _rows(record: Record) -> list[tuple[str, str]]:
     ranges = []
     for name in (name for name in frames[0] if name.startswith("volume_")):
         low, high = (of(frame[name] for frame in frames) for of in (min, max))
-        ranges.append((name.replace("_", " "), f"{low:.5g} to {high:.5g}{cubed}"))
+        closed = ", closed surface" if "closed_ejection_fraction" in record else ""
+        ranges.append((f"{name.replace('_', ' ')}{closed}", f"{low:.5g} to {high:.5g}{cubed}"))
     return [
         ("frames", str(len(frames))),
         ("points", str(record["points"])),
@@ -160,6 +171,7 @@ def _rows(record: Record) -> list[tuple[str, str]]:
         ("worst frame", f"{worst['frame']}: {worst['rms']:.4g}{unit}"),
         ("noise", f"{record['noise']:.4g}{unit}"),
         *([("largest shift of a slice", f"{max(shifts):.3g}{unit}")] if shifts else []),
+        *cycle_rows(record),
         *ranges,
         ("min det J", f"{record['min_jacobian']:.3g}"),
         ("time", f"{record['seconds']:.2f} s"),

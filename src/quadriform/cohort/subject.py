@@ -203,10 +203,10 @@ def _tracked(frames: FrameSeries, task: Task, options: dict[str, Any]) -> tuple[
     found = _with_reading(track(frames.clouds, **frames.with_times(options)), frames)
     if found.moving is None:
         raise InputError("expected a strategy that gives one moving model")
-    model = _with_metadata(found.moving, frames, task.layout)
+    model = _with_metadata(replace(found.moving, landmarks=frames.landmarks), frames, task.layout)
     count = sum(len(values) for frame in found.residuals for values in frame.values())
     about = {"points": count, "rms": found.rms, "noise": found.noise}
-    models = [model.at(time) for time in found.times]
+    models = [model.at(time) for time in found.times]  # each with the landmarks of its frame
     return model, measures_of(models, found.times, found.frame_rms, about, model.record)
 
 

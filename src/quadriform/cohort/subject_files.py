@@ -87,7 +87,7 @@ def read_subject(row: Row, folder: Path) -> tuple[FrameSeries, list[Path]]:
     found = files_by_surface(row, folder)
     if "" in found:
         labels = [f"{name}={rule}" for name, rule in row.surfaces if is_label(rule)]
-        frames = read_frames(found[""], labels, **row.reading)
+        frames = read_frames(found[""], labels, row.reading["columns"], row.reading["affine"])
     else:
         frames, options = FrameSeries(), ImageOptions(affine=row.reading["affine"], columns=row.reading["columns"])
         for files in zip(*found.values()):

@@ -6,17 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from quadriform.errors import DegenerateError, OptionError, WarningKind, Warnings
+from quadriform.errors import OptionError, WarningKind, Warnings
 from quadriform.points import Array, check_number, check_points
-from quadriform.shapes.landmarks import BasePlane
+from quadriform.shapes.landmarks import BasePlane as BasePlane  # still found here
+from quadriform.shapes.landmarks import plane_through as plane_through
 from quadriform.shapes.model import DeformableModel
 
 Base = float | ArrayLike | tuple[ArrayLike, ArrayLike] | Sequence[ArrayLike] | None
 """None (what the models know), a fraction of the long axis, (point, direction), mitral points (n, 3), or such points
 for every frame."""
-
-COLLINEAR = 1e-3
-"""Mitral points whose second singular value is below this fraction of the first lie on a line."""
 
 
 @dataclass(frozen=True)
@@ -102,23 +100,3 @@ def _given_plane(point: ArrayLike, direction: ArrayLike) -> BasePlane:
     if length == 0:
         raise OptionError("option base: the direction of the plane is zero; expected one to the side cut off")
     return BasePlane(rows[0], rows[1] / length)
-
-
-def plane_through(mitral_points: Array, inside: Array) -> BasePlane:
-    """Return the least squares plane of mitral points.
-
-    Args:
-        mitral_points: (n, 3), three or more.
-        inside: (3,), a point on the side that is kept, such as the centre of the cavity.
-
-    Raises:
-        DegenerateError: the points lie on a line.
-    """
-    centre = mitral_points.mean(axis=0)
-    spread, axes = np.linalg.svd(mitral_points - centre)[1:]
-    if not spread[1] > COLLINEAR * spread[0]:
-        raise DegenerateError(
-            f"base: {len(mitral_points)} mitral points lie on a line; expected three that span a plane"
-        )
-    normal = axes[2]  # of the smallest singular value
-    return BasePlane(centre, -normal if (inside - centre) @ normal > 0 else normal)

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from quadriform.errors import OptionError, Warnings
+from quadriform.errors import OptionError, PointsError, Warnings
+from quadriform.heart.aha_segments import AhaSegmentation
 from quadriform.heart.axis import LongAxis, Planes, base_planes, long_axis
 from quadriform.heart.base import Base, BaseRule, base_rule
 from quadriform.heart.heart_cycle import HeartCycle, check_cycle
@@ -72,7 +73,8 @@ def measure(
         rows.append(Row("longitudinal strain", float(curves["longitudinal strain"][end]), "%", how))
     if frames.wall is not None:
         axis = long_axis(frames, start, rule, planes[start], warnings)
-        inserts = _inserts_at(rv_inserts, start, frames.models)
+        stored = _stored_inserts(frames.models[start], axis)
+        inserts = stored if rv_inserts is None else _inserts_at(rv_inserts, start, len(frames.models))
         more, moving = wall_rows(frames, planes[start], axis, (start, end), inserts, observed, warnings)
         rows, curves = rows + more, curves | moving
     fit = together({f"frame {number}": model.record for number, model in enumerate(frames.models)})
@@ -93,18 +95,24 @@ def _ends(volumes: Array, ed: int | None) -> tuple[int, int | None]:
     return start, end
 
 
-def _inserts_at(
-    rv_inserts: ArrayLike | Sequence[ArrayLike] | None, frame: int, models: Sequence[DeformableModel]
-) -> ArrayLike | None:
-    """The insertions at a frame: the given points, or of one set a frame its own; the stored ones unless given."""
-    if rv_inserts is None:
-        rv_inserts = [model.landmarks.rv_inserts for model in models]
+def _inserts_at(rv_inserts: ArrayLike | Sequence[ArrayLike], frame: int, n_frames: int) -> ArrayLike | None:
+    """The insertions at a frame: the given points, or of one set a frame its own."""
     sets: list[ArrayLike] = list(rv_inserts) if isinstance(rv_inserts, Sequence) else []
     if not sets or any(np.ndim(one) != 2 for one in sets):
         return rv_inserts  # type: ignore[return-value]
-    if len(sets) != len(models):
-        raise OptionError(f"rv_inserts: expected points for each of {len(models)} frames, found {len(sets)} sets")
+    if len(sets) != n_frames:
+        raise OptionError(f"rv_inserts: expected points for each of {n_frames} frames, found {len(sets)} sets")
     return sets[frame] if np.size(sets[frame]) else None
+
+
+def _stored_inserts(model: DeformableModel, axis: LongAxis) -> Array | None:
+    """The insertions that a model was stored with; None where they determine no septum: nobody asked for them."""
+    found = model.landmarks.rv_inserts
+    try:
+        AhaSegmentation.anchored(axis, found)
+    except (OptionError, PointsError):
+        return None
+    return found
 
 
 def _contours(frames: HeartCycle, rule: BaseRule, planes: Planes, warnings: Warnings) -> Array:

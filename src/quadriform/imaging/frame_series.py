@@ -13,6 +13,7 @@ from quadriform.errors import InputError, OptionError, Warnings, join_warnings
 from quadriform.files.frame_numbers import frame_numbers, in_time, listed, missing_numbers
 from quadriform.files.guide_points import FILE_NAME, GuidePoints, is_guide_points, read_guide_point_frames
 from quadriform.files.reading import visible_files
+from quadriform.imaging.contour_landmarks import landmarks_of_contours
 from quadriform.imaging.file_points import (
     ImageOptions,
     Source,
@@ -24,14 +25,17 @@ from quadriform.imaging.file_points import (
 )
 from quadriform.point_sets import ALONE
 from quadriform.points import Array
+from quadriform.shapes.landmarks import Landmarks
 
 if TYPE_CHECKING:
     from quadriform.imaging.labels import Preset
     from quadriform.imaging.object_choice import Labels
+    from quadriform.imaging.ventricle_files import LabelledHeart
 
 LARGEST_EXACT = 2**53
 """Larger whole numbers are not exact as times."""
 WALLS = ("endo", "epi")
+NO_BASE = "not all frames have a plane of mitral points: volumes are those of the closed surfaces"
 SAME_GRID = 1e-3
 """Transforms of images whose entries differ by less, in the unit of the image, are the same."""
 
@@ -44,6 +48,7 @@ class FrameSeries:
         clouds: for each frame its points by surface.
         slices: the slice number of each point, in the same form; for frames of contours and images only.
         grids: for these frames world from voxel of the image, (4, 4); None for contours.
+        landmarks: of ventricles, one entry a frame; empty where none are known.
         space_and_unit: of all frames.
         times: (F,) of the frames, where the files have them.
         period: after which the motion repeats, where the times are the numbers of frames of which some are missing.
@@ -54,6 +59,7 @@ class FrameSeries:
     clouds: list[dict[str, Array]] = field(default_factory=list)
     slices: list[dict[str, NDArray[np.int64]]] = field(default_factory=list)
     grids: list[Array | None] = field(default_factory=list)
+    landmarks: tuple[Landmarks, ...] = ()
     space_and_unit: SpaceAndUnit = ("unknown", "unknown")
     times: Array | None = None
     period: float | None = None
@@ -132,7 +138,11 @@ def _files_in(folder: Path) -> list[Path]:
 
 
 def read_frames(
-    files: Sequence[Path], surfaces: Sequence[str], columns: str | None = None, affine: str | None = None
+    files: Sequence[Path],
+    surfaces: Sequence[str],
+    columns: str | None = None,
+    affine: str | None = None,
+    heart: "LabelledHeart | None" = None,
 ) -> FrameSeries:
     """Return the frames of files in the order of time: contours, 4-D images, or one file of points or a mesh each.
 
@@ -141,6 +151,7 @@ def read_frames(
         surfaces: NAME=label:VALUES of label images, such as epi=label:1+2; empty for points of one surface.
         columns: of tables and arrays, as `read_points` takes them.
         affine: which transform of NIfTI headers, as `read_volume` takes it.
+        heart: which labels of images are the parts of a ventricle, in place of `surfaces`.
 
     Raises:
         QuadriformError: a file gives no points, or the frames differ in space or unit.
@@ -149,16 +160,20 @@ def read_frames(
 
     frames = FrameSeries()
     labels = dict(map(parse_surface, surfaces))
-    if files and all(map(is_guide_points, files)):
+    if files and heart is None and all(map(is_guide_points, files)):
         _add_contours(frames, files, labels)
         return frames
     for file in files:
         if is_guide_points(file):
             raise InputError(f"{str(file)!r}: holds contours, {str(files[0])!r} and others do not; expected one kind")
-        if kind_of(file) == "image":
+        if heart is not None:
+            _add_ventricles(frames, file, heart, affine)
+        elif kind_of(file) == "image":
             _add_image(frames, file, labels, affine)
         else:
             frames.add_sources({ALONE: read_source(file, ImageOptions(columns=columns))})
+    if heart is not None:
+        _check_ends(frames)
     _note_order(frames, files)
     return frames
 
@@ -189,7 +204,10 @@ def _add_contours(frames: FrameSeries, files: Sequence[Path], labels: "Mapping[s
         frames.add({name: points for name, (points, _) in found.items()}, ("LPS", "mm"))
         frames.slices.append({name: slices for name, (_, slices) in found.items()})
         frames.grids.append(None)
+    frames.landmarks = landmarks_of_contours(usable)
     _note_contours(frames, files, every)
+    if frames.landmarks and frames.landmarks[0].base is None:
+        frames.notes.append(NO_BASE)
 
 
 def _note_contours(frames: FrameSeries, files: Sequence[Path], every: Sequence[GuidePoints]) -> None:
@@ -215,6 +233,37 @@ def _add_image(frames: FrameSeries, file: Path, labels: "Mapping[str, Labels | P
         options = replace(ImageOptions(), frame=number if count > 1 else None, affine=affine)
         chosen = {name: options.with_surface(value) for name, value in labels.items()} or {ALONE: options}
         frames.add_sources({name: read_source(file, option) for name, option in chosen.items()})
+
+
+def _add_ventricles(frames: FrameSeries, file: Path, heart: "LabelledHeart", affine: str | None) -> None:
+    from quadriform.imaging.reading import frame_times
+    from quadriform.imaging.ventricle_files import read_ventricle_frames
+
+    found = read_ventricle_frames(file, heart, affine)
+    if len(found) > 1:
+        frames.times = frame_times(file)
+    for each in found:
+        frames.add_sources(each.surfaces)
+        frames.landmarks = (*frames.landmarks, each.landmarks)
+
+
+def _check_ends(frames: FrameSeries) -> None:
+    """Refuse frames whose bases face each other; where one has none, those of the others are dropped, with a note.
+
+    Raises:
+        InputError: naming the frames.
+    """
+    bases = [each.base for each in frames.landmarks]
+    known = [base for base in bases if base is not None]
+    opposite = [n for n, base in enumerate(bases) if base is not None and base.direction @ known[0].direction <= 0]
+    if opposite:
+        raise InputError(
+            f"frames {', '.join(map(str, opposite))}: the base was found at the other end than in the first one with a "
+            "base; expected labels that are wider at the base in all frames"
+        )
+    if len(known) < len(bases):
+        frames.landmarks = ()
+        frames.notes.append("the labels of some frames end at no base: volumes are those of the closed surfaces")
 
 
 def keep_slices(frames: FrameSeries) -> None:

@@ -13,6 +13,7 @@ from quadriform.imaging.isosurface import edge_noise, height_of, isosurface
 from quadriform.imaging.object_choice import Labels, Percentile, Select
 from quadriform.imaging.open_cavity import base_of_open_cavity, fill_open_cavity
 from quadriform.imaging.segmentation import Component, Mask, Segmentation, segment
+from quadriform.imaging.stack_end import End, flat_end, region_up_to
 from quadriform.imaging.volume import Region, Volume, slices
 from quadriform.imaging.voxel_faces import (
     BACKGROUND,
@@ -54,8 +55,8 @@ class VentriclePoints:
     Attributes:
         clouds: "endo", and "epi" where there is a wall, (n, 3) each, in world coordinates; an argument of `fit`.
         isosurfaces: the same before thinning.
-        base: the plane beyond which points were removed, as given or found; None where there is none. A cavity that
-            meets the background inside the image has no base plane unless one is given, and OPEN_WALL.
+        base: the plane beyond which points were removed, as given or found; None where there is none. A closed label
+            has no base plane unless one is given, and OPEN_WALL where its cavity has no wall.
         warnings: of reading and segmentation, BORDER_CUT, OPEN_BASE, OPEN_WALL.
         record: number of voxels of cavity and wall, number of points beyond the base by surface, spacing of the points;
             of labels also the number of voxels of the cavity apart from its largest component, which are left out.
@@ -91,12 +92,13 @@ def ventricle_from_labels(
 ) -> VentriclePoints:
     """Return points of the endocardium, the boundary of the cavity, and of the epicardium, the outside of the wall.
 
-    Points lie halfway between voxels. Where the image or the region cuts the ventricle there are none, and the
-    base plane is the face of the image or region that cuts the cavity over the largest area; anatomy is not checked, so
-    give `base` where the apex is cut too. The outermost voxels end at that face, half a voxel beyond their centres: the
-    points of their slice are repeated just below it, so that the volume below it is determined by data. Where the
-    cavity meets the background inside the image, as at the valve plane of a closed label, "endo" has points and "epi"
-    has none; `base` removes them.
+    Points lie halfway between voxels. Where the image or the region cuts the ventricle there are none. The base plane
+    is the outer face of the last slice with labels, at the end where these end flat (the larger open section of both),
+    in the image or at its border; of a cavity that is rounded at both ends the face of the image that cuts it over the
+    largest area. Anatomy is not checked: where the apex is the wider end, give `base`. The outermost voxels end at that
+    face, half a voxel beyond their centres: the points of their slice are repeated just below it, so that the volume
+    below it is determined by data. A closed label has no base: where its cavity meets the background, as at the valve
+    plane, "endo" has points and "epi" has none; `base` removes them.
 
     Args:
         volume: label image.
@@ -114,25 +116,73 @@ def ventricle_from_labels(
         DegenerateError: the cavity is one voxel or one slice thick.
         OptionError: the region leaves the image, `base` is no plane, or both labels are the same.
     """
+    labelled = labelled_tissue(volume, cavity, wall, region)
+    end = flat_end(labelled.tissue, volume.world_from_voxel) if base is None else None
+    return ventricle_up_to(volume, cavity, wall, region, end, base, _renamed(spacing, apart))
+
+
+@dataclass(frozen=True)
+class LabelledTissue:
+    """The tissue of each voxel of a region, by labels.
+
+    Attributes:
+        tissue: of the largest component of the cavity, and of the wall.
+        region: half-open ranges of voxels.
+        left_out: number of voxels of the cavity apart from that component.
+        warnings: of segmentation.
+    """
+
+    tissue: Tissue
+    region: Region
+    left_out: int
+    warnings: Warnings
+
+
+def labelled_tissue(volume: Volume, cavity: Labels, wall: Labels | None, region: Region | None) -> LabelledTissue:
+    """Return the tissues in a label image; arguments and errors as of `ventricle_from_labels`."""
     blood = segment(volume, select=cavity, region=region)
-    cropped = volume.crop(blood.region)
     tissue = _inside(blood).astype(np.int8) * CAVITY
-    warnings = dict(blood.warnings)
-    surfaces = {"endo": _surface(tissue == CAVITY, tissue, cropped)[0]}
     if wall is not None:
         tissue[_wall(volume, cavity, wall, blood.region) & (tissue != CAVITY)] = WALL
-        _check_order(tissue, cavity, wall, cropped.world_from_voxel)
+        _check_order(tissue, cavity, wall, volume.world_from_voxel)
+    left_out = sum(blood.component_voxels) - int(_inside(blood).sum())
+    return LabelledTissue(tissue, blood.region, left_out, dict(blood.warnings))
+
+
+def ventricle_up_to(
+    volume: Volume,
+    cavity: Labels,
+    wall: Labels | None,
+    region: Region | None,
+    end: End | None,
+    base: Plane | None,
+    spacing: float | None,
+) -> VentriclePoints:
+    """Return the points of a ventricle whose base is at a known end of its labels.
+
+    Args:
+        end: of the slice axis, at whose last labels the ventricle is cut; None: where the image cuts it, or at `base`.
+        volume, cavity, wall, region, base, spacing: as of `ventricle_from_labels`, with its errors.
+    """
+    labelled = labelled_tissue(volume, cavity, wall, region)
+    cut = border_cut(labelled.tissue != BACKGROUND, volume.world_from_voxel)
+    if end is not None:
+        labelled = labelled_tissue(volume, cavity, wall, region_up_to(labelled.tissue, labelled.region, end))
+    tissue, warnings, cropped = labelled.tissue, dict(labelled.warnings), volume.crop(labelled.region)
+    surfaces = {"endo": _surface(tissue == CAVITY, tissue, cropped)[0]}
+    if wall is not None:
         points, ends = _surface(tissue != BACKGROUND, tissue, cropped)
         # an edge from cavity to background is the open base, not epicardium
         surfaces["epi"] = points[ends.max(axis=1) == WALL]
         warnings |= _open_wall(tissue, cropped.world_from_voxel)
-    if cut := border_cut(tissue != BACKGROUND, cropped.world_from_voxel):
+    warnings.pop(WarningKind.BORDER_CUT, None)  # of the cavity alone, and of a region that ends with its labels
+    if cut:
         warnings[WarningKind.BORDER_CUT] = f"{cut}; left open there"
-    plane = _cut_face(tissue == CAVITY, cropped) if base is None else _check_plane(base)
+    plane = _cut_face(tissue == CAVITY, cropped, end) if base is None else _check_plane(base)
     if base is None and plane is not None:
         surfaces = {name: _up_to_face(points, plane, cropped) for name, points in surfaces.items()}
-    found = _finish(surfaces, plane, warnings, tissue, cropped, _renamed(spacing, apart))
-    found.record["left_out_voxels"] = sum(blood.component_voxels) - int(_inside(blood).sum())
+    found = _finish(surfaces, plane, warnings, tissue, cropped, spacing)
+    found.record["left_out_voxels"] = labelled.left_out
     noise = {name: edge_noise(cropped, points) for name, points in found.clouds.items()}
     return replace(found, noise=noise, base_from=_base_from(plane, base, FACE))
 
@@ -242,18 +292,18 @@ def _open_wall(tissue: Tissue, world_from_voxel: Array) -> Warnings:
     return {WarningKind.OPEN_WALL: text}
 
 
-def _cut_face(cavity: Mask, cropped: Volume) -> Plane | None:
-    """The face of the image that cuts most of the cavity: the outer one of its outermost voxels."""
+def _cut_face(cavity: Mask, cropped: Volume, end: End | None) -> Plane | None:
+    """The face of the image at an end, or that cuts most of the cavity: the outer one of its outermost voxels."""
     # compared by area, for faces across thick slices are larger
     areas = face_area_vectors(cropped.world_from_voxel)
-    faces = [(axis, end) for axis in range(3) for end in (0, -1)]
+    faces = [(axis, end) for axis in range(3) for end in (0, -1)] if end is None else [end]
     cuts = [float(cavity.take(end, axis).sum() * np.linalg.norm(areas[axis])) for axis, end in faces]
     if max(cuts) == 0:
         return None
-    axis, end = faces[int(np.argmax(cuts))]
-    at = 0 if end == 0 else cavity.shape[axis] - 1
+    axis, which = faces[int(np.argmax(cuts))]
+    at = 0 if which == 0 else cavity.shape[axis] - 1
     voxels = np.insert(np.argwhere(cavity.take(at, axis)).astype(np.float64), axis, at, axis=1)
-    outward = areas[axis] * (-1 if end == 0 else 1)
+    outward = areas[axis] * (-1 if which == 0 else 1)
     direction = outward / np.linalg.norm(outward)
     return cropped.points_world(voxels).mean(axis=0) + 0.5 * _height(direction, cropped) * direction, direction
 

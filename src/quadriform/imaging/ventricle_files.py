@@ -1,5 +1,6 @@
 """Points of a ventricle from an image file: by labels of its parts, or by the bright wall of a perfusion image."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,10 +11,20 @@ import numpy as np
 from quadriform.errors import OptionError, WarningKind
 from quadriform.files.reading import naming
 from quadriform.imaging.file_points import CONTENT, ImageOptions, Source, in_unit, kind_of
+from quadriform.imaging.image_points import slice_numbers
 from quadriform.imaging.labels import Preset, parse_surface, preset_labels
 from quadriform.imaging.object_choice import Labels
-from quadriform.imaging.reading import read_volume
-from quadriform.imaging.ventricle import HALF, Plane, VentriclePoints, ventricle_from_labels, ventricle_from_perfusion
+from quadriform.imaging.reading import frame_count, read_volume
+from quadriform.imaging.stack_end import End, flat_end
+from quadriform.imaging.ventricle import (
+    HALF,
+    Plane,
+    VentriclePoints,
+    labelled_tissue,
+    ventricle_from_labels,
+    ventricle_from_perfusion,
+    ventricle_up_to,
+)
 from quadriform.imaging.volume import Volume
 from quadriform.shapes.landmarks import Landmarks
 from quadriform.words import listed
@@ -48,10 +59,26 @@ class LabelledHeart:
         Raises:
             MaskError, DegenerateError, OptionError: labels are missing, or give no ventricle.
         """
-        cavity = _labels(volume, self.endo)
-        wall = None if self.epi is None else self._wall(cavity, _labels(volume, self.epi))
+        cavity, wall = self._parts(volume)
         region = image.segment.get("region")
-        return ventricle_from_labels(volume, cavity=Labels(cavity), wall=wall, region=region, base=base)
+        return ventricle_from_labels(volume, cavity=cavity, wall=wall, region=region, base=base)
+
+    def points_of_frames(self, volumes: Sequence[Volume]) -> list[VentriclePoints]:
+        """Return the same for the frames of one image; the base is at the end of the stack where most frames have it.
+
+        Raises:
+            MaskError, DegenerateError, OptionError: as `points`.
+        """
+        parts = [self._parts(volume) for volume in volumes]
+        ends = Counter(_end_of(volume, *each) for volume, each in zip(volumes, parts))
+        end, votes = ends.most_common(1)[0]
+        common = end if 2 * votes > len(volumes) else None
+        return [ventricle_up_to(volume, *each, None, common, None, None) for volume, each in zip(volumes, parts)]
+
+    def _parts(self, volume: Volume) -> tuple[Labels, Labels | None]:
+        """The labels of the cavity and of the wall."""
+        cavity = _labels(volume, self.endo)
+        return Labels(cavity), None if self.epi is None else self._wall(cavity, _labels(volume, self.epi))
 
     def _wall(self, cavity: Sequence[int], enclosed: Sequence[int]) -> Labels:
         wall = tuple(label for label in enclosed if label not in cavity)
@@ -146,23 +173,51 @@ def read_ventricle(path: Path, heart: Heart, image: ImageOptions, base: Plane | 
         OptionError: the file is no image.
         InputError, FileFormatError, FileLimitError, MaskError, DegenerateError: the image gives no ventricle.
     """
+    _check_image(path, heart)
+    with naming(path):
+        volume = read_volume(path, image.frame, image.affine)
+        found = heart.points(volume, image, base)
+    return _source(path, volume, found, heart, image.unit)
+
+
+def read_ventricle_frames(path: Path, heart: LabelledHeart, affine: str | None) -> list[VentricleSource]:
+    """Return the points of a ventricle from each frame of a label image, in the order of time.
+
+    Args:
+        path: of the image.
+        heart: which labels are its parts.
+        affine: which transform of a NIfTI header.
+
+    Raises:
+        OptionError: the file is no image.
+        InputError, FileFormatError, FileLimitError, MaskError, DegenerateError: the image gives no ventricle.
+    """
+    _check_image(path, heart)
+    with naming(path):
+        count = frame_count(path)
+        volumes = [read_volume(path, number if count > 1 else None, affine) for number in range(count)]
+        found = heart.points_of_frames(volumes)
+    return [_source(path, volume, each, heart, None) for volume, each in zip(volumes, found)]
+
+
+def _check_image(path: Path, heart: Heart) -> None:
     kind = kind_of(path)
     if kind in CONTENT or kind == "model":
         what = CONTENT.get(str(kind), "a model")
         raise OptionError(f"option {heart.option} goes with images, found the file of {what} {str(path)!r}")
-    with naming(path):
-        volume = read_volume(path, image.frame, image.affine)
-        found = heart.points(volume, image, base)
+
+
+def _source(path: Path, volume: Volume, found: VentriclePoints, heart: Heart, unit: str | None) -> VentricleSource:
     # with a base these are no defects of the fit, but what every stack of slices through a heart has
     noted = () if found.base is None else heart.noted
     warnings = {kind: text for kind, text in found.warnings.items() if kind not in noted}
     notes = tuple(f"{path}: {text}" for text in _notes(found, noted))
     common = Source(np.empty((0, 3)), volume.space, volume.unit, warnings, notes, image=volume)
     noise = found.noise or dict.fromkeys(found.clouds)
-    sources = {
-        name: in_unit(replace(common, points=points, noise=noise[name]), image.unit, path)
-        for name, points in found.clouds.items()
-    }
+    sources = {}
+    for name, points in found.clouds.items():
+        slices = slice_numbers(volume, points)
+        sources[name] = in_unit(replace(common, points=points, noise=noise[name], slices=slices), unit, path)
     return VentricleSource(sources, found.landmarks)
 
 
@@ -176,3 +231,7 @@ def _notes(found: VentriclePoints, noted: Sequence[WarningKind]) -> list[str]:
 def _labels(volume: Volume, rule: Rule) -> tuple[int, ...]:
     chosen = preset_labels(volume, rule) if isinstance(rule, Preset) else rule
     return volume.label_values(chosen.values)
+
+
+def _end_of(volume: Volume, cavity: Labels, wall: Labels | None) -> End | None:
+    return flat_end(labelled_tissue(volume, cavity, wall, None).tissue, volume.world_from_voxel)

@@ -6,13 +6,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from quadriform.errors import OptionError
+from quadriform.errors import DegenerateError, OptionError
 from quadriform.points import Array
 from quadriform.words import plain
 
 NO_POINTS = np.empty((0, 3))
 GIVEN_BASE = "the given base"
 """What a base is that was an option."""
+COLLINEAR = 1e-3
+"""Mitral points whose second singular value is below this fraction of the first lie on a line."""
 
 
 @dataclass(frozen=True)
@@ -71,3 +73,23 @@ class Landmarks:
 
 NONE_KNOWN = Landmarks()
 """Of a model that is no ventricle, or of which nothing is known."""
+
+
+def plane_through(mitral_points: Array, inside: Array) -> BasePlane:
+    """Return the least squares plane of mitral points.
+
+    Args:
+        mitral_points: (n, 3), three or more.
+        inside: (3,), a point on the side that is kept, such as the centre of the cavity.
+
+    Raises:
+        DegenerateError: the points lie on a line.
+    """
+    centre = mitral_points.mean(axis=0)
+    spread, axes = np.linalg.svd(mitral_points - centre)[1:]
+    if not spread[1] > COLLINEAR * spread[0]:
+        raise DegenerateError(
+            f"base: {len(mitral_points)} mitral points lie on a line; expected three that span a plane"
+        )
+    normal = axes[2]  # of the smallest singular value
+    return BasePlane(centre, -normal if (inside - centre) @ normal > 0 else normal)
