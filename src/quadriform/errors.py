@@ -82,6 +82,10 @@ class WarningKind(StrEnum):
     """The named warnings. A result carries them as a mapping from the kind to a sentence."""
 
     PARTIAL_COVERAGE = "PARTIAL_COVERAGE"
+    UNSUPPORTED = "UNSUPPORTED"
+    RUNAWAY = "RUNAWAY"
+    UNCERTAIN = "UNCERTAIN"
+    BASE_NOT_OBSERVED = "BASE_NOT_OBSERVED"
     ILL_CONDITIONED = "ILL_CONDITIONED"
     NEAR_SYMMETRIC = "NEAR_SYMMETRIC"
     OUTLIERS = "OUTLIERS"
@@ -121,9 +125,12 @@ LEVEL: dict[WarningKind, str] = dict.fromkeys(WarningKind, WARNED) | {
     # data as it often is, which the method allows for
     WarningKind.OUTLIERS: NOTE,
     WarningKind.DUPLICATES: NOTE,
+    WarningKind.BASE_NOT_OBSERVED: NOTE,
     WarningKind.ANISOTROPIC: NOTE,
     # the surface is not the one that the points are from, or the map is none
     WarningKind.FOLDING: UNRELIABLE,
+    WarningKind.UNSUPPORTED: UNRELIABLE,
+    WarningKind.RUNAWAY: UNRELIABLE,
 }
 """The level of each kind; the only place where it is decided."""
 

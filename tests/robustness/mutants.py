@@ -85,11 +85,11 @@ MUTANTS = [
         "fitting/test_duplicates.py",
     ),
     Mutant(
-        "data that ends at an edge",
-        "fitting/diagnostics.py",
-        "coverage = _ends(name in result.ends)",
-        "coverage = {}",
-        "robustness/test_bad_inputs.py",
+        "surface without data",
+        "fitting/support.py",
+        "supported, before = distances <= limit,",
+        "supported, before = distances < np.inf,",
+        "fitting/test_support.py",
     ),
     Mutant(
         "no logarithm of zero",

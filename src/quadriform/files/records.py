@@ -8,7 +8,7 @@ from quadriform.files.strict import Field
 from quadriform.shapes.record import SHA256, STATUSES, Estimate, InputFile, ModelRecord
 
 FIELDS = ("status", "warnings", "notes", "title", "sources", "coverage", "supported", "extends_beyond", "estimates")
-"""The last three are written as null until a later version of the software finds them; readers take them already."""
+"""The last one is written as null until a later version of the software finds it; readers take it already."""
 SOURCE = ("name", "sha256", "surface", "frame", "note")
 ESTIMATE = ("value", "unit", "supported", "sd")
 

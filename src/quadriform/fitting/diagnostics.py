@@ -1,15 +1,20 @@
 """Warnings about a fit, one function and one text for each kind; each returns a mapping that is empty without cause."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.errors import WarningKind, Warnings
 from quadriform.fitting.least_squares.marginal_likelihood import Solution
-from quadriform.fitting.result import Result, SuperquadricFit, rms
-from quadriform.points import Array
+from quadriform.fitting.result import HalfSpace, Result, SuperquadricFit, rms
+from quadriform.fitting.support import Support, support_of
+from quadriform.points import Array, unit_vectors
+from quadriform.shapes.closest import FootPoints
 from quadriform.shapes.kinds import KINDS
+from quadriform.shapes.landmarks import BasePlane
+from quadriform.shapes.mesh import Mesh, split_quads
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import EXPONENTS, Superquadric
 
@@ -17,13 +22,23 @@ INLIER = 0.5
 """A point of at least this probability belongs to the surface."""
 MANY = 0.25
 """Where more than this fraction of the points are outliers, much of what was measured is not the surface."""
+DEVIATION_RESOLUTION = 8
+"""Of the mesh on which the standard deviation of a surface is taken, which is smooth."""
 NAMED = 5
 """How many outliers are named by index."""
 POOR, POOR_SUPERQUADRIC = 0.05, 0.1
 """An RMS distance above this fraction of the cloud's RMS radius is that of a poor fit; a superquadric alone is allowed
 more, because the shape of most bodies is not one."""
 COVERED = 0.85
-"""Of a covered surface at least this fraction of the directions from its centre has points."""
+"""Of a covered superquadric at least this fraction of the directions from its centre has points."""
+SUPPORTED, MOSTLY_SUPPORTED = 0.95, 0.5
+"""A result is "ok" where at least the first share of its area has data, and must not be used below the second."""
+LONGER = 1.5
+"""A surface that reaches beyond the data by more than this many widths of the data in the same direction is a runaway:
+most of its length is extrapolated. Half a body that is extrapolated from the other half reaches one width beyond it."""
+SURE = 0.005
+"""Of the cloud's RMS radius. A surface is uncertain where its standard deviation, as RMS over its area, is above that
+of a single point by more than this, which is what models of exact points are allowed."""
 UNDETERMINED = 1e4
 """Condition of the derivatives by the parameters of a superquadric above which some of them are not determined."""
 NEAR_BOUND = 1e-3
@@ -52,33 +67,116 @@ def named_texts(found: Mapping[str, Warnings]) -> Warnings:
     return joined
 
 
-def model_warnings(
-    result: Result, covered: Mapping[str, float], residuals: Mapping[str, Array], inliers: Mapping[str, Array]
-) -> Warnings:
+@dataclass(frozen=True)
+class Evidence:
+    """What the warnings about one surface of a model are taken from, in the centred, scaled frame.
+
+    Attributes:
+        residuals: (n,), signed distances of the points.
+        inliers: (n,), probabilities.
+        support: of the surface by its inliers.
+    """
+
+    residuals: Array
+    inliers: Array
+    support: Support
+
+    @classmethod
+    def of(
+        cls, mesh: Mesh, points: Array, feet: FootPoints, inliers: Array, noise: float, base: BasePlane | None
+    ) -> "Evidence":
+        """From a fine mesh of the surface, the points with their nearest surface points, and the noise."""
+        kept = inliers >= INLIER
+        support = support_of(mesh, points[kept], feet.points[kept], noise, base)
+        return cls(feet.signed, inliers, support)
+
+
+def model_warnings(result: Result, evidence: Mapping[str, Evidence], unit: float) -> Warnings:
     """Warnings about a model in the centred, scaled frame.
 
     Args:
         result: with the model.
-        covered: name -> fraction of the directions from the centre that have inliers.
-        residuals: name -> (n,) distances of the points.
-        inliers: name -> (n,) probabilities.
+        evidence: by surface.
+        unit: the length of one in this frame, in the unit of the points.
     """
-    found = {name: _of_surface(result, name, each, residuals[name], inliers[name]) for name, each in covered.items()}
-    return named_texts(found) | result.warnings
+    found = {name: _of_surface(result, name, each, unit) for name, each in evidence.items()}
+    return named_texts(found) | base_not_observed(result, evidence) | uncertain(result, unit) | result.warnings
 
 
-def _of_surface(result: Result, name: str, covered: float, residuals: Array, inliers: Array) -> Warnings:
+def _of_surface(result: Result, name: str, found: Evidence, unit: float) -> Warnings:
     counted = None if result.counted is None else result.counted[name]
-    kept, surface = inliers >= INLIER, result.model.surfaces[name]
-    coverage = partial_coverage(covered, inliers)
-    if (result.covered and kept.any()) or not coverage:
-        coverage = _ends(name in result.ends)
+    kept, surface = found.inliers >= INLIER, result.model.surfaces[name]
     return (
-        outliers(inliers, counted)
-        | poor_fit(rms(residuals[kept]) if kept.any() else 1.0)
-        | coverage
+        outliers(found.inliers, counted)
+        | poor_fit(rms(found.residuals[kept]) if kept.any() else 1.0)
+        | unsupported(found.support.scaled(unit))
         | _outside_lattice(result.model, surface)
     )
+
+
+def unsupported(found: Support) -> Warnings:
+    """PARTIAL_COVERAGE where data does not support a surface, with UNSUPPORTED or RUNAWAY where it must not be used.
+
+    Args:
+        found: in the unit of the points.
+    """
+    distance, width = found.reach.distance, found.reach.width
+    text = (
+        f"{100 * (1 - found.within):.0f} % of the area is farther than {found.limit:.3g} from all data, and the "
+        f"surface reaches {distance:.3g} beyond it; there the surface is extrapolated"
+    )
+    is_covered = found.within >= SUPPORTED and distance <= found.limit
+    warnings = {} if is_covered else {WarningKind.PARTIAL_COVERAGE: text}
+    if found.within < MOSTLY_SUPPORTED:
+        warnings[WarningKind.UNSUPPORTED] = f"data supports {100 * found.within:.0f} % of the area only"
+    if distance > max(LONGER * width, found.limit):
+        warnings[WarningKind.RUNAWAY] = f"the surface reaches {distance:.3g} beyond data that is {width:.3g} wide there"
+    return warnings
+
+
+def base_not_observed(result: Result, evidence: Mapping[str, Evidence]) -> Warnings:
+    """BASE_NOT_OBSERVED, a note, where a base ends the data: which share of the closed surfaces is not observed."""
+    if result.half_space is None:
+        return {}
+    fractions = [f"{name} {100 * (1 - each.support.area):.0f} %" for name, each in evidence.items()]
+    text = f"beyond the base no surface is observed; of the area has no data: {', '.join(fractions)}"
+    return {WarningKind.BASE_NOT_OBSERVED: text}
+
+
+def uncertain(result: Result, unit: float) -> Warnings:
+    """UNCERTAIN where the surfaces are known less well than the noise of single points."""
+    if result.covariance is None or result.noise is None:
+        return {}
+    deviation = rms_deviation(result.model, result.covariance, result.half_space)
+    text = (
+        f"the surface is known to {unit * deviation:.2g} only (one standard deviation), a single point to "
+        f"{unit * result.noise:.2g}: there are too few points for so many control points"
+    )
+    return {WarningKind.UNCERTAIN: text} if deviation > result.noise + SURE else {}
+
+
+def rms_deviation(model: DeformableModel, covariance: Array, half_space: HalfSpace | None) -> float:
+    """Standard deviation of the surfaces along their normals, as RMS over their area outside the half-space.
+
+    Args:
+        model: in the frame of the covariance.
+        covariance: (3 k, 3 k) of the control points.
+        half_space: where no data is expected.
+    """
+    squares, total = 0.0, 0.0
+    for surface in model.surfaces.values():
+        origins, quads = surface.grid(DEVIATION_RESOLUTION)
+        mesh = Mesh(model.box.deform(origins), split_quads(quads, origins))
+        middles, normals = origins[mesh.faces].mean(axis=1), mesh.area_vectors()
+        areas = np.linalg.norm(normals, axis=1)
+        if half_space is not None:
+            outside = (model.box.deform(middles) - half_space[0]) @ half_space[1] > 0
+            areas = np.where(outside, 0.0, areas)
+        rows = model.box.matrix(middles)[:, :, None] * unit_vectors(normals)[:, None, :]
+        rows = rows.reshape(len(middles), -1)
+        squares += float(areas @ np.einsum("ij,ij->i", rows @ covariance, rows))
+        total += float(areas.sum())
+    return float(np.sqrt(squares / total)) if total else 0.0
 
 
 def outliers(inliers: Array, counted: NDArray[np.bool_] | None = None) -> Warnings:
@@ -158,11 +256,6 @@ def partial_coverage(covered: float, inliers: Array) -> Warnings:
         f"points cover {100 * covered:.0f} % of the directions from the centre; elsewhere the surface is extrapolated"
     )
     return {WarningKind.PARTIAL_COVERAGE: text}
-
-
-def _ends(edge: bool) -> Warnings:
-    text = "the points end at an edge, beyond which the surface is extrapolated; if it is a base, state it (base=)"
-    return {WarningKind.PARTIAL_COVERAGE: text} if edge else {}
 
 
 def _outside_lattice(model: DeformableModel, surface: Superquadric) -> Warnings:

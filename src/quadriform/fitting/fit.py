@@ -13,6 +13,7 @@ from quadriform.errors import OptionError, Warnings, choose, known_options
 from quadriform.fitting.cloud import Centred, Distinct
 from quadriform.fitting.diagnostics import (
     INLIER,
+    Evidence,
     duplicates,
     far_control_points,
     model_warnings,
@@ -27,13 +28,14 @@ from quadriform.fitting.refinement.large_clouds import on_all, sample_of_large
 from quadriform.fitting.refinement.refine import LocalProblem, refine_tangent
 from quadriform.fitting.result import Fit, Progress, Result, SuperquadricFit, rms, unnamed
 from quadriform.fitting.superquadric.fit import covered_fraction, fit_by_paper, fit_robust
+from quadriform.fitting.support import LIMITS
 from quadriform.fitting.threads import one_blas_thread
 from quadriform.point_sets import ALONE, Given, PointSet, common_unit, point_sets, points_sha256, precision_loss
 from quadriform.points import Array, Frame, check_weights, for_each
 from quadriform.shapes.closest import closest_on
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.kinds import KINDS
-from quadriform.shapes.landmarks import GIVEN_BASE, NONE_KNOWN, Landmarks
+from quadriform.shapes.landmarks import GIVEN_BASE, NONE_KNOWN, BasePlane, Landmarks
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.record import ModelRecord
 from quadriform.shapes.spaces import SPACES
@@ -264,27 +266,35 @@ def _in_frame(surfaces: Mapping[str, Superquadric], frame: Frame) -> dict[str, S
 def _in_world(result: Result, clouds: Mapping[str, Array], frame: Frame) -> Fit:
     """The fit in the unit and frame of the points, with distances and warnings."""
     local, model = _to_local(clouds, frame), result.model
-    residuals, before = (
-        {name: closest_on(model.surfaces[name], box, cloud).signed for name, cloud in local.items()}
+    after, before = (
+        {name: closest_on(model.surfaces[name], box, cloud) for name, cloud in local.items()}
         for box in (model.box, model.box.with_control_points(model.box.rest))
     )
+    residuals = {name: feet.signed for name, feet in after.items()}
     inliers = result.inliers or {name: np.ones(len(cloud)) for name, cloud in local.items()}
     noise = result.noise if result.noise is not None else rms(residuals)
     covered = {
         name: covered_fraction(model.surfaces[name], cloud[inliers[name] >= INLIER], result.half_space)
         for name, cloud in local.items()
     }
+    base = None if result.half_space is None else BasePlane(*result.half_space)
+    evidence = {
+        name: Evidence.of(model.mesh(name, LIMITS.resolution), cloud, after[name], inliers[name], noise, base)
+        for name, cloud in local.items()
+    }
+    support = {name: each.support.scaled(frame.scale) for name, each in evidence.items()}
     record = ModelRecord(coverage={name: each for name, each in covered.items() if model.surfaces[name].is_radial})
     sha256 = points_sha256(clouds.values())
     return Fit(
         model=replace(frame.shape_to_world(model), input_sha256=sha256, record=record),
-        warnings=model_warnings(result, covered, residuals, inliers),
+        warnings=model_warnings(result, evidence, frame.scale),
         residuals=unnamed({name: frame.scale * values for name, values in residuals.items()}),
-        superquadric_residuals=unnamed({name: frame.scale * values for name, values in before.items()}),
+        superquadric_residuals=unnamed({name: frame.scale * feet.signed for name, feet in before.items()}),
         history=tuple(entry.scaled(frame.scale) for entry in result.history),
         strength=result.strength,
         noise=frame.scale * noise,
         inliers=unnamed(inliers),
+        support=support,
         covariance=None if result.covariance is None else frame.scale**2 * result.covariance,
         enriched=None if result.enriched is None else replace(result.enriched, scale=frame.scale),
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from quadriform.errors import UNRELIABLE, FitError, OptionError, Warnings, status_of, without_notes
 from quadriform.fitting.least_squares.uncertainty import EnrichedBox
+from quadriform.fitting.support import Support
 from quadriform.point_sets import ALONE
 from quadriform.points import Array
 from quadriform.shapes.model import DeformableModel
@@ -125,6 +126,7 @@ class Fit(Warned):
             squared units; None for the paper's method, which has no such thing.
         enriched: the same data with more control points, for `uncertainty`; None for the paper's method.
         notes: remarks that leave the status "ok", one sentence each.
+        support: surface -> how far data supports it.
     """
 
     model: DeformableModel
@@ -138,6 +140,7 @@ class Fit(Warned):
     covariance: Array | None = None
     enriched: EnrichedBox | None = None
     notes: tuple[str, ...] = ()
+    support: Mapping[str, Support] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         numbers = f"RMS distance {self.rms:.4g}, noise {self.noise:.4g}, strength {self.strength:.2g}"
@@ -149,6 +152,11 @@ class Fit(Warned):
         """Let the model carry status, warnings and notes, also after `dataclasses.replace`."""
         super().__post_init__()
         record = replace(self.model.record, status=self.status, warnings=self.warnings, notes=self.notes)
+        record = replace(
+            record,
+            supported={name: each.area for name, each in self.support.items()},
+            extends_beyond={name: each.extends_beyond for name, each in self.support.items()},
+        )
         object.__setattr__(self, "model", replace(self.model, record=record))
 
     def uncertainty(self, points: ArrayLike, surface: str | None = None) -> Array:
@@ -163,6 +171,16 @@ class Fit(Warned):
             raise OptionError("uncertainty: method='paper' estimates none; use method='tangent'")
         foot = self.model.foot_points(points, surface)
         return self.enriched.deviation(self.model.box, foot.origins, foot.normals)
+
+    @property
+    def supported(self) -> float | dict[str, float]:
+        """Share [0, 1] of the area of the surface that data supports; with several surfaces by name."""
+        return alone({name: each.area for name, each in self.support.items()})
+
+    @property
+    def extends_beyond(self) -> float | dict[str, float]:
+        """How far the surface reaches beyond the data, in their unit; with several surfaces by name."""
+        return alone({name: each.extends_beyond for name, each in self.support.items()})
 
     @property
     def iterations(self) -> int:
@@ -222,8 +240,6 @@ class Result:
         inliers: name -> probabilities, or None.
         warnings: about the refinement itself.
         half_space: where no data is expected.
-        covered: whether the data was seen to sample closed surfaces, whatever directions it lies in.
-        ends: names of surfaces whose data stops at an edge.
         counted: name -> which points have a weight, or None for all.
     """
 
@@ -236,9 +252,12 @@ class Result:
     inliers: dict[str, Array] | None = None
     warnings: Warnings = field(default_factory=dict)
     half_space: HalfSpace | None = None
-    covered: bool = False
-    ends: tuple[str, ...] = ()
     counted: dict[str, NDArray[np.bool_]] | None = None
+
+
+def alone(values: dict[str, float]) -> float | dict[str, float]:
+    """The number of a single surface without a name of its own, or else the mapping."""
+    return values[ALONE] if values.keys() == {ALONE} else values
 
 
 def unnamed(values: dict[str, Array]) -> Array | dict[str, Array]:

@@ -68,8 +68,8 @@ class ModelRecord:
         title: what was modelled, plain text, such as the names of the input files.
         sources: the input files.
         coverage: surface -> share [0, 1] of the directions from its centre that have data.
-        supported: surface -> share [0, 1] of its area that data supports; reserved, empty.
-        extends_beyond: surface -> its largest reach beyond the data, a length; reserved, empty.
+        supported: surface -> share [0, 1] of its area that data supports.
+        extends_beyond: surface -> its largest reach beyond the data, a length.
         estimates: name -> estimate, such as that of the volume; reserved, empty.
 
     Raises:

@@ -244,8 +244,6 @@ def _result(trial: _Trial, refined: Refined, warnings: Warnings) -> Result:
         inliers={name: data.inliers for name, data in zip(local.clouds, refined.datasets)},
         warnings=warnings | ill_conditioned(model, refined.solution),
         half_space=local.half_space,
-        covered=trial.coarse.covered and local.half_space is None,
-        ends=tuple(name for name, data in zip(local.clouds, trial.coarse.datasets) if data.ends()),
     )
 
 

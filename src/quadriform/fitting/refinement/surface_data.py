@@ -114,10 +114,6 @@ class SurfaceData:
             return False
         return self.half_space is not None or not has_edge(self.points, self.neighbourhood)
 
-    def ends(self) -> bool:
-        """Whether the data is a sampled surface that stops somewhere without a given base."""
-        return self.half_space is None and is_surface(self.neighbourhood) and has_edge(self.points, self.neighbourhood)
-
     def in_half_space(self, points: Array) -> NDArray[np.bool_]:
         """Which of (m, 3) points lie where no data is expected."""
         if self.half_space is None:

@@ -1,0 +1,171 @@
+"""How far data supports a fitted surface, measured from each part of the surface to the data, and not the other way."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from quadriform.points import Array
+from quadriform.shapes.directions import sphere_grid
+from quadriform.shapes.landmarks import BasePlane
+from quadriform.shapes.mesh import Mesh
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What counts as supported."""
+
+    medians: float = 3.0
+    """Supported is what is not farther from data than this many medians of the distances of all that is supported.
+    Between slices the median is a quarter of their distance: a surface goes on half as far again beyond the last slice
+    as it lies between two. Of points at random on a surface one part in 500 is farther from all of them."""
+    first: float = 2.0
+    """Medians of the distances between neighbouring points within which a part is supported to begin with."""
+    rounds: int = 60
+    """The limit grows by half at most in a round; dense slices need most."""
+    widest: float = 0.5
+    """RMS radii of the points. Gaps of more than two thirds of a radius are not interpolated: a body could be anything
+    there, and with so few slices nothing shows how far apart they are."""
+    noise: float = 3.0
+    """Standard deviations of the noise within which a point can lie from the part that it was measured at."""
+    resolution: int = 32
+    """Of the mesh whose triangles are the parts."""
+    directions: int = 12
+    """Of the grid of directions in which a surface can extend beyond the data: one every eight degrees."""
+    at_once: int = 4_000_000
+    """Products of points and directions that are in memory at a time."""
+
+
+LIMITS = Limits()
+
+
+@dataclass(frozen=True)
+class Reach:
+    """How far a surface reaches beyond data in the direction where that is farthest, and how wide the data is there."""
+
+    distance: float
+    width: float
+
+    @classmethod
+    def of(cls, vertices: Array, points: Array) -> "Reach":
+        """Of vertices (m, 3) beyond points (n, 3); at least 0."""
+        directions = sphere_grid(LIMITS.directions)[0]
+        far = _farthest(points, directions)
+        farther = np.maximum(_farthest(vertices, directions) - far, 0.0)
+        most = int(farther.argmax())
+        return cls(float(farther[most]), float(far[most] + _farthest(points, -directions[[most]])[0]))
+
+
+@dataclass(frozen=True)
+class Support:
+    """How far data supports one surface.
+
+    Attributes:
+        area: share [0, 1] of its area.
+        volume: share [0, 1] of the volume, seen from the centre of the data, that lies below supported area.
+        below: the same of the volume below the base, seen from a point of it; that of all without a base.
+        within: the share of the area on this side of the base; that of all without a base.
+        limit: distance from data up to which a part is supported, in the unit of the points.
+        extends_beyond: how far the surface reaches beyond the data in the direction where that is farthest, likewise.
+        reach: the same of the part on this side of the base.
+    """
+
+    area: float
+    volume: float
+    below: float
+    within: float
+    limit: float
+    extends_beyond: float
+    reach: Reach
+
+    def scaled(self, scale: float) -> "Support":
+        """The same in another unit of length."""
+        reach = Reach(scale * self.reach.distance, scale * self.reach.width)
+        return replace(self, limit=scale * self.limit, extends_beyond=scale * self.extends_beyond, reach=reach)
+
+
+def support_of(mesh: Mesh, points: Array, feet: Array, noise: float, base: BasePlane | None) -> Support:
+    """The support of a surface by its data.
+
+    Args:
+        mesh: of the surface, fine.
+        points: (n, 3), the inliers; n may be 0.
+        feet: (n, 3), the points of the surface nearest to them: a part of it that no point is nearest to, such as the
+            inner side of a thin bowl around nothing, has no support.
+        noise: standard deviation of the points.
+        base: the plane beyond which no data is expected, or None.
+    """
+    corners, areas = mesh.vertices[mesh.faces], np.linalg.norm(mesh.area_vectors(), axis=1)
+    middles = corners.mean(axis=1)
+    if not len(points):
+        far = float(np.linalg.norm(mesh.vertices - mesh.vertices.mean(axis=0), axis=1).max())
+        return Support(0.0, 0.0, 0.0, 0.0, 0.0, far, Reach(far, 0.0))
+    distances = cKDTree(feet).query(middles)[0]
+    limit = max(interpolated(distances, areas, feet), LIMITS.noise * noise)
+    limit = min(limit, LIMITS.widest * float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean())))
+    supported, before = distances <= limit, np.ones(len(areas), dtype=np.bool_)
+    volumes = below = _cones(corners, points.mean(axis=0))
+    extends = within = Reach.of(mesh.vertices, points)
+    if base is not None:
+        before = base.heights(middles) <= 0
+        below = np.where(before, _cones(corners, base.point), 0.0)
+        within = Reach.of(mesh.vertices[base.heights(mesh.vertices) <= 0], points)
+    return Support(
+        area=_fraction(areas, supported),
+        volume=_fraction(volumes, supported),
+        below=_fraction(below, supported),
+        within=_fraction(np.where(before, areas, 0.0), supported),
+        limit=limit,
+        extends_beyond=extends.distance,
+        reach=within,
+    )
+
+
+def interpolated(distances: Array, areas: Array, feet: Array) -> float:
+    """The distance from data up to which a surface is interpolated; that between slices counts, not within them.
+
+    The median of the distances of what is supported grows until the gaps between points and between slices are
+    filled: what lies farther has no data around it. It starts from below, because the median of all parts would be that
+    of a surface without data where most of it is.
+
+    Args:
+        distances: (m,) from the parts of the surface to the nearest data.
+        areas: (m,), of the parts.
+        feet: (n, 3), the data on the surface.
+    """
+    distinct = np.unique(feet, axis=0)
+    between = cKDTree(distinct).query(distinct, k=[min(2, len(distinct))])[0]
+    order = np.argsort(distances)
+    ordered, total = distances[order], np.cumsum(areas[order])
+    limit = first = LIMITS.first * float(np.median(between))
+    for _ in range(LIMITS.rounds):
+        count = int(np.searchsorted(ordered, limit, side="right"))
+        if count == 0:
+            return limit
+        median = ordered[np.searchsorted(total, total[count - 1] / 2)]
+        before, limit = limit, max(first, LIMITS.medians * float(median))
+        if limit == before:
+            break
+    return limit
+
+
+def _farthest(points: Array, directions: Array) -> Array:
+    """The largest coordinate (k,) of points (n, 3) along each direction (k, 3); a part of the directions at a time."""
+    if not len(points):
+        return np.full(len(directions), -np.inf)
+    step = max(1, LIMITS.at_once // len(points))
+    parts = [(directions[k : k + step] @ points.T).max(axis=1) for k in range(0, len(directions), step)]
+    return np.concatenate(parts)
+
+
+def _cones(corners: Array, apex: Array) -> Array:
+    """Volumes (m,) of the cones over triangles (m, 3, 3) from an apex, without signs."""
+    a, b, c = (corners - apex).transpose(1, 0, 2)
+    return np.abs(np.einsum("ij,ij->i", a, np.cross(b, c))) / 6
+
+
+def _fraction(values: Array, supported: NDArray[np.bool_]) -> float:
+    """The share of values (m,) that is supported; all of nothing."""
+    total = float(values.sum())
+    return float(values[supported].sum()) / total if total > 0 else 1.0
