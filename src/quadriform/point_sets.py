@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -88,6 +89,7 @@ def point_sets(
     sets = {n: point_set(cloud, "points" if single else f"{n}: points", columns, weights) for n, cloud in given.items()}
     for each in sets.values():
         check_spread(each.points, needed=11)
+    _check_walls(sets)
     if noise is not None:
         known = for_each(sets, noise, "noise")
         sets = {n: replace(each, noise=check_noise(known[n], len(each.points))) for n, each in sets.items()}
@@ -95,6 +97,20 @@ def point_sets(
         return sets
     beside = for_each(sets, normals, "normals")
     return {n: replace(each, normals=unit_normals(beside[n], len(each.points))) for n, each in sets.items()}
+
+
+def _check_walls(sets: Mapping[str, PointSet]) -> None:
+    """Refuse two surfaces that are one, as of labels of a wall that has no voxel.
+
+    Raises:
+        PointsError: naming both.
+    """
+    for (one, a), (other, b) in combinations(sets.items(), 2):
+        if np.array_equal(a.points, b.points):
+            raise PointsError(
+                f"the surfaces {one!r} and {other!r} have the same {len(a.points)} points, so there is no wall between "
+                "them; where they come from labels, the outer one needs voxels of the wall too, such as epi=label:1+2"
+            )
 
 
 def point_set(given: Any, what: str = "points", columns: Chosen = None, weights: object = None) -> PointSet:

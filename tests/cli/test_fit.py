@@ -110,6 +110,36 @@ def test_the_default_method_its_options_and_what_it_reports(terminal, lump):
 
 
 @pytest.mark.slow
+def test_the_noise_that_is_stated_is_used_and_shown(terminal, lump, nifti, body):
+    """A number on the terminal is that of Python; masks bring their own, which a number replaces."""
+    words = ("--box", "3,3,3", "--json")
+    bare = json.loads(terminal("fit", lump, "-o", "bare", *words).out)
+    stated = json.loads(terminal("fit", lump, "-o", "stated", *words, "--noise", "2").out)
+    assert bare["noise"] < 2 <= stated["noise"] and bare["known_noise"] == "nothing"
+    assert stated["noise"] == quadriform.fit(read_points(lump), box=(3, 3, 3), noise=2.0).noise
+    assert (
+        stated["known_noise"] == "2, by --noise"
+        and "2, by --noise" in terminal("fit", lump, "-o", "shown", "--box", "3,3,3", "--noise", "2").out
+    )
+    mask = nifti("mask.nii", (body == 1).astype(np.uint8))
+    own = json.loads(terminal("fit", mask, "-o", "mask", *words).out)
+    assert own["known_noise"] == "up to 0.866 mm along the edges of voxels"  # 3 mm over the root of 12
+    assert "0.5 mm, by --noise" in terminal("fit", mask, "-o", "again", "--box", "3,3,3", "--noise", "0.5").out
+
+
+@pytest.mark.parametrize("text", ["-1", "0", "inf", "nan", "1_0", "much", "0.5,0.5", ""])
+def test_noise_that_is_none_is_refused(terminal, cloud, text):
+    result = terminal("fit", cloud, "-o", "out", f"--noise={text}")
+    assert result.code == 2 and f"option --noise={text!r}: expected a standard deviation above 0" in result.err
+    assert len(result.err.splitlines()) == 1
+
+
+def test_the_method_of_the_paper_knows_no_noise(terminal, cloud):
+    result = terminal("fit", cloud, "-o", "out", "--noise", "1", "--method", "paper")
+    assert result.code == 2 and "noise is not one of method='paper'" in result.err
+
+
+@pytest.mark.slow
 def test_a_box_that_reaches_an_error(terminal, lump):
     record = json.loads(terminal("fit", lump, "-o", "out", "--json", "--box", "auto", "--max-error", "2").out)
     assert record["error"]["rms"] < 2
@@ -153,7 +183,9 @@ def test_existing_results_need_force(terminal, cloud, tmp_path):
 @pytest.mark.slow
 def test_results_are_replaced_as_a_whole(terminal, cloud, tmp_path):
     """No surface of an earlier model stays beside the new one; what is no result stays."""
-    words = ("--surface", f"epi={cloud}", "--surface", f"endo={cloud}", "-o", "out", *BRIEF)
+    points = read_points(cloud)
+    np.save("inner.npy", points.mean(axis=0) + 0.7 * (points - points.mean(axis=0)))
+    words = ("--surface", f"epi={cloud}", "--surface", "endo=inner.npy", "-o", "out", *BRIEF)
     assert terminal("fit", *words).code == 0
     for name in ("notes.txt", "surface-mine.ply"):
         (tmp_path / "out" / name).write_bytes(b"mine")

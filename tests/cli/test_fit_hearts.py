@@ -208,7 +208,10 @@ def test_wrong_inputs_are_refused_in_one_line(terminal, hearts, cloud):
         (("heart.nii", "--heart", "endo=label:2", "--heart", "epi=label:1+2"), 4, "are the labels swapped?"),
         (("heart.nii", "--heart", "endo=label:blood"), 2, "blood"),
         (("heart.nii", "--heart", "endo=preset:acdc"), 4, "does not follow the preset 'acdc'"),
-        (("heart.nii", *CUT, "--base", "0,0,-90/0,0,1"), 4, "try the reverse"),
+        (("heart.nii", *CUT, "--base", "0,0,-90/0,0,1"), 2, "try the reverse"),
+        (("heart.nii", *CUT, "--base", "0,0,-10/0,0,1"), 2, "the plane goes through the middle of the data"),
+        (("heart.nii", "--heart", "endo=label:1+2", "--heart", "epi=label:3"), 4, "no voxel has the label 3"),
+        (("heart.nii", "--surface", "endo=label:1", "--surface", "epi=label:1"), 4, "no wall between them"),
         (("heart.nii", *CUT, "--base", cloud), 2, "expected a plane x,y,z/nx,ny,nz, found a file"),
         (("missing.nii", *CUT), 4, "missing.nii"),
     ]:

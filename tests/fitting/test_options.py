@@ -119,3 +119,10 @@ def test_a_box_to_go_on_from_is_not_the_papers():
 def test_weights_have_the_names_of_the_points():
     with pytest.raises(OptionError, match=r"weights \['epi'\] and points \['endo'\]"):
         qf.fit({"endo": CLOUD}, weights={"epi": np.ones(len(CLOUD))})
+
+
+def test_two_surfaces_with_the_same_points_have_no_wall():
+    clouds = {"endo": CLOUD, "epi": CLOUD.copy()}
+    for call in (lambda: qf.fit(clouds), lambda: qf.track([clouds, clouds])):
+        with pytest.raises(PointsError, match=r"'endo' and 'epi' have the same .* no wall between them"):
+            call()

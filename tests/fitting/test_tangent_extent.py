@@ -6,7 +6,9 @@ from clouds_made import cup, error, noisy_egg
 from shapes_made import even_directions, gap, made, two_walls
 
 import quadriform as qf
+from quadriform.errors import OptionError
 from quadriform.fitting.refinement import refine
+from quadriform.shapes.landmarks import BasePlane, check_base
 
 BODY = made(exponents=(1, 1), semi_axes=(30, 20, 40))
 UP = BODY.rotation[:, 2]
@@ -34,9 +36,28 @@ def test_a_cut_shape_is_warned_of_unless_the_cut_is_on_purpose(cut, based):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("base", [(AT, -UP), (AT + 100 * UP, UP)], ids=["other side", "far away"])
-def test_a_base_elsewhere_excuses_nothing(cut, base):
-    assert "PARTIAL_COVERAGE" in qf.refine(BODY, cut, base=base).warnings
+def test_a_base_elsewhere_excuses_nothing(cut):
+    assert "PARTIAL_COVERAGE" in qf.refine(BODY, cut, base=(AT + 100 * UP, UP)).warnings
+
+
+@pytest.mark.parametrize(
+    ("base", "message"),
+    [
+        ((AT, -UP), "points lie beyond the plane.*try the reverse direction"),
+        ((BODY.translation - 10 * UP, UP), "through the middle of the data"),
+        ((BODY.translation - 10 * UP, -UP), "through the middle of the data"),
+    ],
+)
+def test_a_base_is_an_edge_of_the_data(cut, base, message):
+    for surfaces, points in ((BODY, cut), ({"endo": BODY, "epi": BODY}, {"endo": cut, "epi": 1.1 * cut})):
+        with pytest.raises(OptionError, match=message):
+            qf.refine(surfaces, points, base=base)
+
+
+def test_outliers_beyond_a_base_do_not_matter(cut, rng):
+    """A third of all points, evenly in a box around the body."""
+    clutter = rng.uniform(cut.min(axis=0), cut.max(axis=0) + 20 * UP, (len(cut) // 2, 3))
+    check_base(BasePlane(AT, UP), np.concatenate([cut, clutter]))
 
 
 @pytest.mark.slow

@@ -102,11 +102,12 @@ def test_what_the_region_cuts_is_open_and_is_the_base():
 
 def test_what_lies_beyond_a_given_plane_is_left_out():
     volume = labelled()
-    found = from_labels(volume, base=(np.array([0, 0, 5.0]), np.array([0, 0, 3.0])))
-    assert max(points[:, 2].max() for points in found.clouds.values()) <= 5
+    found = from_labels(volume, base=(np.array([0, 0, 15.0]), np.array([0, 0, 3.0])))
+    assert max(points[:, 2].max() for points in found.clouds.values()) <= 15
     assert found.record["beyond_base"]["endo"] > 0
-    with pytest.raises(MaskError, match="direction"):
-        from_labels(volume, base=(np.array([0, 0, -50.0]), np.array([0, 0, 3.0])))
+    for height, message in ((-50.0, "try the reverse"), (2.0, "through the middle of the data")):
+        with pytest.raises(OptionError, match=message):
+            from_labels(volume, base=(np.array([0, 0, height]), np.array([0, 0, 3.0])))
     with pytest.raises(OptionError, match="not 0"):
         from_labels(volume, base=(np.zeros(3), np.zeros(3)))
 

@@ -1,7 +1,7 @@
 """What `quadriform fit` does: which inputs make which models, and one record for each."""
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -194,7 +194,8 @@ def _run(job: Job, options: Mapping[str, Any], common: Common) -> Record:
         found = replace(found, notes=(*without_folders(assumed, job.files), *found.notes))
         check_strict(common.strict, found.status, found.warnings)
     volumes = {} if job.heart is None else volumes_below(found.model)
-    record = _record(job, found, time.perf_counter() - begin) | volumes
+    known = known_noise(sources.values(), options.get("noise"))
+    record = _record(job, found, known, time.perf_counter() - begin) | volumes
     _write(job, found, _page(job, sources, found, record | fit_options(options)), common.force)
     return record
 
@@ -244,7 +245,21 @@ def _fit(job: Job, sources: Mapping[str, Source], options: Mapping[str, Any], la
 # --- records -----------------------------------------------------------------------------------------------------
 
 
-def _record(job: Job, found: Fit, seconds: float) -> Record:
+def known_noise(sources: Collection[Source], given: float | None) -> str:
+    """What is known of the noise of the points: the number of `--noise`, or what their images bring."""
+    each = [source.noise for source in sources]
+    unit = after_number(next(iter(sources)).unit)
+    if given is not None:
+        return f"{given:g}{unit}, by --noise"
+    known = [noise for noise in each if noise is not None]
+    if len(known) < len(each):
+        return "nothing"
+    # of an edge of a voxel, along which the error is uniform
+    largest = float(np.sqrt(max(np.trace(noise, axis1=1, axis2=2).max() for noise in known)))
+    return f"up to {largest:.3g}{unit} along the edges of voxels"
+
+
+def _record(job: Job, found: Fit, known: str, seconds: float) -> Record:
     # percentiles of distances, without the side on which a point lies
     distances = np.abs(flat(found.residuals))
     return {
@@ -259,6 +274,7 @@ def _record(job: Job, found: Fit, seconds: float) -> Record:
         "error": {"rms": found.rms, "p95": float(np.percentile(distances, 95)), "max": float(distances.max())},
         "superquadric_rms": found.superquadric_rms,
         "noise": found.noise,
+        "known_noise": known,
         "strength": found.strength,
         "inliers": int((flat(found.inliers) >= 0.5).sum()),
         "min_jacobian": found.model.min_jacobian(),
@@ -283,6 +299,7 @@ def _rows(record: Record) -> list[tuple[str, str]]:
         *volume_rows(record),
         ("superquadric alone RMS", f"{record['superquadric_rms']:.4g}{unit}"),
         ("noise", f"{record['noise']:.4g}{unit}"),
+        ("known of the noise", record["known_noise"]),
         ("strength", f"{record['strength']:.3g}"),
         ("min det J", f"{record['min_jacobian']:.3g}"),
         ("iterations", str(record["iterations"])),

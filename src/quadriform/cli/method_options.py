@@ -26,6 +26,8 @@ class MethodChoice:
         robust: Detect outliers and down-weight them. [default: robust]
         base: Where the data ends on purpose: a point and the direction to the missing side, as x,y,z/nx,ny,nz, or a
             file with a loop of points along the edge, in the frame of the input.
+        noise: Standard deviation of the points, in their unit, in place of that which images bring; the estimated noise
+            is at least as large.
 
     Method paper:
         matching: data-to-model or model-to-data.
@@ -41,6 +43,7 @@ class MethodChoice:
     max_error: float | None = None
     robust: bool | None = None
     base: str | None = None
+    noise: str | None = None
     matching: str | None = None
     iterations: int | None = None
     tolerance: float | None = None
@@ -52,7 +55,27 @@ class MethodChoice:
             OptionError, FileFormatError: an option that cannot be read, or a loop that cannot.
         """
         read = {"box": _box(self.box), "strength": _strength(self.strength), "base": _base(self.base)}
+        read["noise"] = parse_noise(self.noise)
         return {name: value for name, value in (asdict(self) | read).items() if value is not None}
+
+
+def parse_noise(text: str | None) -> float | None:
+    """The standard deviation of `--noise`, in the unit of the points.
+
+    Raises:
+        OptionError: no number, or none that a standard deviation can be.
+    """
+    from quadriform.files.numbers import to_number
+    from quadriform.points import LARGEST
+
+    if text is None:
+        return None
+    number = to_number(text)
+    if number is None or not 0 < number <= LARGEST:
+        raise OptionError(
+            f"option --noise={text!r}: expected a standard deviation above 0 in the unit of the points, such as 0.5"
+        )
+    return number
 
 
 def _box(text: str | None) -> tuple[int, ...] | str | None:

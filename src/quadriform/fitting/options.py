@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from quadriform.errors import OptionError, choose
 from quadriform.fitting.least_squares.regularisers import Regulariser
 from quadriform.points import Array, check_number, check_points
-from quadriform.shapes.landmarks import BasePlane
+from quadriform.shapes.landmarks import BasePlane, check_base
 
 METHODS = ("tangent", "paper")
 TANGENT_REGULARITIES = ("bending", "springs")
@@ -115,11 +115,14 @@ class TangentOptions:
         """The base as a plane in the world of the points.
 
         Raises:
-            OptionError: `base` is neither a plane nor a loop.
+            OptionError: `base` is neither a plane nor a loop, or no edge of the data.
         """
         if self.base is None:
             return None
-        return BasePlane(*_plane(self.base, np.concatenate(list(clouds.values())).mean(axis=0)))
+        points = np.concatenate(list(clouds.values()))
+        plane = BasePlane(*_plane(self.base, points.mean(axis=0)))
+        check_base(plane, points)
+        return plane
 
 
 def _plane(base: ArrayLike | tuple[ArrayLike, ArrayLike], centre: Array) -> tuple[Array, Array]:

@@ -26,7 +26,7 @@ from quadriform.imaging.voxel_faces import (
     face_area_vectors,
 )
 from quadriform.points import Array, check_number, check_points
-from quadriform.shapes.landmarks import GIVEN_BASE, BasePlane, Landmarks
+from quadriform.shapes.landmarks import GIVEN_BASE, BasePlane, Landmarks, check_base
 from quadriform.words import short_repr
 
 Plane = tuple[Array, Array]
@@ -114,7 +114,8 @@ def ventricle_from_labels(
     Raises:
         MaskError: labels are missing, or cavity and wall are swapped.
         DegenerateError: the cavity is one voxel or one slice thick.
-        OptionError: the region leaves the image, `base` is no plane, or both labels are the same.
+        OptionError: the region leaves the image, `base` is no plane or no edge of the ventricle, or both labels are the
+            same.
     """
     labelled = labelled_tissue(volume, cavity, wall, region)
     end = flat_end(labelled.tissue, volume.world_from_voxel) if base is None else None
@@ -178,7 +179,7 @@ def ventricle_up_to(
     warnings.pop(WarningKind.BORDER_CUT, None)  # of the cavity alone, and of a region that ends with its labels
     if cut:
         warnings[WarningKind.BORDER_CUT] = f"{cut}; left open there"
-    plane = _cut_face(tissue == CAVITY, cropped, end) if base is None else _check_plane(base)
+    plane = _cut_face(tissue == CAVITY, cropped, end) if base is None else _check_plane(base, surfaces)
     if base is None and plane is not None:
         surfaces = {name: _up_to_face(points, plane, cropped) for name, points in surfaces.items()}
     found = _finish(surfaces, plane, warnings, tissue, cropped, spacing)
@@ -222,7 +223,6 @@ def ventricle_from_perfusion(
     cropped = volume.crop(found.region)
     tissue = fill_open_cavity(_inside(found), cropped.world_from_voxel)
     warnings = dict(found.warnings)
-    plane = base_of_open_cavity(tissue, cropped.world_from_voxel) if base is None else _check_plane(base)
     shown, level = found.object_volume(), 0.5
     if found.threshold is not None:
         level = found.threshold
@@ -231,6 +231,7 @@ def ventricle_from_perfusion(
     is_endo = ends.max(axis=1) == CAVITY
     is_epi = (ends == BACKGROUND).any(axis=1) & ~is_endo  # a dark spot within the wall is neither
     surfaces = {"endo": points[is_endo], "epi": points[is_epi]}
+    plane = base_of_open_cavity(tissue, cropped.world_from_voxel) if base is None else _check_plane(base, surfaces)
     result = _finish(surfaces, plane, warnings, tissue, cropped, _renamed(spacing, apart))
     result = replace(result, base_from=_base_from(plane, base, OPENING))
     if base is None:
@@ -322,11 +323,13 @@ def _up_to_face(points: Array, face: Plane, image: Volume) -> Array:
     return np.concatenate([points, outermost + BELOW_FACE * height * direction])
 
 
-def _check_plane(base: Plane) -> Plane:
+def _check_plane(base: Plane, surfaces: dict[str, Array]) -> Plane:
     point, direction = check_points(np.array(base), "base")
     if not direction.any():
         raise OptionError("option base: expected (point, direction) with a direction that is not 0")
-    return point, direction / np.linalg.norm(direction)
+    plane = BasePlane(point, direction / np.linalg.norm(direction))
+    check_base(plane, np.concatenate(list(surfaces.values())))
+    return plane.point, plane.direction
 
 
 def _finish(
@@ -341,10 +344,7 @@ def _finish(
     kept = surfaces if plane is None else {name: points[~_cut_off(points, plane)] for name, points in surfaces.items()}
     for name, points in kept.items():
         if not len(points):
-            raise MaskError(
-                f"{name}: all {len(surfaces[name])} points lie beyond the base plane; where you gave `base`, its "
-                "direction must point away from the apex: try the reverse"
-            )
+            raise MaskError(f"{name}: all {len(surfaces[name])} points lie beyond the base plane")
     side = _default_spacing(kept, cropped) if spacing is None else check_number(spacing, "spacing", 0.0)
     record = {
         "cavity_voxels": int((tissue == CAVITY).sum()),

@@ -11,6 +11,8 @@ from quadriform.points import Array
 from quadriform.words import plain
 
 NO_POINTS = np.empty((0, 3))
+MOST_CUT_OFF = 0.25
+"""Of the points; data ends at its base. Of points half of which are outliers, spread evenly, as many may lie beyond."""
 GIVEN_BASE = "the given base"
 """What a base is that was an option."""
 COLLINEAR = 1e-3
@@ -93,3 +95,24 @@ def plane_through(mitral_points: Array, inside: Array) -> BasePlane:
         )
     normal = axes[2]  # of the smallest singular value
     return BasePlane(centre, -normal if (inside - centre) @ normal > 0 else normal)
+
+
+def check_base(plane: BasePlane, points: Array) -> None:
+    """Refuse a base that cuts through the middle of the data, or that looks to the wrong side.
+
+    Args:
+        plane: as it was given.
+        points: (n, 3), of all surfaces.
+
+    Raises:
+        OptionError: more than a quarter of the points lie beyond it.
+    """
+    missing = float((plane.heights(points) > 0).mean())
+    if missing <= MOST_CUT_OFF:
+        return
+    reverse = 1 - missing <= MOST_CUT_OFF
+    advice = "try the reverse direction" if reverse else "the plane goes through the middle of the data"
+    raise OptionError(
+        f"option base: {missing:.0%} of the points lie beyond the plane, on the side to which its direction leads; "
+        f"expected the edge of the data, with at most {MOST_CUT_OFF:.0%} beyond; {advice}"
+    )
