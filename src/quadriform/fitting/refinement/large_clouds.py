@@ -22,6 +22,7 @@ from quadriform.fitting.least_squares.regularisers import Regulariser
 from quadriform.fitting.least_squares.uncertainty import EnrichedBox
 from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.options import TangentOptions, check_strength
+from quadriform.fitting.refinement.base_prior import base_prior
 from quadriform.fitting.refinement.point_to_plane import data_rows, evidence_from, moved, record
 from quadriform.fitting.refinement.surface_data import SurfaceData
 from quadriform.fitting.refinement.unfolding import JacobianPenalty, remove_folds
@@ -155,6 +156,13 @@ class _All:
             total, count = total + equations, count + weight
         return total, count
 
+    def with_priors(self, evidence: Evidence, box: ControlBox) -> Evidence:
+        """The problem with the priors of the surfaces that have a base."""
+        for surface in self.surfaces:
+            for prior in base_prior(surface.data, box, float(surface.weights.sum())):
+                evidence = evidence.plus(prior.equations(box))
+        return evidence
+
     def updated(self, box: ControlBox, noise: float) -> "_All":
         """With foot points and inlier ratios of the samples for a box that has moved."""
         return replace(self, surfaces=[each.updated(box, noise if self.robust else None) for each in self.surfaces])
@@ -181,10 +189,12 @@ def on_all(
         options: of the fit.
     """
     local = sample.frame.shape_to_local(found.model)
-    surfaces = []
+    base, surfaces = local.landmarks.base, []
+    half_space = None if base is None else (base.point, base.direction)
     for name, cloud in clouds.items():
         relative = known.relative.get(name)
-        data = SurfaceData.of(local.surfaces[name], sample.points[name], sample.weights[name], noise=relative)
+        some = local.surfaces[name], sample.points[name], sample.weights[name]
+        data = SurfaceData.of(*some, half_space, noise=relative)
         data = data.with_nearest_foot_points(local.box)
         # on the scale of the sample's weights, whose mean is one
         even = weights[name] if sample.mean_weight == 1 else weights[name] / sample.mean_weight
@@ -207,6 +217,7 @@ def _rounds(points: _All, found: Fit, box: ControlBox, options: TangentOptions) 
         points = points.updated(box, noise)
         equations, count = points.sums(box, box, noise)
         evidence = evidence_from(equations, box, options.regularity, count, effective_fraction, points.least_noise)
+        evidence = points.with_priors(evidence, box)
         first = evidence.select(strength, solutions[-1] if solutions else found.strength)
         after = _unfolded(points, evidence, box, first) if strength in (None, first.strength) else None
         if after is None:
@@ -296,17 +307,19 @@ def _with_arrays(points: _All, fit: Fit) -> Fit:
             pass
         for found, array in zip(arrays, made):
             found[surface.name] = array
-    of_points = named_texts({s.name: outliers(arrays[2][s.name], s.weights > 0) for s in points.surfaces})
-    warnings = {kind: text for kind, text in fit.warnings.items() if kind != WarningKind.MANY_OUTLIERS} | of_points
-    # those of the sample are replaced
-    notes = tuple(note for note in fit.notes if not note.startswith(WarningKind.OUTLIERS))
     sha256 = points_sha256(surface.cloud for surface in points.surfaces)
     return replace(
-        fit,
+        _with_outliers(points, fit, arrays[2]),
         model=replace(fit.model, input_sha256=sha256),
-        warnings=warnings,
-        notes=notes,
         residuals=unnamed(arrays[0]),
         superquadric_residuals=unnamed(arrays[1]),
         inliers=unnamed(arrays[2]),
     )
+
+
+def _with_outliers(points: _All, fit: Fit, inliers: Mapping[str, Array]) -> Fit:
+    """The fit with warnings and notes about the outliers among all points instead of those of the sample."""
+    of_points = named_texts({s.name: outliers(inliers[s.name], s.weights > 0) for s in points.surfaces})
+    warnings = {kind: text for kind, text in fit.warnings.items() if kind != WarningKind.MANY_OUTLIERS} | of_points
+    notes = tuple(note for note in fit.notes if not note.startswith(WarningKind.OUTLIERS))
+    return replace(fit, warnings=warnings, notes=notes)

@@ -14,6 +14,7 @@ import numpy as np
 from quadriform.fitting.least_squares.marginal_likelihood import Evidence, Solution
 from quadriform.fitting.least_squares.normal_equations import NormalEquations
 from quadriform.fitting.least_squares.regularisers import Regulariser
+from quadriform.fitting.refinement.base_prior import base_priors
 from quadriform.fitting.refinement.correspondence import Correspondence
 from quadriform.fitting.refinement.point_to_plane import (
     Attraction,
@@ -307,7 +308,10 @@ class Problem:
         self, datasets: Datasets, attractions: Attractions, box: ControlBox, effective_fraction: float
     ) -> Evidence:
         """The linear problem of a round as a function of the strength."""
-        return evidence_of(datasets, attractions, box, self.regularity, effective_fraction, self.least_noise)
+        found = evidence_of(datasets, attractions, box, self.regularity, effective_fraction, self.least_noise)
+        for prior in base_priors(datasets, box):
+            found = found.plus(prior.equations(box))
+        return found
 
     def weighted(self, state: Refined) -> Refined:
         """The state with inlier probabilities at a noise estimated anew from its distances."""
@@ -330,7 +334,7 @@ class Problem:
         solution = evidence.plus(penalty.equations(box)).solve(strength)
         if solution is None:
             return None
-        whole = moved(box, solution)
+        whole, penalties = moved(box, solution), (penalty, *base_priors(datasets, box))
 
         # the penalty is linear only near the box: a whole step may make it larger
         def at(length: float) -> ControlBox:
@@ -339,7 +343,8 @@ class Problem:
 
         def total(length: float) -> float:
             trial = at(length)
-            return evidence.cost(trial.control_points - trial.rest, solution.strength) + penalty.cost(trial)
+            cost = evidence.cost(trial.control_points - trial.rest, solution.strength)
+            return cost + sum(each.cost(trial) for each in penalties)
 
         after = at(step_length(total))
         return self.recorded(box, Refined(after, datasets, solution, state.history))

@@ -13,6 +13,7 @@ from quadriform.fitting.least_squares.uncertainty import EnrichedBox
 from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.options import TangentOptions, check_box, check_strength
 from quadriform.fitting.refinement.multiresolution import SCHEDULE, Problem, Refined, Report
+from quadriform.fitting.refinement.point_to_plane import evidence_of
 from quadriform.fitting.refinement.stages import all_coarse_stages, fine_stage, first_stage, shapes, warm_start
 from quadriform.fitting.refinement.starts import candidates
 from quadriform.fitting.refinement.surface_data import Subsample, SurfaceData
@@ -253,5 +254,6 @@ def _enriched(problem: Problem, refined: Refined) -> EnrichedBox:
     # the same deformation, so foot points and inlier probabilities stay
     enriched = refined.box.elevate((l + MORE, m + MORE, n + MORE))
     none, fraction = (None,) * len(refined.datasets), refined.solution.effective_fraction
-    evidence = problem.evidence(refined.datasets, none, enriched, fraction)
+    # of the data alone: what is expected beyond a base was not measured there
+    evidence = evidence_of(refined.datasets, none, enriched, problem.regularity, fraction, problem.least_noise)
     return EnrichedBox(enriched, evidence, refined.solution.strength)

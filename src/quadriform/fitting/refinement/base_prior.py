@@ -1,0 +1,92 @@
+"""The surface beyond a base, where nobody measured: there the smallest body that explains the data is preferred.
+
+Without data the regulariser alone decides there, and affine growth costs it nothing. So surface above a low dome over
+the base has a prior, a Gaussian of its height. It is weighed against the noise: exact data is followed as if there were
+none.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from quadriform.fitting.least_squares.normal_equations import NormalEquations, normal_equations
+from quadriform.fitting.refinement.surface_data import SurfaceData
+from quadriform.fitting.result import HalfSpace
+from quadriform.points import Array
+from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.mesh import Mesh
+from quadriform.shapes.superquadric import Superquadric
+
+
+@dataclass(frozen=True)
+class Closure:
+    """The constants of the prior on the surface beyond a base."""
+
+    dome: float = 0.2
+    """A surface may rise to this height above its base without a cost, in RMS radii of the points: a smooth surface
+    needs room to close, and one that is drawn down to the plane bends inwards below it, where it was measured."""
+    spread: float = 0.1
+    """Standard deviation of what rises above that."""
+    cells: int = 12
+    """Along an edge of the grid of a surface, which has 866 points: dozens of them on a lid."""
+
+
+CLOSURE = Closure()
+
+
+@dataclass(frozen=True)
+class BasePrior:
+    """A penalty, `weight` times the mean square height of a surface above the low dome over its base.
+
+    Attributes:
+        surface: before deformation.
+        half_space: beyond the base.
+        weight: of the mean over the whole surface.
+    """
+
+    surface: Superquadric
+    half_space: HalfSpace
+    weight: float
+
+    def equations(self, box: ControlBox) -> NormalEquations:
+        """The penalty in the displacement of the control points; which points are too high is decided at a box."""
+        origins, heights, weights = self._heights(box)
+        direction = self.half_space[1]
+        metric = (weights * (heights > 0))[:, None, None] * np.outer(direction, direction)
+        targets = box.deform(origins) - heights[:, None] * direction
+        return normal_equations(box.local(origins), metric, targets - origins, box.degrees)
+
+    def cost(self, box: ControlBox) -> float:
+        """The penalty itself."""
+        _, heights, weights = self._heights(box)
+        return float(weights @ np.maximum(heights, 0) ** 2)
+
+    def _heights(self, box: ControlBox) -> tuple[Array, Array, Array]:
+        """Points (n, 3) of the undeformed surface; heights above the dome and weights (n,) of the deformed ones."""
+        at, direction = self.half_space
+        grid = self.surface.mesh(CLOSURE.cells)
+        moved = box.deform(grid.vertices)
+        areas = np.linalg.norm(Mesh(moved, grid.faces).area_vectors(), axis=1)
+        fractions = np.bincount(grid.faces.ravel(), np.repeat(areas / areas.sum() / 3, 3), len(moved)).astype(float)
+        return grid.vertices, (moved - at) @ direction - CLOSURE.dome, self.weight * fractions
+
+
+def base_prior(data: SurfaceData, box: ControlBox, count: float) -> list[BasePrior]:
+    """The penalty of a surface with a base at the noise of its data around a box; none without a base.
+
+    Args:
+        data: of the surface.
+        box: deformed.
+        count: how many points the data stands for, which the prior is weighed against.
+    """
+    if data.half_space is None:
+        return []
+    noise = np.sqrt(np.average(data.standardised(box) ** 2, weights=data.weights * data.inliers))
+    # far from the data, before the first rounds, the prior counts no more than the data
+    return [BasePrior(data.superquadric, data.half_space, count * min(float(noise) / CLOSURE.spread, 1.0) ** 2)]
+
+
+def base_priors(datasets: Sequence[SurfaceData], box: ControlBox) -> list[BasePrior]:
+    """The penalties of all surfaces with a base."""
+    return [found for data in datasets for found in base_prior(data, box, float((data.weights * data.inliers).sum()))]
