@@ -89,6 +89,16 @@ def unit_vectors(vectors: NDArray[Any]) -> Array:
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300), dtype=np.float64)
 
 
+def outer_squares(vectors: Array) -> Array:
+    """The matrices v v' (n, 3, 3) of vectors (n, 3)."""
+    return vectors[:, :, None] * vectors[:, None, :]
+
+
+def rms_length(vectors: Array) -> float:
+    """Root of the mean square length of vectors (..., 3)."""
+    return float(np.sqrt((vectors**2).sum(axis=-1).mean()))
+
+
 def fixed_array(values: ArrayLike, name: str, shape: tuple[int, ...] | None = None) -> Array:
     """A read-only float64 copy of finite numbers up to 1e30, of a shape where one is given.
 

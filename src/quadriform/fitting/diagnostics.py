@@ -9,11 +9,9 @@ from numpy.typing import NDArray
 from quadriform.errors import WarningKind, Warnings
 from quadriform.fitting.least_squares.marginal_likelihood import Solution
 from quadriform.fitting.result import HalfSpace, Result, SuperquadricFit, rms
-from quadriform.fitting.support import Support, support_of
+from quadriform.fitting.support import Support
 from quadriform.points import Array, unit_vectors
-from quadriform.shapes.closest import FootPoints
 from quadriform.shapes.kinds import KINDS
-from quadriform.shapes.landmarks import BasePlane
 from quadriform.shapes.mesh import Mesh, split_quads
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import EXPONENTS, Superquadric
@@ -80,15 +78,6 @@ class Evidence:
     residuals: Array
     inliers: Array
     support: Support
-
-    @classmethod
-    def of(
-        cls, mesh: Mesh, points: Array, feet: FootPoints, inliers: Array, noise: float, base: BasePlane | None
-    ) -> "Evidence":
-        """From a fine mesh of the surface, the points with their nearest surface points, and the noise."""
-        kept = inliers >= INLIER
-        support = support_of(mesh, points[kept], feet.points[kept], noise, base)
-        return cls(feet.signed, inliers, support)
 
 
 def model_warnings(result: Result, evidence: Mapping[str, Evidence], unit: float) -> Warnings:

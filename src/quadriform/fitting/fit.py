@@ -28,11 +28,11 @@ from quadriform.fitting.refinement.large_clouds import on_all, sample_of_large
 from quadriform.fitting.refinement.refine import LocalProblem, refine_tangent
 from quadriform.fitting.result import Fit, Progress, Result, SuperquadricFit, rms, unnamed
 from quadriform.fitting.superquadric.fit import covered_fraction, fit_by_paper, fit_robust
-from quadriform.fitting.support import LIMITS
+from quadriform.fitting.support import LIMITS, Support, support_of
 from quadriform.fitting.threads import one_blas_thread
 from quadriform.point_sets import ALONE, Given, PointSet, common_unit, point_sets, points_sha256, precision_loss
 from quadriform.points import Array, Frame, check_weights, for_each
-from quadriform.shapes.closest import closest_on
+from quadriform.shapes.closest import FootPoints, closest_on
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.landmarks import GIVEN_BASE, NONE_KNOWN, BasePlane, Landmarks
@@ -277,12 +277,8 @@ def _in_world(result: Result, clouds: Mapping[str, Array], frame: Frame) -> Fit:
         name: covered_fraction(model.surfaces[name], cloud[inliers[name] >= INLIER], result.half_space)
         for name, cloud in local.items()
     }
-    base = None if result.half_space is None else BasePlane(*result.half_space)
-    evidence = {
-        name: Evidence.of(model.mesh(name, LIMITS.resolution), cloud, after[name], inliers[name], noise, base)
-        for name, cloud in local.items()
-    }
-    support = {name: each.support.scaled(frame.scale) for name, each in evidence.items()}
+    support = _support(result, local, after, inliers, noise)
+    evidence = {name: Evidence(residuals[name], inliers[name], each) for name, each in support.items()}
     record = ModelRecord(coverage={name: each for name, each in covered.items() if model.surfaces[name].is_radial})
     sha256 = points_sha256(clouds.values())
     return Fit(
@@ -294,7 +290,23 @@ def _in_world(result: Result, clouds: Mapping[str, Array], frame: Frame) -> Fit:
         strength=result.strength,
         noise=frame.scale * noise,
         inliers=unnamed(inliers),
-        support=support,
+        support={name: each.scaled(frame.scale) for name, each in support.items()},
         covariance=None if result.covariance is None else frame.scale**2 * result.covariance,
         enriched=None if result.enriched is None else replace(result.enriched, scale=frame.scale),
     )
+
+
+def _support(
+    result: Result,
+    clouds: Mapping[str, Array],
+    feet: Mapping[str, FootPoints],
+    inliers: Mapping[str, Array],
+    noise: float,
+) -> dict[str, Support]:
+    """How far the inliers of each cloud support its surface."""
+    base = None if result.half_space is None else BasePlane(*result.half_space)
+    found = {}
+    for name, cloud in clouds.items():
+        kept, mesh = inliers[name] >= INLIER, result.model.mesh(name, LIMITS.resolution)
+        found[name] = support_of(mesh, cloud[kept], feet[name].points[kept], noise, base)
+    return found

@@ -61,11 +61,6 @@ class Iteration:
     box_displacement: float
     surface_motion: float
 
-    @classmethod
-    def of(cls, error: float, box_motion: Array, box_displacement: Array, surface_motion: Array) -> Iteration:
-        """From the vectors (..., 3) by which control points and model points have moved."""
-        return cls(error, *(rms_length(vectors) for vectors in (box_motion, box_displacement, surface_motion)))
-
     def scaled(self, scale: float) -> Iteration:
         """The same in another unit of length."""
         lengths = (self.error, self.box_motion, self.box_displacement, self.surface_motion)
@@ -273,11 +268,6 @@ def flat(residuals: Array | dict[str, Array]) -> Array:
 def rms(residuals: Array | dict[str, Array]) -> float:
     """Root of the mean square of all residuals."""
     return float(np.sqrt((flat(residuals) ** 2).mean()))
-
-
-def rms_length(vectors: Array) -> float:
-    """Root of the mean square length of vectors (..., 3)."""
-    return float(np.sqrt((vectors**2).sum(axis=-1).mean()))
 
 
 def rms_of_inliers(distances: Array, inliers: NDArray[np.bool_]) -> float:

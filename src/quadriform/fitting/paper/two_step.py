@@ -7,8 +7,8 @@ import numpy as np
 from quadriform.fitting.options import PaperOptions
 from quadriform.fitting.paper.displacement import data_to_model, model_to_data
 from quadriform.fitting.paper.solvers import step_for
-from quadriform.fitting.result import Iteration, Progress, rms_length
-from quadriform.points import Array
+from quadriform.fitting.result import Iteration, Progress
+from quadriform.points import Array, rms_length
 from quadriform.shapes.control_box import ControlBox, outer_box
 from quadriform.shapes.superquadric import Superquadric
 
@@ -48,7 +48,8 @@ def two_step(
         step = solve(displacement, control, rest)  # P7
         control = control + step  # section 3.3
         moved = b @ step
-        history.append(Iteration.of(rms_length(moved - displacement), step, control - rest, moved))
+        lengths = (rms_length(vectors) for vectors in (moved - displacement, step, control - rest, moved))
+        history.append(Iteration(*lengths))
         if progress is not None:
             progress(iteration + 1, options.iterations)
         if options.tolerance is not None and history[-1].surface_motion < options.tolerance:

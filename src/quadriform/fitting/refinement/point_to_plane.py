@@ -20,7 +20,7 @@ from quadriform.fitting.least_squares.normal_equations import NormalEquations, n
 from quadriform.fitting.least_squares.regularisers import Regulariser, penalty_matrix
 from quadriform.fitting.refinement.surface_data import SurfaceData
 from quadriform.fitting.result import Iteration
-from quadriform.points import Array, unit_vectors
+from quadriform.points import Array, outer_squares, rms_length, unit_vectors
 from quadriform.shapes.closest import surface_normals
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superquadric import Superquadric
@@ -61,23 +61,20 @@ def data_rows(data: SurfaceData, box: ControlBox) -> Rows:
     # directions of the data in the tangent plane of the model
     along = data.neighbourhood.along - np.einsum("ni,ni->n", data.neighbourhood.along, normals)[:, None] * normals
     across = unit_vectors(np.cross(normals, along))
-    across_curves = data.neighbourhood.alone_across()[:, None, None] * _squares(across)
+    across_curves = data.neighbourhood.alone_across()[:, None, None] * outer_squares(across)
     weights = (data.weights * data.inliers / data.variances(normals))[:, None, None]
-    return Rows(data.origins, data.points, weights * (_tangential(normals) + across_curves))
+    return Rows(data.origins, data.points, weights * (_tangential(outer_squares(normals)) + across_curves))
 
 
 def attraction_rows(superquadric: Superquadric, box: ControlBox, attraction: Attraction) -> Rows:
     """The part of model points that are attracted to the data."""
     normals = surface_normals(superquadric, box, attraction.origins)
-    return Rows(attraction.origins, attraction.targets, attraction.weight * _tangential(normals))
+    return Rows(attraction.origins, attraction.targets, attraction.weight * _tangential(outer_squares(normals)))
 
 
-def _tangential(normals: Array) -> Array:
-    return LEAST_TANGENTIAL * np.eye(3) + (1 - LEAST_TANGENTIAL) * _squares(normals)
-
-
-def _squares(vectors: Array) -> Array:
-    return vectors[:, :, None] * vectors[:, None, :]
+def _tangential(squares: Array) -> Array:
+    """Metrics (n, 3, 3) with little weight along the surface, from the squares (n, 3, 3) of its normals."""
+    return LEAST_TANGENTIAL * np.eye(3) + (1 - LEAST_TANGENTIAL) * squares
 
 
 def evidence_of(
@@ -142,4 +139,5 @@ def step_length(total: Callable[[float], float]) -> float:
 def record(before: ControlBox, after: ControlBox, probes: Array, noise: float) -> Iteration:
     """The changes by one round; `probes` (n, 3) are points of the superquadrics."""
     step, displacement = after.control_points - before.control_points, after.control_points - after.rest
-    return Iteration.of(noise, step, displacement, after.deform(probes) - before.deform(probes))
+    motion = after.deform(probes) - before.deform(probes)
+    return Iteration(noise, *(rms_length(vectors) for vectors in (step, displacement, motion)))
