@@ -70,7 +70,7 @@ def test_one_outlier_among_many_points_is_a_note():
 
 @pytest.mark.slow
 def test_what_is_warned_of_is_usable_and_not_ok():
-    found = qf.fit(lumpy(600)[lumpy(600)[:, 2] > 0], box=(3, 3, 3))
+    found = qf.fit(lumpy(600)[lumpy(600)[:, 2] > -15], box=(3, 3, 3))
     assert found.status == "warned" and found.require_usable() is found
     with pytest.raises(FitError, match="PARTIAL_COVERAGE"):
         found.require_ok()

@@ -86,6 +86,9 @@ class WarningKind(StrEnum):
     RUNAWAY = "RUNAWAY"
     UNCERTAIN = "UNCERTAIN"
     BASE_NOT_OBSERVED = "BASE_NOT_OBSERVED"
+    SEVERAL_BODIES = "SEVERAL_BODIES"
+    DOUBLE_WALL = "DOUBLE_WALL"
+    FILLED_VOLUME = "FILLED_VOLUME"
     ILL_CONDITIONED = "ILL_CONDITIONED"
     NEAR_SYMMETRIC = "NEAR_SYMMETRIC"
     OUTLIERS = "OUTLIERS"
@@ -131,6 +134,9 @@ LEVEL: dict[WarningKind, str] = dict.fromkeys(WarningKind, WARNED) | {
     WarningKind.FOLDING: UNRELIABLE,
     WarningKind.UNSUPPORTED: UNRELIABLE,
     WarningKind.RUNAWAY: UNRELIABLE,
+    WarningKind.SEVERAL_BODIES: UNRELIABLE,
+    WarningKind.DOUBLE_WALL: UNRELIABLE,
+    WarningKind.FILLED_VOLUME: UNRELIABLE,
 }
 """The level of each kind; the only place where it is decided."""
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from quadriform.errors import WarningKind, Warnings
 from quadriform.fitting.least_squares.marginal_likelihood import Solution
 from quadriform.fitting.result import HalfSpace, Result, SuperquadricFit, rms
-from quadriform.fitting.support import Support
+from quadriform.fitting.support import ONE, Sampled, Support
 from quadriform.points import Array, unit_vectors
 from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.mesh import Mesh, split_quads
@@ -73,11 +73,13 @@ class Evidence:
         residuals: (n,), signed distances of the points.
         inliers: (n,), probabilities.
         support: of the surface by its inliers.
+        sampled: whether the points are of one surface.
     """
 
     residuals: Array
     inliers: Array
     support: Support
+    sampled: Sampled
 
 
 def model_warnings(result: Result, evidence: Mapping[str, Evidence], unit: float) -> Warnings:
@@ -98,9 +100,29 @@ def _of_surface(result: Result, name: str, found: Evidence, unit: float) -> Warn
     return (
         outliers(found.inliers, counted)
         | poor_fit(rms(found.residuals[kept]) if kept.any() else 1.0)
+        | not_one_surface(found.sampled, KINDS[surface.kind].cut_axis is None)
         | unsupported(found.support.scaled(unit))
         | _outside_lattice(result.model, surface)
     )
+
+
+def not_one_surface(found: Sampled, is_closed: bool) -> Warnings:
+    """SEVERAL_BODIES, DOUBLE_WALL or FILLED_VOLUME where points are not of one surface, which may have no inside."""
+    warnings: Warnings = {}
+    if found.bodies > 1:
+        warnings[WarningKind.SEVERAL_BODIES] = (
+            f"the points are of {found.bodies} bodies with nothing between them, and the surface is drawn around all: "
+            "fit each alone"
+        )
+    if found.layered > ONE.layered:
+        warnings[WarningKind.DOUBLE_WALL] = (
+            "the points form two layers, one inside the other, such as both sides of a wall: fit them as two surfaces"
+        )
+    elif is_closed and found.filled > ONE.most:
+        warnings[WarningKind.FILLED_VOLUME] = (
+            f"{100 * found.filled:.0f} % of the points are deep inside, as of a filled volume: take its boundary only"
+        )
+    return warnings
 
 
 def unsupported(found: Support) -> Warnings:

@@ -28,7 +28,7 @@ from quadriform.fitting.refinement.large_clouds import on_all, sample_of_large
 from quadriform.fitting.refinement.refine import LocalProblem, refine_tangent
 from quadriform.fitting.result import Fit, Progress, Result, SuperquadricFit, rms, unnamed
 from quadriform.fitting.superquadric.fit import covered_fraction, fit_by_paper, fit_robust
-from quadriform.fitting.support import LIMITS, Support, support_of
+from quadriform.fitting.support import LIMITS, Sampled, Support, support_of
 from quadriform.fitting.threads import one_blas_thread
 from quadriform.point_sets import ALONE, Given, PointSet, common_unit, point_sets, points_sha256, precision_loss
 from quadriform.points import Array, Frame, check_weights, for_each
@@ -278,7 +278,8 @@ def _in_world(result: Result, clouds: Mapping[str, Array], frame: Frame) -> Fit:
         for name, cloud in local.items()
     }
     support = _support(result, local, after, inliers, noise)
-    evidence = {name: Evidence(residuals[name], inliers[name], each) for name, each in support.items()}
+    sampled = _sampled(result, local, after, inliers, support)
+    evidence = {name: Evidence(residuals[name], inliers[name], support[name], sampled[name]) for name in local}
     record = ModelRecord(coverage={name: each for name, each in covered.items() if model.surfaces[name].is_radial})
     sha256 = points_sha256(clouds.values())
     return Fit(
@@ -309,4 +310,21 @@ def _support(
     for name, cloud in clouds.items():
         kept, mesh = inliers[name] >= INLIER, result.model.mesh(name, LIMITS.resolution)
         found[name] = support_of(mesh, cloud[kept], feet[name].points[kept], noise, base)
+    return found
+
+
+def _sampled(
+    result: Result,
+    clouds: Mapping[str, Array],
+    feet: Mapping[str, FootPoints],
+    inliers: Mapping[str, Array],
+    support: Mapping[str, Support],
+) -> dict[str, Sampled]:
+    """Whether the points of each cloud that have a weight are of one surface."""
+    found = {}
+    for name, cloud in clouds.items():
+        counted = np.ones(len(cloud), dtype=np.bool_) if result.counted is None else result.counted[name]
+        points, nearest, signed = cloud[counted], feet[name].points[counted], feet[name].signed[counted]
+        mesh, kept = result.model.mesh(name, LIMITS.resolution), inliers[name][counted] >= INLIER
+        found[name] = Sampled.of(mesh, points, nearest, signed, kept, support[name].limit)
     return found

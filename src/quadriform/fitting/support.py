@@ -1,12 +1,17 @@
-"""How far data supports a fitted surface, measured from each part of the surface to the data, and not the other way."""
+"""How far data supports a fitted surface, measured from each part of it to the data; whether that is of one surface.
+
+Warnings about fits are made of these measures in `diagnostics.py`.
+"""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from quadriform.points import Array
+from quadriform.points import Array, unit_vectors
 from quadriform.shapes.directions import sphere_grid
 from quadriform.shapes.landmarks import BasePlane
 from quadriform.shapes.mesh import Mesh
@@ -103,7 +108,7 @@ def support_of(mesh: Mesh, points: Array, feet: Array, noise: float, base: BaseP
         return Support(0.0, 0.0, 0.0, 0.0, 0.0, far, Reach(far, 0.0))
     distances = cKDTree(feet).query(middles)[0]
     limit = max(interpolated(distances, areas, feet), LIMITS.noise * noise)
-    limit = min(limit, LIMITS.widest * float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean())))
+    limit = min(limit, LIMITS.widest * _radius(points))
     supported, before = distances <= limit, np.ones(len(areas), dtype=np.bool_)
     volumes = below = _cones(corners, points.mean(axis=0))
     extends = within = Reach.of(mesh.vertices, points)
@@ -159,6 +164,11 @@ def _farthest(points: Array, directions: Array) -> Array:
     return np.concatenate(parts)
 
 
+def _radius(points: Array) -> float:
+    """The RMS distance of points (n, 3) from their centre."""
+    return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
+
+
 def _cones(corners: Array, apex: Array) -> Array:
     """Volumes (m,) of the cones over triangles (m, 3, 3) from an apex, without signs."""
     a, b, c = (corners - apex).transpose(1, 0, 2)
@@ -169,3 +179,136 @@ def _fraction(values: Array, supported: NDArray[np.bool_]) -> float:
     """The share of values (m,) that is supported; all of nothing."""
     total = float(values.sum())
     return float(values[supported].sum()) / total if total > 0 else 1.0
+
+
+# --- one surface -------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class OneSurface:
+    """The constants of these tests."""
+
+    asked: int = 2000
+    """So many points are looked at, evenly chosen: all pairs of them are considered."""
+    distant: float = 3.0
+    """Points farther from all others than this many limits of support are of another cluster: far above the distance
+    between slices, which is four thirds of that limit."""
+    least: float = 0.1
+    """A cluster with a smaller fraction of the points is no body."""
+    fewest: int = 100
+    open_angle: float = np.radians(40)
+    """A body of at least so many points leaves no wider cone empty, seen from its centre in units of its axes. So many
+    random directions leave 25 degrees; half an ellipsoid, such as an end of a body whose middle has no data, 50."""
+    directions: int = 8
+    """Of the grid of directions among which the widest empty cone is found."""
+    neighbours: int = 16
+    layer: int = 4
+    """Of so many neighbours so many are of the smaller layer at least."""
+    split: float = 0.85
+    """Two layers explain at least this fraction of the variance of 16 neighbours. The best two halves of normal
+    deviates explain two thirds, of even ones three quarters."""
+    thick: float = 0.1
+    """RMS radii between layers at least, twice what a poor fit is: voxels and noise make thinner ones."""
+    layered: float = 0.5
+    """Above this fraction of neighbourhoods with two layers the points are of a double wall."""
+    deep: float = 1 / 3
+    """Of the mean thickness of a body: points deeper inside than that are not of its surface."""
+    most: float = 0.1
+    """Of the points that are deep inside; outliers everywhere around a body leave less than half of that."""
+
+
+ONE = OneSurface()
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """Whether points are of one surface: not of several bodies, both sides of a wall, or the inside of a volume.
+
+    Attributes:
+        bodies: how many closed bodies the inliers are of, far from each other; 0 where no cluster of them is closed.
+        layered: fraction of the neighbourhoods in which points form two layers along the normal.
+        filled: fraction of the points that are deep inside.
+    """
+
+    bodies: int
+    layered: float
+    filled: float
+
+    @classmethod
+    def of(
+        cls, mesh: Mesh, points: Array, feet: Array, signed: Array, inliers: NDArray[np.bool_], limit: float
+    ) -> "Sampled":
+        """From a surface and its data.
+
+        Args:
+            mesh: of the surface.
+            points: (n, 3), all that count.
+            feet: (n, 3), their nearest points of the surface.
+            signed: (n,), their distances, negative inside.
+            inliers: (n,), which of them are of the surface.
+            limit: distance from data up to which the surface is supported.
+        """
+        thickness = 2 * abs(mesh.volume()) / mesh.area()
+        return cls(bodies(points[inliers], limit), layered(feet, signed, _radius(points)), filled(signed, thickness))
+
+
+def bodies(points: Array, limit: float) -> int:
+    """The number of separate closed bodies that points (n, 3) are of; 0 where no cluster of them is closed.
+
+    Args:
+        points: of one surface, as it was thought.
+        limit: distance from data up to which that surface is supported.
+    """
+    if len(points) < ONE.fewest:
+        return 0
+    some = points[_chosen(points)]
+    pairs = cKDTree(some).query_pairs(ONE.distant * limit, output_type="ndarray")
+    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(some),) * 2)
+    member = connected_components(graph, directed=False)[1]
+    sizes = np.bincount(member)
+    return sum(_is_closed(some[member == k]) for k in np.flatnonzero(sizes >= ONE.least * len(some)))
+
+
+def _is_closed(points: Array) -> bool:
+    """Whether points lie in all directions from their centre, in units of their own principal axes."""
+    centred = points - points.mean(axis=0)
+    values, axes = np.linalg.svd(centred, full_matrices=False)[1:]
+    if len(points) < ONE.fewest or values[2] < 1e-6 * values[0]:
+        return False
+    chords = cKDTree(unit_vectors(centred @ axes.T / values)).query(sphere_grid(ONE.directions)[0])[0]
+    return bool(2 * np.arcsin(chords.max() / 2) < ONE.open_angle)
+
+
+def layered(feet: Array, deviations: Array, radius: float) -> float:
+    """The fraction of neighbourhoods in which points form two layers along the normal.
+
+    Args:
+        feet: (n, 3), on the surface.
+        deviations: (n,), signed distances of the points.
+        radius: RMS radius of the points.
+    """
+    if len(feet) < ONE.neighbours:
+        return 0.0
+    some = feet[_chosen(feet)]
+    near = cKDTree(feet).query(some, k=ONE.neighbours)[1]
+    ordered = np.sort(deviations[near], axis=1)
+    # the best split into an inner and an outer layer: that of the largest variance between their means
+    counts = np.arange(1, ONE.neighbours)
+    inner = np.cumsum(ordered, axis=1)[:, :-1] / counts
+    outer = (ordered.sum(axis=1, keepdims=True) - inner * counts) / (ONE.neighbours - counts)
+    between = counts * (ONE.neighbours - counts) * (outer - inner) ** 2 / ONE.neighbours**2
+    between, steps = (each[:, ONE.layer - 1 : -(ONE.layer - 1)] for each in (between, outer - inner))
+    rows, best = np.arange(len(near)), between.argmax(axis=1)
+    is_split = between[rows, best] > ONE.split * np.maximum(ordered.var(axis=1), 1e-300)
+    return float((is_split & (steps[rows, best] > ONE.thick * radius)).mean())
+
+
+def _chosen(points: Array) -> NDArray[np.int64]:
+    """Indices of the points that are looked at, spread over the distances of all (n, 3) from their centre."""
+    order = np.argsort(((points - points.mean(axis=0)) ** 2).sum(axis=1))
+    return order[np.linspace(0, len(order) - 1, min(ONE.asked, len(order))).astype(np.int64)]
+
+
+def filled(deviations: Array, thickness: float) -> float:
+    """The fraction of points deep inside a body, by their signed distances (n,) and its mean thickness."""
+    return float((deviations < -ONE.deep * thickness).mean()) if len(deviations) else 0.0
