@@ -123,6 +123,21 @@ def test_the_wall_counts_below_the_same_face_and_the_frame_does_not_matter(termi
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("words", [CUT, BOTH])
+def test_volumes_are_those_within_the_image_where_it_cuts_the_apex_too(terminal, hearts, tmp_path, words):
+    name = hearts()
+    affine = nibabel.load(name).affine
+    first = round((-18 - affine[2, 3]) / SPACING[2])
+    region = f"0:32,0:32,{first}:{nibabel.load(name).shape[2]}"
+    record = record_of(terminal("fit", name, *words, "--region", region, "-o", "out", "--json"))
+    low = affine[2, 3] + (first - 0.5) * SPACING[2]
+    assert record["volume_ml"] == pytest.approx(below(ENDO, TOP) - below(ENDO, low), rel=0.03)
+    if words == BOTH:
+        wall = [below(EPI, z) - below(ENDO, z) for z in (TOP, low)]
+        assert record["wall_volume_ml"] == pytest.approx(wall[0] - wall[1], rel=0.1)
+
+
+@pytest.mark.slow
 def test_a_given_base_bounds_the_volume_itself(terminal, hearts):
     record = record_of(terminal("fit", hearts(), *CUT, "--base", "0,0,6/0,0,2", "-o", "out", "--json"))
     assert record["base"] == {"point": [0, 0, 6], "direction": [0, 0, 1]}

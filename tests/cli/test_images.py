@@ -8,6 +8,7 @@ import SimpleITK
 from dicom_made import write_segmentation, write_slice
 from numpy.testing import assert_allclose
 
+from quadriform.files import read_model
 from quadriform.imaging.file_points import files_of
 from quadriform.imaging.reading import read_volume
 
@@ -116,3 +117,12 @@ def test_a_folder_with_hidden_and_empty_files_is_fitted(terminal, tmp_path, grey
     by_simpleitk(tmp_path / "a.hdr", grey)
     assert [file.name for file in files_of(tmp_path / "a.img")] == ["a.hdr", "a.img"]
     assert terminal("fit", folder, "-o", "out", "--box", "2,2,2").code == 0
+
+
+@pytest.mark.slow
+def test_the_volume_of_a_label_is_that_within_the_image(terminal, nifti, body):
+    """Half of an ellipsoid of 2 x 2 x 3 mm voxels: what lies outside the image is not added."""
+    half = (body == 1).astype(np.uint8)[:15]
+    record = json.loads(terminal("fit", nifti("half.nii", half), "--label", "1", "-o", "out", "--json").out)
+    assert read_model("out/model.json").volume() == pytest.approx(12 * half.sum(), rel=0.03)
+    assert "BORDER_CUT" in record["warnings"]

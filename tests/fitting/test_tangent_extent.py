@@ -43,7 +43,7 @@ def test_a_base_elsewhere_excuses_nothing(cut):
 @pytest.mark.parametrize(
     ("base", "message"),
     [
-        ((AT, -UP), "points lie beyond the plane.*try the reverse direction"),
+        ((AT, -UP), "of the data lies beyond the plane.*try the reverse direction"),
         ((BODY.translation - 10 * UP, UP), "through the middle of the data"),
         ((BODY.translation - 10 * UP, -UP), "through the middle of the data"),
     ],

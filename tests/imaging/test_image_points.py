@@ -232,3 +232,18 @@ def test_the_hollow_bodies_of_the_cases(shared, name):
     else:
         with pytest.raises(MaskError, match="--fill-holes"):
             points_from_image(read_volume(file))
+
+
+def test_labels_that_the_image_cuts_are_closed_there_and_grey_objects_are_not(blob):
+    """Closed by default: the mesh holds the volume of the voxels. A threshold says nothing of what is beyond."""
+    cut = blob.crop(((0, 12), (0, 24), (0, 22)))
+    mask = Volume((cut.values > 2).astype(np.uint8), cut.world_from_voxel)
+    counted = (points_from_image(mask, select=Labels((1,))).segmentation.mask).sum() * abs(
+        np.linalg.det(mask.world_from_voxel[:3, :3])
+    )
+    for select in ("auto", Labels((1,))):
+        found = points_from_image(mask, select=select)
+        assert found.on_border.any() and found.record["border"] == "close"
+        assert found.mesh.volume() == pytest.approx(counted, rel=0.03)  # corners are cut off
+        assert not points_from_image(mask, select=select, border="open").on_border.any()
+    assert not points_from_image(cut, select=2.0).on_border.any()

@@ -159,6 +159,23 @@ def test_a_rounded_end_is_no_base(rng):
     assert from_labels(replace(volume, values=values)).base is None
 
 
+def test_other_cuts_than_the_base_are_closed_at_the_face_of_the_image():
+    """As where the labels end inside the image: a layer of empty voxels there changes nothing."""
+    volume = labelled(open_at=8.0, shape=(40, 40, 16), spacing=np.array([1.5, 1.5, 5.0]))
+    apex, base = 5, int(np.flatnonzero((volume.values == 1).any(axis=(0, 1)))[-1]) + 1
+    values = volume.values.copy()
+    values[:, :, :apex] = 0
+    empty = replace(volume, values=values)
+    for given in (None, (np.array([0, 0, 7.0]), np.array([0, 0, 1.0]))):
+        cut = from_labels(volume.crop(((0, 40), (0, 40), (apex, base))), base=given)
+        beside = from_labels(empty, base=given)
+        face = volume.points_world([[0, 0, apex - 0.5]])[0, 2]
+        for name, points in beside.clouds.items():
+            np.testing.assert_allclose(cut.clouds[name], points, atol=1e-9)
+            assert (np.isclose(points[:, 2], face)).any() and points[:, 2].min() > face - 1e-9
+        assert "closed elsewhere" in cut.warnings[WarningKind.BORDER_CUT]
+
+
 def test_of_two_flat_ends_the_wider_one_is_the_base():
     volume = labelled(open_at=8.0, shape=(40, 40, 16), spacing=np.array([1.5, 1.5, 5.0]))
     at, _ = grid((40, 40, 16), np.array([1.5, 1.5, 5.0]))

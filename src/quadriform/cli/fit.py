@@ -18,7 +18,7 @@ class Reading(ObjectInImage):
         unit: Unit of the lengths of a file that names none: mm, m; of tables also cm, um ...
 
     Images:
-        border: Where the object is cut by the image border: close or open.
+        border: Where the object is cut by the image border: close or open. [default: close labels and masks]
     """
 
     border: str | None = None

@@ -77,7 +77,7 @@ def points_from_image(
     closing: int = 0,
     fill_holes: bool = False,
     surface: Literal["mask", "grey"] = "mask",
-    border: Border = "open",
+    border: Border | None = None,
 ) -> ImagePoints:
     """Return the vertices of the isosurface of a segmented object (paper section 5).
 
@@ -91,7 +91,8 @@ def points_from_image(
         closing: number of dilations, then of erosions, with the 6-connected cross.
         fill_holes: fill what the object encloses; otherwise the walls of holes give points too.
         surface: "mask" puts points halfway between voxels; "grey" where the image crosses the threshold.
-        border: "open" gives no points where the image cuts the object, "close" closes it there.
+        border: "open" gives no points where the image cuts the object, "close" closes it there, so that its volume is
+            that within the image. None: labels and masks are closed, objects above a threshold left open.
 
     Raises:
         MaskError: no object or everything, labels missing or not whole, a seed in the background, a wall that is
@@ -106,6 +107,7 @@ def points_from_image(
     morphology: dict[str, Any] = {"connectivity": connectivity, "closing": closing, "fill_holes": fill_holes}
     segmentation = segment(volume, select=select, region=region, component=component, **morphology)
     height, level = _height(segmentation, surface)
+    border = border or ("close" if isinstance(select, Labels) else "open")
     result = isosurface(height, level, border=border)
     chosen = {
         "select": _recorded(select),

@@ -1,11 +1,11 @@
-"""Where a stack of labelled slices ends, though the cavity goes on: the base of a ventricle inside the image."""
+"""Where a labelled ventricle is cut and open: at the flat end of a stack of slices, or at a face of the image."""
 
 import numpy as np
 
 from quadriform.imaging.image_points import slice_axis
-from quadriform.imaging.volume import Region
-from quadriform.imaging.voxel_faces import CAVITY, WALL, Tissue
-from quadriform.points import Array
+from quadriform.imaging.volume import Region, Volume
+from quadriform.imaging.voxel_faces import CAVITY, WALL, Tissue, face_area_vectors
+from quadriform.points import Array, unit_vectors
 
 End = tuple[int, int]
 """An axis of the image, and which of its ends: 0 the first, -1 the last."""
@@ -57,3 +57,40 @@ def region_up_to(tissue: Tissue, region: Region, end: End) -> Region:
     side = (start + int(labelled[0]), stop) if which == 0 else (start, start + int(labelled[-1]) + 1)
     i, j, k = (side if number == axis else each for number, each in enumerate(region))
     return i, j, k
+
+
+def open_face(tissue: Tissue, cropped: Volume, end: End | None, base: tuple[Array, Array] | None) -> End | None:
+    """Return the face of the image where a ventricle is open; None where nothing is cut.
+
+    Args:
+        tissue: of each voxel.
+        cropped: the image, or the region.
+        end: of the stack of labels, where it is known.
+        base: a plane (point, direction), to whose side the open face looks; without both, the face is that which cuts
+            the largest area of the cavity.
+    """
+    if end is not None:
+        return end
+    # compared by area, for faces across thick slices are larger
+    areas = face_area_vectors(cropped.world_from_voxel)
+    faces = [(axis, which) for axis in range(3) for which in (0, -1)]
+    if base is not None:
+        outward = [unit_vectors(areas[axis]) * (-1 if which == 0 else 1) for axis, which in faces]
+        return faces[int(np.argmax(outward @ np.asarray(base[1], dtype=np.float64)))]
+    cuts = [float((tissue == CAVITY).take(which, axis).sum() * np.linalg.norm(areas[axis])) for axis, which in faces]
+    return faces[int(np.argmax(cuts))] if max(cuts) > 0 else None
+
+
+def closed_but_for(face: End | None, tissue: Tissue, cropped: Volume) -> tuple[Tissue, Volume]:
+    """Return tissue and image with a layer of background at the other faces that cut it: a surface closes there.
+
+    Args:
+        face: the open one.
+        tissue: of each voxel.
+        cropped: the image, or the region.
+    """
+    faces = [[(axis, which) for which in (0, -1)] for axis in range(3)]
+    layers = [[int(each != face and bool(tissue.take(each[1], each[0]).any())) for each in pair] for pair in faces]
+    padded, affine = np.pad(tissue, layers), cropped.world_from_voxel.copy()
+    affine[:3, 3] -= affine[:3, :3] @ [first for first, _ in layers]
+    return padded, Volume(padded, affine, cropped.space, cropped.unit)

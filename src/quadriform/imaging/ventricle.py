@@ -13,7 +13,7 @@ from quadriform.imaging.isosurface import edge_noise, height_of, isosurface
 from quadriform.imaging.object_choice import Labels, Percentile, Select
 from quadriform.imaging.open_cavity import base_of_open_cavity, fill_open_cavity
 from quadriform.imaging.segmentation import Component, Mask, Segmentation, segment
-from quadriform.imaging.stack_end import End, flat_end, region_up_to
+from quadriform.imaging.stack_end import End, closed_but_for, flat_end, open_face, region_up_to
 from quadriform.imaging.volume import Region, Volume, slices
 from quadriform.imaging.voxel_faces import (
     BACKGROUND,
@@ -25,7 +25,7 @@ from quadriform.imaging.voxel_faces import (
     enclosed_fraction,
     face_area_vectors,
 )
-from quadriform.points import Array, check_number, check_points
+from quadriform.points import Array, check_number, check_points, unit_vectors
 from quadriform.shapes.landmarks import GIVEN_BASE, BasePlane, Landmarks, check_base
 from quadriform.words import short_repr
 
@@ -92,13 +92,14 @@ def ventricle_from_labels(
 ) -> VentriclePoints:
     """Return points of the endocardium, the boundary of the cavity, and of the epicardium, the outside of the wall.
 
-    Points lie halfway between voxels. Where the image or the region cuts the ventricle there are none. The base plane
-    is the outer face of the last slice with labels, at the end where these end flat (the larger open section of both),
-    in the image or at its border; of a cavity that is rounded at both ends the face of the image that cuts it over the
-    largest area. Anatomy is not checked: where the apex is the wider end, give `base`. The outermost voxels end at that
-    face, half a voxel beyond their centres: the points of their slice are repeated just below it, so that the volume
-    below it is determined by data. A closed label has no base: where its cavity meets the background, as at the valve
-    plane, "endo" has points and "epi" has none; `base` removes them.
+    Points lie halfway between voxels. Where the image or the region cuts the ventricle, it is open at its base, without
+    points, and closed elsewhere: volumes are those within the image. The base plane is the outer face of the last slice
+    with labels, at the end where these end flat (the larger open section of both), in the image or at its border; of a
+    cavity that is rounded at both ends the face of the image that cuts it over the largest area. Anatomy is not
+    checked: where the apex is the wider end, give `base`. The outermost voxels end at that face, half a voxel beyond
+    their centres: the points of their slice are repeated just below it, so that the volume below it is determined by
+    data. A closed label has no base: where its cavity meets the background, as at the valve plane, "endo" has points
+    and "epi" has none; `base` removes them.
 
     Args:
         volume: label image.
@@ -165,22 +166,28 @@ def ventricle_up_to(
         end: of the slice axis, at whose last labels the ventricle is cut; None: where the image cuts it, or at `base`.
         volume, cavity, wall, region, base, spacing: as of `ventricle_from_labels`, with its errors.
     """
+    base = None if base is None else _unit_plane(base)
     labelled = labelled_tissue(volume, cavity, wall, region)
     cut = border_cut(labelled.tissue != BACKGROUND, volume.world_from_voxel)
     if end is not None:
         labelled = labelled_tissue(volume, cavity, wall, region_up_to(labelled.tissue, labelled.region, end))
     tissue, warnings, cropped = labelled.tissue, dict(labelled.warnings), volume.crop(labelled.region)
+    face = open_face(tissue, cropped, end, base)
+    plane = None if base is not None or face is None else _plane_of(face, tissue == CAVITY, cropped)
+    warnings.pop(WarningKind.BORDER_CUT, None)  # of the cavity alone, and of a region that ends with its labels
+    if cut:
+        warnings[WarningKind.BORDER_CUT] = f"{cut}; left open at the base, closed elsewhere"
+    if wall is not None:
+        warnings |= _open_wall(tissue, cropped.world_from_voxel)
+    tissue, cropped = closed_but_for(face, tissue, cropped)
     surfaces = {"endo": _surface(tissue == CAVITY, tissue, cropped)[0]}
     if wall is not None:
         points, ends = _surface(tissue != BACKGROUND, tissue, cropped)
         # an edge from cavity to background is the open base, not epicardium
         surfaces["epi"] = points[ends.max(axis=1) == WALL]
-        warnings |= _open_wall(tissue, cropped.world_from_voxel)
-    warnings.pop(WarningKind.BORDER_CUT, None)  # of the cavity alone, and of a region that ends with its labels
-    if cut:
-        warnings[WarningKind.BORDER_CUT] = f"{cut}; left open there"
-    plane = _cut_face(tissue == CAVITY, cropped, end) if base is None else _check_plane(base, surfaces)
-    if base is None and plane is not None:
+    if base is not None:
+        plane = _check_edge(base, tissue, cropped)
+    elif plane is not None:
         surfaces = {name: _up_to_face(points, plane, cropped) for name, points in surfaces.items()}
     found = _finish(surfaces, plane, warnings, tissue, cropped, spacing)
     found.record["left_out_voxels"] = labelled.left_out
@@ -231,7 +238,9 @@ def ventricle_from_perfusion(
     is_endo = ends.max(axis=1) == CAVITY
     is_epi = (ends == BACKGROUND).any(axis=1) & ~is_endo  # a dark spot within the wall is neither
     surfaces = {"endo": points[is_endo], "epi": points[is_epi]}
-    plane = base_of_open_cavity(tissue, cropped.world_from_voxel) if base is None else _check_plane(base, surfaces)
+    if base is not None:
+        base = _check_edge(_unit_plane(base), tissue, cropped)
+    plane = base_of_open_cavity(tissue, cropped.world_from_voxel) if base is None else base
     result = _finish(surfaces, plane, warnings, tissue, cropped, _renamed(spacing, apart))
     result = replace(result, base_from=_base_from(plane, base, OPENING))
     if base is None:
@@ -293,19 +302,12 @@ def _open_wall(tissue: Tissue, world_from_voxel: Array) -> Warnings:
     return {WarningKind.OPEN_WALL: text}
 
 
-def _cut_face(cavity: Mask, cropped: Volume, end: End | None) -> Plane | None:
-    """The face of the image at an end, or that cuts most of the cavity: the outer one of its outermost voxels."""
-    # compared by area, for faces across thick slices are larger
-    areas = face_area_vectors(cropped.world_from_voxel)
-    faces = [(axis, end) for axis in range(3) for end in (0, -1)] if end is None else [end]
-    cuts = [float(cavity.take(end, axis).sum() * np.linalg.norm(areas[axis])) for axis, end in faces]
-    if max(cuts) == 0:
-        return None
-    axis, which = faces[int(np.argmax(cuts))]
+def _plane_of(face: End, cavity: Mask, cropped: Volume) -> Plane:
+    """The outer face of the outermost voxels of the cavity."""
+    axis, which = face
     at = 0 if which == 0 else cavity.shape[axis] - 1
     voxels = np.insert(np.argwhere(cavity.take(at, axis)).astype(np.float64), axis, at, axis=1)
-    outward = areas[axis] * (-1 if which == 0 else 1)
-    direction = outward / np.linalg.norm(outward)
+    direction = unit_vectors(face_area_vectors(cropped.world_from_voxel)[axis]) * (-1 if which == 0 else 1)
     return cropped.points_world(voxels).mean(axis=0) + 0.5 * _height(direction, cropped) * direction, direction
 
 
@@ -323,13 +325,17 @@ def _up_to_face(points: Array, face: Plane, image: Volume) -> Array:
     return np.concatenate([points, outermost + BELOW_FACE * height * direction])
 
 
-def _check_plane(base: Plane, surfaces: dict[str, Array]) -> Plane:
+def _unit_plane(base: Plane) -> Plane:
     point, direction = check_points(np.array(base), "base")
     if not direction.any():
         raise OptionError("option base: expected (point, direction) with a direction that is not 0")
-    plane = BasePlane(point, direction / np.linalg.norm(direction))
-    check_base(plane, np.concatenate(list(surfaces.values())))
-    return plane.point, plane.direction
+    return point, direction / np.linalg.norm(direction)
+
+
+def _check_edge(base: Plane, tissue: Tissue, cropped: Volume) -> Plane:
+    """The plane, which is refused where it is no edge of the cavity, by its voxels: a flat end has many points."""
+    check_base(BasePlane(*base), cropped.points_world(np.argwhere(tissue == CAVITY)))
+    return base
 
 
 def _finish(

@@ -102,7 +102,7 @@ def check_base(plane: BasePlane, points: Array) -> None:
 
     Args:
         plane: as it was given.
-        points: (n, 3), of all surfaces.
+        points: (n, 3), of all surfaces, or of the voxels of a cavity.
 
     Raises:
         OptionError: more than a quarter of the points lie beyond it.
@@ -113,6 +113,6 @@ def check_base(plane: BasePlane, points: Array) -> None:
     reverse = 1 - missing <= MOST_CUT_OFF
     advice = "try the reverse direction" if reverse else "the plane goes through the middle of the data"
     raise OptionError(
-        f"option base: {missing:.0%} of the points lie beyond the plane, on the side to which its direction leads; "
+        f"option base: {missing:.0%} of the data lies beyond the plane, on the side to which its direction leads; "
         f"expected the edge of the data, with at most {MOST_CUT_OFF:.0%} beyond; {advice}"
     )
