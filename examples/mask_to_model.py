@@ -15,7 +15,7 @@ world_from_voxel = np.diag([1.5, 1.5, 3.0, 1.0])
 volume = qf.Volume(mask.astype(np.uint8), world_from_voxel)
 
 cloud = qf.points_from_image(volume, select=qf.Labels((1,)))
-fit = qf.fit(cloud.points, strength=1e-6, unit="mm", space="LPS")
+fit = qf.fit(cloud.points, noise=cloud.noise, unit="mm", space="LPS")
 voxels = mask.sum() * 1.5 * 1.5 * 3.0
 print(
     fit.status,

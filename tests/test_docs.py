@@ -150,7 +150,7 @@ def test_points_to_a_model_finds_the_noise_and_the_truth(run):
 def test_image_to_a_ventricle_finds_its_volumes(run):
     names = run("image_to_ventricle.md")
     for name in ("endo", "epi"):
-        assert names["model"].volume(name) == pytest.approx(names["truth"].volume(name), rel=0.02)
+        assert names["fit"].model.volume(name) == pytest.approx(names["truth"].volume(name), rel=0.02)
     mass = 1.05 * (names["truth"].volume("epi") - names["truth"].volume("endo")) / 1000
     assert names["table"]["myocardial mass"] == pytest.approx(mass, rel=0.03)
     assert "UNKNOWN_UNIT" not in names["table"].warnings

@@ -60,6 +60,17 @@ def test_a_share_or_one_file_holds_for_all_frames(terminal, beating, base):
 
 
 @pytest.mark.slow
+def test_a_plane_is_taken_as_fit_shows_it(terminal, beating):
+    """With a slash, as `fit --base` takes it and its table prints it, it was taken for the name of a file."""
+    slash, commas = (
+        json.loads(terminal("measure", "0.json", "1.json", "--base", base, "--json").out)["measures"]
+        for base in ("3,-18,78/-0.6,-0.3,0.7", "3,-18,78,-0.6,-0.3,0.7")
+    )
+    assert slash == commas
+    assert slash[0]["value"] == measure(beating, base=((3, -18, 78), (-0.6, -0.3, 0.7))).rows[0].value
+
+
+@pytest.mark.slow
 def test_a_moving_model_brings_its_frames_and_times(terminal, beating, tmp_path):
     boxes = [model.box for model in beating]
     points = np.stack([box.control_points for box in boxes])

@@ -1,5 +1,6 @@
 """Base and RV insertions of `quadriform measure` from options, files of points or contours; in the models' frame."""
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
     from quadriform.heart.base import Base
 
 CONTOURS: SpaceAndUnit = ("LPS", "mm")
+PLANE = re.compile(r"[^/,]*,[^/,]*,[^/,]*[/,][^/,]*,[^/,]*,[^/,]*")
+"""x,y,z/nx,ny,nz as `fit` takes and shows it, or six numbers between commas."""
 MIN_MITRAL_POINTS = 3
 """So many span a plane."""
 
@@ -38,9 +41,9 @@ def read_base(options: Sequence[str], metadata: SpaceAndUnit) -> "Base":
         return float(options[0])
     except ValueError:
         pass
-    # a file whose name has five commas is a file
-    if options[0].count(",") == 5 and not Path(options[0]).exists():
-        plane = decimals(options[0], "--base", 6)
+    # a file whose name looks like a plane is a file
+    if PLANE.fullmatch(options[0]) and not Path(options[0]).exists():
+        plane = decimals(options[0].replace("/", ","), "--base", 6)
         return plane[:3], plane[3:]
     return _loop(Path(options[0]), metadata)
 

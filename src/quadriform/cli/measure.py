@@ -20,10 +20,10 @@ class Landmarks:
     """Where the cavity ends, and where the right ventricle is inserted.
 
     Attributes:
-        base: Where the cavity ends: a fraction of the long axis from the apex (0.8); a fixed plane x,y,z,dx,dy,dz in
+        base: Where the cavity ends: a fraction of the long axis from the apex (0.8); a fixed plane x,y,z/dx,dy,dz in
             the models' frame, its direction leading to the side cut off; a file of mitral points, or contours
-            GPFile_NNN.txt that have them, for all frames, or one --base a frame. Without it the whole closed surface
-            counts.
+            GPFile_NNN.txt that have them, for all frames, or one --base a frame. Without it the base that is
+            stored with each model; where there is none, the closed surface.
         contours: Contours of the same frames, a folder of GPFile_NNN.txt or the files in order: each frame ends at the
             plane of its own mitral points, and the RV insertions are those at ED unless given.
         rv_insertion: x,y,z where the right ventricle meets the left, at ED; two or more.
