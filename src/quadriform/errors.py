@@ -116,7 +116,9 @@ class WarningKind(StrEnum):
     APEX_AMBIGUOUS = "APEX_AMBIGUOUS"
     UNANCHORED = "UNANCHORED"
 
-    __repr__ = str.__repr__  # a mapping of warnings prints as words
+    def __repr__(self) -> str:
+        """The word alone: a mapping of warnings prints as words."""
+        return str.__repr__(self)
 
 
 Warnings = dict[WarningKind, str]
