@@ -1,6 +1,7 @@
 """`repr` of every public object: a few lines that a user can read, without the contents of arrays."""
 
 import inspect
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -54,9 +55,11 @@ def test_no_public_class_is_left_out(objects):
     assert classes - {type(thing) for thing in objects} == set()
 
 
-def test_a_fit_prints_its_verdict_and_its_warnings(objects):
+def test_a_fit_prints_its_status_warnings_and_notes(objects):
     text = repr(objects[0])
-    assert text.startswith("Fit: warned") and "PARTIAL_COVERAGE: " in text and "RMS distance" in text
+    assert text.startswith("Fit: ok") and "OUTLIERS: epi: 9 of " in text and "RMS distance" in text
+    crossing = replace(objects[0], warnings={WarningKind.FOLDING: "it folds"})
+    assert repr(crossing).startswith("Fit: unreliable") and "FOLDING: it folds" in repr(crossing)
 
 
 def test_warnings_print_as_words():

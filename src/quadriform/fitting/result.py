@@ -100,7 +100,7 @@ class SuperquadricFit(Warned):
         s = self.superquadric
         fitted = f"{s.kind} with semi-axes {listed(s.semi_axes)}, exponents {listed(s.exponents)}"
         points = f"{len(self.inliers)} points, noise {self.noise:.4g}, {self.iterations} iterations"
-        return summary(f"SuperquadricFit: {self.status}", fitted, points, *self._texts)
+        return summary(f"SuperquadricFit: {self.status}", fitted, points, *self._texts, *self.notes)
 
 
 @dataclass(frozen=True, repr=False)
@@ -141,7 +141,7 @@ class Fit(Warned):
         numbers = f"RMS distance {self.rms:.4g}, noise {self.noise:.4g}, strength {self.strength:.2g}"
         counts = " x ".join(map(str, self.model.box.control_points.shape[:3]))
         model = f"{', '.join(self.model.surfaces)} in {counts} control points, {self.model.n_parameters} parameters"
-        return summary(f"Fit: {self.status}", f"{self.n_points} points, {numbers}", model, *self._texts)
+        return summary(f"Fit: {self.status}", f"{self.n_points} points, {numbers}", model, *self._texts, *self.notes)
 
     def __post_init__(self) -> None:
         """Let the model carry status, warnings and notes, also after `dataclasses.replace`."""
