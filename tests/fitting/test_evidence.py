@@ -6,7 +6,7 @@ from shapes_made import even_directions, made
 
 from quadriform.errors import DegenerateError, OptionError
 from quadriform.fitting.least_squares.marginal_likelihood import Evidence
-from quadriform.fitting.least_squares.normal_equations import normal_equations
+from quadriform.fitting.least_squares.normal_equations import NormalEquations, normal_equations
 from quadriform.fitting.least_squares.regularisers import Bending, Springs
 from quadriform.shapes.control_box import ControlBox
 
@@ -83,10 +83,17 @@ def test_data_that_differs_by_rounding_has_the_same_strength():
         assert evidence.best(found * (1 + sign * 1e-4)).strength == pytest.approx(found, rel=1e-7)
 
 
+def with_prior(evidence, rows, heights):
+    """The problem with a penalty that contradicts the data."""
+    return evidence.plus(NormalEquations.of_rows(rows[::8], heights[::8] + 0.1, 3.0))
+
+
+@pytest.mark.parametrize("prior", [False, True], ids=["data", "with a penalty"])
 @pytest.mark.parametrize("seed", [0, 1, 2, 3, 4])
-def test_the_strength_is_found_to_a_thousandth(seed):
+def test_the_strength_is_found_to_a_thousandth(seed, prior):
     """A search that stopped sooner jumped by as much as it was allowed, on data that differed by rounding."""
-    evidence = drawn(BENDING, 1e-4, 0.05, seed=seed)[0]
+    evidence, rows, heights = drawn(BENDING, 1e-4, 0.05, seed=seed)
+    evidence = with_prior(evidence, rows, heights) if prior else evidence
     best = evidence.best()
     for factor in (0.999, 1.001):
         assert evidence.solve(factor * best.strength).criterion > best.criterion
@@ -119,6 +126,27 @@ def test_the_criterion_is_the_density_of_the_data():
     ours = np.array([evidence.solve(strength).criterion for strength in strengths])
     theirs = np.array([direct(strength) for strength in strengths])
     np.testing.assert_allclose(ours - ours[0], theirs - theirs[0], atol=1e-4)
+
+
+def test_a_penalty_is_evidence_but_no_noise():
+    """Its rows count like those of data in the choice of the strength, and not in the residuals."""
+    evidence, rows, heights = drawn(BENDING, 1e-4, 0.05)
+    both = with_prior(evidence, rows, heights)
+    as_data = Evidence(both.equations, BENDING, len(rows))
+    assert both.best().strength == pytest.approx(as_data.best().strength, rel=1e-6)
+    found = both.solve(1e-4)
+    squares = ((rows @ found.displacement.ravel() - heights) ** 2).sum()
+    bending = 1e-4 * len(rows) * np.einsum("ki,kl,li->", found.displacement, BENDING, found.displacement)
+    assert found.noise**2 == pytest.approx((squares + bending) / (len(rows) - 12), rel=1e-6)
+
+
+def test_data_left_out_leaves_the_noise_of_the_rest():
+    """Beside a penalty too."""
+    whole, rows, heights = drawn(BENDING, 1e-4, 0.05)
+    out, rest = (NormalEquations.of_rows(rows[part], heights[part], 1.0) for part in (slice(300), slice(300, None)))
+    penalty = NormalEquations.of_rows(rows[::8], heights[::8] + 0.1, 3.0)
+    found = whole.plus(penalty).without(out, 300).solve(1e-4)
+    assert found.noise == pytest.approx(Evidence(rest, BENDING, 500).plus(penalty).solve(1e-4).noise, rel=1e-9)
 
 
 @pytest.mark.parametrize("strength", [1e-6, 1e-3, 1.0])

@@ -56,7 +56,7 @@ class Solution:
         displacement: (k, 3).
         strength: alpha.
         noise: standard deviation of the residuals.
-        criterion: minus twice the log evidence, up to a constant.
+        criterion: minus twice the log evidence, up to a constant; penalties are part of the prior.
         factor: lower Cholesky factor (3 k, 3 k) of A + lambda K in the eigenbasis of K.
         vectors: (k, k), the eigenvectors as columns, for one coordinate.
         effective_fraction: independent residuals by residuals, in (0, 1]; below 1 where neighbours are correlated.
@@ -145,7 +145,13 @@ class Evidence:
 
     def without(self, equations: NormalEquations, count: float) -> "Evidence":
         """The problem without some of the data, whose weights sum up to `count`."""
-        return replace(self, equations=self.equations - equations, count=self.count - count)
+        data = None if self.data is None else self.data - equations
+        return replace(self, equations=self.equations - equations, count=self.count - count, data=data)
+
+    @cached_property
+    def _whole(self) -> "Evidence":
+        """With penalties as if they were data: the displacement minimises this sum, so it adds no derivative."""
+        return self if self.data is None else replace(self, data=None)
 
     @cached_property
     def _data(self) -> tuple[Array, Array]:
@@ -164,6 +170,17 @@ class Evidence:
         """The regulariser's energy p' K p of displacements (k, 3) in the eigenbasis of K."""
         return float(self.values @ (rotated**2).sum(axis=1))
 
+    @property
+    def _freedom(self) -> tuple[float, float]:
+        """Degrees of freedom of all residuals, and of so many as are independent."""
+        # REML with fewer degrees of freedom for correlated residuals; the noise is still estimated from all of them
+        dof, effective = (max(part * self.count - self.null_dimension, 1.0) for part in (1.0, self.effective_fraction))
+        return dof, effective
+
+    def _variance(self, misfit: float) -> float:
+        """That of residuals with this sum of squares; floored, for the sum cancels where a fit is exact."""
+        return max(float(misfit) / self._freedom[0], self.least_noise**2, SELECTION.noise_floor**2)
+
     def solve(self, strength: float) -> Solution | None:
         """The displacement at one strength; None where it leaves control points undetermined."""
         weight = strength * self.count
@@ -174,21 +191,19 @@ class Evidence:
         if factor is None:
             return None
         rotated = cho_solve((factor, True), right)
-        dof = max(self.count - self.null_dimension, 1.0)
-        # the minimum of the sum, without forming residuals; floored, for it cancels where the fit is exact
         displacement = self.vectors @ rotated.reshape(-1, 3)
-        alone = self.data is None  # RSS + lambda p' K p, without what a penalty adds
-        misfit = self.equations.constant - right @ rotated if alone else self.cost(displacement, strength)
-        variance = max(float(misfit) / dof, self.least_noise**2, SELECTION.noise_floor**2)
+        # what the displacement minimises, so with penalties; without forming residuals
+        least = self.equations.constant - right @ rotated
+        variance = self._variance(least)
         log_determinant = 2 * np.log(np.diag(factor)).sum()
-        # REML with fewer degrees of freedom for correlated residuals; the noise is still estimated from all of them
-        effective_dof = max(self.effective_fraction * self.count - self.null_dimension, 1.0)
+        dof, effective_dof = self._freedom
         # minus twice the log of the likelihood with the control points integrated out (REML)
-        squares = effective_dof * float(misfit) / dof / variance  # a constant unless the noise is at its lower bound
+        squares = effective_dof * float(least) / dof / variance  # a constant unless the noise is at its lower bound
         criterion = (
             effective_dof * np.log(variance) + squares + log_determinant - self.rank * np.log(max(weight, 1e-300))
         )
-        noise = float(np.sqrt(variance))
+        # what a penalty adds is no noise
+        noise = float(np.sqrt(variance if self.data is None else self._variance(self.cost(displacement, strength))))
         return Solution(displacement, strength, noise, float(criterion), factor, self.vectors, self.effective_fraction)
 
     def select(self, strength: float | None, before: Solution | float | None) -> Solution:
@@ -308,12 +323,12 @@ class Evidence:
 
     def _derivative(self, x: float) -> float | None:
         """Derivative of the criterion by the logarithm of the strength."""
-        solution = self.solve(float(np.exp(x)))
+        solution = self._whole.solve(float(np.exp(x)))
         if solution is None:
             return None
         weight = solution.strength * self.count
-        misfit = max(self.count - self.null_dimension, 1.0) * solution.noise**2
-        effective_dof = max(self.effective_fraction * self.count - self.null_dimension, 1.0)
+        dof, effective_dof = self._freedom
+        misfit = dof * solution.noise**2
         energy = self._energy(self.vectors.T @ solution.displacement)
         # the null space comes first in the order of eigenvalues, and the strength does not act on it
         costly = solution.factor[self.null_dimension :, self.null_dimension :]
