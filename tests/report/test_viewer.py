@@ -135,6 +135,21 @@ def test_the_base_cuts_the_cavity_as_in_python(browser, tmp_path):
     measured = qf.measure([model.at(t) for t in model.frame_times], base=(point, direction))
     assert browser.number("volume-endo") == float(f"{measured['end-diastolic volume']:.4g}")
     assert browser.number("ejection") == float(f"{measured['ejection fraction']:.4g}")
+    cut = browser.picture()
+    browser.open(written(tmp_path, model, Scene(errors=[None] * 10, cavity="endo")))
+    assert browser.picture() != cut
+
+
+@pytest.mark.slow
+def test_only_what_reaches_below_the_base_is_drawn(browser):
+    """Three squares on top of each other in the plane y = 0, and a base between the second and the third."""
+    x = [value for height in range(4) for corner in (0, 1) for value in (corner, 0, height)]
+    quads = [vertex for k in (0, 2, 4) for vertex in (k, k + 1, k + 3, k + 2)]
+    script = f"{source('viewer/model.js')}; return [...quadsBelow(...arguments)]"
+    browser.driver.get("about:blank")
+    for height, kept in ((1.5, 8), (1.0, 8), (2.0, 12), (-1.0, 0)):
+        assert browser.run(script, quads, x, [[0, 0, height], [0, 0, 1]]) == quads[:kept]
+    assert browser.run(script, quads, x, None) == quads
 
 
 @pytest.mark.slow

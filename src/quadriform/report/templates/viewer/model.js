@@ -194,6 +194,15 @@ function triangles(quads, x) {
   return result;
 }
 
+/** The quads with a corner below a plane [point, direction]; all without one. */
+function quadsBelow(quads, x, plane) {
+  if (!plane) return quads;
+  const [point, direction] = plane, kept = [];
+  const below = (v) => direction.reduce((sum, n, k) => sum + n * (x[3 * v + k] - point[k]), 0) <= 0;
+  for (let q = 0; q < quads.length; q += 4) { const corners = [...quads.slice(q, q + 4)]; if (corners.some(below)) kept.push(...corners); }
+  return Int32Array.from(kept);
+}
+
 /** Fraction of a triangle's area below zero, by the heights of its corners. */
 function fractionBelow(h0, h1, h2) {
   const count = (h0 <= 0) + (h1 <= 0) + (h2 <= 0);

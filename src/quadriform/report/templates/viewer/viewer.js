@@ -97,13 +97,14 @@ function legendOf(values) {
 
 function shapes(resolution) {
   const control = controlAt(state.time), shown = data.surfaces.filter((s) => $(`show-${s.name}`).checked);
+  const base = data.planes ? data.planes[frameAt(state.time)] : null;  // what lies beyond is neither measured nor counted
   const parts = shown.map((surface) => {
     const grid = gridOf(surface, resolution), x = carried(grid.prepared, control);
     return { surface, grid, x, values: surfaceValues(surface, grid, x, control) };
   });
   state.legend = state.colour === "plain" ? null : legendOf(parts.map((p) => p.values));
   const result = parts.map(({ surface, grid, x, values }) => ({
-    x, quads: grid.quads, normals: normals(x, grid.quads), alpha: Number($(`alpha-${surface.name}`).value),
+    x, quads: quadsBelow(grid.quads, x, base), normals: normals(x, grid.quads), alpha: Number($(`alpha-${surface.name}`).value),
     colours: values ? colours(Array.from(values), state.legend) : plainColours(x.length / 3, state.legend ? NO_DATA : rgb(surface.colour)),
   }));
   if ($("show-points").checked) for (const s of shown) result.push(...pointShape(s));
