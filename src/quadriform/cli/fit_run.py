@@ -1,15 +1,15 @@
 """What `quadriform fit` does: which inputs make which models, and one record for each."""
 
 import time
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from quadriform.cli.exit_codes import report_error
-from quadriform.cli.heart_volumes import volume_rows, volumes_below
+from quadriform.cli.heart_volumes import supported_volumes, volume_rows, volumes_below
 from quadriform.cli.options import Common, check_file_names, stem, surface_file
 from quadriform.cli.reporting import REPORT, fit_options, page_of_fit
 from quadriform.cli.results import MODEL, earlier_results
@@ -36,7 +36,7 @@ from quadriform.imaging.fit_files import fit_sources
 from quadriform.imaging.ventricle_files import Heart, read_ventricle
 from quadriform.point_sets import ALONE
 from quadriform.shapes.landmarks import Landmarks
-from quadriform.shapes.record import remarks
+from quadriform.shapes.record import Estimate, remarks
 
 Record = dict[str, Any]
 
@@ -193,7 +193,7 @@ def _run(job: Job, options: Mapping[str, Any], common: Common) -> Record:
         print_remarks(remarks({}, found.notes, job.name))
         found = replace(found, notes=(*without_folders(assumed, job.files), *found.notes))
         check_strict(common.strict, found.status, found.warnings)
-    volumes = {} if job.heart is None else volumes_below(found.model)
+    volumes = {} if job.heart is None else volumes_below(found.model) | supported_volumes(found.support)
     known = known_noise(sources.values(), options.get("noise"))
     record = _record(job, found, known, time.perf_counter() - begin) | volumes
     _write(job, found, _page(job, sources, found, record | fit_options(options)), common.force)
@@ -276,6 +276,9 @@ def _record(job: Job, found: Fit, known: str, seconds: float) -> Record:
         "noise": found.noise,
         "known_noise": known,
         "strength": found.strength,
+        "supported": found.model.record.supported,
+        "extends_beyond": found.model.record.extends_beyond,
+        "estimates": {n: asdict(e) | {"observed": e.observed} for n, e in found.model.record.estimates.items()},
         "inliers": int((flat(found.inliers) >= 0.5).sum()),
         "min_jacobian": found.model.min_jacobian(),
         "iterations": found.iterations,
@@ -296,7 +299,9 @@ def _rows(record: Record) -> list[tuple[str, str]]:
         ("error RMS", f"{error['rms']:.4g}{unit}"),
         ("error 95 %", f"{error['p95']:.4g}{unit}"),
         ("error max", f"{error['max']:.4g}{unit}"),
-        *volume_rows(record),
+        ("supported by data", _by_surface(record["supported"], lambda part: f"{100 * part:.0f} % of the area")),
+        ("reach beyond the data", _by_surface(record["extends_beyond"], lambda far: f"{far:.3g}{unit}")),
+        *(volume_rows(record) or _estimate_rows(record["estimates"])),
         ("superquadric alone RMS", f"{record['superquadric_rms']:.4g}{unit}"),
         ("noise", f"{record['noise']:.4g}{unit}"),
         ("known of the noise", record["known_noise"]),
@@ -307,6 +312,16 @@ def _rows(record: Record) -> list[tuple[str, str]]:
         ("frame, unit", f"{record['space']}, {record['unit']}"),
         *closing_rows(record),
     ]
+
+
+def _by_surface(values: Mapping[str, float], text: Callable[[float], str]) -> str:
+    """Numbers as lines, with the name of the surface where there are several."""
+    return "\n".join(f"{name}: {text(value)}" if len(values) > 1 else text(value) for name, value in values.items())
+
+
+def _estimate_rows(estimates: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, str]]:
+    """Volumes and areas with the share of them that is extrapolated."""
+    return [(n, str(Estimate(e["value"], e["unit"], e["supported"], e["sd"]))) for n, e in estimates.items()]
 
 
 def _line(record: Record) -> tuple[str, ...]:

@@ -4,9 +4,11 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from quadriform.columns import MILLIMETRES
+from quadriform.fitting.support import Support
 from quadriform.heart.measures_table import Measures
 from quadriform.heart.volumes import volume
 from quadriform.shapes.model import DeformableModel
+from quadriform.shapes.record import Estimate
 
 CYCLE = {
     "ejection_fraction": "ejection fraction",
@@ -31,15 +33,21 @@ def volumes_below(model: DeformableModel) -> dict[str, Any]:
     return {"volume_ml": cavity, **wall, **known}
 
 
+def supported_volumes(support: Mapping[str, Support]) -> dict[str, Any]:
+    """Fields of `--json`: shares [0, 1] of the volumes of the cavity, below the base and closed, that data supports."""
+    return {"volume_supported": support["endo"].below, "closed_volume_supported": support["endo"].volume}
+
+
 def volume_rows(record: Mapping[str, Any]) -> list[tuple[str, str]]:
     """The same as rows of a table; the closed volume only where it differs."""
     if "volume_ml" not in record:
         return []
     base, closed = record["base"], record["closed_volume_ml"]
     where = "" if base is None else " below the base"
-    rows = [(f"cavity volume{where}", f"{record['volume_ml']:.4g} ml")]
+    below, whole = (record.get(f"{name}_supported") for name in ("volume", "closed_volume"))
+    rows = [(f"cavity volume{where}", str(Estimate(record["volume_ml"], "ml", below)))]
     if abs(closed - record["volume_ml"]) > SAME * closed:
-        rows.append(("cavity volume, closed surface", f"{closed:.4g} ml"))
+        rows.append(("cavity volume, closed surface", str(Estimate(closed, "ml", whole))))
     if "wall_volume_ml" in record:
         rows.append((f"wall volume{where}", f"{record['wall_volume_ml']:.4g} ml"))
     if base is None:

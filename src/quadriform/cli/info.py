@@ -6,12 +6,17 @@ from typing import TYPE_CHECKING, Any
 from quadriform.cli.options import subcommand
 from quadriform.cli.screen import print_remarks, show, texts
 from quadriform.errors import FileFormatError, WarningKind, join_warnings, status_of
-from quadriform.shapes.record import ModelRecord, remarks, worst
+from quadriform.shapes.record import Estimate, ModelRecord, remarks, worst
 
 if TYPE_CHECKING:
     from quadriform.points import Array
     from quadriform.shapes.model import DeformableModel
     from quadriform.shapes.moving_model import MovingModel
+
+
+SHOWN = ("title", "status", "warnings", "notes", "sources", "coverage", "supported", "extends_beyond", "estimates")
+"""Fields of a record."""
+ESTIMATE = {"value", "unit", "supported", "sd"}
 
 
 @subcommand
@@ -48,6 +53,8 @@ def info(
 
 
 def _words(value: Any) -> str:
+    if isinstance(value, dict) and ESTIMATE.issubset(value):
+        return str(Estimate(*(value[name] for name in ("value", "unit", "supported", "sd"))))
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, dict):
@@ -171,6 +178,6 @@ def _record(model: "DeformableModel | MovingModel") -> dict[str, Any]:
     found = record_document(model.record, model.surfaces)
     every = model.landmarks if isinstance(model.landmarks, tuple) else (model.landmarks,)
     bases = ", ".join(dict.fromkeys(each.base_from for each in every if each.base is not None))
-    found = {name: found[name] for name in ("title", "status", "warnings", "notes", "sources", "coverage")}
+    found = {name: found[name] for name in SHOWN}
     metadata = {"space": model.space, "unit": model.unit, "input_sha256": model.input_sha256 or "unknown"}
     return metadata | {"base": bases or "none"} | found | status_fields(model.record)

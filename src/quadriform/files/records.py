@@ -8,7 +8,7 @@ from quadriform.files.strict import Field
 from quadriform.shapes.record import SHA256, STATUSES, Estimate, InputFile, ModelRecord
 
 FIELDS = ("status", "warnings", "notes", "title", "sources", "coverage", "supported", "extends_beyond", "estimates")
-"""The last one is written as null until a later version of the software finds it; readers take it already."""
+"""The last three are null where they are not known."""
 SOURCE = ("name", "sha256", "surface", "frame", "note")
 ESTIMATE = ("value", "unit", "supported", "sd")
 

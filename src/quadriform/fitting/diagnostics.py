@@ -14,6 +14,7 @@ from quadriform.points import Array, unit_vectors
 from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.mesh import Mesh, split_quads
 from quadriform.shapes.model import DeformableModel
+from quadriform.shapes.record import OBSERVED
 from quadriform.shapes.superquadric import EXPONENTS, Superquadric
 
 INLIER = 0.5
@@ -29,8 +30,8 @@ POOR, POOR_SUPERQUADRIC = 0.05, 0.1
 more, because the shape of most bodies is not one."""
 COVERED = 0.85
 """Of a covered superquadric at least this fraction of the directions from its centre has points."""
-SUPPORTED, MOSTLY_SUPPORTED = 0.95, 0.5
-"""A result is "ok" where at least the first share of its area has data, and must not be used below the second."""
+MOSTLY_SUPPORTED = 0.5
+"""Of the area; where data supports less, a result must not be used. It is "ok" only where nearly all is observed."""
 LONGER = 1.5
 """A surface that reaches beyond the data by more than this many widths of the data in the same direction is a runaway:
 most of its length is extrapolated. Half a body that is extrapolated from the other half reaches one width beyond it."""
@@ -136,7 +137,7 @@ def unsupported(found: Support) -> Warnings:
         f"{100 * (1 - found.within):.0f} % of the area is farther than {found.limit:.3g} from all data, and the "
         f"surface reaches {distance:.3g} beyond it; there the surface is extrapolated"
     )
-    is_covered = found.within >= SUPPORTED and distance <= found.limit
+    is_covered = found.within >= OBSERVED and distance <= found.limit
     warnings = {} if is_covered else {WarningKind.PARTIAL_COVERAGE: text}
     if found.within < MOSTLY_SUPPORTED:
         warnings[WarningKind.UNSUPPORTED] = f"data supports {100 * found.within:.0f} % of the area only"

@@ -14,6 +14,7 @@ from quadriform.fitting.support import Support
 from quadriform.point_sets import ALONE
 from quadriform.points import Array
 from quadriform.shapes.model import DeformableModel
+from quadriform.shapes.record import Estimate
 from quadriform.shapes.superquadric import Superquadric
 from quadriform.words import listed, summary
 
@@ -176,6 +177,39 @@ class Fit(Warned):
     def extends_beyond(self) -> float | dict[str, float]:
         """How far the surface reaches beyond the data, in their unit; with several surfaces by name."""
         return alone({name: each.extends_beyond for name, each in self.support.items()})
+
+    def volume(self, surface: str | None = None) -> Estimate:
+        """The enclosed volume of a surface, the first without a name, and the share of it below supported area.
+
+        Raises:
+            OptionError: unknown name.
+        """
+        supported = self._support_of(surface)
+        return Estimate(self.model.volume(surface), self._power(3), None if supported is None else supported.volume)
+
+    def area(self, surface: str | None = None) -> Estimate:
+        """The area of a surface, the first without a name, and the share of it that data supports.
+
+        Raises:
+            OptionError: unknown name.
+        """
+        supported = self._support_of(surface)
+        return Estimate(self.model.area(surface), self._power(2), None if supported is None else supported.area)
+
+    def _support_of(self, surface: str | None) -> Support | None:
+        return self.support.get(next(iter(self.model.surfaces)) if surface is None else surface)
+
+    def _power(self, exponent: int) -> str:
+        """The unit of areas or volumes; empty where that of the points is not known."""
+        return "" if self.model.unit == "unknown" else f"{self.model.unit}^{exponent}"
+
+    def with_estimates(self) -> Fit:
+        """The same; its model carries the volume and the area of each surface, with what data supports of them."""
+        named = {name: "" if name == ALONE else f" {name}" for name in self.model.surfaces}
+        estimates = {f"volume{text}": self.volume(name) for name, text in named.items()}
+        estimates |= {f"area{text}": self.area(name) for name, text in named.items()}
+        record = replace(self.model.record, estimates=estimates)
+        return replace(self, model=replace(self.model, record=record))
 
     @property
     def iterations(self) -> int:

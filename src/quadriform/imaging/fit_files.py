@@ -104,7 +104,7 @@ def _in_space(source: Source, path: Path, space: str) -> Source:
 
 
 def fit_sources(files: Files, sources: Mapping[str, Source], options: Mapping[str, Any]) -> Fit:
-    """Return the fit of points from files, with space, unit, hash and names of the files and all warnings.
+    """Return the fit of points from files, with space, unit, hash and names of the files, all warnings, and estimates.
 
     Args:
         files: surface name -> file and how it was read.
@@ -126,7 +126,7 @@ def fit_sources(files: Files, sources: Mapping[str, Source], options: Mapping[st
     sha256 = sha256_of(*(file for path in paths for file in files_of(path)))
     model = replace(found.model, space=space, unit=unit, input_sha256=sha256, record=record)
     warnings = join_warnings(*(source.warnings for source in sources.values()), found.warnings)
-    return replace(found, model=model, warnings=warnings)
+    return replace(found, model=model, warnings=warnings).with_estimates()
 
 
 def _path_by_name(points: Any) -> dict[str, Path]:

@@ -53,7 +53,9 @@ def fit_report(
     voxel = None if image is None else float(image.spacing.max())
     parts = [
         sections.verdict(
-            report_text("fit", "verdict", fit=fit, unit=unit), fit.status, remarks(fit.warnings, fit.notes)
+            report_text("fit", "verdict", fit=fit, unit=unit, support=_support_text(fit)),
+            fit.status,
+            remarks(fit.warnings, fit.notes),
         ),
         Section("Model", viewer(model, replace(_fit_scene(fit, clouds, residuals, title), planes=_planes(measures)))),
         sections.errors(residuals, before, unit, voxel),
@@ -63,6 +65,15 @@ def fit_report(
     parts += [] if measures is None else heart_sections(measures)
     parts += [sections.convergence(fit.history, unit), sections.parameters(model, fit.n_points)]
     return _page(title, [*parts, *sections.methods(_fit_words(fit), record)])
+
+
+def _support_text(fit: Fit) -> str:
+    """The share of the area of each surface that data supports, and the volumes with what of them is extrapolated."""
+    texts = []
+    for name, each in fit.support.items():
+        about = f"of {name}" if len(fit.support) > 1 else "of the surface"
+        texts.append(f"{100 * each.area:.0f} % of the area {about} (volume {fit.volume(name)})")
+    return ", ".join(texts)
 
 
 def _fit_scene(fit: Fit, clouds: Clouds, residuals: Clouds, title: str) -> Scene:

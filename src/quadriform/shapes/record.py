@@ -10,6 +10,8 @@ from quadriform.words import plain, short_repr
 
 STATUSES = ("ok", "warned", "unreliable", "unknown")
 """From good to bad; "unknown" where nobody recorded how the fit went: models built by hand and older files."""
+OBSERVED, NAMED = 0.95, 0.995
+"""A number is observed where data supports at least the first share of it; above the second nothing is remarked."""
 SHA256 = re.compile(r"([0-9a-f]{64})?")
 """A hash of a file, or nothing."""
 NOT_RECORDED = "how the fit of this model went is not recorded (made by hand, or by an older version)"
@@ -40,9 +42,16 @@ class InputFile:
             object.__setattr__(self, key, plain(getattr(self, key)))
 
 
+def extrapolated(supported: float | None) -> str:
+    """The share of a number that is extrapolated, in words; nothing where it is unknown or rounds to 0 %."""
+    if supported is None or supported >= NAMED:
+        return ""
+    return f"{'' if supported >= OBSERVED else 'not observed, '}{100 * (1 - supported):.0f} % extrapolated"
+
+
 @dataclass(frozen=True)
 class Estimate:
-    """A number with what is known about it; reserved for later versions, which write estimates into files.
+    """A number with what is known about it.
 
     Attributes:
         value: the number, in `unit`.
@@ -55,6 +64,15 @@ class Estimate:
     unit: str
     supported: float | None = None
     sd: float | None = None
+
+    def __str__(self) -> str:
+        number = f"{self.value:.4g} {self.unit}".rstrip()
+        return ", ".join(filter(None, [number, extrapolated(self.supported)]))
+
+    @property
+    def observed(self) -> bool:
+        """Whether data supports all but a few per cent of it, or that is not known."""
+        return self.supported is None or self.supported >= OBSERVED
 
 
 @dataclass(frozen=True, repr=False)
@@ -70,7 +88,7 @@ class ModelRecord:
         coverage: surface -> share [0, 1] of the directions from its centre that have data.
         supported: surface -> share [0, 1] of its area that data supports.
         extends_beyond: surface -> its largest reach beyond the data, a length.
-        estimates: name -> estimate, such as that of the volume; reserved, empty.
+        estimates: name -> estimate, such as that of the volume.
 
     Raises:
         OptionError: an unknown status or kind of warning, a status that the warnings contradict, or a share or length

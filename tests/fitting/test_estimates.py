@@ -1,0 +1,45 @@
+"""Volumes and areas state the share of them that is extrapolated, wherever they are printed."""
+
+import pytest
+from shapes_made import lumpy
+
+import quadriform as qf
+from quadriform.errors import OptionError
+from quadriform.shapes.record import Estimate, extrapolated
+
+
+def test_what_is_extrapolated_is_stated_and_marked_above_a_few_per_cent():
+    assert [extrapolated(share) for share in (None, 1.0, 0.97, 0.8)] == [
+        "",
+        "",
+        "3 % extrapolated",
+        "not observed, 20 % extrapolated",
+    ]
+    assert str(Estimate(1234.5, "mm^3", 0.8)) == "1234 mm^3, not observed, 20 % extrapolated"
+    assert str(Estimate(2.0, "")) == "2"
+    assert [Estimate(1.0, "", share).observed for share in (None, 0.96, 0.94)] == [True, True, False]
+
+
+@pytest.fixture(scope="module")
+def half():
+    cloud = lumpy(800)
+    return qf.fit(cloud[cloud[:, 2] < 10], box=(3, 3, 3), unit="mm")
+
+
+@pytest.mark.slow
+def test_a_fit_estimates_volume_and_area(half):
+    volume, area = half.volume(), half.area()
+    assert (volume.value, volume.unit) == (half.model.volume(), "mm^3")
+    assert (area.value, area.unit, area.supported) == (half.model.area(), "mm^2", half.supported)
+    assert 0.3 < volume.supported < 0.95 and not volume.observed
+    with pytest.raises(OptionError, match="'inner' is unknown"):
+        half.volume("inner")
+    whole = qf.fit(lumpy(800), box=(3, 3, 3))
+    assert whole.volume().supported > 0.99 and whole.volume().unit == "" and whole.volume().observed
+
+
+@pytest.mark.slow
+def test_they_stay_with_the_model(half, tmp_path):
+    qf.save(half.with_estimates().model, tmp_path / "m.json")
+    found = qf.load(tmp_path / "m.json").record.estimates
+    assert found == {"volume": half.volume(), "area": half.area()}
