@@ -240,7 +240,7 @@ def test_wrong_options_are_named(options, said, rng):
         fit_superquadric(cloud(rng)[1], **options)
 
 
-@pytest.mark.parametrize(("seed", "rests"), [(0, False), (2, False), (1, True), (3, True)])
+@pytest.mark.parametrize(("seed", "rests"), [(2, False), (0, True), (1, True), (3, True)])
 def test_a_descent_ends_where_shorter_steps_gain_nothing_either(seed, rests):
     """On a body that is nearly one of revolution it once tried ever shorter ones, up to the last it was allowed.
 

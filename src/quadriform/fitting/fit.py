@@ -27,8 +27,8 @@ from quadriform.fitting.paper.two_step import two_step
 from quadriform.fitting.refinement.large_clouds import on_all, sample_of_large
 from quadriform.fitting.refinement.refine import LocalProblem, refine_tangent
 from quadriform.fitting.result import Fit, Progress, Result, SuperquadricFit, rms, unnamed
-from quadriform.fitting.superquadric.fit import covered_fraction, fit_by_paper, fit_robust
-from quadriform.fitting.support import LIMITS, Sampled, Support, support_of
+from quadriform.fitting.superquadric.fit import fit_by_paper, fit_robust
+from quadriform.fitting.support import LIMITS, Sampled, Support, covered_fraction, support_of
 from quadriform.fitting.threads import one_blas_thread
 from quadriform.point_sets import ALONE, Given, PointSet, common_unit, point_sets, points_sha256, precision_loss
 from quadriform.points import Array, Frame, check_weights, for_each

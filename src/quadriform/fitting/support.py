@@ -15,6 +15,7 @@ from quadriform.points import Array, unit_vectors
 from quadriform.shapes.directions import sphere_grid
 from quadriform.shapes.landmarks import BasePlane
 from quadriform.shapes.mesh import Mesh
+from quadriform.shapes.superquadric import Superquadric
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,8 @@ class Limits:
 
 
 LIMITS = Limits()
+PER_CELL = 8
+"""Directions are counted in cells that hold so many points of an even cloud, so that empty ones mean something."""
 
 
 @dataclass(frozen=True)
@@ -179,6 +182,25 @@ def _fraction(values: Array, supported: NDArray[np.bool_]) -> float:
     """The share of values (m,) that is supported; all of nothing."""
     total = float(values.sum())
     return float(values[supported].sum()) / total if total > 0 else 1.0
+
+
+def covered_fraction(superquadric: Superquadric, points: Array, half_space: tuple[Array, Array] | None = None) -> float:
+    """Fraction [0, 1] of even cells of the sphere, seen from the centre in units of the semi-axes, that have points.
+
+    Cells whose surface point lies in the half-space (point, direction), where no data is expected, do not
+    count. Kinds whose surface does not lie around their centre count as covered, without points as not.
+    """
+    if not len(points) or not superquadric.is_radial:
+        return float(len(points) > 0)
+    resolution = int(np.clip(np.sqrt(len(points) / PER_CELL / 6), 2, 8)) // 2 * 2
+    cells, _ = sphere_grid(resolution)
+    directions = unit_vectors(superquadric.to_local(points) / superquadric.semi_axes)
+    seen = np.zeros(len(cells), dtype=bool)
+    seen[cKDTree(cells).query(directions)[1]] = True  # the nearest direction stands for a cell
+    if half_space is not None:
+        at, direction = half_space
+        seen = seen[(superquadric.surface(cells) - at) @ direction <= 0]
+    return float(seen.mean()) if len(seen) else 0.0
 
 
 # --- one surface -------------------------------------------------------------------------------------------------

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial import cKDTree
 
 from quadriform.errors import OptionError, choose, known_options
 from quadriform.fitting.cloud import Centred
@@ -25,22 +24,20 @@ from quadriform.fitting.diagnostics import (
     undetermined,
 )
 from quadriform.fitting.noise import KnownNoise
-from quadriform.fitting.result import HalfSpace, SuperquadricFit
+from quadriform.fitting.result import SuperquadricFit
 from quadriform.fitting.superquadric.identifiability import determined
 from quadriform.fitting.superquadric.initial import cut_to, ellipsoid_by_moments
 from quadriform.fitting.superquadric.levenberg_marquardt import AXES, SHIFT
 from quadriform.fitting.superquadric.multistart import Problem, Solution, nearby, solve
 from quadriform.fitting.superquadric.paper import fit_paper
+from quadriform.fitting.support import covered_fraction
 from quadriform.fitting.threads import one_blas_thread
 from quadriform.point_sets import ALONE, point_set, precision_loss
-from quadriform.points import Array, Frame, check_noise, check_spread, check_weights, unit_vectors
-from quadriform.shapes.directions import sphere_grid
+from quadriform.points import Array, Frame, check_noise, check_spread, check_weights
 from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.superquadric import EXPONENTS, Superquadric
 
-PER_CELL = 8
-"""Directions are counted in cells that hold so many points of an even cloud, so that empty ones mean something."""
 FIXABLE = ("semi_axes", "exponents", "rotation", "translation")
 
 
@@ -161,25 +158,6 @@ def _outcome(solution: Solution, points: Array, inliers: Array) -> SuperquadricF
     return SuperquadricFit(
         found, warnings, state.rank, state.condition, state.covariance, inliers, sigma, tuple(descent.history), steps
     )
-
-
-def covered_fraction(superquadric: Superquadric, points: Array, half_space: HalfSpace | None = None) -> float:
-    """Fraction [0, 1] of even cells of the sphere, seen from the centre in units of the semi-axes, that have points.
-
-    Cells whose surface point lies in the half-space (point, direction), where no data is expected, do not
-    count. Kinds whose surface does not lie around their centre count as covered, without points as not.
-    """
-    if not len(points) or not superquadric.is_radial:
-        return float(len(points) > 0)
-    resolution = int(np.clip(np.sqrt(len(points) / PER_CELL / 6), 2, 8)) // 2 * 2
-    cells, _ = sphere_grid(resolution)
-    directions = unit_vectors(superquadric.to_local(points) / superquadric.semi_axes)
-    seen = np.zeros(len(cells), dtype=bool)
-    seen[cKDTree(cells).query(directions)[1]] = True  # the nearest direction stands for a cell
-    if half_space is not None:
-        at, direction = half_space
-        seen = seen[(superquadric.surface(cells) - at) @ direction <= 0]
-    return float(seen.mean()) if len(seen) else 0.0
 
 
 def in_world(fit: SuperquadricFit, frame: Frame) -> SuperquadricFit:

@@ -230,6 +230,13 @@ def _moments(points: Array, weights: Array) -> tuple[Array, Array]:
     return centres, (fraction @ squares).reshape(-1, 3, 3) - centres[:, :, None] * centres[:, None]
 
 
+def bound_of_axes(points: Array) -> float:
+    """Twice the extent of the points (n, 3) along a side of their box, whichever way the box is rotated."""
+    _, values, axes = np.linalg.svd(points, full_matrices=False)
+    axes = canonical_axes(values**2, axes.T, points)
+    return 2 * float(np.ptp(points @ axes, axis=0).max()) / np.sqrt(3)
+
+
 def principal_axes(points: Array, weights: Array) -> Array:
     """Principal axes (H, 3, 3) of weighted parts (H, n) of a cloud, right-handed, the longest last."""
     centres, second = _moments(points, weights)

@@ -47,6 +47,10 @@ class Settings:
     """Steps that the acceleration remembers: half as many as there are parameters."""
     worse: float = 2.0
     """A step this many times larger than the last makes the acceleration forget."""
+    size: float = 0.03
+    """Log likelihood that an inlier loses as the area of the surface grows by a factor e. For points spread evenly over
+    all of a surface it would be one, for each is then found with a density of one over the area; how much of it is seen
+    is not known, and what the data says of its own counts far more."""
 
 
 DESCENT = Settings()
@@ -151,6 +155,48 @@ def distances(candidates: Candidates, points: Array) -> tuple[Array, Array]:
     return result, derivatives
 
 
+@dataclass(frozen=True)
+class Extent:
+    """What M surfaces lose by their size, weighed against the data: where nothing was measured the smallest is best.
+
+    The loss is of the logarithm of their area and that of the data together, so a surface gains nothing any more by
+    shrinking below the data. The areas are those of boxes, but for a factor.
+
+    Attributes:
+        weights: (M,) of the loss.
+        areas: (M,) of a sphere with the inliers' RMS radius.
+    """
+
+    weights: Array
+    areas: Array
+
+    @classmethod
+    def of(cls, kind: str, points: Array, inliers: Array) -> "Extent":
+        """Around points (m, 3) with inlier weights (M, m).
+
+        Where semi-axes are no size, of surfaces with a hole or cut where the points end, nothing is lost.
+        """
+        total = inliers.sum(axis=1)
+        fraction = inliers / np.maximum(total, 1e-300)[:, None]
+        spread = fraction @ (points**2).sum(axis=1) - ((fraction @ points) ** 2).sum(axis=1)
+        return cls(KINDS[kind].is_radial * DESCENT.size * total, 3 * np.maximum(spread, 1e-300))
+
+    def cost(self, candidates: Candidates) -> Array:
+        """The loss (M,)."""
+        return self.weights * np.log(_box_areas(candidates).sum(axis=1) / 2 + self.areas)
+
+    def derivatives(self, candidates: Candidates) -> Array:
+        """Its derivatives (M, 3) by the logarithms of the semi-axes."""
+        areas = _box_areas(candidates)
+        return self.weights[:, None] * areas / (areas.sum(axis=1) / 2 + self.areas)[:, None]
+
+
+def _box_areas(candidates: Candidates) -> Array:
+    """Area (M, 3) of the four sides of the box along each axis, an eighth of it."""
+    axes = np.exp(candidates.log_axes)
+    return axes * (axes.sum(axis=1, keepdims=True) - axes)
+
+
 class Descent:
     """The state of M candidates on m points.
 
@@ -196,9 +242,15 @@ class Descent:
         return self.candidates.take(index), self.mixture.take(index)
 
     def scores(self) -> Array:
-        """Log likelihood (M,), less what fitting few points exactly gains: each parameter takes a part of sigma."""
+        """Log likelihood (M,), less what fitting few points exactly gains: each parameter takes a part of sigma.
+
+        And less what the surface loses by its size.
+        """
         gain = self.candidates.n_parameters * np.log(self.mixture.sigma)
-        return (self.weights * self.log_density).sum(axis=1) + gain
+        return (self.weights * self.log_density).sum(axis=1) + gain - self._extent().cost(self.candidates)
+
+    def _extent(self) -> "Extent":
+        return Extent.of(self.candidates.kind, self.points, self.weights * self.inliers)
 
     def run(self, iterations: int, tolerance: float, reestimate: Reestimate) -> bool:
         """Step until the change is below `tolerance` for all candidates; True when they converged.
@@ -262,6 +314,10 @@ class Descent:
         gradient[:, POWERS] += prior[:, None] * (self.candidates.exponents - 1)
         diagonal = np.einsum("mii->mi", normal)
         diagonal[:, POWERS] += prior[:, None]
+        # the same of the size, with a curvature that is an upper bound of its own
+        size = self.mixture.sigma[:, None] ** 2 * self._extent().derivatives(self.candidates)
+        gradient[:, AXES] += size
+        diagonal[:, AXES] += size
         largest = diagonal.max(axis=1, keepdims=True)
         unblocked = ~self._blocked(gradient)
         unblocked[:, ROTATION] &= diagonal[:, ROTATION] > DESCENT.idle * largest
@@ -294,8 +350,9 @@ class Descent:
         found, derivatives = self._standardised(moved)
         # at the same mixture: steps of candidates and of the mixture alternate
         inliers, log_density = self.mixture.densities(found, self.odds)
-        before = (self.weights * self.log_density).sum(axis=1) + _log_prior(self.candidates)
-        after = (self.weights * log_density).sum(axis=1) + _log_prior(moved)
+        extent = self._extent()
+        before = (self.weights * self.log_density).sum(axis=1) + _log_prior(self.candidates, extent)
+        after = (self.weights * log_density).sum(axis=1) + _log_prior(moved, extent)
         accepted = after >= before
         self.candidates = moved.where(accepted, self.candidates)
         self.distances = np.where(accepted[:, None], found, self.distances)
@@ -305,8 +362,8 @@ class Descent:
         return accepted
 
 
-def _log_prior(candidates: Candidates) -> Array:
-    return -((candidates.exponents - 1) ** 2).sum(axis=1) / (2 * EXPONENT_SPREAD**2)
+def _log_prior(candidates: Candidates, extent: Extent) -> Array:
+    return -((candidates.exponents - 1) ** 2).sum(axis=1) / (2 * EXPONENT_SPREAD**2) - extent.cost(candidates)
 
 
 def accelerated(positions: list[Array], proposals: list[Array]) -> Array:

@@ -1,8 +1,8 @@
 """The search behind the robust superquadric: many starts on few points, the best of them on all.
 
 Coarse to fine: candidates are annealed and compared on a small even sample, the distinct best ones again on a larger
-one, the best converges on all points. A wider search over parts of the cloud follows only where the best
-is not accepted.
+one, and boxes around the inliers of the best (`restarts`); what is best then converges on all points. A wider search
+over parts of the cloud follows only where the best is not accepted.
 """
 
 from dataclasses import dataclass, replace
@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.fitting.cloud import best_first, canonical_order, nearest
+from quadriform.fitting.diagnostics import COVERED, INLIER
 from quadriform.fitting.mixture import LARGEST_RATIO, Mixture, annealed, density_odds, estimated, everyone
 from quadriform.fitting.superquadric.initial import (
     FRAMES,
-    canonical_axes,
+    bound_of_axes,
     dense_parts,
     ellipsoids,
     other_kind,
@@ -24,6 +25,8 @@ from quadriform.fitting.superquadric.initial import (
     sides,
 )
 from quadriform.fitting.superquadric.levenberg_marquardt import Candidates, Descent
+from quadriform.fitting.superquadric.restarts import RESTART, restarts
+from quadriform.fitting.support import covered_fraction
 from quadriform.points import Array
 from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.superquadric import Superquadric
@@ -192,13 +195,8 @@ def solve(problem: Problem) -> Solution:
         if not noisy and (clean := search.met_by_all()):
             return _converged(problem, clean, 0, longest)
         problem = _with_density_odds(problem, best.picked(winner), longest)
-    if problem.odds.any():
-        contest = problem.sample(SEARCH.cloud).descent(
-            *best.picked(distinct(best, _ranking(best, accepted), SEARCH.kept)), longest
-        )
-        contest.run(SEARCH.compare_steps, SEARCH.near, em)
-        best, accepted = contest, acceptable(contest)
-    alternatives = _alternatives(best, _ranking(best, accepted))
+    best = Search(problem.sample(SEARCH.cloud), longest).restarted(best)
+    alternatives = _alternatives(best, _ranking(best, acceptable(best)))
     return _converged(problem, best.picked(alternatives), len(alternatives) - 1, longest)
 
 
@@ -218,13 +216,6 @@ def _with_density_odds(problem: Problem, winner: tuple[Candidates, Mixture], lon
     """The problem with the odds that crowding gives, when the best candidate leaves outliers."""
     inliers = problem.descent(*winner, longest).inliers[0]
     return replace(problem, odds=density_odds(reach(problem.points, problem.sample(SEARCH.cloud).points), inliers))
-
-
-def bound_of_axes(points: Array) -> float:
-    """Twice the extent of the points (n, 3) along a side of their box, whichever way the box is rotated."""
-    _, values, axes = np.linalg.svd(points, full_matrices=False)
-    axes = canonical_axes(values**2, axes.T, points)
-    return 2 * float(np.ptp(points @ axes, axis=0).max()) / np.sqrt(3)
 
 
 @dataclass(frozen=True)
@@ -265,6 +256,34 @@ class Search:
                 break
             frames = descent.candidates.rotations[best, None] @ FRAMES
         return None
+
+    def restarted(self, best: Descent) -> Descent:
+        """The best candidates on the whole cloud, beside what boxes around the inliers of the best of them lead to."""
+        best = self._on_all(*best.picked(distinct(best, _ranking(best, acceptable(best)), SEARCH.kept)))
+        for _ in range(RESTART.rounds if KINDS[self.cloud.kind].is_radial else 0):
+            winner = best.picked(best_first(_ranking(best, acceptable(best)))[:1])
+            inliers = self.cloud.descent(*winner, self.longest).inliers[0]
+            if covered_fraction(winner[0].superquadric(0), self.cloud.points[inliers >= INLIER]) >= COVERED:
+                break  # no end is hidden
+            candidates, mixture = self._from_boxes(inliers, *winner)
+            best = self._on_all(winner[0].joined(candidates), winner[1].joined(mixture))
+            if best_first(_ranking(best, acceptable(best)))[0] == 0:
+                break  # they led nowhere better
+        return best
+
+    def _on_all(self, candidates: Candidates, mixture: Mixture) -> Descent:
+        descent = self.cloud.descent(candidates, mixture, self.longest)
+        descent.run(SEARCH.compare_steps, SEARCH.near, em)
+        return descent
+
+    def _from_boxes(self, inliers: Array, candidate: Candidates, mixture: Mixture) -> tuple[Candidates, Mixture]:
+        """What boxes around the inliers of a candidate lead to, on a sample."""
+        boxes = restarts(self.cloud.points, inliers, candidate.rotations[0])
+        sample, first = self.cloud.sample(SEARCH.fine), np.zeros(len(boxes), dtype=np.int64)
+        warm = Mixture(mixture.inlier_ratio[first], RESTART.warmer * mixture.sigma[first])
+        descent = sample.descent(sample.with_fixed(boxes), warm, self.longest)
+        descent.run(RESTART.steps, SEARCH.near, em)
+        return descent.picked(distinct(descent, descent.scores(), len(boxes)))
 
     def annealed_starts(self, parts: Array, rotations: Array, most: int) -> Descent:
         """Starts from weighted parts (H, n) of the cloud, annealed and then by EM, on `most` points.

@@ -1,0 +1,87 @@
+"""Superquadrics of which one side was seen: the search is not misled, and where there is no data the body is small."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from shapes_made import even_directions, made
+
+from quadriform import fit_superquadric
+from quadriform.fitting.superquadric import levenberg_marquardt
+from quadriform.fitting.superquadric.levenberg_marquardt import DESCENT, Candidates, Extent
+from quadriform.fitting.superquadric.restarts import RESTART, restarts
+from quadriform.points import unit_vectors
+from quadriform.shapes.superquadric import Superquadric
+
+EYE = np.array([5.0, 6.0, 4.0])
+NOISE = 0.02
+"""Along the ray."""
+
+
+def seen(truth, rng, count=5000):
+    """Points (n, 3) of the side of a superquadric that faces an eye, with noise along the ray."""
+    around = rng.uniform(-1, 1, (8 * count, 3))
+    around[np.arange(len(around)), rng.integers(0, 3, len(around))] = rng.choice([-1.0, 1.0], len(around))
+    points = truth.surface(truth.semi_axes * around @ truth.rotation.T)
+    ray = unit_vectors(points - EYE)
+    facing = np.einsum("ij,ij->i", ray, truth.gradient(points)) < 0
+    return (points + NOISE * rng.normal(size=(len(points), 1)) * ray)[facing][:count]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("exponents", [(0.1, 0.4), (0.1, 1.0), (0.3, 0.1)])
+@pytest.mark.parametrize("semi_axes", [(0.7, 1.2, 1.0), (1.2, 1.3, 0.6), (0.8, 1.0, 1.5)])
+def test_the_axes_of_a_scan_are_those_of_the_body(exponents, semi_axes, rng):
+    truth = Superquadric("ellipsoid", semi_axes, exponents)
+    beside = rng.uniform([1.6, -2, -1.5], [2.2, 2, -1.4], (600, 3))  # a strip of a table
+    found = fit_superquadric(np.concatenate([seen(truth, rng), beside])).superquadric
+    assert np.abs(np.sort(found.semi_axes) / np.sort(semi_axes) - 1).max() < 0.05
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_tube_without_ends_is_as_long_as_its_points(seed):
+    """Nothing but the preference for the smaller body says where it ends."""
+    rng = np.random.default_rng(seed)
+    tube = Superquadric("ellipsoid", (1.0, 1.2, 2.0), (0.05, 1.0)).surface(
+        np.column_stack([*rng.normal(size=(2, 3000)), rng.uniform(-0.1, 0.1, 3000)])
+    )
+    tube[:, 2] = rng.uniform(-2, 2, 3000)
+    found = fit_superquadric(tube + 0.02 * rng.normal(size=tube.shape)).superquadric
+    assert 1.9 < found.semi_axes[np.argmax(np.abs(found.rotation[2]))] < 2.3
+
+
+def test_of_a_covered_body_the_preference_is_far_below_the_noise(rng, monkeypatch):
+    truth = made(exponents=(0.6, 0.8))
+    points = truth.surface(rng.normal(size=(2000, 3))) + 0.05 * rng.normal(size=(2000, 3))
+    found = fit_superquadric(points)
+    monkeypatch.setattr(levenberg_marquardt, "DESCENT", replace(DESCENT, size=0.0))
+    without = fit_superquadric(points).superquadric
+    sigma = np.sqrt(np.diag(found.covariance)[:3])
+    assert (np.abs(found.superquadric.semi_axes - without.semi_axes) < sigma / 5).all()
+
+
+def test_the_loss_by_size_has_its_derivatives_and_a_lower_bound(rng):
+    points, inliers = rng.normal(size=(200, 3)), rng.uniform(0, 1, (2, 200))
+    bodies = [Superquadric("ellipsoid", axes) for axes in ((1.0, 2.0, 0.5), (3.0, 0.2, 1.0))]
+    candidates, extent = Candidates.of(bodies), Extent.of("ellipsoid", points, inliers)
+    for axis in range(3):
+        step = 1e-6 * np.eye(3)[axis]
+        more, less = (extent.cost(replace(candidates, log_axes=candidates.log_axes + s)) for s in (step, -step))
+        np.testing.assert_allclose((more - less) / 2e-6, extent.derivatives(candidates)[:, axis], rtol=1e-6)
+    shrunk = replace(candidates, log_axes=candidates.log_axes - 30)
+    np.testing.assert_allclose(extent.cost(shrunk), DESCENT.size * inliers.sum(axis=1) * np.log(extent.areas))
+    assert (Extent.of("toroid", points, inliers).cost(candidates) == 0).all()
+
+
+def test_restarts_are_boxes_around_most_inliers_in_every_order_of_the_axes(rng):
+    truth = made(exponents=(0.2, 0.2))
+    points = truth.surface(even_directions(4000) * truth.semi_axes)
+    far = rng.uniform(-40, 40, (400, 3))
+    found = restarts(np.concatenate([points, far]), np.r_[np.ones(4000), np.zeros(400)], truth.rotation)
+    boxes = np.exp(found.log_axes)
+    straight = boxes[:3]  # the other three are turned by 45 degrees
+    np.testing.assert_allclose(np.sort(straight, axis=1), np.tile(np.sort(truth.semi_axes), (3, 1)), rtol=0.25)
+    assert (np.sort(straight, axis=1) < np.sort(truth.semi_axes)).all()
+    assert len(np.unique(straight.argsort(axis=1), axis=0)) == 3
+    np.testing.assert_allclose(found.translations, np.tile(truth.translation, (6, 1)), atol=0.1)
+    assert (found.exponents == RESTART.exponent).all()
