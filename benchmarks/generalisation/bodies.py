@@ -13,7 +13,8 @@ RESOLUTION = 48
 DENSE = 200_000
 """Points on the whole surface, from which those of a pattern are drawn."""
 SPACINGS = 2.0
-"""A surface with data has a point within so many mean spacings, or within one slice distance."""
+"""A surface with data has a point within so many mean spacings, or within one slice distance. The points of slices
+stand for the whole surface, which a few of them, spread over many slices, sample no more closely than that."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ def observed(number: int) -> Observed:
     radius, dense = float(np.cbrt(0.75 * truth.volume() / np.pi)), sampled(truth, DENSE, rng)
     count, sigma = int(rng.choice([150, 500, 2000])), radius * rng.uniform(0.003, 0.03)
     mask, distance = seen(pattern, dense, radius, rng)
-    spacing = np.sqrt(truth.area() * mask.mean() / count)
+    spacing = np.sqrt(truth.area() * (1.0 if distance else mask.mean()) / count)
     points = dense[rng.choice(np.flatnonzero(mask), count, replace=False)]
     reach = max(SPACINGS * spacing, distance, 3 * sigma)
     return Observed(truth, disturbed(noise, points, sigma, radius, rng), sigma, reach, radius)

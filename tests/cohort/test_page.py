@@ -14,7 +14,7 @@ from quadriform.cli.cohort_run import _record, _rows
 from quadriform.cohort import executors
 from quadriform.cohort.layout import read_layout
 from quadriform.cohort.modes import write_modes
-from quadriform.cohort.overview import overview
+from quadriform.cohort.overview import SubjectSummary, overview
 from quadriform.cohort.page import write_page
 from quadriform.cohort.run import Choices, run
 from quadriform.files import load
@@ -77,6 +77,15 @@ def test_the_terminal_counts_them(ran):
     record = _record(results, summary)
     assert (record["warned"], record["warnings"]) == (1, dict(summary.kinds))
     assert ("with warnings", "\n".join(["1", *(f"{kind}: 1" for kind in summary.kinds)])) in _rows(record)
+
+
+@pytest.mark.parametrize(
+    ("kinds", "status"),
+    [([], "ok"), (["PARTIAL_COVERAGE"], "warned"), (["POOR_FIT", "FOLDING"], "unreliable"), (["OF_LATER"], "warned")],
+)
+def test_a_subject_has_the_status_of_its_warnings(kinds, status):
+    subject = SubjectSummary(len(kinds), 0.1, "a", dict.fromkeys(kinds, "text"), (), {}, {}, 1)
+    assert subject.status == status
 
 
 def test_its_links_lead_to_the_models(results):

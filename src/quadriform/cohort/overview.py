@@ -11,6 +11,7 @@ from typing import Any
 
 from quadriform.cohort.measures import NOTE, WARNING
 from quadriform.cohort.stores import parts, read_measures
+from quadriform.errors import WarningKind, status_of
 
 SHOWN = ("rms", "min det J", "ejection fraction", "myocardial mass")
 """Quantities of a whole subject that the page shows, where they were measured."""
@@ -40,6 +41,13 @@ class SubjectSummary:
     values: dict[str, float] = field(compare=False)
     volumes: dict[str, tuple[float, float]] = field(compare=False)
     frames: int = field(compare=False)
+
+    @property
+    def status(self) -> str:
+        """The reliability of the fit, by its warnings: "ok", "warned" or "unreliable"."""
+        status = status_of([WarningKind(kind) for kind in self.warnings if kind in WarningKind.__members__])
+        # a kind of a later version is a warning of unknown level
+        return "warned" if status == "ok" and self.warnings else status
 
 
 @dataclass
