@@ -40,6 +40,17 @@ def test_how_thin_a_wall_may_be_is_found_in_the_points():
     assert fitted(inner, seen=thick)["endo"] is not inner
 
 
+@pytest.mark.parametrize("share", [0.0, 0.03, 0.2])
+def test_the_size_of_a_copy_is_that_of_most_points(share):
+    """Old bug: by their mean, a few points far outside made the inner surface the larger one."""
+    directions, inner = even_directions(300), replace(OUTER, semi_axes=0.8 * OUTER.semi_axes)
+    points = inner.surface(directions)
+    points[: int(share * 300)] = OUTER.translation + 8 * (OUTER.surface(directions) - OUTER.translation)[:1]
+    clouds = {"endo": points, "epi": OUTER.surface(directions)}
+    found = nested({"endo": replace(OUTER, semi_axes=1.1 * OUTER.semi_axes), "epi": OUTER}, clouds)["endo"]
+    np.testing.assert_allclose(found.semi_axes, inner.semi_axes, rtol=1e-9)
+
+
 def test_surfaces_apart_are_left_alone():
     """Neither lies inside the other, however near they are."""
     aside = replace(INNER, translation=OUTER.translation + 57 * OUTER.rotation[:, 0])

@@ -235,3 +235,30 @@ def test_partial_and_poor_clouds_are_warned_of_by_the_papers_method_too():
     assert "POOR_FIT" in poor.warnings
     with pytest.raises(qf.errors.FitError, match="POOR_FIT"):
         poor.require_ok()
+
+
+def test_points_in_centimetres_are_refined_in_the_unit_of_their_fit():
+    """Old bug: the superquadric was in millimetres, the points stayed in centimetres, the unit was forgotten."""
+    table = np.rec.fromarrays(lumpy(400).T, names="x_cm,y_cm,z_cm")
+    fit = qf.fit(table, box=(3, 3, 3))
+    again = qf.refine(fit.model.surfaces["surface"], table, box=(3, 3, 3))
+    assert fit.model.unit == again.model.unit == "mm"
+    assert again.rms == pytest.approx(fit.rms, rel=0.05)
+    assert "lengths in cm became mm" in again.notes
+
+
+def test_points_with_a_weight_need_an_extent():
+    """Old bug: one point that counts ended in a division by zero."""
+    weights = np.zeros(200)
+    weights[7] = 1
+    with pytest.raises(DegenerateError, match="zero extent"):
+        qf.refine(made(), lumpy(200), weights=weights)
+    weights[:10] = 1
+    with pytest.raises(DegenerateError, match="10"):
+        qf.refine(made(), lumpy(200), weights=weights)
+
+
+def test_few_points_of_which_one_is_far_away_are_fitted():
+    """Old bug: an error of SciPy, for without the far one there are fewer points than parameters."""
+    points = np.vstack([10 * even_directions(10), [[300.0, 0, 0]]])
+    assert np.isfinite(qf.fit(points).model.box.control_points).all()

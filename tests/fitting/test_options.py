@@ -59,6 +59,7 @@ BAD = [
     ({"box": "auto"}, "max_error"),
     ({"max_error": 1.0}, "max_error"),
     ({"box": "auto", "max_error": -1.0}, "max_error"),
+    ({"box": "auto", "max_error": 0}, "max_error=0 is out of range; expected a number above 0"),
     ({"box": "auto", "max_error": np.nan}, "max_error"),
     ({"regularity": "svd"}, "regularity"),
     ({"regularity": "bends"}, "regularity"),
@@ -75,6 +76,23 @@ def test_values_out_of_their_range_are_refused_by_name(option, name):
     with pytest.raises(OptionError, match=name) as caught:
         qf.refine(made(), CLOUD, **option)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [lambda: qf.refine(made(), CLOUD, method="paper", box="auto"), lambda: qf.track([CLOUD] * 2, box="auto")],
+    ids=["paper", "cycle"],
+)
+def test_a_box_that_is_chosen_is_not_offered_where_there_is_none(call):
+    with pytest.raises(OptionError, match=r"box='auto' is out of range; expected three whole numbers from 2 to 20$"):
+        call()
+
+
+def test_counts_may_be_whole_numbers_of_numpy():
+    assert PaperOptions(iterations=np.int64(3)).iterations == 3
+    for count in (np.float64(3), np.bool_(True), np.int64(0)):
+        with pytest.raises(OptionError, match="iterations"):
+            PaperOptions(iterations=count)
 
 
 @pytest.mark.parametrize("base", [np.full((4, 3), np.nan), np.ones((4, 2)), (np.zeros(3), np.array([0, np.inf, 1]))])

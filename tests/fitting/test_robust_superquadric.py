@@ -174,6 +174,12 @@ def test_held_values_stay_and_the_rest_is_fitted(name, rng):
     assert (np.delete(np.diag(found.covariance), held[name]) > 0).all()
 
 
+def test_fixed_parameters_are_not_called_undetermined():
+    """Of a sphere as an ellipsoid only its three rotations are: six of nine are determined, not of eleven."""
+    found = fit_superquadric(even_directions(300), fixed={"exponents": (1, 1)})
+    assert found.rank == 6 and "determine 6 of 9 superquadric parameters" in found.warnings["ILL_CONDITIONED"]
+
+
 def test_an_ellipsoid_is_a_superquadric_with_held_exponents(rng):
     _, points = cloud(rng, exponents=(0.5, 0.5))
     found = fit_superquadric(points, fixed={"exponents": (1, 1)})
@@ -225,10 +231,14 @@ def test_the_input_stays_as_it_was_and_the_answer_repeats(rng):
     np.testing.assert_array_equal(one.covariance, two.covariance)
 
 
+ALL_FIXED = {"semi_axes": (1, 1, 1), "exponents": (1, 1), "rotation": np.eye(3), "translation": np.zeros(3)}
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
         ({"fixed": {"exponent": (1, 1)}}, "exponents"),
+        ({"fixed": ALL_FIXED}, "nothing is left to fit"),
         ({"fixed": {"exponents": (1, 3)}}, "fixed"),
         ({"fixed": {"semi_axes": (1, 2)}}, "semi_axes"),
         ({"method": "paper", "fixed": {"exponents": (1, 1)}}, "robust"),

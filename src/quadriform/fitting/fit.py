@@ -31,7 +31,7 @@ from quadriform.fitting.superquadric.fit import fit_by_paper, fit_robust
 from quadriform.fitting.support import LIMITS, Sampled, Support, covered_fraction, support_of
 from quadriform.fitting.threads import one_blas_thread
 from quadriform.point_sets import ALONE, Given, PointSet, common_unit, point_sets, points_sha256, precision_loss
-from quadriform.points import Array, Frame, check_weights, for_each
+from quadriform.points import Array, Frame, check_spread, check_weights, for_each
 from quadriform.shapes.closest import FootPoints, closest_on
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.kinds import KINDS
@@ -78,14 +78,13 @@ def fit(
     Raises:
         PointsError, DegenerateError, OptionError: the input cannot be fitted.
     """
-    given = point_sets(points, columns, normals, weights, noise)
-    sets = {name: each.in_metric_unit() for name, each in given.items()}
-    unit, space = common_unit(sets, unit), choose(space, (*SPACES, "unknown"), "space")
+    sets, unit = _in_metric_unit(point_sets(points, columns, normals, weights, noise), unit)
+    choose(space, (*SPACES, "unknown"), "space")
     choose(kind, tuple(KINDS), "kind")
     options = dict(box=box, regularity=regularity, strength=strength, robust=robust, base=base, max_error=max_error)
     chosen = options_for(method, options | dict(matching=matching, iterations=iterations, tolerance=tolerance))
     found = _fitted(_checked(sets, weights, noise, method), kind, chosen, progress)
-    return _with(sets, replace(found, model=replace(found.model, unit=unit, space=space)))
+    return _with_notes_of_points(sets, replace(found, model=replace(found.model, unit=unit, space=space)))
 
 
 def _fitted(clouds: _Clouds, kind: str, options: PaperOptions | TangentOptions, progress: Progress | None) -> Fit:
@@ -146,7 +145,7 @@ def refine(
     Raises:
         PointsError, DegenerateError, OptionError: the input cannot be fitted.
     """
-    sets = point_sets(points, weights=weights, noise=noise)
+    sets, unit = _in_metric_unit(point_sets(points, weights=weights, noise=noise))
     named = {ALONE: superquadric} if isinstance(superquadric, Superquadric) else superquadric
     surfaces: dict[str, Superquadric] = for_each(sets, named, "surfaces")
     clouds = _checked(sets, weights, noise, method)
@@ -154,10 +153,18 @@ def refine(
     chosen = options_for(method, options | dict(matching=matching, iterations=iterations, tolerance=tolerance))
     if isinstance(chosen, TangentOptions):
         index = sample_of_large(clouds.points, clouds.weights)
-        return _with(sets, _refine_tangent(surfaces, clouds, index, chosen, progress, start=start))
-    if start is not None:
+        found = _refine_tangent(surfaces, clouds, index, chosen, progress, start=start)
+    elif start is None:
+        found = _refine_paper(surfaces, clouds, chosen, progress)
+    else:
         raise OptionError("option start is not one of method='paper'; use method='tangent'")
-    return _with(sets, _refine_paper(surfaces, clouds, chosen, progress))
+    return _with_notes_of_points(sets, replace(found, model=replace(found.model, unit=unit)))
+
+
+def _in_metric_unit(sets: Mapping[str, PointSet], unit: str | None = None) -> tuple[dict[str, PointSet], str]:
+    """The clouds in a unit that models can have, and which it is: their own, or the given one."""
+    metric = {name: each.in_metric_unit() for name, each in sets.items()}
+    return metric, common_unit(metric, unit)
 
 
 @dataclass(frozen=True)
@@ -186,12 +193,15 @@ def _checked(sets: Mapping[str, PointSet], weights: Weights, noise: Noise, metho
     points = {name: each.points for name, each in sets.items()}
     normals = {name: each.normals for name, each in sets.items() if each.normals is not None}
     checked = {name: check_weights(given[name], len(each)) for name, each in points.items()}
+    for name, each in points.items():
+        if not checked[name].all():
+            check_spread(each[checked[name] > 0], needed=11)
     known = {name: each.noise for name, each in sets.items() if each.noise is not None}
     # of some surfaces only, it would say nothing of how much the others count
     return _Clouds(points, checked, normals, known if known.keys() == points.keys() else {})
 
 
-def _with(sets: Mapping[str, PointSet], found: Fit) -> Fit:
+def _with_notes_of_points(sets: Mapping[str, PointSet], found: Fit) -> Fit:
     """The fit with warnings and notes about the points."""
     of_sets = tuple(dict.fromkeys(note for each in sets.values() for note in each.notes))
     return replace(found, warnings=precision_warnings(sets) | found.warnings, notes=of_sets + found.notes)

@@ -17,15 +17,19 @@ PAPER_REGULARITIES = ("svd", "svd-position", "springs", "springs-paper")
 MATCHINGS = ("data-to-model", "model-to-data")
 
 
-def check_box(box: object) -> tuple[int, int, int]:
+def check_box(box: object, alternative: str = "") -> tuple[int, int, int]:
     """Three counts of control points.
+
+    Args:
+        box: as given.
+        alternative: what else is expected where it is given, for the message.
 
     Raises:
         OptionError: not three whole numbers from 2 to 20.
     """
     sides = tuple(box) if isinstance(box, (tuple, list)) else ()
     if len(sides) != 3 or not all(isinstance(n, (int, np.integer)) and 2 <= n <= 20 for n in sides):
-        raise OptionError(f"option box={box!r} is out of range; expected three whole numbers from 2 to 20, or 'auto'")
+        raise OptionError(f"option box={box!r} is out of range; expected three whole numbers from 2 to 20{alternative}")
     return int(sides[0]), int(sides[1]), int(sides[2])
 
 
@@ -39,6 +43,11 @@ def check_strength(strength: float | str) -> float | None:
         choose(strength, ("auto",), "strength")
         return None
     return check_number(strength, "strength", 0)
+
+
+def _check_above_zero(value: float | None, option: str) -> None:
+    if value is not None and not check_number(value, option, 0):
+        raise OptionError(f"option {option}=0 is out of range; expected a number above 0, or None")
 
 
 @dataclass(frozen=True)
@@ -72,10 +81,10 @@ class PaperOptions:
             choose(self.regularity, PAPER_REGULARITIES, "regularity")
         check_strength(self.strength)
         choose(self.matching, MATCHINGS, "matching")
-        if not isinstance(self.iterations, int) or isinstance(self.iterations, bool) or self.iterations < 1:
+        whole = isinstance(self.iterations, (int, np.integer)) and not isinstance(self.iterations, bool)
+        if not whole or self.iterations < 1:
             raise OptionError(f"option iterations={self.iterations!r} is out of range; expected a whole number >= 1")
-        if self.tolerance is not None and not check_number(self.tolerance, "tolerance", 0):
-            raise OptionError("option tolerance=0 is out of range; expected a number above 0, or None")
+        _check_above_zero(self.tolerance, "tolerance")
 
 
 @dataclass(frozen=True)
@@ -101,15 +110,14 @@ class TangentOptions:
 
     def __post_init__(self) -> None:
         if self.box != "auto":
-            object.__setattr__(self, "box", check_box(self.box))
+            object.__setattr__(self, "box", check_box(self.box, ", or 'auto'"))
         if isinstance(self.regularity, str):
             choose(self.regularity, TANGENT_REGULARITIES, "regularity")
         if check_strength(self.strength) == 0:
             raise OptionError("option strength=0 leaves control points undetermined; expected a number above 0")
         if (self.box == "auto") != (self.max_error is not None):
             raise OptionError("options box='auto' and max_error go together: give both or neither")
-        if self.max_error is not None:
-            check_number(self.max_error, "max_error", 0)
+        _check_above_zero(self.max_error, "max_error")
 
     def base_plane(self, clouds: Mapping[str, Array]) -> BasePlane | None:
         """The base as a plane in the world of the points.

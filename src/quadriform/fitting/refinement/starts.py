@@ -38,6 +38,9 @@ def candidates(
         return [dict(robust)]
     dense = {name: cloud[dense_points(cloud)] for name, cloud in clouds.items()}
     found = [dict(robust), {name: plain_ellipsoid(cloud, robust[name]) for name, cloud in dense.items()}]
+    # an outlier among few points leaves less than the paper's criterion needs
+    if min(map(len, dense.values())) < KINDS[kind].n_parameters:
+        return [nested(surfaces, clouds) for surfaces in found]
     plain = {name: least_criterion(cloud[evenly_chosen(cloud, PAPER_POINTS)], kind) for name, cloud in dense.items()}
     if all(surface.semi_axes.max() <= LONGEST * np.ptp(dense[name], axis=0).max() for name, surface in plain.items()):
         found.append(plain)
@@ -63,14 +66,16 @@ def nested(surfaces: dict[str, Superquadric], clouds: Mapping[str, Array]) -> di
     """Each surface inside the outermost as it is where a wall is left between the two, else as a smaller copy of it.
 
     Own fits to open data run together where nobody measured, and no smooth map could part them again. F is of degree
-    one: its mean over the inner points, in units of that of the outer ones, is the size of the copy.
+    one: its median over the inner points, in units of that of the outer ones, is the size of the copy.
     """
-    outer = max(clouds, key=lambda name: float(np.var(clouds[name], axis=0).sum()))  # an inner fit may have run away
+    # not by the fits, of which an inner one may have run away, nor by means, which outliers enlarge
+    far = {n: float(np.median(((cloud - np.median(cloud, axis=0)) ** 2).sum(axis=1))) for n, cloud in clouds.items()}
+    outer = max(far, key=far.__getitem__)
     result = {}
     for name, surface in surfaces.items():
         # F of the outer surface at the inner points is their size in units of it; the median leaves outliers aside
-        levels = surfaces[outer].implicit(clouds[name]) / np.median(surfaces[outer].implicit(clouds[outer]))
-        size = float(levels.mean())
+        level, unit = (np.median(surfaces[outer].implicit(clouds[of])) for of in (name, outer))
+        size = float(level / unit)
         nearest = surfaces[outer].implicit(surface.grid(GRID)[0]).max()
         runs_into = name != outer and size < 1 and 1 - nearest < LEAST_WALL * (1 - size)
         result[name] = replace(surfaces[outer], semi_axes=size * surfaces[outer].semi_axes) if runs_into else surface

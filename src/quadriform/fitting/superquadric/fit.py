@@ -101,6 +101,8 @@ def fit_robust(
         fixed: fixed values by name, in the frame of the points.
         noise: (n, 3, 3) covariances of the points, checked, where they are known.
     """
+    if fixed.keys() >= set(FIXABLE) and not KINDS[kind].has_hole:
+        raise OptionError(f"option fixed: nothing is left to fit; expected at most three of {', '.join(FIXABLE)}")
     check_spread(world[weights > 0], needed=KINDS[kind].n_parameters)
     centred = Centred.of({ALONE: world}, {ALONE: weights})
     frame, distinct = centred.frame, centred.distinct[ALONE]
@@ -146,7 +148,7 @@ def _outcome(solution: Solution, points: Array, inliers: Array) -> SuperquadricF
     state = determined(descent.candidates, descent.derivatives[0], weights, sigma, descent.fixed)
     steps = len(descent.history)
     warnings = (
-        undetermined(state.rank, state.condition, len(found.parameters))
+        undetermined(state.rank, state.condition, int((~descent.fixed).sum()))
         | near_symmetric(state.symmetric)
         | outliers(inliers)
         | partial_coverage(covered_fraction(found, points[inliers >= INLIER]), inliers)
