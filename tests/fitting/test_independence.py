@@ -1,10 +1,16 @@
 """How many independent points a cloud is worth: white noise keeps all, copies count once, the surface decides."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from shapes_made import even_directions
+from shapes_made import even_directions, made
 
 from quadriform.fitting.cloud import effective_fraction
+from quadriform.fitting.refinement.base_prior import base_priors
+from quadriform.fitting.refinement.point_to_plane import fraction_of
+from quadriform.fitting.refinement.surface_data import SurfaceData
+from quadriform.shapes.control_box import common_box
 
 FEET = 30 * even_directions(2000)
 
@@ -38,3 +44,14 @@ def test_points_of_no_weight_say_nothing():
     strangers = FEET[:, 2] > 15
     noise[strangers], weights[strangers] = 40, 0
     assert effective_fraction(FEET, noise, weights) == 1
+
+
+def test_a_surface_of_outliers_alone_says_nothing():
+    """Old bug: the mean over no inliers, which is not a number, or a division by zero where there is a base."""
+    outer, inner = made(semi_axes=(1.0, 1.2, 1.5)), made(semi_axes=(0.5, 0.6, 0.8))
+    box, base = common_box({"outer": outer, "inner": inner}, (3, 3, 3)), (np.zeros(3), np.array([0.0, 0, 1]))
+    points = outer.surface(even_directions(300)) * (1 + 0.01 * np.random.default_rng(4).normal(size=(300, 1)))
+    seen = SurfaceData.of(outer, points, np.ones(300), base)
+    lost = replace(SurfaceData.of(inner, 5 * points, np.ones(300), base), inliers=np.zeros(300))
+    assert fraction_of([seen, lost], box) == fraction_of([seen], box)
+    assert [prior.surface for prior in base_priors([seen, lost], box)] == [outer]

@@ -96,6 +96,31 @@ def test_outliers_are_reported_at_their_indices(small, rng):
     assert str(int((fit.inliers < 0.5).sum())) in note_of(fit, "OUTLIERS")
 
 
+def test_copies_among_all_points_are_counted(small):
+    """Old bug: those of the sample were called all."""
+    points = cloud(3000, seed=8)
+    points[2500:] = points[:500]
+    assert note_of(qf.fit(points, box=(3, 3, 3)), "DUPLICATES").startswith("500 of 3000 points")
+
+
+def test_what_is_expected_beyond_a_base_is_weighed_against_the_inliers(small, monkeypatch):
+    """Old bug: against all points, so that outliers made a base heavier in the last rounds than before."""
+    asked, prior = [], large_clouds.base_prior
+
+    def watched(data, box, count):
+        asked.append((count, data.count / data.weights.sum()))
+        return prior(data, box, count)
+
+    monkeypatch.setattr(large_clouds, "base_prior", watched)
+    points = cloud(3000, seed=9)
+    points[:300] *= 3
+    below = points[points[:, 2] < np.quantile(points[:, 2], 0.9)]
+    qf.fit(below, box=(3, 3, 3), base=([0, 0, below[:, 2].max()], [0, 0, 1.0]))
+    assert asked
+    for count, share in asked:
+        assert share < 0.95 and count == pytest.approx(share * len(below))
+
+
 def test_two_clouds_of_which_one_is_very_large(small):
     points = {"outer": cloud(3000, seed=4), "inner": 0.5 * cloud(800, seed=5)}
     fit = qf.fit(points)

@@ -73,20 +73,20 @@ class BasePrior:
 
 
 def base_prior(data: SurfaceData, box: ControlBox, count: float) -> list[BasePrior]:
-    """The penalty of a surface with a base at the noise of its data around a box; none without a base.
+    """The penalty of a surface with a base at the noise of its data around a box; none without a base or inliers.
 
     Args:
         data: of the surface.
         box: deformed.
         count: how many points the data stands for, which the prior is weighed against.
     """
-    if data.half_space is None:
+    if data.half_space is None or not data.count:
         return []
-    noise = np.sqrt(np.average(data.standardised(box) ** 2, weights=data.weights * data.inliers))
+    noise = np.sqrt(np.average(data.standardised(box) ** 2, weights=data.effective_weights))
     # far from the data, before the first rounds, the prior counts no more than the data
     return [BasePrior(data.superquadric, data.half_space, count * min(float(noise) / CLOSURE.spread, 1.0) ** 2)]
 
 
 def base_priors(datasets: Sequence[SurfaceData], box: ControlBox) -> list[BasePrior]:
     """The penalties of all surfaces with a base."""
-    return [found for data in datasets for found in base_prior(data, box, float((data.weights * data.inliers).sum()))]
+    return [found for data in datasets for found in base_prior(data, box, data.count)]

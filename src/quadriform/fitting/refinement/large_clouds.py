@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from quadriform.errors import WarningKind
+from quadriform.errors import WarningKind, Warnings
 from quadriform.fitting.cloud import Centred
-from quadriform.fitting.diagnostics import named_texts, outliers
+from quadriform.fitting.diagnostics import duplicates, named_texts, outliers
 from quadriform.fitting.least_squares.marginal_likelihood import Evidence, Solution
 from quadriform.fitting.least_squares.normal_equations import NormalEquations, normal_equations
 from quadriform.fitting.least_squares.regularisers import Regulariser
@@ -118,6 +118,13 @@ class _Surface:
         data = data.with_tangential_steps(box, LARGE.tangential_steps)
         return data if noise is None else replace(data, inliers=data.probabilities(data.standardised(box), noise))
 
+    @property
+    def duplicates(self) -> Warnings:
+        """DUPLICATES of all points that have a weight, by their hashes: eight bytes a point, no sorted rows."""
+        parts = list(_parts(len(self.cloud)))
+        counted = np.concatenate([_hashes(self.cloud[part])[self.weights[part] > 0] for part in parts])
+        return duplicates(len(counted) - len(np.unique(counted)), len(self.cloud))
+
     def updated(self, box: ControlBox, noise: float | None) -> "_Surface":
         """With the sample's foot points, and its inlier ratio if a noise is given, for a box that has moved."""
         data = self.data.with_tangential_steps(box, LARGE.tangential_steps)
@@ -148,7 +155,7 @@ class _All:
             rows = data_rows(data, box)
             offsets = rows.targets - rows.origins
             equations = normal_equations(box.local(rows.origins), rows.metric, offsets, raised.degrees)
-            return equations, float((data.weights * data.inliers).sum())
+            return equations, data.count
 
         parts = self.each(self.surfaces, of_part)
         total, count = next(parts)
@@ -159,7 +166,9 @@ class _All:
     def with_priors(self, evidence: Evidence, box: ControlBox) -> Evidence:
         """The problem with the priors of the surfaces that have a base."""
         for surface in self.surfaces:
-            for prior in base_prior(surface.data, box, float(surface.weights.sum())):
+            # as many inliers as the sample has
+            ratio = surface.data.count / float(surface.data.weights.sum())
+            for prior in base_prior(surface.data, box, ratio * float(surface.weights.sum())):
                 evidence = evidence.plus(prior.equations(box))
         return evidence
 
@@ -318,8 +327,8 @@ def _with_arrays(points: _All, fit: Fit) -> Fit:
 
 
 def _with_outliers(points: _All, fit: Fit, inliers: Mapping[str, Array]) -> Fit:
-    """The fit with warnings and notes about the outliers among all points instead of those of the sample."""
-    of_points = named_texts({s.name: outliers(inliers[s.name], s.weights > 0) for s in points.surfaces})
+    """The fit with warnings and notes about outliers and copies among all points instead of those of the sample."""
+    of_points = named_texts({s.name: outliers(inliers[s.name], s.weights > 0) | s.duplicates for s in points.surfaces})
     warnings = {kind: text for kind, text in fit.warnings.items() if kind != WarningKind.MANY_OUTLIERS} | of_points
-    notes = tuple(note for note in fit.notes if not note.startswith(WarningKind.OUTLIERS))
+    notes = tuple(note for note in fit.notes if not note.startswith((WarningKind.OUTLIERS, WarningKind.DUPLICATES)))
     return replace(fit, warnings=warnings, notes=notes)

@@ -77,7 +77,7 @@ def _patches(problem: Problem, state: Refined) -> list[_Patch]:
 
 def _equations(data: SurfaceData, box: ControlBox, count: int) -> list[tuple[NormalEquations, float]]:
     """Normal equations and sum of weights of each patch of one surface."""
-    rows, weights, patch = data_rows(data, box), data.weights * data.inliers, _patch_of(data.points, count)
+    rows, weights, patch = data_rows(data, box), data.effective_weights, _patch_of(data.points, count)
     local, offsets = box.local(rows.origins), rows.targets - rows.origins
     chosen = [patch == number for number in range(count)]
     return [

@@ -251,7 +251,7 @@ class Correlated:
 
     def fraction(self, box: ControlBox, datasets: Datasets, first: bool) -> float:
         """By the correlation of the residuals at a box; the least before there is a fit."""
-        count = sum(float((data.weights * data.inliers).sum()) for data in datasets)
+        count = sum(data.count for data in datasets)
         least = self.least / max(count, self.least)
         return least if first else max(least, fraction_of(datasets, box))
 

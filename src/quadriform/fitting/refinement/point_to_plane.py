@@ -62,7 +62,7 @@ def data_rows(data: SurfaceData, box: ControlBox) -> Rows:
     along = data.neighbourhood.along - np.einsum("ni,ni->n", data.neighbourhood.along, normals)[:, None] * normals
     across = unit_vectors(np.cross(normals, along))
     across_curves = data.neighbourhood.alone_across()[:, None, None] * outer_squares(across)
-    weights = (data.weights * data.inliers / data.variances(normals))[:, None, None]
+    weights = (data.effective_weights / data.variances(normals))[:, None, None]
     return Rows(data.origins, data.points, weights * (_tangential(outer_squares(normals)) + across_curves))
 
 
@@ -94,7 +94,7 @@ def evidence_of(
     metric = np.concatenate([r.metric for r in rows])
     # the unknown is the displacement of the control points from the undeformed box
     equations = normal_equations(box.local(origins), metric, targets - origins, box.degrees)
-    count = sum(float((data.weights * data.inliers).sum()) for data in datasets)
+    count = sum(data.count for data in datasets)
     return evidence_from(equations, box, regularity, count, effective_fraction, least_noise)
 
 
@@ -114,12 +114,12 @@ def evidence_from(
 def fraction_of(datasets: Sequence[SurfaceData], box: ControlBox) -> float:
     """Effective number of independent points over the number of all points, by the residuals of a fit."""
     counts, kept = [], []
-    for data in datasets:
-        feet, weights = box.deform(data.origins), data.weights * data.inliers
+    for data in (each for each in datasets if each.count):  # a surface of outliers alone says nothing
+        feet = box.deform(data.origins)
         normals = surface_normals(data.superquadric, box, data.origins)
         deviations = np.einsum("ni,ni->n", data.points - feet, normals) / np.sqrt(data.variances(normals))
-        counts.append(float(weights.sum()))
-        kept.append(effective_fraction(feet, deviations, weights))
+        counts.append(data.count)
+        kept.append(effective_fraction(feet, deviations, data.effective_weights))
     return float(np.average(kept, weights=counts))
 
 

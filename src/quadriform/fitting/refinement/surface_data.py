@@ -72,6 +72,16 @@ class SurfaceData:
         around, ones = Neighbourhood.of(points), np.ones(len(points))
         return cls(superquadric, points, weights, half_space, normals, around, points, ones, noise=noise)
 
+    @property
+    def effective_weights(self) -> Array:
+        """How much each point counts, (n,): its weight times its probability to be an inlier."""
+        return self.weights * self.inliers
+
+    @property
+    def count(self) -> float:
+        """The sum of the effective weights."""
+        return float(self.effective_weights.sum())
+
     def subsample(self, count: int, robust: bool) -> "SurfaceData":
         """About `count` points, spread over their distances to the centre: whatever their order and pose.
 
