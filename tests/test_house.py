@@ -148,7 +148,7 @@ def test_imports_point_downwards():
 
 
 def test_the_table_where_is_names_what_there_is():
-    """Of each row at most two files, and in each the function or class that is named."""
+    """Of each row at most two files, and in each the function, class or constant that is named."""
     table = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").partition("## Where is")[2].partition("\n## ")[0]
     rows = [line.split("|")[1:3] for line in table.splitlines() if "`src/" in line]
     assert len(rows) >= 13
@@ -158,7 +158,8 @@ def test_the_table_where_is_names_what_there_is():
         for path, name in places:
             text = (ROOT / path).read_text(encoding="utf-8")
             for part in filter(None, name.split(".")):
-                assert re.search(rf"^ *(?:def|class) {part}\b", text, re.MULTILINE), (path, part)
+                named = rf"^ *(?:def|class) {part}\b|^{part}\b.* = "  # a constant too
+                assert re.search(named, text, re.MULTILINE), (path, part)
         equation = re.match(r" (P\d+),", what)
         marked = "".join((ROOT / path).read_text(encoding="utf-8") for path, _ in places)
         assert equation is None or re.search(rf"\b{equation[1]}\b", marked), what
