@@ -85,3 +85,26 @@ def test_restarts_are_boxes_around_most_inliers_in_every_order_of_the_axes(rng):
     assert len(np.unique(straight.argsort(axis=1), axis=0)) == 3
     np.testing.assert_allclose(found.translations, np.tile(truth.translation, (6, 1)), atol=0.1)
     assert (found.exponents == RESTART.exponent).all()
+
+
+@pytest.mark.slow
+def test_the_axes_of_scans_are_within_two_standard_deviations():
+    """Noise along the ray moves points across the normal too, and so shortens bodies with edges."""
+    ratios, bodies = [], [((1.2, 1.3, 0.6), (0.1, 1.0)), ((0.7, 1.2, 1.0), (0.3, 0.1)), ((1.2, 1.3, 0.6), (0.1, 0.1))]
+    for seed, (semi_axes, exponents) in enumerate(4 * bodies):
+        rng = np.random.default_rng(seed)
+        found = fit_superquadric(seen(Superquadric("ellipsoid", semi_axes, exponents), rng))
+        order, sigma = found.superquadric.semi_axes.argsort(), np.sqrt(np.diag(found.covariance)[:3])
+        ratios.append((found.superquadric.semi_axes[order] - np.sort(semi_axes)) / sigma[order])
+    assert (np.abs(ratios) < 2).mean() > 0.9
+    assert np.std(ratios) > 0.4  # nor are they much too large
+
+
+def test_the_standard_deviations_of_a_complete_body_fall_with_the_root_of_the_number_of_points(rng):
+    truth = made(exponents=(0.6, 0.8))
+    few, many = (
+        fit_superquadric(truth.surface(rng.normal(size=(n, 3))) + 0.05 * rng.normal(size=(n, 3))) for n in (1500, 24000)
+    )
+    # sixteen times as many points halve the standard deviations twice
+    ratio = np.sqrt(np.diag(few.covariance)[:3] / np.diag(many.covariance)[:3])
+    assert (ratio > 2.5).all() and (ratio < 6.4).all()

@@ -28,7 +28,8 @@ from quadriform.fitting.result import SuperquadricFit
 from quadriform.fitting.superquadric.identifiability import determined
 from quadriform.fitting.superquadric.initial import cut_to, ellipsoid_by_moments
 from quadriform.fitting.superquadric.levenberg_marquardt import AXES, SHIFT
-from quadriform.fitting.superquadric.multistart import Problem, Solution, nearby, solve
+from quadriform.fitting.superquadric.multistart import SEARCH, Problem, Solution, nearby, solve
+from quadriform.fitting.superquadric.openness import remaining_covariance
 from quadriform.fitting.superquadric.paper import fit_paper
 from quadriform.fitting.support import covered_fraction
 from quadriform.fitting.threads import one_blas_thread
@@ -157,9 +158,10 @@ def _outcome(solution: Solution, points: Array, inliers: Array) -> SuperquadricF
         | multiple_minima(solution.alternatives)
         | not_converged(solution.converged, steps)
     )
-    return SuperquadricFit(
-        found, warnings, state.rank, state.condition, state.covariance, inliers, sigma, tuple(descent.history), steps
-    )
+    # without noise there is nothing but rounding
+    covariance = state.covariance if sigma < SEARCH.exact else remaining_covariance(descent)
+    history = tuple(descent.history)
+    return SuperquadricFit(found, warnings, state.rank, state.condition, covariance, inliers, sigma, history, steps)
 
 
 def in_world(fit: SuperquadricFit, frame: Frame) -> SuperquadricFit:

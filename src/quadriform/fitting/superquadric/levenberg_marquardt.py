@@ -247,9 +247,10 @@ class Descent:
         And less what the surface loses by its size.
         """
         gain = self.candidates.n_parameters * np.log(self.mixture.sigma)
-        return (self.weights * self.log_density).sum(axis=1) + gain - self._extent().cost(self.candidates)
+        return (self.weights * self.log_density).sum(axis=1) + gain - self.extent().cost(self.candidates)
 
-    def _extent(self) -> "Extent":
+    def extent(self) -> "Extent":
+        """What the candidates lose by their size, beside their inliers."""
         return Extent.of(self.candidates.kind, self.points, self.weights * self.inliers)
 
     def run(self, iterations: int, tolerance: float, reestimate: Reestimate) -> bool:
@@ -315,7 +316,7 @@ class Descent:
         diagonal = np.einsum("mii->mi", normal)
         diagonal[:, POWERS] += prior[:, None]
         # the same of the size, with a curvature that is an upper bound of its own
-        size = self.mixture.sigma[:, None] ** 2 * self._extent().derivatives(self.candidates)
+        size = self.mixture.sigma[:, None] ** 2 * self.extent().derivatives(self.candidates)
         gradient[:, AXES] += size
         diagonal[:, AXES] += size
         largest = diagonal.max(axis=1, keepdims=True)
@@ -350,7 +351,7 @@ class Descent:
         found, derivatives = self._standardised(moved)
         # at the same mixture: steps of candidates and of the mixture alternate
         inliers, log_density = self.mixture.densities(found, self.odds)
-        extent = self._extent()
+        extent = self.extent()
         before = (self.weights * self.log_density).sum(axis=1) + _log_prior(self.candidates, extent)
         after = (self.weights * log_density).sum(axis=1) + _log_prior(moved, extent)
         accepted = after >= before
