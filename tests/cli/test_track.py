@@ -91,8 +91,11 @@ def known(monkeypatch):
     """In place of the work a result that is known; what it was asked for is kept."""
     asked = {}
 
-    def track(clouds, **options):
-        asked.update(options, clouds=clouds)
+    def track(sets, **options):
+        clouds = [{name: each.points for name, each in frame.items()} for frame in sets]
+        asked.update(
+            options, clouds=clouds, noise=[{name: each.noise for name, each in frame.items()} for frame in sets]
+        )
         surface = qf.Superquadric(semi_axes=(14, 12, 21), translation=(10, 40, -20))
         box, times = qf.ControlBox.around(surface, (3, 3, 3)), np.arange(len(clouds)) * 1.0
         boxes = np.stack([box.control_points * (1 - 0.1 * time) for time in times])
@@ -132,6 +135,12 @@ def test_slices_of_images_are_numbered_and_points_between_them_left_out(terminal
     assert sorted(set(numbers)) == [CAP, *outlines] and len(kept) == len(numbers)
     left = 4 * (len(every) - len(kept))  # two frames, two surfaces
     assert f"slices are taken along k, 3 apart; {left} of {4 * len(every)} points" in done.err
+    # what labels tell of the noise goes with the points that are kept
+    assert all(
+        each[name].shape == (len(frame[name]), 3, 3)
+        for each, frame in zip(known["noise"], known["clouds"])
+        for name in frame
+    )
 
 
 def test_frames_must_have_the_same_slices(terminal, nifti, body, known, contours, tmp_path):

@@ -56,7 +56,7 @@ class Motion:
         shift_slices: Let each slice of contours or of an image stack move in its plane, once for the whole cycle. Of
             images the points between two slices are left out.
         box: Control points along each axis, as 5,5,5.
-        strength: How strongly the box is regularised in space; contours like 1e-6. [default: auto]
+        strength: How strongly the box is regularised in space. [default: auto]
     """
 
     strategy: str = "cycle"

@@ -31,9 +31,15 @@ class KnownNoise:
         if not covariances:
             return cls({}, 0.0)
         distinct = {name: centred.distinct[name].of_distinct(each) for name, each in covariances.items()}
-        local = {name: each / centred.frame.scale**2 for name, each in distinct.items()}
-        reference = mean_variance(local, centred.points)
-        return cls({name: each / reference for name, each in local.items()}, float(np.sqrt(reference)))
+        return cls.of_local({name: each / centred.frame.scale**2 for name, each in distinct.items()}, centred.points)
+
+    @classmethod
+    def of_local(cls, covariances: Mapping[str, Array], clouds: Mapping[str, Array]) -> "KnownNoise":
+        """From covariances (n, 3, 3) and points (n, 3) by name, both in the centred, scaled frame."""
+        if not covariances:
+            return cls({}, 0.0)
+        reference = mean_variance(covariances, clouds)
+        return cls({name: each / reference for name, each in covariances.items()}, float(np.sqrt(reference)))
 
     def deviations(self, name: str, centred: Centred) -> Array:
         """Relative standard deviations (n,) of a cloud along the normals that neighbours suggest; ones if unknown."""

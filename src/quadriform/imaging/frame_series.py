@@ -23,7 +23,7 @@ from quadriform.imaging.file_points import (
     kind_of,
     read_source,
 )
-from quadriform.point_sets import ALONE
+from quadriform.point_sets import ALONE, PointSet
 from quadriform.points import Array
 from quadriform.shapes.landmarks import Landmarks
 
@@ -46,6 +46,7 @@ class FrameSeries:
 
     Attributes:
         clouds: for each frame its points by surface.
+        noise: covariances (n, 3, 3) of the points in the same form, without the surfaces of which nothing is known.
         slices: the slice number of each point, in the same form; for frames of contours and images only.
         grids: for these frames world from voxel of the image, (4, 4); None for contours.
         landmarks: of ventricles, one entry a frame; empty where none are known.
@@ -57,6 +58,7 @@ class FrameSeries:
     """
 
     clouds: list[dict[str, Array]] = field(default_factory=list)
+    noise: list[dict[str, Array]] = field(default_factory=list)
     slices: list[dict[str, NDArray[np.int64]]] = field(default_factory=list)
     grids: list[Array | None] = field(default_factory=list)
     landmarks: tuple[Landmarks, ...] = ()
@@ -77,6 +79,15 @@ class FrameSeries:
             raise InputError(f"the frames differ in space or unit: the first is in {before}, another in {other}")
         self.space_and_unit = space_and_unit
         self.clouds.append(clouds)
+        self.noise.append({})
+
+    @property
+    def sets(self) -> list[dict[str, PointSet]]:
+        """The points with their noise, as `track` takes them."""
+        return [
+            {name: PointSet(points, noise=known.get(name)) for name, points in clouds.items()}
+            for clouds, known in zip(self.clouds, self.noise)
+        ]
 
     def add_sources(self, sources: Mapping[str, Source]) -> None:
         """Append a frame with a file for each surface, or an image for all; warnings of one kind are joined.
@@ -85,6 +96,7 @@ class FrameSeries:
             InputError: surfaces or frames differ in space or unit.
         """
         self.add({name: source.points for name, source in sources.items()}, common_space_and_unit(sources))
+        self.noise[-1] = {name: source.noise for name, source in sources.items() if source.noise is not None}
         for source in sources.values():
             self.notes += source.notes
             self.warnings = join_warnings(self.warnings, source.warnings)
@@ -283,11 +295,13 @@ def keep_slices(frames: FrameSeries) -> None:
     if first is None:
         return
     removed = total = 0
-    for clouds, slices in zip(frames.clouds, frames.slices):
+    for clouds, known, slices in zip(frames.clouds, frames.noise, frames.slices):
         for name, numbers in slices.items():
             kept = numbers != BETWEEN
             removed, total = removed + int((~kept).sum()), total + len(kept)
             clouds[name], slices[name] = clouds[name][kept], numbers[kept]
+            if name in known:
+                known[name] = known[name][kept]
     # the points between slices have no slice that could shift
     axis = slice_axis(first)
     frames.notes.append(

@@ -11,14 +11,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadriform.errors import DegenerateError, OptionError
 from quadriform.fitting.least_squares.normal_equations import normal_equations
 from quadriform.fitting.least_squares.regularisers import Regulariser, penalty_matrix
-from quadriform.fitting.refinement.multiresolution import MAD_TO_SIGMA
+from quadriform.fitting.noise import KnownNoise
+from quadriform.fitting.refinement.multiresolution import MAD_TO_SIGMA, Correlated
 from quadriform.fitting.refinement.point_to_plane import data_rows, evidence_of, step_length
 from quadriform.fitting.refinement.surface_data import SurfaceData
 from quadriform.fitting.refinement.unfolding import JacobianPenalty
-from quadriform.fitting.result import Progress
 from quadriform.motion.cycle_equations import CycleEvidence
 from quadriform.motion.slice_shifts import SliceNumbers, SlicePlanes
 from quadriform.points import Array
@@ -26,20 +25,16 @@ from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.splines import TimeBasis
 from quadriform.shapes.superquadric import Superquadric
 
-STRONGEST, FIRST_ROUNDS = 1e3, 6
-"""Factor on both strengths in the first round, and the number of rounds in which it falls geometrically to 1: frames
-that are far from the undeformed surface do not fold on the way."""
-SEARCHES = 2
-"""Rounds after these in which the strengths are estimated again; later they hardly change."""
-LEAST_ROUNDS, MOST_ROUNDS = 6, 24
-"""Rounds at the estimated strengths."""
-TOLERANCE = 0.005
-"""Converged when the noise changes by less than this fraction from one round to the next, and no frame folds."""
 TANGENTIAL_STEPS = 3
 """Gauss-Newton steps of each foot point in a round; the next round continues from there."""
 LEAST_INLIERS = 0.5
 """A surface with a smaller mean inlier probability in a frame is still far from its points: sigma is then estimated
 from these alone."""
+
+
+def named(frame: int, surface: str) -> str:
+    """The name of the points of a surface in a frame, for what is known of their noise."""
+    return f"frame {frame}: {surface}"
 
 
 @dataclass(frozen=True)
@@ -79,6 +74,8 @@ class CycleState:
         datasets: for each frame one for each surface.
         noise: standard deviation of the inliers' point-to-plane residuals.
         penalties: on folds, for each frame.
+        reference: the box whose deformation has no energy: the undeformed one, but in the first rounds.
+        fraction: independent points over all points, in (0, 1].
     """
 
     displacement: Array
@@ -87,6 +84,20 @@ class CycleState:
     datasets: list[list[SurfaceData]]
     noise: float
     penalties: list[JacobianPenalty]
+    reference: ControlBox
+    fraction: float = 1.0
+
+    @property
+    def moved(self) -> Array:
+        """(k, 3), the displacement of the control points of the reference."""
+        return (self.reference.control_points - self.reference.rest).reshape(-1, 3)
+
+    def nearest(self) -> "CycleState":
+        """With the nearest foot points."""
+        datasets = [
+            [data.with_nearest_foot_points(box) for data in each] for box, each in zip(self.boxes, self.datasets)
+        ]
+        return replace(self, datasets=datasets)
 
 
 @dataclass(frozen=True)
@@ -102,6 +113,7 @@ class Cycle:
         regularity: in space.
         robust: whether outliers are down-weighted.
         planes: of the slices whose shifts are sought, with the slice number of each point; or None.
+        noise: what is known of it, of the points of each frame and surface under the name that `named` gives.
     """
 
     surfaces: Mapping[str, Superquadric]
@@ -112,6 +124,7 @@ class Cycle:
     regularity: str | Regulariser
     robust: bool
     planes: tuple[SlicePlanes, SliceNumbers] | None
+    noise: KnownNoise
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -121,73 +134,74 @@ class Cycle:
 
     def init(self) -> CycleState:
         """The undeformed box in all frames, with the nearest foot points."""
-        datasets = [[self._data(name, points) for name, points in frame.items()] for frame in self.frames]
-        distances = np.concatenate([data.distances(self.box) for frame in datasets for data in frame])
+        datasets = [
+            [self._data(name, points, self.noise.relative.get(named(number, name))) for name, points in frame.items()]
+            for number, frame in enumerate(self.frames)
+        ]
+        distances = np.concatenate([data.standardised(self.box) for frame in datasets for data in frame])
         noise = MAD_TO_SIGMA * float(np.median(distances))
         count, frames = sum(len(cloud) for cloud in self.frames[0].values()), len(self.frames)
         penalty = JacobianPenalty.of(self.box, self.surfaces, count, noise)
         displacement = np.zeros((self.values.shape[1], self.box.rest.size // 3, 3))
         shifts = np.zeros((0 if self.planes is None else len(self.planes[0].axes), 2))
-        return CycleState(displacement, shifts, [self.box] * frames, datasets, noise, [penalty] * frames)
+        return CycleState(displacement, shifts, [self.box] * frames, datasets, noise, [penalty] * frames, self.box)
 
-    def _data(self, name: str, points: Array) -> SurfaceData:
-        found = SurfaceData.of(self.surfaces[name], points, np.ones(len(points)))
+    def _data(self, name: str, points: Array, noise: Array | None) -> SurfaceData:
+        found = SurfaceData.of(self.surfaces[name], points, np.ones(len(points)), noise=noise)
         return found.with_nearest_foot_points(self.box)
 
-    def fit(self, alpha: float | None, progress: Progress | None = None) -> CycleFit:
-        """Fit at large strengths first, then at those of largest marginal likelihood, in at most MOST_ROUNDS rounds.
-
-        The search for gamma, the strength in time, begins where a sinusoidal motion of one period, with the RMS radius
-        as its amplitude and time in periods, has a penalty of the noise squared.
-
-        Args:
-            alpha: the strength in space; None for the one that maximises the marginal likelihood.
-            progress: called after each round.
-
-        Raises:
-            OptionError: the strength that the user gave leaves control points undetermined.
-            DegenerateError: no strength that was tried gave a solvable problem.
-        """
-        report, total = progress or (lambda done, total: None), FIRST_ROUNDS + LEAST_ROUNDS
-        state = first = self.init()
-        # the frames whose points have the least and the largest sum of squared distances to the undeformed surfaces
-        squares = [sum((data.distances(self.box) ** 2).sum() for data in each) for each in state.datasets]
+    def extremes(self, state: CycleState) -> tuple[int, int]:
+        """The frames of the least and of the largest sum of squared distances to the surfaces of a state."""
+        squares = [
+            sum((data.distances(box) ** 2).sum() for data in each) for box, each in zip(state.boxes, state.datasets)
+        ]
         order = np.argsort(squares, kind="stable")
-        ends = int(order[0]), int(order[-1])
-        # the second derivative of a sine of one period is (2 pi)^2 times its amplitude, and is squared in the penalty
-        strengths = alpha or self._strength_in_space(state, ends, None), state.noise**2 / (2 * np.pi) ** 4
-        for done, factor in enumerate(np.geomspace(STRONGEST, 1, FIRST_ROUNDS)):
-            state = self.step(state, (factor * strengths[0], factor * strengths[1])) or state
-            report(done + 1, total)
-        certified: tuple[bool, ...] = ()
-        for done in range(MOST_ROUNDS):
-            if done < SEARCHES:
-                in_space = alpha or self._strength_in_space(state, ends, strengths[0])
-                strengths = in_space, self.evidence(state).best_in_time(in_space, strengths[1])
-            before, after = state, self.step(state, strengths)
-            state = after or state
-            report(min(FIRST_ROUNDS + done + 1, total), total)
-            if done + 1 >= LEAST_ROUNDS:
-                certified, state = self.checked(state)
-                if all(certified) and abs(state.noise - before.noise) < TOLERANCE * before.noise:
-                    break
-        if alpha is not None and after is None and self.evidence(state).solve(*strengths) is None:
-            raise OptionError(f"option strength={alpha:g} leaves control points undetermined; expected a larger one")
-        if state.displacement is first.displacement:
-            raise DegenerateError("frames leave control points undetermined; expected points all around the body")
-        control = state.displacement.reshape(-1, *self.shape, 3) + self.box.rest
-        datasets = tuple(dict(zip(frame, each)) for frame, each in zip(self.frames, state.datasets))
-        return CycleFit(control, datasets, state.noise, strengths, state.shifts, certified)
+        return int(order[0]), int(order[-1])
 
-    def _strength_in_space(self, state: CycleState, ends: tuple[int, int], near: float | None) -> float:
-        """The smaller of the best strengths in space of two frames, each alone.
+    def strength_in_space(
+        self, state: CycleState, frames: Sequence[int], near: float | None, first: bool = False
+    ) -> float:
+        """The smallest of the best strengths in space of some frames, each alone, as in a single fit.
 
         A larger one would over-smooth one of them. Maximising the marginal likelihood over the whole cycle could give
         a strength in space near zero, for smoothness in time regularises the surface; the space inside would be free.
+
+        Args:
+            state: after a round.
+            frames: their indices.
+            near: an earlier strength, or None.
+            first: whether there was none, so that only as many points count as there are unknowns.
         """
-        none = [None] * len(self.surfaces)
-        found = [evidence_of(state.datasets[n], none, state.boxes[n], self.regularity) for n in ends]
-        return min(each.select(None, near).strength for each in found)
+        none, rule = [None] * len(self.surfaces), Correlated(float(self.box.rest.size))
+        found = []
+        for n in frames:
+            box, datasets = state.boxes[n], state.datasets[n]
+            fraction = rule.fraction(box, tuple(datasets), first)
+            evidence = evidence_of(datasets, none, box, self.regularity, fraction, self.noise.least)
+            found.append(evidence.select(None, near).strength)
+        return min(found)
+
+    def effective_fraction(self, state: CycleState, first: bool = False) -> float:
+        """Independent points over all points, of all frames together.
+
+        Few splines in time leave fewer unknowns than the frames have together, so fewer points count in any case.
+        """
+        rule = Correlated(state.displacement.size / len(self.frames))
+        found = [rule.fraction(box, tuple(each), first) for box, each in zip(state.boxes, state.datasets)]
+        counts = [sum(float((data.weights * data.inliers).sum()) for data in each) for each in state.datasets]
+        return float(np.average(found, weights=counts))
+
+    def all_at(self, state: CycleState, box: ControlBox) -> CycleState:
+        """The state with a box in all frames, from which deformation is measured."""
+        moved = (box.control_points - box.rest).reshape(1, -1, 3)
+        displacement = np.repeat(moved, len(state.displacement), axis=0)
+        return replace(state, displacement=displacement, boxes=[box] * len(state.boxes), reference=box)
+
+    def result(self, state: CycleState, strengths: tuple[float, float], certified: tuple[bool, ...]) -> CycleFit:
+        """What is handed out of a state."""
+        control = state.displacement.reshape(-1, *self.shape, 3) + self.box.rest
+        datasets = tuple(dict(zip(frame, each)) for frame, each in zip(self.frames, state.datasets))
+        return CycleFit(control, datasets, state.noise, strengths, state.shifts, certified)
 
     def step(self, state: CycleState, strengths: tuple[float, float]) -> CycleState | None:
         """The state after a round: foot points, inlier probabilities, and a step to the solution of the linear problem.
@@ -196,19 +210,26 @@ class Cycle:
         """
         state = replace(state, datasets=self._updated(state))
         evidence = self.evidence(state)
-        penalties = [penalty.equations(box) for penalty, box in zip(state.penalties, state.boxes)]
+        before = state.moved
+        penalties = [penalty.equations(box).about(before) for penalty, box in zip(state.penalties, state.boxes)]
         solution = evidence.plus(penalties).solve(*strengths)
         if solution is None:
             return None
-        moved, shifted = solution.displacement - state.displacement, solution.shifts - state.shifts.ravel()
+        moved, shifted = solution.displacement + before - state.displacement, solution.shifts - state.shifts.ravel()
 
         def at(length: float) -> tuple[Array, Array]:
             return state.displacement + length * moved, state.shifts.ravel() + length * shifted
 
         displacement, shifts = at(step_length(lambda length: self.total(state, evidence, *at(length), strengths)))
         boxes, shifts = self._boxes(displacement), shifts.reshape(-1, 2)
-        datasets = self._shifted(state.datasets, shifts)
-        return CycleState(displacement, shifts, boxes, datasets, solution.noise, state.penalties)
+        return replace(
+            state,
+            displacement=displacement,
+            shifts=shifts,
+            boxes=boxes,
+            datasets=self._shifted(state.datasets, shifts),
+            noise=solution.noise,
+        )
 
     def total(
         self,
@@ -220,7 +241,7 @@ class Cycle:
     ) -> float:
         """The sum that a round lowers: squared distances, regularisation, and penalties on folds."""
         penalties = [penalty.cost(box) for penalty, box in zip(state.penalties, self._boxes(displacement))]
-        return evidence.cost(displacement, shifts, *strengths) + sum(penalties)
+        return evidence.cost(displacement - state.moved, shifts, *strengths) + sum(penalties)
 
     def _boxes(self, displacement: Array) -> list[ControlBox]:
         rest = self.box.rest
@@ -254,17 +275,24 @@ class Cycle:
             found = [data_rows(data, box) for data in datasets]
             # shifts are unknowns too, so the targets are the points before any shift
             targets = list(self.frames[frame].values()) if self.planes else [row.targets for row in found]
+            offsets = [target - state.reference.deform(row.origins) for row, target in zip(found, targets)]
             parts = [
-                normal_equations(box.local(row.origins), row.metric, target - row.origins, box.degrees)
-                for row, target in zip(found, targets)
+                normal_equations(box.local(row.origins), row.metric, offset, box.degrees)
+                for row, offset in zip(found, offsets)
             ]
             equations.append(sum(parts[1:], parts[0]))
             count += sum(float((data.weights * data.inliers).sum()) for data in datasets)
             if self.planes:
-                rows.append(list(zip(found, self.planes[1][frame].values(), targets)))
-        bordered = self.planes[0].bordered_block(rows, state.boxes, state.noise) if self.planes else None
+                rows.append(list(zip(found, self.planes[1][frame].values(), offsets)))
+        bordered = (
+            self.planes[0].bordered_block(rows, state.boxes, state.noise / np.sqrt(state.fraction))
+            if self.planes
+            else None
+        )
         penalty = penalty_matrix(self.regularity, self.shape)
-        return CycleEvidence(equations, self.values, self.basis, penalty, self.shape, count, bordered)
+        return CycleEvidence(
+            equations, self.values, self.basis, penalty, self.shape, count, bordered, state.fraction, self.noise.least
+        )
 
     def checked(self, state: CycleState) -> tuple[tuple[bool, ...], CycleState]:
         """Which frames are verified to be free of folds, and the state with stronger penalties on the others."""
@@ -275,7 +303,7 @@ class Cycle:
 
 def _weighted(data: SurfaceData, box: ControlBox, noise: float) -> SurfaceData:
     """Data with inlier probabilities at the noise of the cycle, or at their own while most points are far."""
-    distances = data.distances(box)
+    distances = data.standardised(box)
     found = data.weighted(distances, noise)
     if np.average(found.inliers, weights=data.weights) >= LEAST_INLIERS:
         return found

@@ -55,6 +55,8 @@ class CycleEvidence:
         count: number of residual rows, the sum of the weights of all frames.
         border: for each of m further unknowns its coupling to the control points of each frame, (m, F, 3 k); their
             own matrix (m, m) and right side (m,).
+        effective_fraction: independent rows over all rows.
+        least_noise: lower bound of the noise.
     """
 
     def __init__(
@@ -66,7 +68,10 @@ class CycleEvidence:
         shape: tuple[int, int, int],
         count: float,
         bordered_block: tuple[Array, Array, Array] | None = None,
+        effective_fraction: float = 1.0,
+        least_noise: float = 0.0,
     ) -> None:
+        self.effective_fraction, self.least_noise = effective_fraction, least_noise
         self.count, self.knots, self.size = count, values.shape[1], 3 * len(penalty)
         mass = kronecker(gram(shape[0] - 1), gram(shape[1] - 1), gram(shape[2] - 1))
         energies, self._in_space = spectrum(penalty.tobytes())
@@ -126,10 +131,17 @@ class CycleEvidence:
         found = cho_solve((factor, True), self.right, check_finite=False)
         penalties = self.count * (alpha * self._values[0][:, None] + gamma * self._values[1])
         ranked = penalties[penalties > 0]
-        rows = max(self.count - 3 * float((penalties <= 0).sum()), 1.0)
+        free = 3 * float((penalties <= 0).sum())
+        rows = max(self.count - free, 1.0)
         # the minimum of the sum over the degrees of freedom
-        variance = max((self.constant - float(self.right @ found)) / rows, SELECTION.noise_floor**2)
-        criterion = rows * np.log(variance) + 2 * np.log(np.diag(factor)).sum() - 3 * np.log(ranked).sum()
+        misfit = (self.constant - float(self.right @ found)) / rows
+        variance = max(misfit, self.least_noise**2, SELECTION.noise_floor**2)
+        independent = max(self.effective_fraction * self.count - free, 1.0)
+        criterion = (
+            independent * (np.log(variance) + misfit / variance)
+            + 2 * np.log(np.diag(factor)).sum()
+            - 3 * np.log(ranked).sum()
+        )
         size = self.knots * self.size
         rotated = self._in_time @ found[:size].reshape(self.knots, -1)
         displacement = np.einsum("kj,aji->aki", self._in_space, rotated.reshape(self.knots, -1, 3))
@@ -154,6 +166,8 @@ class CycleEvidence:
             solution = self.solve(alpha, float(np.exp(log)))
             return np.inf if solution is None else solution.criterion
 
+        if not self._costs[1].any():
+            return gamma  # so few splines that no motion is penalised
         middle = np.log(gamma)
         found = minimize_scalar(
             criterion, bounds=(middle - NEARBY, middle + NEARBY), method="bounded", options={"xatol": 0.5}

@@ -112,9 +112,10 @@ class SlicePlanes:
         """The shifts' part of the linear problem: coupling (2 S, F, 3 k), own matrix (2 S, 2 S), right side (2 S,).
 
         Args:
-            frames: for each frame and surface the rows, their slice numbers, and the targets (n, 3) before any shift.
+            frames: for each frame and surface the rows, their slice numbers, and the offsets (n, 3) from the reference
+                to the targets before any shift.
             boxes: of the frames.
-            noise: standard deviation of the data along the normal.
+            noise: at which independent rows would have the information of these.
         """
         count = 2 * len(self.numbers)
         coupling = np.zeros((count, len(frames), boxes[0].control_points.size))
@@ -122,11 +123,11 @@ class SlicePlanes:
         own = (noise / SHIFTING.spread) ** 2 * (np.eye(count) + SHIFTING.together * unobservable @ unobservable.T)
         right = np.zeros(count)
         for frame, (surfaces, box) in enumerate(zip(frames, boxes)):
-            for rows, numbers, targets in surfaces:
+            for rows, numbers, offsets in surfaces:
                 for index, number in enumerate(self.numbers):
                     inside = numbers == number
                     if inside.any():
-                        self._add(index, rows, inside, targets, box, (coupling[:, frame], own, right))
+                        self._add(index, rows, inside, offsets, box, (coupling[:, frame], own, right))
         return coupling, own, right
 
     def _add(
@@ -134,7 +135,7 @@ class SlicePlanes:
         index: int,
         rows: Rows,
         inside: NDArray[np.bool_],
-        targets: Array,
+        offsets: Array,
         box: ControlBox,
         sums: tuple[Array, Array, Array],
     ) -> None:
@@ -144,7 +145,7 @@ class SlicePlanes:
         at = slice(2 * index, 2 * index + 2)
         # a shift moves the targets, so its sign is opposite to that of a displacement of the box
         own[at, at] += np.einsum("nki,li->kl", weighted, self.axes[index])
-        right[at] -= np.einsum("nki,ni->k", weighted, targets[inside] - rows.origins[inside])
+        right[at] -= np.einsum("nki,ni->k", weighted, offsets[inside])
         for k in range(2):
             along = np.broadcast_to(self.axes[index, k], (len(local), 3))
             coupling[2 * index + k] -= normal_equations(local, metric, along, box.degrees).right

@@ -8,34 +8,42 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from quadriform.errors import OptionError, PointsError, WarningKind, Warnings, choose, known_options
+from quadriform.errors import WarningKind, Warnings, choose, known_options
 from quadriform.fitting.diagnostics import INLIER, folding, named_texts, outliers, poor_fit
 from quadriform.fitting.fit import fit, precision_warnings, refine
+from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.options import check_box, check_strength
 from quadriform.fitting.refinement.starts import ellipsoids
 from quadriform.fitting.result import Fit, Progress, Warned, flat, rms_of_inliers
-from quadriform.motion.cycle import Cycle, CycleFit
+from quadriform.motion.cycle import Cycle, CycleFit, named
+from quadriform.motion.cycle_rounds import fit_cycle
+from quadriform.motion.frames import (
+    Frames,
+    Noises,
+    Sets,
+    SliceNumbers,
+    checked_frames,
+    checked_times,
+    known_noise,
+    slice_numbers,
+    time_basis,
+)
 from quadriform.motion.slice_shifts import SlicePlanes
-from quadriform.point_sets import ALONE, Given, PointSet, common_unit, point_sets, points_sha256
-from quadriform.points import Array, Frame, by_name
-from quadriform.shapes.control_box import common_box
+from quadriform.point_sets import ALONE, Given, PointSet, common_unit, points_sha256
+from quadriform.points import Array, Frame
+from quadriform.shapes.control_box import ControlBox, common_box
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
 from quadriform.shapes.spaces import rotation_between
 from quadriform.shapes.splines import TimeBasis
+from quadriform.shapes.superquadric import Superquadric
 from quadriform.words import summary
 
-MOST_KNOTS = 12
-"""A heart's cycle needs no more; fewer frames have a knot each."""
-
-SliceNumbers = Sequence[Mapping[str, ArrayLike] | ArrayLike]
-_Frames = list[dict[str, Array]]
-_Sets = list[dict[str, PointSet]]
 AnyModel = TypeVar("AnyModel", DeformableModel, MovingModel)
 
 
@@ -126,6 +134,7 @@ def track(
     regularity: str = "bending",
     strength: float | str = "auto",
     robust: bool = True,
+    noise: Noises | None = None,
     progress: Progress | None = None,
 ) -> Track:
     """The moving model that fits the points of two or more frames.
@@ -143,29 +152,31 @@ def track(
         box: control points along each axis.
         regularity: "bending", "springs" or a regulariser of one's own.
         strength: of the regularisation in space, alpha per data point; "auto": that of the evidence of single
-            frames. Contours have points closer to each other than they are independent: there a larger strength than
-            that of the evidence, such as 1e-6, keeps the open base smoother, some tenths of a millimetre off.
+            frames, in which points with correlated errors count by their effective number.
         robust: whether outliers are detected and down-weighted.
+        noise: what is known of the error of the points, as in `fit`: a standard deviation in their unit, or for each
+            frame an entry in the form of `frames`. It is the metric of the distances and the least noise that is
+            estimated. Points of images and readers bring theirs; it counts where all frames and surfaces have some.
         progress: called with (steps done, about how many).
 
     Raises:
         PointsError, DegenerateError, OptionError: the input cannot be fitted.
     """
     choose(strategy, tuple(STRATEGIES), "strategy")
-    sets = _checked(frames)
+    sets = checked_frames(frames, noise)
     clouds = [{name: each.points for name, each in frame.items()} for frame in sets]
-    at = _times(times, len(clouds))
-    basis = _basis(at, period)
-    numbers = _slice_numbers(slices, clouds, strategy)
+    at = checked_times(times, len(clouds))
+    basis = time_basis(at, period)
+    numbers = slice_numbers(slices, clouds, strategy)
     options = {"box": box, "regularity": regularity, "strength": strength, "robust": robust}
-    found = STRATEGIES[strategy](_Task(clouds, at, basis, numbers, options, progress))
+    found = STRATEGIES[strategy](_Task(clouds, known_noise(sets), at, basis, numbers, options, progress))
     warnings = found.warnings | _by_frame([precision_warnings(frame) for frame in sets])
     assumed = dict.fromkeys(note for frame in sets for each in frame.values() for note in each.notes)
     marked = found.in_unit(_unit_of(sets))
     return replace(marked, warnings=warnings, notes=(*assumed, *found.notes))
 
 
-def _unit_of(sets: _Sets) -> str:
+def _unit_of(sets: Sets) -> str:
     """The unit in the names of the columns of all frames.
 
     Raises:
@@ -176,7 +187,8 @@ def _unit_of(sets: _Sets) -> str:
 
 @dataclass(frozen=True)
 class _Task:
-    clouds: _Frames
+    clouds: Frames
+    noise: Frames
     times: Array
     basis: TimeBasis
     slices: list[dict[str, NDArray[np.int64]]] | None
@@ -194,6 +206,14 @@ class _Task:
         return int(np.argmax([len(points) * size for points, size in zip(every, sizes)]))
 
     @property
+    def sets(self) -> Sets:
+        """The points of each frame with their noise, as `fit` takes them."""
+        return [
+            {name: PointSet(cloud, noise=known.get(name)) for name, cloud in clouds.items()}
+            for clouds, known in zip(self.clouds, self.noise)
+        ]
+
+    @property
     def sha256(self) -> str:
         """Of the points of all frames."""
         return points_sha256(cloud for frame in self.clouds for cloud in frame.values())
@@ -205,7 +225,7 @@ class _Task:
 
 def _alone(task: _Task) -> Track:
     fits = []
-    for frame in task.clouds:
+    for frame in task.sets:
         fits.append(fit(frame, **task.options))
         task.report(len(fits))
     return _of_fits("alone", task, fits, None)
@@ -213,7 +233,7 @@ def _alone(task: _Task) -> Track:
 
 def _previous(task: _Task) -> Track:
     """Forwards from the frame with the most points to the last, and backwards from it to the first."""
-    fits: dict[int, Fit] = {task.first: fit(task.clouds[task.first], **task.options)}
+    fits: dict[int, Fit] = {task.first: fit(task.sets[task.first], **task.options)}
     surfaces = fits[task.first].model.surfaces
     options = {name: value for name, value in task.options.items() if name != "box"}
     for order, before in ((range(task.first + 1, len(task.clouds)), -1), (range(task.first - 1, -1, -1), 1)):
@@ -221,7 +241,7 @@ def _previous(task: _Task) -> Track:
             done = fits[frame + before]
             fits[frame] = done  # the same points have the same model
             if not _equal(task.clouds[frame], task.clouds[frame + before]):
-                fits[frame] = refine(surfaces, task.clouds[frame], start=done.model.box, **options)
+                fits[frame] = refine(surfaces, task.sets[frame], start=done.model.box, **options)
             task.report(len(fits))
     # one superquadric and one undeformed box for all frames: only the control points move
     ordered = [fits[frame] for frame in range(len(task.clouds))]
@@ -257,14 +277,31 @@ def _cycle(task: _Task) -> Track:
     box = common_box(surfaces, check_box(task.options["box"]))
     planes = None if task.slices is None else (SlicePlanes.of(local, task.slices), task.slices)
     values, options = task.basis.values(task.times), task.options
-    cycle = Cycle(surfaces, box, local, values, task.basis, options["regularity"], options["robust"], planes)
-    found = cycle.fit(check_strength(task.options["strength"]), task.progress)
+    noise = _in_frame(task.noise, local, frame.scale)
+    cycle = Cycle(surfaces, box, local, values, task.basis, options["regularity"], options["robust"], planes, noise)
+    start = _start(surfaces, local[task.first], options)
+    found = fit_cycle(cycle, start, check_strength(task.options["strength"]), task.progress)
     control = found.control_points
     moving = MovingModel(
         surfaces, box.origin, box.edges, task.basis, control, input_sha256=task.sha256, frame_times=task.times
     )
     shifts = {} if planes is None else planes[0].named(frame.scale * found.shifts)
     return _cycle_in_world(task, frame, frame.shape_to_world(moving), found, shifts)
+
+
+def _start(surfaces: Mapping[str, Superquadric], points: Mapping[str, Array], options: Mapping[str, Any]) -> ControlBox:
+    """The box of one frame fitted alone, where all frames begin; its strength is that of its own evidence."""
+    alone = {name: options[name] for name in ("box", "regularity", "robust")}
+    return refine(surfaces, points, **alone).model.box
+
+
+def _in_frame(noise: Frames, local: Frames, scale: float) -> KnownNoise:
+    """What is known of the noise of all frames, named as `Cycle` does, in the centred, scaled frame."""
+    covariances, clouds = (
+        {named(n, name): values for n, frame in enumerate(frames) for name, values in frame.items()}
+        for frames in (noise, local)
+    )
+    return KnownNoise.of_local({name: each / scale**2 for name, each in covariances.items()}, clouds)
 
 
 def _cycle_in_world(task: _Task, frame: Frame, moving: MovingModel, found: CycleFit, shifts: dict[int, Array]) -> Track:
@@ -316,66 +353,3 @@ def _by_frame(found: Sequence[Warnings]) -> Warnings:
         kind: "; ".join(f"frame{'s'[: len(at) > 1]} {', '.join(map(str, at))}: {text}" for text, at in texts.items())
         for kind, texts in joined.items()
     }
-
-
-def _checked(frames: Sequence[Given]) -> _Sets:
-    if len(frames) < 2:
-        raise OptionError(f"frames: expected two or more, found {len(frames)}; a single one is for fit")
-    result: _Sets = []
-    for number, frame in enumerate(frames):
-        try:
-            result.append({name: each.in_metric_unit() for name, each in point_sets(frame).items()})
-        except PointsError as error:
-            raise type(error)(f"frame {number}: {error}") from error
-        if result[-1].keys() != result[0].keys():
-            raise OptionError(f"frame {number} has the surfaces {sorted(result[-1])}, frame 0 has {sorted(result[0])}")
-    return result
-
-
-def _times(times: ArrayLike | None, count: int) -> Array:
-    given = np.arange(count) if times is None else np.asarray(times)
-    at = given.astype(np.float64)
-    if at.shape != (count,) or not np.isfinite(at).all():
-        raise OptionError(f"times: expected {count} finite numbers, one a frame, found {given!r}")
-    late = np.flatnonzero(np.diff(at) <= 0)
-    if len(late):
-        one = late[0]
-        raise OptionError(f"times: frame {one + 1} at {at[one + 1]:g} does not come after frame {one} at {at[one]:g}")
-    return at
-
-
-def _basis(times: Array, period: float | str | None) -> TimeBasis:
-    mean_step = float(times[-1] - times[0]) / (len(times) - 1)
-    if isinstance(period, str):
-        choose(period, ("auto",), "period")
-        period = mean_step * len(times)  # the frame after the last would be the first again
-    count = min(len(times), MOST_KNOTS)
-    if period is None:
-        return TimeBasis(np.linspace(times[0], times[-1], count))
-    if not period > times[-1] - times[0]:
-        raise OptionError(
-            f"period={period}: expected more than the {times[-1] - times[0]:g} between first and last frame"
-        )
-    return TimeBasis(times[0] + np.arange(count) * period / count, float(period))
-
-
-def _slice_numbers(
-    slices: SliceNumbers | None, clouds: _Frames, strategy: str
-) -> list[dict[str, NDArray[np.int64]]] | None:
-    if slices is None:
-        return None
-    if strategy != "cycle":
-        raise OptionError(f"option slices is not one of strategy={strategy!r}; use strategy='cycle'")
-    if len(slices) != len(clouds):
-        raise OptionError(f"slices: expected one entry for each of {len(clouds)} frames, found {len(slices)}")
-    result = []
-    for number, (given, frame) in enumerate(zip(slices, clouds)):
-        numbers = by_name(given, "slices") if isinstance(given, Mapping) else {ALONE: given}
-        found = {name: np.asarray(numbers.get(name, ())).astype(np.int64) for name in frame}
-        for name, cloud in frame.items():
-            if found[name].shape != (len(cloud),):
-                raise OptionError(
-                    f"slices: frame {number}, {name}: expected {len(cloud)} numbers, found {found[name].shape}"
-                )
-        result.append(found)
-    return result

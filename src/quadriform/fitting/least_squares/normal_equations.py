@@ -47,6 +47,11 @@ class NormalEquations:
         p = displacement.ravel()
         return float(p @ (self.matrix @ p) - 2 * self.right @ p + self.constant)
 
+    def about(self, displacement: Array) -> "NormalEquations":
+        """The same for what is added to displacements (k, 3)."""
+        p = displacement.ravel()
+        return NormalEquations(self.matrix, self.right - self.matrix @ p, self.squares(p))
+
     def between(self, vectors: Array) -> "NormalEquations":
         """The same for coordinates in an orthonormal basis of the control points, the columns of `vectors` (k, k)."""
         size = len(vectors)

@@ -1,0 +1,116 @@
+"""What `track` is given, checked: frames of points with their noise, times, and slice numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from quadriform.errors import OptionError, PointsError, choose
+from quadriform.point_sets import ALONE, Given, PointSet, point_sets
+from quadriform.points import Array, by_name
+from quadriform.shapes.splines import TimeBasis
+
+MOST_KNOTS = 12
+"""A heart's cycle needs no more; fewer frames have a knot each."""
+
+SliceNumbers = Sequence[Mapping[str, ArrayLike] | ArrayLike]
+Noises = float | Mapping[str, ArrayLike] | Sequence[Mapping[str, ArrayLike] | ArrayLike]
+Frames = list[dict[str, Array]]
+Sets = list[dict[str, PointSet]]
+
+
+def checked_frames(frames: Sequence[Given], noise: Noises | None) -> Sets:
+    """The points of each frame by name, with what is known of their noise.
+
+    Raises:
+        PointsError, DegenerateError, OptionError: naming the frame that cannot be fitted.
+    """
+    if len(frames) < 2:
+        raise OptionError(f"frames: expected two or more, found {len(frames)}; a single one is for fit")
+    known = noise if isinstance(noise, Sequence | np.ndarray) else [noise] * len(frames)
+    if len(known) != len(frames):
+        raise OptionError(f"noise: expected a number or one entry for each of {len(frames)} frames, found {len(known)}")
+    result: Sets = []
+    for number, (frame, each_noise) in enumerate(zip(frames, known)):
+        try:
+            given = point_sets(frame, noise=each_noise)
+            result.append({name: each.in_metric_unit() for name, each in given.items()})
+        except PointsError as error:
+            raise type(error)(f"frame {number}: {error}") from error
+        if result[-1].keys() != result[0].keys():
+            raise OptionError(f"frame {number} has the surfaces {sorted(result[-1])}, frame 0 has {sorted(result[0])}")
+    return result
+
+
+def known_noise(sets: Sets) -> Frames:
+    """Covariances of the points of each frame by name; none where those of a frame or surface are not known."""
+    found = [{name: each.noise for name, each in frame.items() if each.noise is not None} for frame in sets]
+    # of some points only, it would say nothing of how much the others count
+    whole = all(len(known) == len(frame) for known, frame in zip(found, sets))
+    return found if whole else [{} for _ in sets]
+
+
+def checked_times(times: ArrayLike | None, count: int) -> Array:
+    """Times (F,) of the frames: 0, 1, 2 ... unless given.
+
+    Raises:
+        OptionError: not one for each frame, or not increasing.
+    """
+    given = np.arange(count) if times is None else np.asarray(times)
+    at = given.astype(np.float64)
+    if at.shape != (count,) or not np.isfinite(at).all():
+        raise OptionError(f"times: expected {count} finite numbers, one a frame, found {given!r}")
+    late = np.flatnonzero(np.diff(at) <= 0)
+    if len(late):
+        one = late[0]
+        raise OptionError(f"times: frame {one + 1} at {at[one + 1]:g} does not come after frame {one} at {at[one]:g}")
+    return at
+
+
+def time_basis(times: Array, period: float | str | None) -> TimeBasis:
+    """The splines of a motion that repeats after a period, or of one that does not.
+
+    Raises:
+        OptionError: a period that is shorter than the frames.
+    """
+    mean_step = float(times[-1] - times[0]) / (len(times) - 1)
+    if isinstance(period, str):
+        choose(period, ("auto",), "period")
+        period = mean_step * len(times)  # the frame after the last would be the first again
+    count = min(len(times), MOST_KNOTS)
+    if period is None:
+        return TimeBasis(np.linspace(times[0], times[-1], count))
+    if not period > times[-1] - times[0]:
+        raise OptionError(
+            f"period={period}: expected more than the {times[-1] - times[0]:g} between first and last frame"
+        )
+    return TimeBasis(times[0] + np.arange(count) * period / count, float(period))
+
+
+def slice_numbers(
+    slices: SliceNumbers | None, clouds: Frames, strategy: str
+) -> list[dict[str, NDArray[np.int64]]] | None:
+    """The slice number of each point by frame and surface, or None.
+
+    Raises:
+        OptionError: not one for each point, or another strategy than "cycle".
+    """
+    if slices is None:
+        return None
+    if strategy != "cycle":
+        raise OptionError(f"option slices is not one of strategy={strategy!r}; use strategy='cycle'")
+    if len(slices) != len(clouds):
+        raise OptionError(f"slices: expected one entry for each of {len(clouds)} frames, found {len(slices)}")
+    result = []
+    for number, (given, frame) in enumerate(zip(slices, clouds)):
+        numbers = by_name(given, "slices") if isinstance(given, Mapping) else {ALONE: given}
+        found = {name: np.asarray(numbers.get(name, ())).astype(np.int64) for name in frame}
+        for name, cloud in frame.items():
+            if found[name].shape != (len(cloud),):
+                raise OptionError(
+                    f"slices: frame {number}, {name}: expected {len(cloud)} numbers, found {found[name].shape}"
+                )
+        result.append(found)
+    return result

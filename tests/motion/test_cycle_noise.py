@@ -1,0 +1,92 @@
+"""What is known of the noise, and how many points are independent, in a cycle."""
+
+import numpy as np
+import pytest
+from shapes_made import gap, lumpy
+
+import quadriform as qf
+from quadriform.errors import OptionError, PointsError
+from quadriform.point_sets import PointSet
+
+SHRINKS = np.array([1.0, 0.9, 0.95])
+TRUTH = [lumpy(100, seed=t) * shrinks for t, shrinks in enumerate(SHRINKS)]
+SIGMA = np.where(np.arange(100) % 2, 0.2, 4.0)
+"""In the unit of points on a body whose radius is about 30: every other point is bad."""
+RNG = np.random.default_rng(5)
+NOISY = [cloud + SIGMA[:, None] * RNG.normal(size=cloud.shape) for cloud in TRUTH]
+
+
+def tracked(frames, **options):
+    return qf.track(frames, **{"box": (3, 3, 3), "robust": False} | options)
+
+
+def off(found):
+    return np.sqrt(np.mean([(model.distance(cloud) ** 2).mean() for model, cloud in zip(found.models, TRUTH)]))
+
+
+@pytest.fixture(scope="module")
+def known():
+    return tracked(NOISY, noise=[SIGMA] * 3)
+
+
+def test_points_that_are_known_to_be_bad_count_less(known):
+    assert off(known) < 0.5 * off(tracked(NOISY))
+
+
+def test_all_forms_of_the_same_noise_give_the_same(known):
+    covariances = SIGMA[:, None, None] ** 2 * np.eye(3)
+    forms = [
+        tracked(NOISY, noise=[covariances] * 3),
+        tracked([{"a": cloud} for cloud in NOISY], noise=[{"a": SIGMA}] * 3),
+        tracked([PointSet(cloud, noise=covariances) for cloud in NOISY]),
+    ]
+    for found in forms:
+        assert max(gap(one, other) for one, other in zip(found.models, known.models)) < 1e-9
+
+
+def test_the_noise_is_at_least_as_large_as_is_known():
+    """Of exact points: they would have less."""
+    assert tracked(TRUTH).noise < 1 < tracked(TRUTH, noise=2.0).noise == pytest.approx(2.0, rel=0.05)
+
+
+def test_noise_of_some_frames_only_says_nothing_of_the_others():
+    covariances = SIGMA[:, None, None] ** 2 * np.eye(3)
+    some = [PointSet(NOISY[0], noise=covariances), NOISY[1], NOISY[2]]
+    assert max(gap(*pair) for pair in zip(tracked(some).models, tracked(NOISY).models)) < 1e-9
+
+
+@pytest.mark.parametrize(
+    "noise, error, message",
+    [
+        ([1.0, 1.0], OptionError, "noise: expected a number or one entry for each of 3 frames, found 2"),
+        ([1.0, -1.0, 1.0], PointsError, "frame 1: noise"),
+        ([1.0, np.ones(7), 1.0], PointsError, "frame 1: noise"),
+    ],
+)
+def test_wrong_noise_is_named(noise, error, message):
+    with pytest.raises(error, match=message):
+        tracked(NOISY, noise=noise)
+
+
+def rings(points_of_each):
+    """Contours of a beating, twisted body in twelve planes, each drawn with a smooth error; frames of (n, 3)."""
+    rng, frames, angles = np.random.default_rng(8), [], np.arange(points_of_each) * 2 * np.pi / points_of_each
+    for shrinks in SHRINKS:
+        frame = []
+        for height in np.linspace(-0.9, 0.9, 12):
+            waves = rng.normal(0, 0.3, (5, 2))
+            error = sum(a * np.cos(k * angles) + b * np.sin(k * angles) for k, (a, b) in enumerate(waves, 1))
+            lobes = 1 + 0.15 * height * np.cos(2 * angles)
+            radius = 20 * shrinks * np.sqrt(1 - height**2) * lobes + error
+            frame.append(np.column_stack([radius * np.cos(angles), radius * np.sin(angles), 0 * angles + 30 * height]))
+        frames.append(np.concatenate(frame))
+    return frames
+
+
+@pytest.mark.slow
+def test_ten_times_more_points_along_the_same_contours_change_little():
+    """Counted as independent they would move the surface by more than half of the noise."""
+    few, many = (qf.track(rings(count), box=(4, 4, 4)) for count in (30, 300))
+    assert few.noise == pytest.approx(many.noise, rel=0.1)
+    for one, other in zip(few.models, many.models):
+        assert max(way.rms for way in qf.surface_distances(one, other)) < 0.2 * few.noise
