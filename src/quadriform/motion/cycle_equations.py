@@ -131,12 +131,12 @@ class CycleEvidence:
         found = cho_solve((factor, True), self.right, check_finite=False)
         penalties = self.count * (alpha * self._values[0][:, None] + gamma * self._values[1])
         ranked = penalties[penalties > 0]
-        free = 3 * float((penalties <= 0).sum())
-        rows = max(self.count - free, 1.0)
+        null_dimension = 3 * float((penalties <= 0).sum())
+        rows = max(self.count - null_dimension, 1.0)
         # the minimum of the sum over the degrees of freedom
         misfit = (self.constant - float(self.right @ found)) / rows
         variance = max(misfit, self.least_noise**2, SELECTION.noise_floor**2)
-        independent = max(self.effective_fraction * self.count - free, 1.0)
+        independent = max(self.effective_fraction * self.count - null_dimension, 1.0)
         criterion = (
             independent * (np.log(variance) + misfit / variance)
             + 2 * np.log(np.diag(factor)).sum()

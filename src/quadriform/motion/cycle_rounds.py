@@ -87,10 +87,10 @@ def fit_cycle(cycle: Cycle, start: ControlBox, alpha: float | None, progress: Pr
 
 
 def _near(cycle: Cycle, undeformed: CycleState, start: ControlBox, report: _Report) -> CycleState:
-    """All frames as affine images of a box, found on few points that all count, and the nearest foot points of all."""
+    """All frames as affine images of a box, found on an unweighted subsample, with the nearest foot points of all."""
     state = cycle.all_at(undeformed, start)
-    few = [[data.subsample(SCHEDULE.coarse_points[0], cycle.robust) for data in each] for each in state.datasets]
-    near, plain = replace(state, datasets=few, shifts=state.shifts[:0]), replace(cycle, planes=None, robust=False)
+    sample = [[data.subsample(SCHEDULE.coarse_points[0], cycle.robust) for data in each] for each in state.datasets]
+    near, plain = replace(state, datasets=sample, shifts=state.shifts[:0]), replace(cycle, planes=None, robust=False)
     gamma = ROUNDS.strongest * _first_in_time(state)
     for _ in range(ROUNDS.affine):
         near = plain.step(near.nearest(), (FOLDS.affine, gamma)) or near
