@@ -152,6 +152,24 @@ def test_what_surfaces_do_not_determine_is_reported_as_not_observed(known, measu
     assert all(row.observed and "not observed" not in row.how for row in tracked.rows)
 
 
+@pytest.mark.parametrize("supported", [0.97, 0.7])
+def test_volumes_of_closed_surfaces_without_data_are_not_observed(known, valve, supported):
+    """Those below the base still are, for there the data ends on purpose."""
+    models = [
+        replace(model, record=replace(model.record, supported={"endo": supported, "epi": 1.0})) for model in known
+    ]
+    closed, below = measure(models, TIMES), measure(models, TIMES, base=valve)
+    for found, quantity, observed in (
+        (closed, "end-diastolic volume", supported > 0.95),
+        (closed, "ejection fraction", supported > 0.95),
+        (below, "ejection fraction, closed", supported > 0.95),
+        (below, "ejection fraction", True),
+    ):
+        row = next(row for row in found.rows if row.quantity == quantity)
+        assert row.observed == observed == (not row.how.startswith("not observed, data supports 70 %"))
+        assert row.value == measure(known, TIMES, base=valve if found is below else None)[quantity]
+
+
 def test_segments_without_insertions_are_unanchored(measured):
     assert "UNANCHORED" in measured.warnings
     assert any(name.startswith("unanchored segment 17") for name in measured)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,7 +20,7 @@ from quadriform.points import Array, unit_vectors
 from quadriform.shapes.landmarks import BasePlane
 from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.model import DeformableModel
-from quadriform.shapes.record import together
+from quadriform.shapes.record import OBSERVED, together
 
 CUTS = 12
 """Planes through the long axis in which contours are measured."""
@@ -168,15 +169,26 @@ def _volume_rows(
         parts = [frames.models[number] for number in (ed, es) if number is not None]
         closed = frames.ml * np.array([volume(model, frames.cavity, None) for model in parts])
         words = "whole closed surface, beside the one below the base"
-        rows.append(Row("end-diastolic volume, closed", float(closed[0]), "ml", f"{diastole}, {words}"))
+        whole = [Row("end-diastolic volume, closed", float(closed[0]), "ml", f"{diastole}, {words}")]
         if es is not None:
-            rows += _function(closed, f"frames {ed} and {es}, {words}", ", closed")
+            whole += _function(closed, f"frames {ed} and {es}, {words}", ", closed")
+        rows += _of_closed_surfaces(whole, frames)
     if frames.wall is not None:
         # muscle is the volume between endocardium and epicardium
         outer = frames.ml * volume(frames.models[ed], frames.wall, planes[ed])
         how = f"{DENSITY:g} g/ml times the volume between the surfaces, {diastole}, {rule.description}"
         rows.append(Row("myocardial mass", DENSITY * float(outer - volumes[ed]), "g", how))
-    return rows
+    return _of_closed_surfaces(rows, frames) if planes[ed] is None else rows
+
+
+def _of_closed_surfaces(rows: list[Row], frames: HeartCycle) -> list[Row]:
+    """Rows about whole closed surfaces, not observed where data does not support these in some frame."""
+    recorded = [part for model in frames.models for part in model.record.supported.values()]
+    least = min(recorded, default=1.0)
+    if least >= OBSERVED:
+        return rows
+    about = f"not observed, data supports {100 * least:.0f} % of the surface"
+    return [replace(row, how=f"{about}: {row.how}", observed=False) for row in rows]
 
 
 def _function(pair: Array, how: str, suffix: str) -> list[Row]:
