@@ -93,9 +93,8 @@ def known(monkeypatch):
 
     def track(sets, **options):
         clouds = [{name: each.points for name, each in frame.items()} for frame in sets]
-        asked.update(
-            options, clouds=clouds, noise=[{name: each.noise for name, each in frame.items()} for frame in sets]
-        )
+        known = [{name: each.noise for name, each in frame.items()} for frame in sets]
+        asked.update(options, clouds=clouds, noise=known, stated=options.get("noise"))
         surface = qf.Superquadric(semi_axes=(14, 12, 21), translation=(10, 40, -20))
         box, times = qf.ControlBox.around(surface, (3, 3, 3)), np.arange(len(clouds)) * 1.0
         boxes = np.stack([box.control_points * (1 - 0.1 * time) for time in times])
@@ -202,3 +201,16 @@ def test_each_alone_gives_a_model_a_frame(terminal, ellipsoid, tmp_path):
     (tmp_path / "new" / "frame_001.json").write_bytes(b"mine")
     refused = terminal("track", *files, "-o", "new", "--strategy", "alone")
     assert refused.code == 5 and "frame_001.json': exists already" in refused.err
+
+
+@pytest.mark.slow
+def test_the_noise_that_is_stated_is_used_and_shown(terminal, contours, nifti, body, known):
+    record = json.loads(terminal("track", *contours, "-o", "out", "--noise", "1.5", "--json").out)
+    assert known["stated"] == 1.5 and record["known_noise"] == "1.5 mm, by --noise"
+    assert "nothing" in terminal("track", *contours, "-o", "bare").out and known["stated"] is None
+    path = nifti("cine.nii", np.stack([body == 1] * 2, axis=-1).astype(np.uint8))
+    shown = terminal("track", path, "-o", "mask", "--surface", "endo=label:1")
+    assert "0.866 mm along the edges of voxels" in " ".join(shown.out.replace("\u2502", " ").split())
+    for text in ("-1", "0", "inf", "nan", "much"):
+        refused = terminal("track", *contours, "-o", "no", f"--noise={text}")
+        assert refused.code == 2 and f"option --noise={text!r}: expected a standard deviation above 0" in refused.err

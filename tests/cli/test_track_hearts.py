@@ -52,12 +52,12 @@ def exact(monkeypatch):
     """The models of the ventricle in place of those of a fit."""
     models = HEART.models(TIMES)
 
-    def track(clouds, **options):
+    def track(sets, **options):
         boxes = np.stack([model.box.control_points for model in models])
         first = models[0]
         basis = TimeBasis(np.arange(2.0), 2.0)
         moving = qf.MovingModel(first.surfaces, first.box.origin, first.box.edges, basis, boxes)
-        residuals = tuple({name: np.ones(len(cloud)) for name, cloud in frame.items()} for frame in clouds)
+        residuals = tuple({name: np.ones(len(each.points)) for name, each in frame.items()} for frame in sets)
         every = tuple(moving.at(time) for time in range(2))
         whole = None if options["strategy"] == "alone" else moving
         return qf.Track(options["strategy"], np.arange(2.0), every, whole, residuals, 1.0, (1e-5,))

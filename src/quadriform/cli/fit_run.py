@@ -1,7 +1,7 @@
 """What `quadriform fit` does: which inputs make which models, and one record for each."""
 
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,6 +10,7 @@ import numpy as np
 
 from quadriform.cli.exit_codes import report_error
 from quadriform.cli.heart_volumes import supported_volumes, volume_rows, volumes_below
+from quadriform.cli.method_options import known_noise
 from quadriform.cli.options import Common, check_file_names, stem, surface_file
 from quadriform.cli.reporting import REPORT, fit_options, page_of_fit
 from quadriform.cli.results import MODEL, earlier_results
@@ -194,7 +195,8 @@ def _run(job: Job, options: Mapping[str, Any], common: Common) -> Record:
         found = replace(found, notes=(*without_folders(assumed, job.files), *found.notes))
         check_strict(common.strict, found.status, found.warnings)
     volumes = {} if job.heart is None else volumes_below(found.model) | supported_volumes(found.support)
-    known = known_noise(sources.values(), options.get("noise"))
+    unit = next(iter(sources.values())).unit
+    known = known_noise([source.noise for source in sources.values()], unit, options.get("noise"))
     record = _record(job, found, known, time.perf_counter() - begin) | volumes
     _write(job, found, _page(job, sources, found, record | fit_options(options)), common.force)
     return record
@@ -243,20 +245,6 @@ def _fit(job: Job, sources: Mapping[str, Source], options: Mapping[str, Any], la
 
 
 # --- records -----------------------------------------------------------------------------------------------------
-
-
-def known_noise(sources: Collection[Source], given: float | None) -> str:
-    """What is known of the noise of the points: the number of `--noise`, or what their images bring."""
-    each = [source.noise for source in sources]
-    unit = after_number(next(iter(sources)).unit)
-    if given is not None:
-        return f"{given:g}{unit}, by --noise"
-    known = [noise for noise in each if noise is not None]
-    if len(known) < len(each):
-        return "nothing"
-    # of an edge of a voxel, along which the error is uniform
-    largest = float(np.sqrt(max(np.trace(noise, axis1=1, axis2=2).max() for noise in known)))
-    return f"up to {largest:.3g}{unit} along the edges of voxels"
 
 
 def _record(job: Job, found: Fit, known: str, seconds: float) -> Record:

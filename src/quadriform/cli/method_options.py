@@ -1,12 +1,17 @@
 """Options of `quadriform fit` that choose how the model is fitted, and how they are read."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from quadriform.cli.options import decimals
+from quadriform.cli.screen import after_number
 from quadriform.errors import OptionError
 from quadriform.words import numbers
+
+if TYPE_CHECKING:
+    from quadriform.points import Array
 
 
 @dataclass(frozen=True)
@@ -76,6 +81,26 @@ def parse_noise(text: str | None) -> float | None:
             f"option --noise={text!r}: expected a standard deviation above 0 in the unit of the points, such as 0.5"
         )
     return number
+
+
+def known_noise(each: "Sequence[Array | None]", unit: str, given: float | None) -> str:
+    """What is known of the noise of points: the number of `--noise`, or what their images bring.
+
+    Args:
+        each: covariances (n, 3, 3) of the points of each surface, or None.
+        unit: of the points.
+        given: a standard deviation.
+    """
+    import numpy as np
+
+    if given is not None:
+        return f"{given:g}{after_number(unit)}, by --noise"
+    known = [noise for noise in each if noise is not None]
+    if len(known) < len(each):
+        return "nothing"
+    # of an edge of a voxel, along which the error is uniform
+    largest = float(np.sqrt(max(np.trace(noise, axis1=1, axis2=2).max() for noise in known)))
+    return f"up to {largest:.3g}{after_number(unit)} along the edges of voxels"
 
 
 def _box(text: str | None) -> tuple[int, ...] | str | None:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from quadriform.cli.method_options import parse_noise
 from quadriform.cli.options import Common, check_space, decimals, subcommand
 from quadriform.errors import OptionError
 from quadriform.words import numbers
@@ -57,6 +58,7 @@ class Motion:
             images the points between two slices are left out.
         box: Control points along each axis, as 5,5,5.
         strength: How strongly the box is regularised in space. [default: auto]
+        noise: Standard deviation of the points, in their unit, in place of that which images bring.
     """
 
     strategy: str = "cycle"
@@ -65,6 +67,7 @@ class Motion:
     shift_slices: bool = False
     box: str | None = None
     strength: float | None = None
+    noise: str | None = None
 
     def options(self) -> dict[str, Any]:
         """The arguments for `quadriform.track`, but for the slices.
@@ -76,6 +79,7 @@ class Motion:
             "times": None if self.times is None else decimals(self.times, "--times"),
             "box": None if self.box is None else numbers(self.box, 3, "--box"),
             "strength": self.strength,
+            "noise": parse_noise(self.noise),
         }
         given = {name: value for name, value in given.items() if value is not None}
         return {"strategy": self.strategy, "period": _period(self.period), **given}

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from quadriform.cli.heart_volumes import cycle_rows, cycle_volumes
+from quadriform.cli.method_options import known_noise
 from quadriform.cli.options import Common, stem
 from quadriform.cli.reporting import REPORT, measures_of, page_of_track, track_options
 from quadriform.cli.results import FRAMES, MODEL, earlier_results, frame_model
@@ -58,7 +59,9 @@ def run(
     models = {MODEL: found.moving} if found.moving else {frame_model(n): m for n, m in enumerate(found.models)}
     measures = measures_of(found.models, found.times if found.moving is not None else None)
     targets = [folder / name for name in (*models, FRAMES, REPORT)]
-    record = _record(shown, targets, found, measures, time.perf_counter() - begin)
+    each = [known.get(name) for known, clouds in zip(frames.noise, frames.clouds) for name in clouds]
+    stated = known_noise(each, found.models[0].unit, options.get("noise"))
+    record = _record(shown, targets, found, measures, time.perf_counter() - begin) | {"known_noise": stated}
     page = _page(found, frames, measures, title_of(shown), record | track_options(options))
     with replaced_together(folder, next(iter(models)), common.force, earlier) as staging:
         for name, model in models.items():
@@ -170,6 +173,7 @@ def _rows(record: Record) -> list[tuple[str, str]]:
         ("error RMS", f"{record['rms']:.4g}{unit}"),
         ("worst frame", f"{worst['frame']}: {worst['rms']:.4g}{unit}"),
         ("noise", f"{record['noise']:.4g}{unit}"),
+        ("known of the noise", record["known_noise"]),
         *([("largest shift of a slice", f"{max(shifts):.3g}{unit}")] if shifts else []),
         *cycle_rows(record),
         *ranges,
