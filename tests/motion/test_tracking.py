@@ -151,6 +151,21 @@ def test_without_data_a_shift_has_the_spread_that_is_assumed():
     assert (weights[len(own) - held :] > 1e4 * weights[0]).all()
 
 
+@pytest.mark.parametrize("count, followed", [(1, 1), (3, 3), (6, 4)])
+def test_polynomials_along_a_stack_are_no_shifts(count, followed):
+    """Constant, shear, bend and S, as far as there are slices to tell them apart: a single slice cannot move at all."""
+    t = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    ring = np.column_stack([np.cos(t), np.sin(t), 0 * t])
+    stack = np.concatenate([ring + np.array([0, 0, h]) for h in range(count)])
+    planes = SlicePlanes.of([{"wall": stack}], [{"wall": np.repeat(np.arange(count), len(t))}])
+    heights, unobservable = np.arange(count), planes.unobservable()
+    assert np.linalg.matrix_rank(unobservable) == 2 * followed
+    for degree in range(followed):
+        vectors = (heights**degree)[:, None] * [1.0, 2.0, 0.0]
+        shifts = np.einsum("ska,sa->sk", planes.axes, vectors).ravel()
+        np.testing.assert_allclose(unobservable @ np.linalg.lstsq(unobservable, shifts)[0], shifts, atol=1e-9)
+
+
 @pytest.mark.parametrize(
     "options, message",
     [
