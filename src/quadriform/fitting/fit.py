@@ -215,7 +215,7 @@ def precision_warnings(sets: Mapping[str, PointSet]) -> Warnings:
 def _refine_paper(
     surfaces: Mapping[str, Superquadric], clouds: _Clouds, options: PaperOptions, progress: Progress | None
 ) -> Fit:
-    """Centre and scale, refine, undo."""
+    """The fit by the paper's method: centred and scaled, refined, and back in the unit of the points."""
     frame = Frame.of(np.concatenate(list(clouds.points.values())))  # copies are points like any other
     local, superquadrics = _to_local(clouds.points, frame), _in_frame(surfaces, frame)
     box, history, strength = two_step(superquadrics, local, options, progress)
@@ -232,7 +232,10 @@ def _refine_tangent(
     kind: str | None = None,
     start: ControlBox | None = None,
 ) -> Fit:
-    """The same on a sample by index, then on all points; with a `kind` other superquadrics may serve as starts."""
+    """The fit by the default method, to a sample by index, then to all points.
+
+    With a `kind` other superquadrics may serve as starts.
+    """
     sample = clouds.take(index)
     centred = Centred.of(sample.points, sample.weights)
     frame, distinct = centred.frame, centred.distinct

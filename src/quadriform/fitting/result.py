@@ -48,10 +48,10 @@ class Warned:
 
 @dataclass(frozen=True)
 class Iteration:
-    """One iteration of the two steps; lengths in the unit of the data.
+    """One iteration of the two steps, or one round of the default method; lengths in the unit of the data.
 
     Attributes:
-        error: RMS distance between the model points after the step and their targets.
+        error: RMS distance between the model points after the step and their targets; of a round the noise.
         box_motion: RMS motion of the control points in this step, |P_{n+1} - P_n|.
         box_displacement: RMS distance of the control points from the undeformed box, |P_{n+1} - P_0|.
         surface_motion: RMS motion of the model points in this step, |X_{n+1} - X_n|: the stop test.
@@ -81,7 +81,7 @@ class SuperquadricFit(Warned):
             (radians), tx ty tz, hole radius; unit of the data; zero for what was fixed.
         inliers: (n,) probability of each point to be of the surface, 0 for points of weight 0.
         noise: standard deviation of the inliers' distances, in the unit of the data.
-        history: the criterion after each iteration.
+        history: the criterion P3 after each iteration; for the robust fit the least noise.
         iterations: how many there were.
         notes: as for `Fit`.
     """

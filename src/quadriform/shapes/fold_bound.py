@@ -97,7 +97,7 @@ def jacobian_bound(
     Args:
         box: the deformation.
         used: undeformed surfaces; the region is the union of their insides (of hyperboloids: of the box that holds
-            them). None: the region is the box.
+            them); without any it is the box.
         tolerance: the search ends when `lower` is within this share of |`sampled`|, apart from rounding.
         budget: the search ends, with a looser bound, when it has made this many leaves.
     """

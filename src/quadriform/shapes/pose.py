@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 from quadriform.points import Array
 
 EULER = "XYZ"
-"""Intrinsic turns about x, then the new y, then the new z."""
+"""Intrinsic rotations about x, then the new y, then the new z."""
 LOCKED = 1e-9
 """Cosine of the second angle below which the first and the third turn about the same axis."""
 

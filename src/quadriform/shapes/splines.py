@@ -73,15 +73,15 @@ class TimeBasis:
     def bending(self) -> Array:
         """Mean of the products of second derivatives, (K, K), time measured in spans.
 
-        With a period, of what is left beside a swing once a period, which is free as a straight line is without.
+        With a period, of what is left beside an oscillation once a period, which is free as a straight line is without.
         """
         second = self.span**4 * self._mean_product(2)
         if self.period is None:
             return second
         phase = 2 * np.pi * (self.knots - self.knots[0]) / self.period
         # A constant and one harmonic of the period are not penalised, as straight lines without a period.
-        swing = np.stack([np.ones_like(phase), np.cos(phase), np.sin(phase)], axis=1)
-        rest = np.eye(len(phase)) - swing @ np.linalg.pinv(swing)
+        oscillation = np.stack([np.ones_like(phase), np.cos(phase), np.sin(phase)], axis=1)
+        rest = np.eye(len(phase)) - oscillation @ np.linalg.pinv(oscillation)
         return rest.T @ second @ rest
 
     def _mean_product(self, order: int) -> Array:

@@ -62,7 +62,7 @@ class NormalEquations:
 
 
 def normal_equations(local: Array, metric: Array, residual: Array, degrees: tuple[int, int, int]) -> NormalEquations:
-    """Sum up n points.
+    """The normal equations of n points.
 
     Args:
         local: (n, 3) local coordinates of the points in the box.

@@ -21,7 +21,7 @@ class EnrichedBox:
     """The same data in a box with more control points, solved on first use: a fit without uncertainties needs none.
 
     Attributes:
-        box: the fitted one raised to the finer degrees, in the centred, scaled frame.
+        box: the fitted one elevated to the finer degrees, in the centred, scaled frame.
         evidence: of the data about it.
         near: the strength of the fitted box.
         scale: RMS radius of the data, which the frame has as its unit.
@@ -43,7 +43,7 @@ class EnrichedBox:
 
     @property
     def shift(self) -> Array:
-        """Its control points relative to those of the fitted box raised to the same degrees, (3 k,)."""
+        """Its control points relative to those of the fitted box elevated to the same degrees, (3 k,)."""
         return self.scale * ((self.box.rest - self.box.control_points).ravel() + self._solution.displacement.ravel())
 
     @property

@@ -22,7 +22,7 @@ def two_step(
     options: PaperOptions,
     progress: Progress | None = None,
 ) -> tuple[ControlBox, tuple[Iteration, ...], float]:
-    """Deform one box so that its surfaces approach their points.
+    """One box deformed so that its surfaces approach their points, with how it went.
 
     Args:
         superquadrics: name -> superquadric, centred and scaled.

@@ -23,7 +23,7 @@ from quadriform.fitting.least_squares.uncertainty import EnrichedBox
 from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.options import TangentOptions, check_strength
 from quadriform.fitting.refinement.base_prior import base_prior
-from quadriform.fitting.refinement.point_to_plane import data_rows, evidence_from, moved, record
+from quadriform.fitting.refinement.point_to_plane import data_rows, displaced, evidence_from, record
 from quadriform.fitting.refinement.surface_data import SurfaceData
 from quadriform.fitting.refinement.unfolding import JacobianPenalty, remove_folds
 from quadriform.fitting.result import Fit, unnamed
@@ -147,14 +147,14 @@ class _All:
         with ThreadPoolExecutor(threads_for(LARGE.part * len(jobs))) as pool:
             yield from pool.map(lambda job: work(*job), jobs)
 
-    def sums(self, box: ControlBox, raised: ControlBox, noise: float) -> tuple[NormalEquations, float]:
+    def sums(self, box: ControlBox, elevated: ControlBox, noise: float) -> tuple[NormalEquations, float]:
         """Normal equations for a box that deforms like the one with the foot points, and the sum of weights."""
 
         def of_part(surface: _Surface, chosen: slice) -> tuple[NormalEquations, float]:
             data = surface.part(chosen, self.frame, box, noise if self.robust else None, self.least_noise)
             rows = data_rows(data, box)
             offsets = rows.targets - rows.origins
-            equations = normal_equations(box.local(rows.origins), rows.metric, offsets, raised.degrees)
+            equations = normal_equations(box.local(rows.origins), rows.metric, offsets, elevated.degrees)
             return equations, data.count
 
         parts = self.each(self.surfaces, of_part)
@@ -264,15 +264,15 @@ def _unfolded(points: _All, evidence: Evidence, box: ControlBox, solution: Solut
     def penalised(state: _Solved, penalty: JacobianPenalty, strength: float) -> _Solved | None:
         # the penalty is linear about the state's box; the sums over all points are not taken anew
         found = evidence.plus(penalty.equations(state.box)).solve(strength)
-        return None if found is None else _Solved(moved(state.box, found), found)
+        return None if found is None else _Solved(displaced(state.box, found), found)
 
     for factor in LARGE.stronger:
         first = solution if factor == 1 else evidence.solve(factor * solution.strength)
         if first is None:
             continue
-        state = _Solved(moved(box, first), first)
-        most = LARGE.accepted * solution.noise
-        found = remove_folds(penalised, state, penalty, first.strength, surfaces, most)
+        state = _Solved(displaced(box, first), first)
+        largest_noise = LARGE.accepted * solution.noise
+        found = remove_folds(penalised, state, penalty, first.strength, surfaces, largest_noise)
         if found is not None:
             return replace(found, solution=replace(found.solution, curvature=solution.curvature))
     return None
@@ -284,13 +284,13 @@ def _enriched(
     """What a finer box says of all points."""
     if found.enriched is None:
         return None
-    # foot points of the fitted box are those of the raised one, which deforms space alike
-    raised = box.elevate(found.enriched.degrees)
+    # foot points of the fitted box are those of the elevated one, which deforms space alike
+    elevated = box.elevate(found.enriched.degrees)
     points = points.updated(box, noise)
-    equations, count = points.sums(box, raised, noise)
+    equations, count = points.sums(box, elevated, noise)
     fraction = solution.effective_fraction
-    evidence = evidence_from(equations, raised, regularity, count, fraction, points.least_noise)
-    return EnrichedBox(raised, evidence, solution.strength, points.frame.scale)
+    evidence = evidence_from(equations, elevated, regularity, count, fraction, points.least_noise)
+    return EnrichedBox(elevated, evidence, solution.strength, points.frame.scale)
 
 
 def _with_arrays(points: _All, fit: Fit) -> Fit:

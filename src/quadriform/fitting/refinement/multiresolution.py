@@ -18,9 +18,9 @@ from quadriform.fitting.refinement.base_prior import base_priors
 from quadriform.fitting.refinement.correspondence import Correspondence
 from quadriform.fitting.refinement.point_to_plane import (
     Attraction,
+    displaced,
     evidence_of,
     fraction_of,
-    moved,
     record,
     step_length,
 )
@@ -105,18 +105,16 @@ class Refined:
         """Standard deviation of the inliers' point-to-plane residuals."""
         return self.solution.noise
 
-    @property
-    def covered(self) -> bool:
+    def is_covered(self) -> bool:
         """Whether the data samples all of every surface."""
         return all(data.is_covered() for data in self.datasets)
 
-    @property
     def self_intersecting(self) -> bool:
         """Whether a surface intersects itself or another, of data that covers every surface.
 
         False for data with gaps: there a greater strength is tried instead.
         """
-        if not self.covered:
+        if not self.is_covered():
             return False
         surfaces = {str(number): data.superquadric for number, data in enumerate(self.datasets)}
         return bool(DeformableModel(surfaces, self.box).crossings())
@@ -334,7 +332,7 @@ class Problem:
         solution = evidence.plus(penalty.equations(box)).solve(strength)
         if solution is None:
             return None
-        whole, penalties = moved(box, solution), (penalty, *base_priors(datasets, box))
+        whole, penalties = displaced(box, solution), (penalty, *base_priors(datasets, box))
 
         # the penalty is linear only near the box: a whole step may make it larger
         def at(length: float) -> ControlBox:
@@ -375,7 +373,7 @@ class Stage:
         fraction = self.independence.fraction(state.box, datasets, state.solution is None)
         evidence = self.problem.evidence(datasets, attractions, state.box, fraction)
         solution = evidence.select(self.problem.strength, state.solution)
-        after = Refined(moved(state.box, solution), datasets, solution, state.history)
+        after = Refined(displaced(state.box, solution), datasets, solution, state.history)
         return self.problem.recorded(state.box, after)
 
     def converged(self, state: Refined) -> bool:

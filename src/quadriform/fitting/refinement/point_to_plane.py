@@ -123,7 +123,7 @@ def fraction_of(datasets: Sequence[SurfaceData], box: ControlBox) -> float:
     return float(np.average(kept, weights=counts))
 
 
-def moved(box: ControlBox, solution: Solution) -> ControlBox:
+def displaced(box: ControlBox, solution: Solution) -> ControlBox:
     """The undeformed box with the displacement of a solution."""
     return box.with_control_points(box.rest + solution.displacement.reshape(box.control_points.shape))
 

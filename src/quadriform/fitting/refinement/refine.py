@@ -14,7 +14,13 @@ from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.options import TangentOptions, check_box, check_strength
 from quadriform.fitting.refinement.multiresolution import SCHEDULE, Problem, Refined, Report
 from quadriform.fitting.refinement.point_to_plane import evidence_of
-from quadriform.fitting.refinement.stages import all_coarse_stages, fine_stage, first_stage, shapes, warm_start
+from quadriform.fitting.refinement.stages import (
+    all_coarse_stages,
+    control_point_counts,
+    fine_stage,
+    first_stage,
+    warm_start,
+)
 from quadriform.fitting.refinement.starts import candidates
 from quadriform.fitting.refinement.surface_data import Subsample, SurfaceData
 from quadriform.fitting.refinement.unfolding import accepted_noise, least_regularised, without_folds
@@ -76,7 +82,7 @@ class LocalProblem:
 
 
 def refine_tangent(problem: LocalProblem, surfaces: dict[str, Superquadric], kind: str | None) -> Result:
-    """Refine all surfaces at once.
+    """The refinement of all surfaces at once.
 
     Args:
         problem: points and options.
@@ -129,7 +135,7 @@ def _certified(
     problem: LocalProblem,
     starts: Sequence[dict[str, Superquadric]],
     shape: tuple[int, int, int],
-    most: float | None = None,
+    largest_noise: float | None = None,
 ) -> tuple["Tried", "Tried | None"]:
     """The first start refined, and the best start that unfolds at an accepted noise, or else the one of least noise.
 
@@ -141,13 +147,13 @@ def _certified(
         problem: points and options.
         starts: superquadrics by name.
         shape: control points along each axis.
-        most: the accepted noise; None for that of the first start.
+        largest_noise: the accepted noise; None for that of the first start.
     """
     tried, noisy = list["Tried"](), list["Tried"]()
     for trial in _self_intersecting_last(_ordered(problem, starts, shape)):
         refined = fine_stage(trial.problem, trial.datasets, trial.coarse)
         tried.append((trial, refined))
-        accepted = accepted_noise(tried[0][1]) if most is None else most
+        accepted = accepted_noise(tried[0][1]) if largest_noise is None else largest_noise
         # between several surfaces a fold is worse than noise
         limit = np.inf if len(trial.surfaces) > 1 else accepted
         for found in without_folds(trial.problem, refined, trial.surfaces, limit):
@@ -192,7 +198,7 @@ class _Trial:
         surfaces = {name: start[name] for name in local.clouds}
         box, options = common_box(start, shape), local.options
         probes = np.concatenate([surface.grid(PROBES)[0] for surface in surfaces.values()])
-        report = Report(local.progress, SCHEDULE.coarse_rounds * len(shapes(box)) + SCHEDULE.fine_rounds)
+        report = Report(local.progress, SCHEDULE.coarse_rounds * len(control_point_counts(box)) + SCHEDULE.fine_rounds)
         strength = check_strength(options.strength)
         problem = Problem(box, probes, options.regularity, strength, options.robust, report, local.noise.least)
         datasets = [data.around(each) for data, each in zip(local.datasets, surfaces.values())]
@@ -226,7 +232,7 @@ def _self_intersecting_last(trials: Sequence[_Trial]) -> Iterator[_Trial]:
     """In their order, but those whose surfaces intersect after the coarse stages at the end."""
     last = []
     for trial in trials:
-        if trial.coarse.self_intersecting:
+        if trial.coarse.self_intersecting():
             last.append(trial)
         else:
             yield trial

@@ -29,8 +29,8 @@ from quadriform.shapes.control_box import ControlBox
 ONCE = StoppingRule(1)
 
 
-def shapes(box: ControlBox) -> list[tuple[int, int, int]]:
-    """Control points along each axis from stage to stage: 3, 5, 7 ... up to those of the box."""
+def control_point_counts(box: ControlBox) -> list[tuple[int, int, int]]:
+    """Numbers of control points along each axis from stage to stage: 3, 5, 7 ... up to those of the box."""
     l, m, n, _ = box.control_points.shape
     most = max(l, m, n)
     return sorted({(min(l, s), min(m, s), min(n, s)) for s in (*range(3, most, 2), most)})
@@ -39,11 +39,15 @@ def shapes(box: ControlBox) -> list[tuple[int, int, int]]:
 def first_stage(problem: Problem, sample: Subsample) -> Refined:
     """The stage with the fewest control points, from the undeformed box."""
     box = problem.box
-    return _coarse_stage(problem, ControlBox.undeformed(box.origin, box.edges, shapes(box)[0]), sample, ())
+    return _coarse_stage(
+        problem, ControlBox.undeformed(box.origin, box.edges, control_point_counts(box)[0]), sample, ()
+    )
 
 
 def coarse_stages(problem: Problem, first: Refined, sample: Subsample) -> Refined:
-    """All further stages on few points that are matched anew in each round; the last round on the data alone.
+    """The state after all further stages on few points, matched anew in each round; the last round on the data alone.
+
+    A box of one stage repeats it.
 
     Args:
         problem: of all rounds.
@@ -51,7 +55,7 @@ def coarse_stages(problem: Problem, first: Refined, sample: Subsample) -> Refine
         sample: the points.
     """
     box, history = first.box, first.history
-    for l, m, n in shapes(problem.box)[1:] or shapes(problem.box):
+    for l, m, n in control_point_counts(problem.box)[1:] or control_point_counts(problem.box):
         found = _coarse_stage(problem, box.elevate((l - 1, m - 1, n - 1)), sample, history)
         box, history = found.box, found.history
     alone = Stage(problem, TangentialSteps(), FixedWeights(), ONCE)
@@ -74,12 +78,12 @@ def warm_start(
 
 
 def all_coarse_stages(problem: Problem, first: Refined, datasets: Sequence[SurfaceData]) -> Refined:
-    """The coarse stages; self-intersecting ones again on other points: the first without these, or the last."""
+    """The coarse stages, on other points while they self-intersect: the first result that does not, or the last."""
     for count in SCHEDULE.coarse_points:
         sample = Subsample.of(datasets, count, problem.robust)
         again = first if count == SCHEDULE.coarse_points[0] else first_stage(problem, sample)
         found = coarse_stages(problem, again, sample)
-        if not found.self_intersecting:
+        if not found.self_intersecting():
             break
     return _not_worse(problem, found, datasets)
 
@@ -108,8 +112,8 @@ def fine_stage(problem: Problem, datasets: Sequence[SurfaceData], coarse: Refine
     rounds = SCHEDULE.fine_rounds
     if max(len(data.points) for data in datasets) > SCHEDULE.medium_points:
         some = [data.subsample(SCHEDULE.medium_points, robust=False) for data in datasets]
-        state, rounds = _of(some, coarse, _stage(problem, rounds), state), SCHEDULE.last_rounds
-    found = _of(datasets, coarse, _stage(problem, rounds), state)
+        state, rounds = _run_on_points(some, coarse, _stage(problem, rounds), state), SCHEDULE.last_rounds
+    found = _run_on_points(datasets, coarse, _stage(problem, rounds), state)
     if problem.strength is None:
         return _with_details(problem, found)
     if found.solution.strength != problem.strength:
@@ -141,7 +145,7 @@ def _stage(problem: Problem, rounds: int) -> Stage:
     return Stage(problem, TangentialSteps(), problem.kernel, stop, Correlated(float(problem.box.rest.size)))
 
 
-def _of(datasets: Sequence[SurfaceData], coarse: Refined, stage: Stage, state: Start | Refined) -> Refined:
+def _run_on_points(datasets: Sequence[SurfaceData], coarse: Refined, stage: Stage, state: Start | Refined) -> Refined:
     """A stage on other points than those of the state."""
     first = tuple(replace(data, origins=_first_origins(data, part)) for data, part in zip(datasets, coarse.datasets))
     return stage.run(Start(state.box, first, state.solution, state.noise, state.history))

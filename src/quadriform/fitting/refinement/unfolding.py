@@ -41,7 +41,7 @@ class FoldRemoval:
     fine_lattice: int = 45
     """The same in the search for low determinants where only the proof fails."""
     fine_grid: int = 32
-    """The same on the surfaces."""
+    """Cells along an edge of the grids on the surfaces, in that search."""
     strongest: float = 1e3
     """Fold removal begins at this many times the strength, where maps are nearly affine."""
     descent: int = 8
@@ -80,7 +80,7 @@ S = TypeVar("S", bound=State)
 
 @dataclass(frozen=True)
 class JacobianPenalty:
-    """Penalty on small Jacobian determinants: weight (MIN_DETERMINANT - det)^2 over the points with less.
+    """Penalty on small Jacobian determinants: weight (FOLDS.min_determinant - det)^2 over the points with less.
 
     Attributes:
         points: (n, 3), before deformation, where the determinant is computed.
@@ -136,11 +136,11 @@ def remove_folds(
     penalty: JacobianPenalty,
     strength: float,
     surfaces: Mapping[str, Superquadric],
-    most: float,
+    largest_noise: float,
 ) -> S | None:
     """The state after rounds under a growing penalty until it is verified to be free of folds.
 
-    None where that is not reached with a noise of at most `most`.
+    None where that is not reached with a noise of at most `largest_noise`.
 
     Args:
         penalised: the state after a round at a strength with the penalty; None where control points stay undetermined.
@@ -148,11 +148,11 @@ def remove_folds(
         penalty: of the first round.
         strength: of all rounds.
         surfaces: name -> superquadric.
-        most: the noise that is accepted.
+        largest_noise: the noise that is accepted.
     """
     found: S | None = state
     for _ in range(FOLDS.most_rounds):
-        if found is None or found.solution.noise > most:
+        if found is None or found.solution.noise > largest_noise:
             return None
         verified, penalty = penalty.check(found.box, surfaces)
         if verified:
@@ -178,7 +178,7 @@ def least_regularised(problem: Problem, refined: Refined, surfaces: dict[str, Su
     # one strength a decade: each map begins near that of the last
     decades = int(np.ceil(np.log10(FOLDS.affine / refined.solution.strength)))
     for strength in np.geomspace(FOLDS.affine, refined.solution.strength, max(decades, 0) + 1):
-        unfolded, above = _lifted(problem, problem.weighted(unfolded), penalty, float(strength))
+        unfolded, above = _after_penalised_rounds(problem, problem.weighted(unfolded), penalty, float(strength))
         if not above or not certified(unfolded.box, surfaces):
             break
         if best is None or unfolded.noise < best.noise:
@@ -187,20 +187,20 @@ def least_regularised(problem: Problem, refined: Refined, surfaces: dict[str, Su
 
 
 def without_folds(
-    problem: Problem, refined: Refined, surfaces: dict[str, Superquadric], most: float
+    problem: Problem, refined: Refined, surfaces: dict[str, Superquadric], largest_noise: float
 ) -> Iterator[Refined]:
-    """Refinements that are verified to be free of folds inside the surfaces, with a noise of at most `most`.
+    """Refinements that are verified to be free of folds inside the surfaces, with a noise of at most `largest_noise`.
 
     The given one itself if it is; else by fold removal from its box and from the undeformed one: from the latter first
     where it is self-intersecting, for then its foot points are misleading.
     """
     penalty = _penalty(refined, surfaces)
-    accepted = refined.noise <= most
+    accepted = refined.noise <= largest_noise
     if accepted and penalty.minimum(refined.box) > FOLDS.verifiable and certified(refined.box, surfaces):
         yield refined
-    for undeformed in (True, False) if refined.self_intersecting else (False, True):
+    for undeformed in (True, False) if refined.self_intersecting() else (False, True):
         start = _undeformed(refined) if undeformed else refined
-        found = _descended(problem, start, penalty, surfaces, most)
+        found = _by_decreasing_strength(problem, start, penalty, surfaces, largest_noise)
         if found is not None:
             yield with_nearest_foot_points(problem, found, penalty, surfaces)
 
@@ -210,8 +210,12 @@ def _penalty(refined: Refined, surfaces: Mapping[str, Superquadric]) -> Jacobian
     return JacobianPenalty.of(refined.box, surfaces, count, refined.noise)
 
 
-def _descended(
-    problem: Problem, refined: Refined, penalty: JacobianPenalty, surfaces: dict[str, Superquadric], most: float
+def _by_decreasing_strength(
+    problem: Problem,
+    refined: Refined,
+    penalty: JacobianPenalty,
+    surfaces: dict[str, Superquadric],
+    largest_noise: float,
 ) -> Refined | None:
     """From a strength under which nothing folds down to the given one, always with the penalty.
 
@@ -220,13 +224,13 @@ def _descended(
     """
     strength, found = refined.solution.strength, None
     for factor in np.geomspace(FOLDS.strongest, 1, FOLDS.descent):
-        refined, above = _lifted(problem, refined, penalty, factor * strength)
-        if above and refined.noise <= most and certified(refined.box, surfaces):
+        refined, above = _after_penalised_rounds(problem, refined, penalty, factor * strength)
+        if above and refined.noise <= largest_noise and certified(refined.box, surfaces):
             found = refined
         # the noise at the largest strength is that of a nearly affine map: no certified result need be worse
         if factor == FOLDS.strongest:
-            most = min(most, refined.noise)
-    return remove_folds(problem.penalised, refined, penalty, strength, surfaces, most) or found
+            largest_noise = min(largest_noise, refined.noise)
+    return remove_folds(problem.penalised, refined, penalty, strength, surfaces, largest_noise) or found
 
 
 def with_nearest_foot_points(
@@ -245,8 +249,8 @@ def with_nearest_foot_points(
             datasets = MixtureWeights().weighted(renewed.box, renewed.datasets, refined.noise)
             renewed = replace(renewed, datasets=datasets)
         strength, noise = refined.solution.strength, refined.noise
-        lifted, _ = _lifted(problem, renewed, penalty, strength)
-        unfolded = remove_folds(problem.penalised, lifted, penalty, strength, surfaces, noise)
+        penalised, _ = _after_penalised_rounds(problem, renewed, penalty, strength)
+        unfolded = remove_folds(problem.penalised, penalised, penalty, strength, surfaces, noise)
         if unfolded is None:
             return refined
         refined = unfolded
@@ -258,7 +262,9 @@ def _misfit(refined: Refined) -> float:
     return float(sum((data.weights * data.distances(refined.box) ** 2).sum() for data in refined.datasets))
 
 
-def _lifted(problem: Problem, refined: Refined, penalty: JacobianPenalty, strength: float) -> tuple[Refined, bool]:
+def _after_penalised_rounds(
+    problem: Problem, refined: Refined, penalty: JacobianPenalty, strength: float
+) -> tuple[Refined, bool]:
     """The refinement after a few rounds with the penalty at one strength, and whether a proof may succeed."""
     for _ in range(FOLDS.rounds):
         after = problem.penalised(refined, penalty, strength)

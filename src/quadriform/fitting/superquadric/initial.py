@@ -71,9 +71,9 @@ def principal_frame(points: Array) -> tuple[Array, Array, Array]:
     moments, axes = np.linalg.eigh(inertia)
     axes = canonical_axes(moments, axes, offset)
     moments, axes = moments[::-1], axes[:, ::-1].copy()
-    tails = ((offset @ axes) ** 3).sum(axis=0)
+    skewness = ((offset @ axes) ** 3).sum(axis=0)
     # signs by the third moments; of symmetric clouds they do not matter
-    axes[:, tails < 0] *= -1
+    axes[:, skewness < 0] *= -1
     axes[:, 0] = np.cross(axes[:, 1], axes[:, 2])
     return centre, axes, moments
 
@@ -203,7 +203,7 @@ def reach(points: Array, cloud: Array) -> Array:
 
 
 def dense_parts(points: Array) -> Array:
-    """Weights (2, n), 0 or 1, of two parts of a cloud: without lone points, and the densest points only."""
+    """Weights (2, n), 0 or 1, of two parts of a cloud: without isolated points, and the densest points only."""
     far = reach(points, points)
     most = (1 + EQUAL.neighbours) * np.array([START.sparse * np.median(far), np.quantile(far, START.dense_fraction)])
     return (far <= most[:, None]).astype(np.float64)

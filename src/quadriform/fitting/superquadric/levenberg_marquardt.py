@@ -313,7 +313,7 @@ class Descent:
         # a Gaussian prior on the exponents, in the units of the weighted squares
         prior = (self.mixture.sigma / EXPONENT_SPREAD) ** 2
         gradient[:, POWERS] += prior[:, None] * (self.candidates.exponents - 1)
-        diagonal = np.einsum("mii->mi", normal)
+        diagonal = np.einsum("mii->mi", normal)  # a view: what is written to it is in the matrix that is solved
         diagonal[:, POWERS] += prior[:, None]
         # the same of the size, with a curvature that is an upper bound of its own
         size = self.mixture.sigma[:, None] ** 2 * self.extent().derivatives(self.candidates)

@@ -175,7 +175,7 @@ def em(descent: Descent) -> Mixture:
 
 
 def solve(problem: Problem) -> Solution:
-    """Fit one superquadric to points of which some may be outliers, parts of other things, or missing."""
+    """The superquadric of points of which some may be outliers, parts of other things, or missing."""
     cloud = problem.sample(SEARCH.cloud)
     parts = dense_parts(cloud.points)
     core = parts[0] > 0
@@ -213,7 +213,7 @@ def nearby(problem: Problem, starts: list[Superquadric]) -> Superquadric:
 
 
 def _with_density_odds(problem: Problem, winner: tuple[Candidates, Mixture], longest: float) -> Problem:
-    """The problem with the odds that crowding gives, when the best candidate leaves outliers."""
+    """The problem with the odds that the density of points gives, when the best candidate leaves outliers."""
     inliers = problem.descent(*winner, longest).inliers[0]
     return replace(problem, odds=density_odds(reach(problem.points, problem.sample(SEARCH.cloud).points), inliers))
 
@@ -314,7 +314,7 @@ class Search:
         return ellipsoids(self.cloud.points, parts * self.cloud.weights, rotations)
 
     def frames(self, parts: Array, rotations: Array) -> Array:
-        """Turns (k, 3, 3) of the principal axes of each part, or the fixed rotation: (H, k, 3, 3)."""
+        """Orientations (k, 3, 3) of the principal axes of each part, or the fixed rotation: (H, k, 3, 3)."""
         fixed_mask = self.cloud.fixed.get("rotation")
         if fixed_mask is not None:
             return np.broadcast_to(fixed_mask, (len(parts), 1, 3, 3))
