@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +19,7 @@ from quadriform.shapes.record import Estimate
 from quadriform.shapes.superquadric import Superquadric
 from quadriform.words import listed, summary
 
+Value = TypeVar("Value")
 HalfSpace = tuple[Array, Array]
 """A point of a plane and the unit direction to the side that is meant, (3,) each."""
 Progress = Callable[[int, int], None]
@@ -171,12 +173,12 @@ class Fit(Warned):
     @property
     def supported(self) -> float | dict[str, float]:
         """Share [0, 1] of the area of the surface that data supports; with several surfaces by name."""
-        return alone({name: each.area for name, each in self.support.items()})
+        return unnamed({name: each.area for name, each in self.support.items()})
 
     @property
     def extends_beyond(self) -> float | dict[str, float]:
         """How far the surface reaches beyond the data, in their unit; with several surfaces by name."""
-        return alone({name: each.extends_beyond for name, each in self.support.items()})
+        return unnamed({name: each.extends_beyond for name, each in self.support.items()})
 
     def volume(self, surface: str | None = None) -> Estimate:
         """The enclosed volume of a surface, the first without a name, and the share of it below supported area.
@@ -284,13 +286,8 @@ class Result:
     counted: dict[str, NDArray[np.bool_]] | None = None
 
 
-def alone(values: dict[str, float]) -> float | dict[str, float]:
-    """The number of a single surface without a name of its own, or else the mapping."""
-    return values[ALONE] if values.keys() == {ALONE} else values
-
-
-def unnamed(values: dict[str, Array]) -> Array | dict[str, Array]:
-    """The array of a single surface without a name of its own, or else the mapping."""
+def unnamed(values: dict[str, Value]) -> Value | dict[str, Value]:
+    """The value of a single surface without a name of its own, or else the mapping."""
     return values[ALONE] if values.keys() == {ALONE} else values
 
 

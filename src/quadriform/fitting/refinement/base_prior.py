@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quadriform.fitting.least_squares.normal_equations import NormalEquations, normal_equations
+from quadriform.fitting.least_squares.normal_equations import NormalEquations
+from quadriform.fitting.refinement.point_to_plane import Rows
 from quadriform.fitting.refinement.surface_data import SurfaceData
 from quadriform.fitting.result import HalfSpace
 from quadriform.points import Array
@@ -55,7 +56,7 @@ class BasePrior:
         direction = self.half_space[1]
         metric = (weights * (heights > 0))[:, None, None] * np.outer(direction, direction)
         targets = box.deform(origins) - heights[:, None] * direction
-        return normal_equations(box.local(origins), metric, targets - origins, box.degrees)
+        return Rows(origins, targets, metric).equations(box)
 
     def cost(self, box: ControlBox) -> float:
         """The penalty itself."""

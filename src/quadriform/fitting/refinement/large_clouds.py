@@ -17,13 +17,13 @@ from quadriform.errors import WarningKind, Warnings
 from quadriform.fitting.cloud import Centred
 from quadriform.fitting.diagnostics import duplicates, named_texts, outliers
 from quadriform.fitting.least_squares.marginal_likelihood import Evidence, Solution
-from quadriform.fitting.least_squares.normal_equations import NormalEquations, normal_equations
+from quadriform.fitting.least_squares.normal_equations import NormalEquations
 from quadriform.fitting.least_squares.regularisers import Regulariser
 from quadriform.fitting.least_squares.uncertainty import EnrichedBox
 from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.options import TangentOptions, check_strength
 from quadriform.fitting.refinement.base_prior import base_prior
-from quadriform.fitting.refinement.point_to_plane import data_rows, displaced, evidence_from, record
+from quadriform.fitting.refinement.point_to_plane import data_rows, displaced, evidence_from, probes, record
 from quadriform.fitting.refinement.surface_data import SurfaceData
 from quadriform.fitting.refinement.unfolding import JacobianPenalty, remove_folds
 from quadriform.fitting.result import Fit, unnamed
@@ -152,10 +152,7 @@ class _All:
 
         def of_part(surface: _Surface, chosen: slice) -> tuple[NormalEquations, float]:
             data = surface.part(chosen, self.frame, box, noise if self.robust else None, self.least_noise)
-            rows = data_rows(data, box)
-            offsets = rows.targets - rows.origins
-            equations = normal_equations(box.local(rows.origins), rows.metric, offsets, elevated.degrees)
-            return equations, data.count
+            return data_rows(data, box).equations(box, elevated.degrees), data.count
 
         parts = self.each(self.surfaces, of_part)
         total, count = next(parts)
@@ -221,7 +218,7 @@ def _rounds(points: _All, found: Fit, box: ControlBox, options: TangentOptions) 
     noise, history = found.noise / scale, list(found.history)
     effective_fraction = 1.0 if found.enriched is None else found.enriched.evidence.effective_fraction
     solutions = list[Solution]()
-    probes = np.concatenate([surface.data.superquadric.grid(8)[0] for surface in points.surfaces])
+    measured = probes(surface.data.superquadric for surface in points.surfaces)
     for _ in range(LARGE.rounds):
         points = points.updated(box, noise)
         equations, count = points.sums(box, box, noise)
@@ -234,7 +231,7 @@ def _rounds(points: _All, found: Fit, box: ControlBox, options: TangentOptions) 
         before, box, solution = box, after.box, after.solution
         solutions.append(solution)
         noise = solution.noise
-        history.append(record(before, box, probes, noise).scaled(scale))
+        history.append(record(before, box, measured, noise).scaled(scale))
     solution = solutions[-1]
     result = replace(
         found,

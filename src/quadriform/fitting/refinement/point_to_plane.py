@@ -9,7 +9,7 @@ of the largest evidence. H_i penalises the part of r_i along the surface: little
 surface, fully across an isolated curve of data, where nothing else does.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +29,8 @@ LEAST_TANGENTIAL = 2e-3
 """Weight of the tangential part of a residual, relative to the normal one: it limits steps along the surface."""
 SMALLEST_STEP = 1e-3
 """A step of which not even this fraction lowers the sum is as good as none."""
+PROBES = 8
+"""Cells along an edge of the grids by which the motion of the surfaces in a round is measured."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,11 @@ class Rows:
     origins: Array
     targets: Array
     metric: Array
+
+    def equations(self, box: ControlBox, degrees: tuple[int, int, int] | None = None) -> NormalEquations:
+        """Their sum in the displacement of the undeformed box, or of one of other degrees that deforms alike."""
+        offsets = self.targets - self.origins
+        return normal_equations(box.local(self.origins), self.metric, offsets, degrees or box.degrees)
 
 
 def data_rows(data: SurfaceData, box: ControlBox) -> Rows:
@@ -92,9 +99,8 @@ def evidence_of(
     ]
     origins, targets = np.concatenate([r.origins for r in rows]), np.concatenate([r.targets for r in rows])
     metric = np.concatenate([r.metric for r in rows])
-    # the unknown is the displacement of the control points from the undeformed box
-    equations = normal_equations(box.local(origins), metric, targets - origins, box.degrees)
     count = sum(data.count for data in datasets)
+    equations = Rows(origins, targets, metric).equations(box)
     return evidence_from(equations, box, regularity, count, effective_fraction, least_noise)
 
 
@@ -134,6 +140,11 @@ def step_length(total: Callable[[float], float]) -> float:
     while total(length) > before and length > SMALLEST_STEP:
         length /= 2
     return length
+
+
+def probes(superquadrics: Iterable[Superquadric]) -> Array:
+    """Points (n, 3) of all surfaces before deformation, by which their motion in a round is measured."""
+    return np.concatenate([surface.grid(PROBES)[0] for surface in superquadrics])
 
 
 def record(before: ControlBox, after: ControlBox, probes: Array, noise: float) -> Iteration:

@@ -13,7 +13,7 @@ from quadriform.fitting.least_squares.uncertainty import EnrichedBox
 from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.options import TangentOptions, check_box, check_strength
 from quadriform.fitting.refinement.multiresolution import SCHEDULE, Problem, Refined, Report
-from quadriform.fitting.refinement.point_to_plane import evidence_of
+from quadriform.fitting.refinement.point_to_plane import evidence_of, probes
 from quadriform.fitting.refinement.stages import (
     all_coarse_stages,
     control_point_counts,
@@ -36,8 +36,6 @@ MORE = 2
 MUCH_NEARER = 0.5
 """An undeformed start at less than this fraction of the distance of all starts after their first stage is tried first.
 Around its true surface a start is as near before as after."""
-PROBES = 8
-"""Cells along an edge of the grids by which the motion of the surfaces in a round is measured."""
 
 
 @dataclass(frozen=True)
@@ -197,10 +195,10 @@ class _Trial:
         """From superquadrics by name and the number of control points along each axis."""
         surfaces = {name: start[name] for name in local.clouds}
         box, options = common_box(start, shape), local.options
-        probes = np.concatenate([surface.grid(PROBES)[0] for surface in surfaces.values()])
         report = Report(local.progress, SCHEDULE.coarse_rounds * len(control_point_counts(box)) + SCHEDULE.fine_rounds)
         strength = check_strength(options.strength)
-        problem = Problem(box, probes, options.regularity, strength, options.robust, report, local.noise.least)
+        measured = probes(surfaces.values())
+        problem = Problem(box, measured, options.regularity, strength, options.robust, report, local.noise.least)
         datasets = [data.around(each) for data, each in zip(local.datasets, surfaces.values())]
         return cls(local, surfaces, problem, datasets)
 
