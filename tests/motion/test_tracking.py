@@ -7,6 +7,7 @@ from shapes_made import even_directions, made
 import quadriform as qf
 from quadriform.errors import OptionError, PointsError
 from quadriform.motion.slice_shifts import SHIFTING, SlicePlanes
+from quadriform.motion.tracking import STACK
 
 FRAMES, BOX = 6, (3, 3, 3)
 OUTER = made(exponents=(1, 1), semi_axes=(20, 18, 30))
@@ -128,6 +129,17 @@ def test_a_slice_that_moved_is_put_back():
     assert shifted.rms < 0.6 * plain.rms
     mean = np.mean([off(model, time) for time, model in enumerate(shifted.models)])
     assert mean < np.mean([off(model, time) for time, model in enumerate(plain.models)])
+
+
+def test_shifts_that_the_slices_do_not_determine_are_noted():
+    """Of short-axis slices alone; long-axis ones determine how the stack leans."""
+    frames, numbers = ([{"endo": each["endo"]} for each in every[:2]] for every in sliced())
+    stack = [{"endo": each["endo"] < 5} for each in numbers]
+    across = [{"endo": cloud["endo"][kept["endo"]]} for cloud, kept in zip(frames, stack)]
+    of_stack = [{"endo": each["endo"][kept["endo"]]} for each, kept in zip(numbers, stack)]
+    assert STACK in qf.track(across, slices=of_stack, box=BOX).notes
+    assert STACK not in qf.track(frames, slices=numbers, box=BOX).notes
+    assert STACK not in qf.track(across, box=BOX).notes
 
 
 def test_the_axes_of_a_slice_lie_in_its_plane():

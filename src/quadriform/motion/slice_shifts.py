@@ -79,6 +79,12 @@ class SlicePlanes:
             np.array(counts),
         )
 
+    @property
+    def are_parallel(self) -> bool:
+        """Whether nothing crosses the slices, so that the shear and the bend of their stack stay open."""
+        normals = np.cross(self.axes[:, 0], self.axes[:, 1])
+        return bool((np.abs(normals @ normals.T) > SHIFTING.parallel).all())
+
     def unobservable(self) -> Array:
         """Weighted sums of the shifts that are penalised, columns (2 S, m): the mean, and smooth ones of a stack."""
         if not len(self.numbers):
@@ -87,7 +93,7 @@ class SlicePlanes:
         normals = np.cross(self.axes[:, 0], self.axes[:, 1])
         heights = (self.centres - fractions @ self.centres) @ normals[0]
         # slices that cross the stack determine its shear and bend, so only the mean stays penalised
-        degree = SHIFTING.followed if (np.abs(normals @ normals.T) > SHIFTING.parallel).all() else 0
+        degree = SHIFTING.followed if self.are_parallel else 0
         root = np.sqrt(fractions)[:, None]
         # orthonormal in the weights of the slices
         along = np.linalg.qr(root * np.vander(heights, degree + 1, increasing=True))[0]

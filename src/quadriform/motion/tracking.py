@@ -44,6 +44,10 @@ from quadriform.shapes.splines import TimeBasis
 from quadriform.shapes.superquadric import Superquadric
 from quadriform.words import summary
 
+STACK = (
+    "slices are parallel: shifts that are smooth along the stack cannot be distinguished from the form of the heart, "
+    "and were not sought"
+)
 AnyModel = TypeVar("AnyModel", DeformableModel, MovingModel)
 
 
@@ -285,8 +289,11 @@ def _cycle(task: _Task) -> Track:
     moving = MovingModel(
         surfaces, box.origin, box.edges, task.basis, control, input_sha256=task.sha256, frame_times=task.times
     )
-    shifts = {} if planes is None else planes[0].named(frame.scale * found.shifts)
-    return _cycle_in_world(task, frame, frame.shape_to_world(moving), found, shifts)
+    result = _cycle_in_world(task, frame, frame.shape_to_world(moving), found)
+    if planes is None:
+        return result
+    notes = (STACK,) if planes[0].are_parallel else ()
+    return replace(result, shifts=planes[0].named(frame.scale * found.shifts), notes=(*result.notes, *notes))
 
 
 def _start(surfaces: Mapping[str, Superquadric], points: Mapping[str, Array], options: Mapping[str, Any]) -> ControlBox:
@@ -304,7 +311,7 @@ def _in_frame(noise: Frames, local: Frames, scale: float) -> KnownNoise:
     return KnownNoise.of_local({name: each / scale**2 for name, each in covariances.items()}, clouds)
 
 
-def _cycle_in_world(task: _Task, frame: Frame, moving: MovingModel, found: CycleFit, shifts: dict[int, Array]) -> Track:
+def _cycle_in_world(task: _Task, frame: Frame, moving: MovingModel, found: CycleFit) -> Track:
     """The track in the unit and frame of the points, with distances and warnings."""
     models = tuple(moving.at(time) for time in task.times)
     residuals = tuple(
@@ -320,7 +327,6 @@ def _cycle_in_world(task: _Task, frame: Frame, moving: MovingModel, found: Cycle
         residuals=residuals,
         noise=frame.scale * found.noise,
         strengths=found.strengths,
-        shifts=shifts,
         warnings=_by_frame(_cycle_warnings(models, residuals, found.inliers, found.certified, frame.scale)),
     )
 
