@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +23,7 @@ from quadriform.fitting.diagnostics import (
 from quadriform.fitting.least_squares.regularisers import Regulariser
 from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.options import METHODS, PaperOptions, TangentOptions, options_for
+from quadriform.fitting.other_bodies import Masks, of_others, spread
 from quadriform.fitting.paper.two_step import two_step
 from quadriform.fitting.refinement.large_clouds import on_all, sample_of_large
 from quadriform.fitting.refinement.refine import LocalProblem, refine_tangent
@@ -99,6 +100,8 @@ def _fitted(clouds: _Clouds, kind: str, options: PaperOptions | TangentOptions, 
         name: fit_robust(cloud, kind, sample.weights[name], {}, sample.noise.get(name))
         for name, cloud in sample.points.items()
     }
+    if options.robust:
+        clouds = replace(clouds, aside=spread(of_others(sample.points, starts), clouds.points, index))
     found = _refine_tangent(_superquadrics(starts), clouds, index, options, progress, kind)
     # warnings of the refined model are its own; its start matters where another order of points gives another
     return replace(found, notes=(*found.notes, *start_notes(starts, found.model)))
@@ -169,19 +172,29 @@ def _in_metric_unit(sets: Mapping[str, PointSet], unit: str | None = None) -> tu
 
 @dataclass(frozen=True)
 class _Clouds:
-    """Checked points (n, 3), weights (n,), and normals (n, 3) and covariances (n, 3, 3) if there are any, by name."""
+    """Checked points (n, 3), weights (n,), and normals (n, 3) and covariances (n, 3, 3) if there are any, by name.
+
+    And which points (n,) are of something else, once that is known.
+    """
 
     points: dict[str, Array]
     weights: dict[str, Array]
     normals: dict[str, Array]
     noise: dict[str, Array]
+    aside: Masks = field(default_factory=dict)
+
+    @property
+    def of_body(self) -> dict[str, Array]:
+        """The weights, zero for points of something else."""
+        return {name: np.where(self.aside.get(name, False), 0.0, each) for name, each in self.weights.items()}
 
     def take(self, index: Mapping[str, NDArray[np.int64]] | None) -> _Clouds:
         """Some of the points; without an index all."""
         if index is None:
             return self
         parts = (self.points, self.weights, self.normals, self.noise)
-        return _Clouds(*({name: each[index[name]] for name, each in part.items()} for part in parts))
+        points, weights, normals, noise = ({name: each[index[name]] for name, each in p.items()} for p in parts)
+        return _Clouds(points, weights, normals, noise, {n: each[index[n]] for n, each in self.aside.items()})
 
 
 def _checked(sets: Mapping[str, PointSet], weights: Weights, noise: Noise, method: str) -> _Clouds:
@@ -237,7 +250,7 @@ def _refine_tangent(
     With a `kind` other superquadrics may serve as starts.
     """
     sample = clouds.take(index)
-    centred = Centred.of(sample.points, sample.weights)
+    centred = Centred.of(sample.points, sample.of_body)
     frame, distinct = centred.frame, centred.distinct
     known, base = KnownNoise.of(sample.noise, centred), options.base_plane(sample.points)
     problem = LocalProblem(
@@ -252,20 +265,23 @@ def _refine_tangent(
         progress=progress,
     )
     result = refine_tangent(problem, _in_frame(surfaces, frame), kind)
-    found = _in_world(_of_all_points(result, distinct), sample.points, frame)
+    found = _in_world(_of_all_points(result, distinct, sample), sample.points, frame)
     copies = named_texts({name: duplicates(each.copies, len(each.counted)) for name, each in distinct.items()})
     landmarks = NONE_KNOWN if base is None else Landmarks(base, GIVEN_BASE)
     model = replace(found.model, landmarks=landmarks)
     found = replace(found, model=model, warnings=copies | found.warnings)
     if index is None:
         return found
-    return on_all(found, clouds.points, clouds.weights, clouds.noise, centred, known, options)
+    return on_all(found, clouds.points, clouds.of_body, clouds.noise, centred, known, options)
 
 
-def _of_all_points(result: Result, distinct: Mapping[str, Distinct]) -> Result:
-    """A result for the distinct points with the inlier probabilities of all, of copies and of those without weight."""
+def _of_all_points(result: Result, distinct: Mapping[str, Distinct], clouds: _Clouds) -> Result:
+    """A result for the distinct points with the inlier probabilities of all, of copies and of those without weight.
+
+    Points of something else are outliers like others, and counted.
+    """
     inliers = {name: distinct[name].spread(found) for name, found in (result.inliers or {}).items()}
-    return replace(result, inliers=inliers, counted={name: each.counted for name, each in distinct.items()})
+    return replace(result, inliers=inliers, counted={name: each > 0 for name, each in clouds.weights.items()})
 
 
 def _to_local(clouds: Mapping[str, Array], frame: Frame) -> dict[str, Array]:

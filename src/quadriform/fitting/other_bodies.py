@@ -1,0 +1,84 @@
+"""Points that a superquadric left aside and that nothing joins to the body: a neighbour, the table it stands on.
+
+A body that is no superquadric leaves parts of itself aside too, such as the tip of a heart or the legs of a cow. These
+are joined to the rest: a part of their points, where they begin, is as near to it as its own points are to each other.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
+from scipy.spatial import cKDTree
+
+from quadriform.fitting.diagnostics import INLIER
+from quadriform.fitting.result import SuperquadricFit
+from quadriform.points import Array
+
+Masks = dict[str, NDArray[np.bool_]]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What joins points to a body."""
+
+    neighbours: int = 8
+    """Of each inlier, among which the shortest paths through all of them lead."""
+    usual: float = 0.99
+    """Of the steps of these paths: one in a hundred may lead across a hole, or to an inlier by chance."""
+    farther: float = 3.0
+    """Steps between points that nothing joins any more: a slice may be missing between two."""
+    most: float = 0.9
+    """Of the inliers, which must be joined themselves: slices are, at their distance from each other. The rest may be
+    inliers by chance."""
+    least: float = 0.01
+    """Of the points of a part of the body at least this fraction is where it begins, be it as long as a leg; of a table
+    or a neighbour that touches the body less is."""
+
+
+JOIN = Settings()
+
+
+def of_others(clouds: Mapping[str, Array], starts: Mapping[str, SuperquadricFit]) -> Masks:
+    """Name -> (n,) whether each point of a cloud is an outlier of its superquadric that belongs to something else."""
+    return {name: _of_one(cloud, starts[name].inliers) for name, cloud in clouds.items()}
+
+
+def spread(found: Masks, clouds: Mapping[str, Array], index: Mapping[str, NDArray[np.int64]] | None) -> Masks:
+    """Name -> (n,) the same for whole clouds of which a sample by index was asked: as the nearest point of that."""
+    if index is None:
+        return found
+    return {name: of[cKDTree(clouds[name][index[name]]).query(clouds[name])[1]] for name, of in found.items()}
+
+
+def _of_one(cloud: Array, inliers: Array) -> NDArray[np.bool_]:
+    found, outliers = np.zeros(len(cloud), dtype=np.bool_), np.flatnonzero(inliers < INLIER)
+    if not len(outliers) or len(cloud) - len(outliers) <= JOIN.neighbours:
+        return found
+    others, body = cloud[outliers], cloud[inliers >= INLIER]
+    limit = JOIN.farther * _step(body)
+    pairs = cKDTree(others).query_pairs(limit, output_type="ndarray")
+    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(others),) * 2)
+    part = connected_components(graph, directed=False)[1]
+    begins = np.bincount(part, cKDTree(body).query(others)[0] <= limit) / np.bincount(part)
+    found[outliers] = begins[part] < JOIN.least
+    return found
+
+
+def _step(body: Array) -> float:
+    """The distance at which most points of a body (n, 3) are joined to each other."""
+    length, near = cKDTree(body).query(body, k=JOIN.neighbours + 1)
+    rows, steps = np.repeat(np.arange(len(body)), JOIN.neighbours), np.maximum(length[:, 1:].ravel(), 1e-300)
+    tree = minimum_spanning_tree(coo_matrix((steps, (rows, near[:, 1:].ravel())), shape=(len(body),) * 2).tocsr())
+    step = float(np.quantile(tree.data, JOIN.usual))
+    tree.data[tree.data > JOIN.farther * step] = 0
+    tree.eliminate_zeros()
+    part = connected_components(tree, directed=False)[1]
+    joined = part == np.bincount(part).argmax()
+    while joined.mean() < JOIN.most:
+        away = cKDTree(body[joined]).query(body[~joined])[0]
+        step = max(step, float(away.min()))
+        joined |= np.isin(part, part[~joined][away <= step])
+    return step
