@@ -43,7 +43,7 @@ JOIN = Settings()
 
 def of_others(clouds: Mapping[str, Array], starts: Mapping[str, SuperquadricFit]) -> Masks:
     """Name -> (n,) whether each point of a cloud is an outlier of its superquadric that belongs to something else."""
-    return {name: _of_one(cloud, starts[name].inliers) for name, cloud in clouds.items()}
+    return {name: _of_one(name, clouds, starts) for name in clouds}
 
 
 def spread(found: Masks, clouds: Mapping[str, Array], index: Mapping[str, NDArray[np.int64]] | None) -> Masks:
@@ -53,7 +53,8 @@ def spread(found: Masks, clouds: Mapping[str, Array], index: Mapping[str, NDArra
     return {name: of[cKDTree(clouds[name][index[name]]).query(clouds[name])[1]] for name, of in found.items()}
 
 
-def _of_one(cloud: Array, inliers: Array) -> NDArray[np.bool_]:
+def _of_one(name: str, clouds: Mapping[str, Array], starts: Mapping[str, SuperquadricFit]) -> NDArray[np.bool_]:
+    cloud, inliers = clouds[name], starts[name].inliers
     found, outliers = np.zeros(len(cloud), dtype=np.bool_), np.flatnonzero(inliers < INLIER)
     if not len(outliers) or len(cloud) - len(outliers) <= JOIN.neighbours:
         return found

@@ -159,8 +159,9 @@ def distances(candidates: Candidates, points: Array) -> tuple[Array, Array]:
 class Extent:
     """What M surfaces lose by their size, weighed against the data: where nothing was measured the smallest is best.
 
-    The loss is of the logarithm of their area and that of the data together, so a surface gains nothing any more by
-    shrinking below the data. The areas are those of boxes, but for a factor.
+    The loss is of the logarithm of their area and that of the data together, over that of the data: a surface gains
+    nothing any more by shrinking below the data, nor by having less of it. The areas are those of boxes but for a
+    factor.
 
     Attributes:
         weights: (M,) of the loss.
@@ -183,7 +184,7 @@ class Extent:
 
     def cost(self, candidates: Candidates) -> Array:
         """The loss (M,)."""
-        return self.weights * np.log(_box_areas(candidates).sum(axis=1) / 2 + self.areas)
+        return self.weights * np.log1p(_box_areas(candidates).sum(axis=1) / 2 / self.areas)
 
     def derivatives(self, candidates: Candidates) -> Array:
         """Its derivatives (M, 3) by the logarithms of the semi-axes."""
@@ -210,6 +211,7 @@ class Descent:
         odds: (m,) log odds of the points to be inliers, besides their distances.
         noise: (m,) standard deviations of the points relative to sigma, by which distances are divided.
         least_sigma: lower bound of sigma.
+        size: how much the size counts.
     """
 
     def __init__(
@@ -223,10 +225,11 @@ class Descent:
         odds: Array,
         noise: Array,
         least_sigma: float = 0.0,
+        size: float = 1.0,
     ) -> None:
         self.candidates, self.points, self.weights, self.mixture = candidates, points, weights, mixture
         self.longest, self.fixed, self.odds = longest, fixed, odds
-        self.noise, self.least_sigma = noise, least_sigma
+        self.noise, self.least_sigma, self.size = noise, least_sigma, size
         self.damping = np.full(len(candidates), DESCENT.damping)
         self.distances, self.derivatives = self._standardised(candidates)
         self.inliers, self.log_density = mixture.densities(self.distances, self.odds)
@@ -251,7 +254,7 @@ class Descent:
 
     def extent(self) -> "Extent":
         """What the candidates lose by their size, beside their inliers."""
-        return Extent.of(self.candidates.kind, self.points, self.weights * self.inliers)
+        return Extent.of(self.candidates.kind, self.points, self.size * self.weights * self.inliers)
 
     def run(self, iterations: int, tolerance: float, reestimate: Reestimate) -> bool:
         """Step until the change is below `tolerance` for all candidates; True when they converged.

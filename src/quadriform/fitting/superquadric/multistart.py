@@ -103,6 +103,7 @@ class Problem:
         odds: (n,) log odds to be an inlier, besides the distance to the surface.
         noise: (n,) standard deviations of the points along the normal, relative to that of a point of average weight.
         least_sigma: lower bound of the latter.
+        size: how much the size counts, 0 while sigma is forced: it is weighed against the noise.
     """
 
     points: Array
@@ -112,6 +113,7 @@ class Problem:
     odds: Array
     noise: Array
     least_sigma: float = 0.0
+    size: float = 1.0
 
     @cached_property
     def _order(self) -> NDArray[np.int64]:
@@ -148,7 +150,7 @@ class Problem:
 
     def weighted_descent(self, candidates: Candidates, weights: Array, mixture: Mixture, longest: float) -> Descent:
         """The same with other weights (n,) or (M, n)."""
-        noise = self.noise, self.least_sigma
+        noise = self.noise, self.least_sigma, self.size
         return Descent(candidates, self.points, weights, mixture, longest, self.fixed_mask, self.odds, *noise)
 
 
@@ -294,7 +296,7 @@ class Search:
             most: points of the sample.
         """
         index = self.cloud.thinned(most)
-        subset = self.cloud.sample(most)
+        subset = replace(self.cloud.sample(most), size=0.0)
         starts = subset.with_fixed(self._starts(parts, rotations))
         # points of other parts keep a small weight, so that every problem has full rank
         own = np.repeat(np.maximum(parts[:, index], 1e-6) * subset.weights, -(-len(starts) // len(parts)), axis=0)

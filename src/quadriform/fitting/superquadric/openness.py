@@ -23,6 +23,7 @@ from quadriform.fitting.superquadric.levenberg_marquardt import (
     distances,
 )
 from quadriform.points import Array
+from quadriform.shapes.superellipse import quiet
 
 PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 
@@ -46,6 +47,7 @@ class Settings:
 OPEN = Settings()
 
 
+@quiet
 def remaining_covariance(descent: Descent) -> Array:
     """Covariance (p, p) of one candidate's parameters at the end of its descent, in the order of `Determined`."""
     index = evenly_chosen(descent.points, OPEN.points)
