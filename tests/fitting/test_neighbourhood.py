@@ -5,7 +5,14 @@ import pytest
 from clouds_made import cup, random_directions
 from shapes_made import even_directions, turned
 
-from quadriform.fitting.cloud import Neighbourhood, dense_points, has_edge, is_surface, oriented
+from quadriform.fitting.cloud import (
+    Neighbourhood,
+    dense_points,
+    has_edge,
+    is_surface,
+    oriented,
+    widest_empty_angle,
+)
 
 SPHERE = even_directions(1500)
 T = np.linspace(0, 2 * np.pi, 400, endpoint=False)
@@ -139,3 +146,11 @@ def test_every_part_of_a_cloud_faces_out_of_its_own(rng):
     found = oriented(points, normals)
     np.testing.assert_array_equal(normals, before)
     assert (np.einsum("ni,ni->n", found, outward) > 0.9).all()
+
+
+def test_an_empty_angle_is_found_in_any_direction():
+    """Also where it lies across the end of the range of angles, -pi and pi."""
+    half = np.linspace(-np.pi / 2, np.pi / 2, 7)
+    rotated = half + np.linspace(0, 2 * np.pi, 16)[:, None]
+    angles = np.arctan2(np.sin(rotated), np.cos(rotated))
+    np.testing.assert_allclose(widest_empty_angle(angles), np.pi)

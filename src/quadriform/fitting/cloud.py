@@ -302,12 +302,16 @@ def has_edge(points: Array, neighbourhood: Neighbourhood) -> bool:
     along, across, height = (np.einsum("nki,ni->nk", offset, axis) for axis in axes)
     angle = np.arctan2(across, along)
     # neighbours that do not count repeat the first angle, which leaves no empty angle
-    angle = np.sort(np.where(counts, angle, angle[:, :1]), axis=1)
-    around = np.concatenate([angle, angle[:, :1] + 2 * np.pi], axis=1)
-    wide = np.diff(around, axis=1).max(axis=1) > NEAR.edge_angle
+    wide = widest_empty_angle(np.where(counts, angle, angle[:, :1])) > NEAR.edge_angle
     if wide.mean() < NEAR.edges:
         return False
     return bool((wide & ~_creased(along, across, height, counts)).mean() >= NEAR.edges)
+
+
+def widest_empty_angle(angles: Array) -> Array:
+    """The widest angle (n,) between neighbours around the circle, of directions (n, k) in radians."""
+    ordered = np.sort(angles, axis=1)
+    return np.diff(ordered, axis=1, append=ordered[:, :1] + 2 * np.pi).max(axis=1)
 
 
 def _creased(along: Array, across: Array, height: Array, counts: NDArray[np.bool_]) -> NDArray[np.bool_]:
