@@ -196,7 +196,7 @@ MUTANTS = [
     Mutant(
         "fields that no model has",
         "files/models.py",
-        "root.only((*body, *FIELDS) if has_record else body)",
+        "root.only((*body, *(FIELDS if has_record else ()), *([LANDMARKS] if has_landmarks else ())))",
         "pass",
         "files/test_models.py",
     ),

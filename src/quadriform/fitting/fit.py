@@ -272,7 +272,8 @@ def _refine_tangent(
     found = replace(found, model=model, warnings=copies | found.warnings)
     if index is None:
         return found
-    return on_all(found, clouds.points, clouds.of_body, clouds.noise, centred, known, options)
+    counted = {name: each > 0 for name, each in clouds.weights.items()}
+    return on_all(found, clouds.points, clouds.of_body, counted, clouds.noise, centred, known, options)
 
 
 def _of_all_points(result: Result, distinct: Mapping[str, Distinct], clouds: _Clouds) -> Result:
@@ -307,7 +308,7 @@ def _in_world(result: Result, clouds: Mapping[str, Array], frame: Frame) -> Fit:
         for name, cloud in local.items()
     }
     support = _support(result, local, after, inliers, noise)
-    sampled = _sampled(result, local, after, inliers, support)
+    sampled = _sampled(result, local, after, support)
     evidence = {name: Evidence(residuals[name], inliers[name], support[name], sampled[name]) for name in local}
     record = ModelRecord(coverage={name: each for name, each in covered.items() if model.surfaces[name].is_radial})
     sha256 = points_sha256(clouds.values())
@@ -346,7 +347,6 @@ def _sampled(
     result: Result,
     clouds: Mapping[str, Array],
     feet: Mapping[str, FootPoints],
-    inliers: Mapping[str, Array],
     support: Mapping[str, Support],
 ) -> dict[str, Sampled]:
     """Whether the points of each cloud that have a weight are of one surface."""
@@ -354,6 +354,6 @@ def _sampled(
     for name, cloud in clouds.items():
         counted = np.ones(len(cloud), dtype=np.bool_) if result.counted is None else result.counted[name]
         points, nearest, signed = cloud[counted], feet[name].points[counted], feet[name].signed[counted]
-        mesh, kept = result.model.mesh(name, LIMITS.resolution), inliers[name][counted] >= INLIER
-        found[name] = Sampled.of(mesh, points, nearest, signed, kept, support[name].limit)
+        mesh = result.model.mesh(name, LIMITS.resolution)
+        found[name] = Sampled.of(mesh, points, nearest, signed, support[name].limit)
     return found

@@ -247,7 +247,7 @@ class Sampled:
     """Whether points are of one surface: not of several bodies, both sides of a wall, or the inside of a volume.
 
     Attributes:
-        bodies: how many closed bodies the inliers are of, far from each other; 0 where no cluster of them is closed.
+        bodies: how many closed bodies the points are of, far from each other; 0 where no cluster of them is closed.
         layered: fraction of the neighbourhoods in which points form two layers along the normal.
         filled: fraction of the points that are deep inside.
     """
@@ -257,9 +257,7 @@ class Sampled:
     filled: float
 
     @classmethod
-    def of(
-        cls, mesh: Mesh, points: Array, feet: Array, signed: Array, inliers: NDArray[np.bool_], limit: float
-    ) -> "Sampled":
+    def of(cls, mesh: Mesh, points: Array, feet: Array, signed: Array, limit: float) -> "Sampled":
         """From a surface and its data.
 
         Args:
@@ -267,19 +265,18 @@ class Sampled:
             points: (n, 3), all that count.
             feet: (n, 3), their nearest points of the surface.
             signed: (n,), their distances, negative inside.
-            inliers: (n,), which of them are of the surface.
             limit: distance from data up to which the surface is supported.
         """
         thickness = 2 * abs(mesh.volume()) / mesh.area()
-        return cls(bodies(points[inliers], limit), layered(feet, signed, _radius(points)), filled(signed, thickness))
+        return cls(bodies(points, limit), layered(feet, signed, _radius(points)), filled(signed, thickness))
 
 
 def bodies(points: Array, limit: float) -> int:
     """The number of separate closed bodies that points (n, 3) are of; 0 where no cluster of them is closed.
 
     Args:
-        points: of one surface, as it was thought.
-        limit: distance from data up to which that surface is supported.
+        points: of one surface, as it was thought, or also of others that were left aside.
+        limit: distance from data up to which the surface is supported.
     """
     if len(points) < ONE.fewest:
         return 0

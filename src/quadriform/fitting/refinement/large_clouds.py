@@ -98,12 +98,14 @@ def _parts(count: int) -> Iterator[slice]:
 class _Surface:
     """All points of one surface, in the world, and the data of its sample in the centred, scaled frame.
 
-    The noise, where it is known, is that of all points: covariances (n, 3, 3) in the world.
+    The noise, where it is known, is that of all points: covariances (n, 3, 3) in the world. Points that are counted, but
+    have no weight here, belong to something else: they are outliers.
     """
 
     name: str
     cloud: Array
     weights: Array
+    counted: NDArray[np.bool_]
     noise: Array | None
     data: SurfaceData
     tree: cKDTree
@@ -178,6 +180,7 @@ def on_all(
     found: Fit,
     clouds: Mapping[str, Array],
     weights: Mapping[str, Array],
+    counted: Mapping[str, NDArray[np.bool_]],
     noise: Mapping[str, Array],
     sample: Centred,
     known: KnownNoise,
@@ -188,7 +191,8 @@ def on_all(
     Args:
         found: the fit to the sample.
         clouds: name -> (n, 3), all points.
-        weights: name -> (n,).
+        weights: name -> (n,), 0 also for points of something else.
+        counted: name -> (n,), which points were given a weight.
         noise: name -> (n, 3, 3), covariances of all points; empty where they are not known.
         sample: the points that were fitted.
         known: what is known of the noise of these.
@@ -204,7 +208,7 @@ def on_all(
         data = data.with_nearest_foot_points(local.box)
         # on the scale of the sample's weights, whose mean is one
         even = weights[name] if sample.mean_weight == 1 else weights[name] / sample.mean_weight
-        surfaces.append(_Surface(name, cloud, even, noise.get(name), data, cKDTree(data.points)))
+        surfaces.append(_Surface(name, cloud, even, counted[name], noise.get(name), data, cKDTree(data.points)))
     points = _All(surfaces, sample.frame, options.robust, known.least)
     return _with_arrays(*_rounds(points, found, local.box, options))
 
@@ -325,7 +329,7 @@ def _with_arrays(points: _All, fit: Fit) -> Fit:
 
 def _with_outliers(points: _All, fit: Fit, inliers: Mapping[str, Array]) -> Fit:
     """The fit with warnings and notes about outliers and copies among all points instead of those of the sample."""
-    of_points = named_texts({s.name: outliers(inliers[s.name], s.weights > 0) | s.duplicates for s in points.surfaces})
+    of_points = named_texts({s.name: outliers(inliers[s.name], s.counted) | s.duplicates for s in points.surfaces})
     warnings = {kind: text for kind, text in fit.warnings.items() if kind != WarningKind.MANY_OUTLIERS} | of_points
     notes = tuple(note for note in fit.notes if not note.startswith((WarningKind.OUTLIERS, WarningKind.DUPLICATES)))
     return replace(fit, warnings=warnings, notes=notes)
