@@ -143,7 +143,7 @@ DRAW: dict[str, Callable[[dict[str, Any]], Figure]] = {
     "mesh_to_model": several(
         lambda n: {"mesh": qf.Mesh(np.array(n["mesh"].vertices), np.array(n["mesh"].faces)), "model": n["fit"]}
     ),
-    "two_surfaces": several(lambda n: {"both walls": n["fit"]}),
+    "two_surfaces": several(lambda n: {"both surfaces": n["fit"]}),
     "cycle_and_ejection_fraction": several(
         lambda n: {"end diastole": n["found"].moving.at(0.0), "end systole": n["found"].moving.at(0.5)}
     ),

@@ -112,8 +112,8 @@ def not_one_surface(found: Sampled, is_closed: bool) -> Warnings:
     warnings: Warnings = {}
     if found.bodies > 1:
         warnings[WarningKind.SEVERAL_BODIES] = (
-            f"the points are of {found.bodies} closed bodies with nothing between them, and the surface is of one of them "
-            "or around several: fit each alone"
+            f"the points are of {found.bodies} closed bodies with nothing between them, and the surface is of one of "
+            "them or around several: fit each alone"
         )
     if found.layered > ONE.layered:
         warnings[WarningKind.DOUBLE_WALL] = (

@@ -98,8 +98,8 @@ def _parts(count: int) -> Iterator[slice]:
 class _Surface:
     """All points of one surface, in the world, and the data of its sample in the centred, scaled frame.
 
-    The noise, where it is known, is that of all points: covariances (n, 3, 3) in the world. Points that are counted, but
-    have no weight here, belong to something else: they are outliers.
+    The noise, where it is known, is that of all points: covariances (n, 3, 3) in the world. Points that are counted but
+    have no weight here belong to something else: they are outliers.
     """
 
     name: str
