@@ -98,6 +98,21 @@ def test_a_heart_has_one_ejection_fraction(terminal, exact, tmp_path, space):
 
 
 @pytest.mark.slow
+def test_the_reach_beyond_the_base_is_stated(terminal, exact, tmp_path):
+    """What lies there is neither drawn nor counted, and nobody measured it."""
+    record = record_of(terminal("track", written(tmp_path / "frames"), "-o", "out", "--json"))
+    moving = qf.load(tmp_path / "out/model.json")
+    heights = [
+        (moving.at(time).mesh(name, 24).vertices - marks.base.point) @ marks.base.direction
+        for time, marks in zip(moving.frame_times, moving.landmarks)
+        for name in moving.surfaces
+    ]
+    assert record["extends_beyond_base"] == pytest.approx(max(each.max() for each in heights), rel=0.05)
+    assert any("BASE_NOT_OBSERVED" in text and "which no volume counts" in text for text in record["notes"])
+    assert any("BASE_NOT_OBSERVED" in text for text in moving.notes)
+
+
+@pytest.mark.slow
 def test_insertions_of_the_contours_anchor_the_segments(terminal, exact, tmp_path):
     terminal("track", written(tmp_path / "frames"), "-o", "out")
     assert "UNANCHORED" not in terminal("measure", "out/model.json").err

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from quadriform.cli.heart_volumes import cycle_rows, cycle_volumes
+from quadriform.cli.heart_volumes import cycle_rows, cycle_volumes, reach_notes, reach_over_base
 from quadriform.cli.method_options import known_noise
 from quadriform.cli.options import Common, stem
 from quadriform.cli.reporting import REPORT, measures_of, page_of_track, track_options
@@ -109,7 +109,7 @@ def _track(
         warnings=join_warnings(frames.warnings, found.warnings),
         notes=(*without_folders(frames.notes, files), *found.notes),
     )
-    return found.in_space(target)
+    return replace(found, notes=(*found.notes, *reach_notes(found.models))).in_space(target)
 
 
 def _page(found: "Track", frames: FrameSeries, measures: "Measures | None", title: str, record: Record) -> bytes:
@@ -136,6 +136,7 @@ def _record(
         "parameters": found.moving.n_parameters if found.moving else sum(m.n_parameters for m in found.models),
         "rms": found.rms,
         **cycle_volumes(measures),
+        "extends_beyond_base": reach_over_base(found.models),
         "noise": found.noise,
         "strengths": list(found.strengths),
         "shifts": {str(number): shift.tolist() for number, shift in found.shifts.items()},
