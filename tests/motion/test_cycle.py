@@ -39,7 +39,8 @@ def plain():
 def cycle():
     surfaces, basis = ellipsoids(LOCAL[0]), TimeBasis(np.arange(3.0), 3.0)
     box = common_box(surfaces, (3, 3, 3))
-    return Cycle(surfaces, box, LOCAL, basis.values(np.arange(3.0)), basis, "bending", True, None, KnownNoise({}, 0.0))
+    values, unknown = basis.values(np.arange(3.0)), KnownNoise({}, 0.0)
+    return Cycle(surfaces, box, LOCAL, values, basis, "bending", True, None, unknown, [None] * 3)
 
 
 def with_one_far(frame):

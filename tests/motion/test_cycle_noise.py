@@ -90,3 +90,41 @@ def test_ten_times_more_points_along_the_same_contours_change_little():
     assert few.noise == pytest.approx(many.noise, rel=0.1)
     for one, other in zip(few.models, many.models):
         assert max(way.rms for way in qf.surface_distances(one, other)) < 0.2 * few.noise
+
+
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def open_tube(height, radius, sigma, seed):
+    """Points with noise of a tube with a round apex, open at z = height."""
+    random = np.random.default_rng(seed)
+    z, around = random.uniform(-1, height / radius, 600), random.uniform(0, 2 * np.pi, 600)
+    wide = np.sqrt(1 - np.minimum(z, 0) ** 2)
+    points = radius * np.column_stack([wide * np.cos(around), wide * np.sin(around), z])
+    return points + sigma * random.normal(size=points.shape)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("strategy", ["cycle", "previous", "alone"])
+def test_open_tubes_close_near_the_base_of_each_frame(strategy):
+    """Without the prior beyond the base, a cycle reaches half its length farther."""
+    heights, radii = (20.0, 14.0, 17.0), (30.0, 22.0, 26.0)
+    frames = [open_tube(*shape, 0.5, seed) for seed, shape in enumerate(zip(heights, radii))]
+    bases = [(height * UP, UP) for height in heights]
+    found = qf.track(frames, base=bases, strategy=strategy, box=(4, 4, 4))
+    for model, height, radius in zip(found.models, heights, radii):
+        vertices = model.mesh(resolution=16).vertices
+        assert vertices[:, 2].max() - height < 0.5 * radius
+        wall = vertices[(vertices[:, 2] < height - 3) & (np.hypot(*vertices[:, :2].T) > radius / 2)]
+        along = np.column_stack([wall[:, :2], np.minimum(wall[:, 2], 0)])
+        assert np.sqrt(np.mean((np.linalg.norm(along, axis=1) - radius) ** 2)) < 1.0
+
+
+@pytest.mark.parametrize(
+    "base, message",
+    [([None], "each of 3 frames, found 1"), ([None, None, (0 * UP, 0 * UP)], "frame 2: .*the direction of the plane")],
+)
+def test_a_base_that_is_none_is_named(base, message):
+    frames = [open_tube(10, 20, 0.5, seed) for seed in range(3)]
+    with pytest.raises(qf.errors.OptionError, match=message):
+        qf.track(frames, base=base)

@@ -120,11 +120,18 @@ class FrameSeries:
         )
 
     def with_times(self, options: Mapping[str, Any]) -> dict[str, Any]:
-        """Return options of `track`, with times and period of the files where they are not given."""
+        """Return options of `track`, with bases, times and period of the files where they are not given."""
+        options = {"base": self.bases} | dict(options)
         if "times" in options or self.times is None or len(self.times) != len(self.clouds):
-            return dict(options)
+            return options
         period = {"period": self.period} if self.period and options.get("period", "auto") == "auto" else {}
-        return dict(options) | {"times": self.times} | period
+        return options | {"times": self.times} | period
+
+    @property
+    def bases(self) -> list[tuple[Array, Array] | None] | None:
+        """The base of each frame as `track` takes it; None where none is known."""
+        planes = [each.base for each in self.landmarks]
+        return [None if plane is None else (plane.point, plane.direction) for plane in planes] or None
 
 
 def frame_files(inputs: Sequence[Path]) -> list[Path]:

@@ -11,13 +11,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadriform.fitting.least_squares.normal_equations import normal_equations
+from quadriform.fitting.least_squares.normal_equations import NormalEquations, normal_equations
 from quadriform.fitting.least_squares.regularisers import Regulariser, penalty_matrix
 from quadriform.fitting.noise import KnownNoise
-from quadriform.fitting.refinement.multiresolution import MAD_TO_SIGMA, Correlated
+from quadriform.fitting.refinement.base_prior import base_priors
+from quadriform.fitting.refinement.multiresolution import MAD_TO_SIGMA, Correlated, Penalty
 from quadriform.fitting.refinement.point_to_plane import data_rows, evidence_of, step_length
 from quadriform.fitting.refinement.surface_data import SurfaceData
 from quadriform.fitting.refinement.unfolding import JacobianPenalty
+from quadriform.fitting.result import HalfSpace
 from quadriform.motion.cycle_equations import CycleEvidence
 from quadriform.motion.slice_shifts import SliceNumbers, SlicePlanes
 from quadriform.points import Array
@@ -114,6 +116,7 @@ class Cycle:
         robust: whether outliers are down-weighted.
         planes: of the slices whose shifts are sought, with the slice number of each point; or None.
         noise: what is known of it, of the points of each frame and surface under the name that `named` gives.
+        bases: where the data of each frame ends on purpose, or None.
     """
 
     surfaces: Mapping[str, Superquadric]
@@ -125,6 +128,7 @@ class Cycle:
     robust: bool
     planes: tuple[SlicePlanes, SliceNumbers] | None
     noise: KnownNoise
+    bases: Sequence[HalfSpace | None]
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -135,7 +139,7 @@ class Cycle:
     def init(self) -> CycleState:
         """The undeformed box in all frames, with the nearest foot points."""
         datasets = [
-            [self._data(name, points, self.noise.relative.get(named(number, name))) for name, points in frame.items()]
+            [self._data(number, name, points) for name, points in frame.items()]
             for number, frame in enumerate(self.frames)
         ]
         distances = np.concatenate([data.standardised(self.box) for frame in datasets for data in frame])
@@ -146,8 +150,9 @@ class Cycle:
         shifts = np.zeros((0 if self.planes is None else len(self.planes[0].axes), 2))
         return CycleState(displacement, shifts, [self.box] * frames, datasets, noise, [penalty] * frames, self.box)
 
-    def _data(self, name: str, points: Array, noise: Array | None) -> SurfaceData:
-        found = SurfaceData.of(self.surfaces[name], points, np.ones(len(points)), noise=noise)
+    def _data(self, frame: int, name: str, points: Array) -> SurfaceData:
+        noise = self.noise.relative.get(named(frame, name))
+        found = SurfaceData.of(self.surfaces[name], points, np.ones(len(points)), self.bases[frame], noise=noise)
         return found.with_nearest_foot_points(self.box)
 
     def extremes(self, state: CycleState) -> tuple[int, int]:
@@ -209,10 +214,9 @@ class Cycle:
         The step is shortened until `total` decreases. None where the linear problem is singular.
         """
         state = replace(state, datasets=self._updated(state))
-        evidence = self.evidence(state)
-        before = state.moved
-        penalties = [penalty.equations(box).about(before) for penalty, box in zip(state.penalties, state.boxes)]
-        solution = evidence.plus(penalties).solve(*strengths)
+        evidence, penalties, before = self.evidence(state), _penalties(state), state.moved
+        equations = [_sum(each, box).about(before) for each, box in zip(penalties, state.boxes)]
+        solution = evidence.plus(equations).solve(*strengths)
         if solution is None:
             return None
         moved, shifted = solution.displacement + before - state.displacement, solution.shifts - state.shifts.ravel()
@@ -220,7 +224,10 @@ class Cycle:
         def at(length: float) -> tuple[Array, Array]:
             return state.displacement + length * moved, state.shifts.ravel() + length * shifted
 
-        displacement, shifts = at(step_length(lambda length: self.total(state, evidence, *at(length), strengths)))
+        def total(length: float) -> float:
+            return self.total(state, evidence, penalties, *at(length), strengths)
+
+        displacement, shifts = at(step_length(total))
         boxes, shifts = self._boxes(displacement), shifts.reshape(-1, 2)
         return replace(
             state,
@@ -235,13 +242,14 @@ class Cycle:
         self,
         state: CycleState,
         evidence: CycleEvidence,
+        penalties: Sequence[Sequence[Penalty]],
         displacement: Array,
         shifts: Array,
         strengths: tuple[float, float],
     ) -> float:
-        """The sum that a round lowers: squared distances, regularisation, and penalties on folds."""
-        penalties = [penalty.cost(box) for penalty, box in zip(state.penalties, self._boxes(displacement))]
-        return evidence.cost(displacement - state.moved, shifts, *strengths) + sum(penalties)
+        """The sum that a round lowers: squared distances, regularisation, and the penalties of each frame."""
+        costs = [each.cost(box) for of, box in zip(penalties, self._boxes(displacement)) for each in of]
+        return evidence.cost(displacement - state.moved, shifts, *strengths) + sum(costs)
 
     def _boxes(self, displacement: Array) -> list[ControlBox]:
         rest = self.box.rest
@@ -299,6 +307,17 @@ class Cycle:
         found = [penalty.check(box, self.surfaces) for penalty, box in zip(state.penalties, state.boxes)]
         penalties = [penalty if verified else penalty.stronger() for verified, penalty in found]
         return tuple(verified for verified, _ in found), replace(state, penalties=penalties)
+
+
+def _penalties(state: CycleState) -> list[list[Penalty]]:
+    """For each frame that on folds, and those on surface beyond its base."""
+    every = zip(state.penalties, state.datasets, state.boxes)
+    return [[folds, *base_priors(datasets, box)] for folds, datasets, box in every]
+
+
+def _sum(penalties: Sequence[Penalty], box: ControlBox) -> NormalEquations:
+    parts = [penalty.equations(box) for penalty in penalties]
+    return sum(parts[1:], parts[0])
 
 
 def _weighted(data: SurfaceData, box: ControlBox, noise: float) -> SurfaceData:

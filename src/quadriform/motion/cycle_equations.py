@@ -85,6 +85,7 @@ class CycleEvidence:
         self._values = kappa * (kappa > 1e-9 * kappa.max()), tau
         self.values = values @ self._in_time
         self.matrix, self.right, self.constant = self._sums(equations)
+        self.measured: CycleEvidence | None = None  # the data alone, where there are penalties
         if bordered_block is not None:
             self._add_bordered_block(*bordered_block)
 
@@ -108,6 +109,7 @@ class CycleEvidence:
         """The same with something else to be met in each frame."""
         matrix, right, constant = self._sums(equations)
         other, size = copy(self), len(right)
+        other.measured = self.measured or self
         other.matrix, other.right = self.matrix.copy(), self.right.copy()
         other.matrix[:size, :size] += matrix
         other.right[:size] += right
@@ -133,8 +135,12 @@ class CycleEvidence:
         ranked = penalties[penalties > 0]
         null_dimension = 3 * float((penalties <= 0).sum())
         rows = max(self.count - null_dimension, 1.0)
-        # the minimum of the sum over the degrees of freedom
-        misfit = (self.constant - float(self.right @ found)) / rows
+        size = self.knots * self.size
+        rotated = self._in_time @ found[:size].reshape(self.knots, -1)
+        displacement = np.einsum("kj,aji->aki", self._in_space, rotated.reshape(self.knots, -1, 3))
+        # the minimum of the sum over the degrees of freedom, without what penalties add
+        least = self.constant - float(self.right @ found)
+        misfit = (self.measured.cost(displacement, found[size:], alpha, gamma) if self.measured else least) / rows
         variance = max(misfit, self.least_noise**2, SELECTION.noise_floor**2)
         independent = max(self.effective_fraction * self.count - null_dimension, 1.0)
         criterion = (
@@ -142,9 +148,6 @@ class CycleEvidence:
             + 2 * np.log(np.diag(factor)).sum()
             - 3 * np.log(ranked).sum()
         )
-        size = self.knots * self.size
-        rotated = self._in_time @ found[:size].reshape(self.knots, -1)
-        displacement = np.einsum("kj,aji->aki", self._in_space, rotated.reshape(self.knots, -1, 3))
         return CycleSolution(displacement, found[size:], float(np.sqrt(variance)), float(criterion))
 
     def _penalised(self, alpha: float, gamma: float) -> Array:

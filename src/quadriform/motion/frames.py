@@ -7,9 +7,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from quadriform.errors import OptionError, PointsError, choose
+from quadriform.errors import OptionError, PointsError, QuadriformError, choose
+from quadriform.fitting.options import TangentOptions
 from quadriform.point_sets import ALONE, Given, PointSet, point_sets
 from quadriform.points import Array, by_name
+from quadriform.shapes.landmarks import BasePlane
 from quadriform.shapes.splines import TimeBasis
 
 MOST_KNOTS = 12
@@ -17,6 +19,7 @@ MOST_KNOTS = 12
 
 SliceNumbers = Sequence[Mapping[str, ArrayLike] | ArrayLike]
 Noises = float | Mapping[str, ArrayLike] | Sequence[Mapping[str, ArrayLike] | ArrayLike]
+Base = tuple[ArrayLike, ArrayLike] | ArrayLike | None
 Frames = list[dict[str, Array]]
 Sets = list[dict[str, PointSet]]
 
@@ -50,6 +53,27 @@ def known_noise(sets: Sets) -> Frames:
     # of some points only, it would say nothing of how much the others count
     whole = all(len(known) == len(frame) for known, frame in zip(found, sets))
     return found if whole else [{} for _ in sets]
+
+
+def base_planes(base: Base | Sequence[Base | None], clouds: Frames) -> list[BasePlane | None]:
+    """The base of each frame, from one for all or a list with an entry for each.
+
+    Raises:
+        OptionError: naming the frame whose entry is no base of its points.
+    """
+    every = base if isinstance(base, list) else [base] * len(clouds)
+    if len(every) != len(clouds):
+        raise OptionError(
+            f"base: expected (point, direction), or a list with an entry for each of {len(clouds)} frames, found "
+            f"{len(every)} entries"
+        )
+    found: list[BasePlane | None] = []
+    for number, (each, frame) in enumerate(zip(every, clouds)):
+        try:
+            found.append(TangentOptions(base=each).base_plane(frame))
+        except QuadriformError as error:
+            raise type(error)(f"frame {number}: {error}") from error
+    return found
 
 
 def checked_times(times: ArrayLike | None, count: int) -> Array:

@@ -19,14 +19,16 @@ from quadriform.fitting.fit import fit, precision_warnings, refine
 from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.options import check_box, check_strength
 from quadriform.fitting.refinement.starts import ellipsoids
-from quadriform.fitting.result import Fit, Progress, Warned, flat, rms_of_inliers
+from quadriform.fitting.result import Fit, HalfSpace, Progress, Warned, flat, rms_of_inliers
 from quadriform.motion.cycle import Cycle, CycleFit, named
 from quadriform.motion.cycle_rounds import fit_cycle
 from quadriform.motion.frames import (
+    Base,
     Frames,
     Noises,
     Sets,
     SliceNumbers,
+    base_planes,
     checked_frames,
     checked_times,
     known_noise,
@@ -37,6 +39,7 @@ from quadriform.motion.slice_shifts import SlicePlanes
 from quadriform.point_sets import ALONE, Given, PointSet, common_unit, points_sha256
 from quadriform.points import Array, Frame
 from quadriform.shapes.control_box import ControlBox, common_box
+from quadriform.shapes.landmarks import BasePlane
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
 from quadriform.shapes.spaces import rotation_between
@@ -139,6 +142,7 @@ def track(
     strength: float | str = "auto",
     robust: bool = True,
     noise: Noises | None = None,
+    base: Base | Sequence[Base] = None,
     progress: Progress | None = None,
 ) -> Track:
     """The moving model that fits the points of two or more frames.
@@ -161,6 +165,8 @@ def track(
         noise: what is known of the error of the points, as in `fit`: a standard deviation in their unit, or for each
             frame an entry in the form of `frames`. It is the metric of the distances and the least noise that is
             estimated. Points of images and readers bring theirs; it counts where all frames and surfaces have some.
+        base: where the data ends on purpose, as in `fit`: (point, direction) for all frames, or a list with a plane, a
+            loop (m, 3) or None for each.
         progress: called with (steps done, about how many).
 
     Raises:
@@ -173,7 +179,8 @@ def track(
     basis = time_basis(at, period)
     numbers = slice_numbers(slices, clouds, strategy)
     options = {"box": box, "regularity": regularity, "strength": strength, "robust": robust}
-    found = STRATEGIES[strategy](_Task(clouds, known_noise(sets), at, basis, numbers, options, progress))
+    bases = base_planes(base, clouds)
+    found = STRATEGIES[strategy](_Task(clouds, known_noise(sets), bases, at, basis, numbers, options, progress))
     warnings = found.warnings | _by_frame([precision_warnings(frame) for frame in sets])
     assumed = dict.fromkeys(note for frame in sets for each in frame.values() for note in each.notes)
     marked = found.in_unit(_unit_of(sets))
@@ -193,6 +200,7 @@ def _unit_of(sets: Sets) -> str:
 class _Task:
     clouds: Frames
     noise: Frames
+    bases: list[BasePlane | None]
     times: Array
     basis: TimeBasis
     slices: list[dict[str, NDArray[np.int64]]] | None
@@ -222,6 +230,11 @@ class _Task:
         """Of the points of all frames."""
         return points_sha256(cloud for frame in self.clouds for cloud in frame.values())
 
+    def options_of(self, frame: int) -> dict[str, Any]:
+        """The options of a frame that is fitted alone."""
+        base = self.bases[frame]
+        return self.options | {"base": None if base is None else (base.point, base.direction)}
+
     def report(self, done: int) -> None:
         if self.progress is not None:
             self.progress(done, len(self.clouds))
@@ -229,23 +242,23 @@ class _Task:
 
 def _alone(task: _Task) -> Track:
     fits = []
-    for frame in task.sets:
-        fits.append(fit(frame, **task.options))
+    for number, frame in enumerate(task.sets):
+        fits.append(fit(frame, **task.options_of(number)))
         task.report(len(fits))
     return _of_fits("alone", task, fits, None)
 
 
 def _previous(task: _Task) -> Track:
     """Forwards from the frame with the most points to the last, and backwards from it to the first."""
-    fits: dict[int, Fit] = {task.first: fit(task.sets[task.first], **task.options)}
+    fits: dict[int, Fit] = {task.first: fit(task.sets[task.first], **task.options_of(task.first))}
     surfaces = fits[task.first].model.surfaces
-    options = {name: value for name, value in task.options.items() if name != "box"}
     for order, before in ((range(task.first + 1, len(task.clouds)), -1), (range(task.first - 1, -1, -1), 1)):
         for frame in order:
             done = fits[frame + before]
             fits[frame] = done  # the same points have the same model
             if not _equal(task.clouds[frame], task.clouds[frame + before]):
-                fits[frame] = refine(surfaces, task.sets[frame], start=done.model.box, **options)
+                start = done.model.box
+                fits[frame] = refine(surfaces, task.sets[frame], start=start, **task.options_of(frame))
             task.report(len(fits))
     # one superquadric and one undeformed box for all frames: only the control points move
     ordered = [fits[frame] for frame in range(len(task.clouds))]
@@ -282,8 +295,10 @@ def _cycle(task: _Task) -> Track:
     planes = None if task.slices is None else (SlicePlanes.of(local, task.slices), task.slices)
     values, options = task.basis.values(task.times), task.options
     noise = _in_frame(task.noise, local, frame.scale)
-    cycle = Cycle(surfaces, box, local, values, task.basis, options["regularity"], options["robust"], planes, noise)
-    start = _start(surfaces, local[task.first], options)
+    bases = [None if each is None else (frame.to_local(each.point[None])[0], each.direction) for each in task.bases]
+    regularity, robust = options["regularity"], options["robust"]
+    cycle = Cycle(surfaces, box, local, values, task.basis, regularity, robust, planes, noise, bases)
+    start = _start(surfaces, local[task.first], bases[task.first], options)
     found = fit_cycle(cycle, start, check_strength(task.options["strength"]), task.progress)
     control = found.control_points
     moving = MovingModel(
@@ -296,10 +311,15 @@ def _cycle(task: _Task) -> Track:
     return replace(result, shifts=planes[0].named(frame.scale * found.shifts), notes=(*result.notes, *notes))
 
 
-def _start(surfaces: Mapping[str, Superquadric], points: Mapping[str, Array], options: Mapping[str, Any]) -> ControlBox:
+def _start(
+    surfaces: Mapping[str, Superquadric],
+    points: Mapping[str, Array],
+    base: HalfSpace | None,
+    options: Mapping[str, Any],
+) -> ControlBox:
     """The box of one frame fitted alone, where all frames begin; its strength is that of its own evidence."""
     alone = {name: options[name] for name in ("box", "regularity", "robust")}
-    return refine(surfaces, points, **alone).model.box
+    return refine(surfaces, points, base=base, **alone).model.box
 
 
 def _in_frame(noise: Frames, local: Frames, scale: float) -> KnownNoise:
