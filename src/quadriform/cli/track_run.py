@@ -96,7 +96,8 @@ def _track(
     target = space_to_write(asked, space)
     with progress_bar("cycle") as progress:
         slices = frames.slices if shift_slices else None
-        found = track(frames.sets, slices=slices, progress=progress, **frames.with_times(options))
+        options = frames.with_times(options)
+        found = track(frames.sets, slices=slices, base=frames.bases, progress=progress, **options)
     # an image of several files counts as all of them, each once
     sha256 = sha256_of(*dict.fromkeys(file for path in files for file in files_of(path)))
     record = replace(found.models[0].record, title=title_of(inputs), sources=input_files({"": files}))

@@ -200,7 +200,7 @@ def _tracked(frames: FrameSeries, task: Task, options: dict[str, Any]) -> tuple[
     if options.pop("shift_slices", False):
         keep_slices(frames)
         options["slices"] = frames.slices
-    found = _with_reading(track(frames.sets, **frames.with_times(options)), frames)
+    found = _with_reading(track(frames.sets, base=frames.bases, **frames.with_times(options)), frames)
     if found.moving is None:
         raise InputError("expected a strategy that gives one moving model")
     model = _with_metadata(replace(found.moving, landmarks=frames.landmarks), frames, task.layout)

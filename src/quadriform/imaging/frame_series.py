@@ -120,12 +120,11 @@ class FrameSeries:
         )
 
     def with_times(self, options: Mapping[str, Any]) -> dict[str, Any]:
-        """Return options of `track`, with bases, times and period of the files where they are not given."""
-        options = {"base": self.bases} | dict(options)
+        """Return options of `track`, with times and period of the files where they are not given."""
         if "times" in options or self.times is None or len(self.times) != len(self.clouds):
-            return options
+            return dict(options)
         period = {"period": self.period} if self.period and options.get("period", "auto") == "auto" else {}
-        return options | {"times": self.times} | period
+        return dict(options) | {"times": self.times} | period
 
     @property
     def bases(self) -> list[tuple[Array, Array] | None] | None:
