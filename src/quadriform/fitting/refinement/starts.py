@@ -16,6 +16,8 @@ from quadriform.shapes.superquadric import Superquadric
 PAPER_POINTS = 1000
 LEAST_WALL = 1 / 3
 """Between superquadrics one inside the other, at its thinnest: a share of the wall that the points have in the mean."""
+LEAST_ENTRY = 0.1
+"""Of a unit vector some entry is larger in any case; the sign of a smaller one can be that of rounding."""
 GRID = 24
 LONGEST = 2.0
 """A semi-axis above this many extents of the data is a runaway, and no start."""
@@ -43,8 +45,22 @@ def candidates(
         return [nested(surfaces, clouds) for surfaces in found]
     plain = {name: least_criterion(cloud[evenly_chosen(cloud, PAPER_POINTS)], kind) for name, cloud in dense.items()}
     if all(surface.semi_axes.max() <= LONGEST * np.ptp(dense[name], axis=0).max() for name, surface in plain.items()):
-        found.append(plain)
+        found.append({name: half_turned(surface) for name, surface in plain.items()})
     return [nested(surfaces, clouds) for surfaces in found]
+
+
+def half_turned(surface: Superquadric) -> Superquadric:
+    """The same surface, its first two axes towards positive coordinates.
+
+    Half-turns about its own axes leave a superellipsoid as it is. Which of them a descent ends at can be a matter of
+    rounding, and the order of the points of its grid follows.
+    """
+    rotation = surface.rotation.copy()
+    for axis in (0, 1):
+        column = rotation[:, axis]
+        if column[np.abs(column) > LEAST_ENTRY][0] < 0:
+            rotation[:, [axis, 2]] *= -1
+    return replace(surface, rotation=rotation)
 
 
 def ellipsoids(clouds: Mapping[str, Array]) -> dict[str, Superquadric]:
