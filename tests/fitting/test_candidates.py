@@ -7,7 +7,7 @@ import pytest
 from shapes_made import even_directions, made, turned
 
 import quadriform as qf
-from quadriform.fitting.refinement.starts import half_turned, nested
+from quadriform.fitting.refinement.starts import nested, with_positive_axes
 
 OUTER = made(exponents=(1, 1), semi_axes=(34, 34, 53))
 INNER = replace(OUTER, semi_axes=np.array([24.0, 24, 44]))
@@ -58,12 +58,12 @@ def test_surfaces_apart_are_left_alone():
     assert fitted(aside, seen=aside)["endo"] is aside
 
 
-def test_half_turns_are_taken_back():
+def test_half_rotations_are_taken_back():
     """Old bug: on a prism of voxels processors ended at different half-turns, and meshes began at different corners."""
     body = qf.Superquadric(semi_axes=(1, 2, 3), exponents=(0.7, 0.9), rotation=turned(3))
     points = np.random.default_rng(0).normal(size=(50, 3))
     for signs in ([1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]):
-        found = half_turned(replace(body, rotation=body.rotation * signs))
-        np.testing.assert_array_equal(found.rotation, half_turned(body).rotation)
+        found = with_positive_axes(replace(body, rotation=body.rotation * signs))
+        np.testing.assert_array_equal(found.rotation, with_positive_axes(body).rotation)
         assert np.linalg.det(found.rotation) > 0
         np.testing.assert_allclose(found.implicit(points), body.implicit(points), rtol=1e-12)

@@ -45,11 +45,11 @@ def candidates(
         return [nested(surfaces, clouds) for surfaces in found]
     plain = {name: least_criterion(cloud[evenly_chosen(cloud, PAPER_POINTS)], kind) for name, cloud in dense.items()}
     if all(surface.semi_axes.max() <= LONGEST * np.ptp(dense[name], axis=0).max() for name, surface in plain.items()):
-        found.append({name: half_turned(surface) for name, surface in plain.items()})
+        found.append({name: with_positive_axes(surface) for name, surface in plain.items()})
     return [nested(surfaces, clouds) for surfaces in found]
 
 
-def half_turned(surface: Superquadric) -> Superquadric:
+def with_positive_axes(surface: Superquadric) -> Superquadric:
     """The same surface, its first two axes towards positive coordinates.
 
     Half-turns about its own axes leave a superellipsoid as it is. Which of them a descent ends at can be a matter of
