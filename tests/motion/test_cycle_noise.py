@@ -6,7 +6,11 @@ from shapes_made import gap, lumpy
 
 import quadriform as qf
 from quadriform.errors import OptionError, PointsError
+from quadriform.fitting.least_squares.normal_equations import normal_equations
+from quadriform.fitting.least_squares.regularisers import penalty_matrix
+from quadriform.motion.cycle_equations import CycleEvidence
 from quadriform.point_sets import PointSet
+from quadriform.shapes.splines import TimeBasis
 
 SHRINKS = np.array([1.0, 0.9, 0.95])
 TRUTH = [lumpy(100, seed=t) * shrinks for t, shrinks in enumerate(SHRINKS)]
@@ -128,3 +132,19 @@ def test_a_base_that_is_none_is_named(base, message):
     frames = [open_tube(10, 20, 0.5, seed) for seed in range(3)]
     with pytest.raises(qf.errors.OptionError, match=message):
         qf.track(frames, base=base)
+
+
+def test_under_strong_penalties_the_noise_is_that_of_an_affine_motion():
+    """What penalties leave free is affine in space and linear in time: 24 parameters, by ordinary least squares."""
+    random, degrees, times = np.random.default_rng(6), (2, 2, 2), np.array([0.0, 0.3, 0.5, 0.8, 1.0])
+    local, targets = random.uniform(0, 1, (5, 40, 3)), random.normal(size=(5, 40, 3))
+    metric = np.broadcast_to(np.eye(3), (40, 3, 3))
+    equations = [normal_equations(x, metric, y, degrees) for x, y in zip(local, targets)]
+    basis = TimeBasis(np.array([0.0, 0.35, 0.7, 1.0]))
+    penalty = penalty_matrix("bending", (3, 3, 3))
+    found = CycleEvidence(equations, basis.values(times), basis, penalty, (3, 3, 3), count=600.0).solve(1e6, 1e6)
+
+    affine = np.concatenate([np.column_stack([x, np.ones(40)]) for x in local])
+    design = np.column_stack([affine, np.repeat(times, 40)[:, None] * affine])
+    squares = np.linalg.lstsq(design, targets.reshape(200, 3), rcond=None)[1].sum()
+    assert found.noise == pytest.approx(np.sqrt(squares / (600 - 24)), rel=1e-6)
