@@ -1,6 +1,8 @@
 """`quadriform fit --heart` and `--perfusion`: volumes of ventricles that the image cuts, and refusals."""
 
 import json
+import re
+from pathlib import Path
 
 import nibabel
 import numpy as np
@@ -55,9 +57,9 @@ def image(tmp_path):
 def hearts(image):
     """A label image of a cavity 1 in a wall 2 that is cut at the height `top`; `axes` of the world are x, y, z."""
 
-    def write(name="heart.nii", top=TOP, axes=(0, 1, 2)):
+    def write(name="heart.nii", top=TOP, axes=(0, 1, 2), endo=ENDO):
         at, affine = grid(top)
-        values = np.where(inside(at, ENDO), 1, np.where(inside(at, EPI), 2, 0))
+        values = np.where(inside(at, endo), 1, np.where(inside(at, EPI), 2, 0))
         return image(name, values.astype(np.uint8), affine[[*axes, 3]])
 
     return write
@@ -99,6 +101,22 @@ def test_later_commands_count_below_the_base_that_the_model_was_stored_with(term
     compared = record_of(terminal("compare", "out/model.json", "out/model.json", "--surface", "endo", "--json"))
     assert compared["volume_below_base_a"] == pytest.approx(1000 * record["volume_ml"], rel=1e-9)
     assert FACE in terminal("info", "out/model.json").out.replace("\n", " ")
+
+
+@pytest.mark.slow
+def test_the_example_of_the_readme_finds_the_ejection_fraction_of_two_phases(terminal, hearts):
+    """The phases have different last slices; their volumes are known in closed form."""
+    systole, top = 0.8 * ENDO, TOP - SPACING[2]
+    hearts("ED.nii.gz")
+    hearts("ES.nii.gz", top, endo=systole)
+    readme = (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
+    fit, measure = re.search(
+        r"of two phases, .*?```\nquadriform (.*?)\nquadriform (.*?)\n```", readme, re.DOTALL
+    ).groups()
+    assert terminal(*fit.split()).code == 0
+    found = {row["quantity"]: row for row in record_of(terminal(*measure.split(), "--json"))["measures"]}
+    exact = 100 * (1 - below(systole, top) / below(ENDO, TOP))
+    assert found["ejection fraction"]["value"] == pytest.approx(exact, abs=1.5)
 
 
 @pytest.mark.slow

@@ -131,7 +131,7 @@ def test_two_phases_are_distinguished(call, made):
     assert call("measure", "ed/model.json", "es/model.json", "--strict=warned").code == 3
 
 
-def test_each_number_of_a_table_has_the_verdict_beside_it(call, made, tmp_path):
+def test_each_number_of_a_table_has_the_status_beside_it(call, made, tmp_path):
     assert call("measure", "cycle/model.json", "-o", tmp_path / "m.csv").code == 0
     with open(tmp_path / "m.csv", newline="", encoding="utf-8") as stream:
         rows = list(csv.DictReader(stream))
@@ -143,7 +143,7 @@ def test_each_number_of_a_table_has_the_verdict_beside_it(call, made, tmp_path):
     assert whole["warnings"].items() >= warnings_of(made, "cycle").items()
 
 
-def test_the_table_of_frames_has_the_verdict_too(made):
+def test_the_table_of_frames_has_the_status_too(made):
     with open(made / "cycle" / "frames.csv", newline="", encoding="utf-8") as stream:
         rows = list(csv.DictReader(stream))
     expected = "; ".join(f"{kind}: {text}" for kind, text in warnings_of(made, "cycle").items())
@@ -155,7 +155,7 @@ def test_pages_show_them_before_any_picture(call, made, tmp_path, name):
     assert call("report", f"{name}/model.json", "-o", tmp_path / "page.html").code == 0
     for page in (tmp_path / "page.html", made / name / "report.html"):
         text = unescape(page.read_text(encoding="utf-8"))
-        assert '<div class="verdict warned">' in text
+        assert '<div class="summary warned">' in text
         for kind, sentence in warnings_of(made, name).items():
             assert text.index(f"<strong>{kind}</strong>: {sentence}") < text.index("<canvas")
 

@@ -66,7 +66,7 @@ def test_the_warnings_of_each_model_are_on_the_page_and_in_the_table(results):
         for kind, sentence in model.warnings.items():
             assert f"<strong>{kind}</strong>: {sentence}" in text
             assert told[kind] == sentence
-    assert '<div class="verdict warned">' in text
+    assert '<div class="summary warned">' in text
 
 
 def test_the_terminal_counts_them(ran):

@@ -1,6 +1,8 @@
 """The labels of public data sets, checked against how their surfaces enclose each other."""
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -46,6 +48,16 @@ class TestPresets:
             "epi": 6**3,
             "rv": 4**3,
         }
+
+    @pytest.mark.parametrize("preset", ["acdc", "mnms", "ukbb", "totalsegmentator"])
+    def test_the_readme_has_the_labels_of_the_preset(self, preset):
+        readme = (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
+        row = re.search(rf"\| `{preset}` \| (\d+) \| (\d+) \| (\d+) \| `(.*?)`, `(.*?)` \|", readme).groups()
+        assert tuple(map(int, row[:3])) == SCANNED[preset]
+        volume = heart(*SCANNED[preset])
+        for name, rule in zip(("endo", "epi"), row[3:], strict=True):
+            _, labels = parse_surface(f"{name}={rule}")
+            assert segment(volume, select=labels).mask.sum() == by_preset(volume, preset, name)
 
     def test_other_chambers_do_not_matter_to_totalsegmentator(self):
         values = heart(3, 1, 5).values.copy()

@@ -121,8 +121,8 @@ def after(text, figure, label):
     return row[k + 2 : k + 4]
 
 
-def verdict(text, figure):
-    return re.search(r'class="verdict">(.*?)</p>', sections(text)[figure], re.DOTALL)[1]
+def comparison(text, figure):
+    return re.search(r'class="comparison">(.*?)</p>', sections(text)[figure], re.DOTALL)[1]
 
 
 @pytest.mark.slow
@@ -147,12 +147,12 @@ def test_every_figure_says_what_the_paper_shows_and_compares_in_numbers(text):
         if name != "What the paper says in numbers":
             assert re.search(r"The paper</strong> \(p\. \d\d\): \w", body), name
             if name not in ("Fig. 13", "Fig. 14"):
-                assert re.search(r"\d", verdict(text, name)), name
+                assert re.search(r"\d", comparison(text, name)), name
 
 
 def test_texts_of_the_page_are_no_markup(text):
     """The texts of figures.toml are escaped like the numbers that fill them."""
-    assert "det J &lt;= 0" in verdict(text, "Section 3.4.2")
+    assert "det J &lt;= 0" in comparison(text, "Section 3.4.2")
     assert "<ball>" not in text and "&lt;ball&gt; &amp; nobody" in text
 
 
@@ -175,19 +175,19 @@ def test_numbers_are_those_of_the_fits(text, material):
     egg = material.crossing
     assert mm(egg.paper.rms) != mm(egg.default.rms)
     assert after(text, "Fig. 6", "error RMS of the model") == [mm(egg.paper.rms), mm(egg.default.rms)]
-    assert beside(egg.default.rms, egg.paper.rms) in verdict(text, "Fig. 6")
+    assert beside(egg.default.rms, egg.paper.rms) in comparison(text, "Fig. 6")
     assert after(text, "Fig. 3", "error RMS of the superellipsoid")[0] == mm(egg.paper.superquadric_rms)
     assert after(text, "Fig. 19", "compression ratio, egg") == [f"{fit.compression_ratio:.1f}" for fit in egg.fits]
     lids = [mm(np.sqrt(np.mean(f.residuals[20:] ** 2))) for f in egg.fits]
     assert after(text, "Fig. 15", "the same without the lids where the image or its region ends, egg") == lids
     assert after(text, "Section 6", "error with 50% outliers") == ["4 mm", "1.5 mm"]
-    assert "0.88 (Dice)" in verdict(text, "Fig. 17")
+    assert "0.88 (Dice)" in comparison(text, "Fig. 17")
     assert text.count("A note.") == 5
 
 
 def test_sentences_follow_from_the_numbers(text, material):
-    """Both ways: the verdicts on matching change with the errors."""
-    said = verdict(text, "Fig. 4")
+    """Both ways: the comparisons of matchings change with the errors."""
+    said = comparison(text, "Fig. 4")
     assert "50% larger on egg (0.300 and 0.200 mm)" in said and "50% smaller on egg (2.000 and 4.000 mm)" in said
     assert "nearer by more than 2% in 1 of 2 cases, the other one in 1." in said
     other = {
@@ -195,7 +195,7 @@ def test_sentences_follow_from_the_numbers(text, material):
         for name, each in material.matchings.items()
     }
     page = drawn(SimpleNamespace(**vars(material) | {"matchings": other}), ["4"]).decode()
-    assert "nearer by more than 2% in 0 of 2 cases, the other one in 2." in verdict(page, "Fig. 4")
+    assert "nearer by more than 2% in 0 of 2 cases, the other one in 2." in comparison(page, "Fig. 4")
 
 
 def test_the_approximations_of_the_distance_stand_beside_the_exact_one(text, material):
@@ -211,7 +211,7 @@ def test_the_approximations_of_the_distance_stand_beside_the_exact_one(text, mat
         above = f"{(values > exact * (1 + 1e-9)).mean():.0%}"
         k = row.index(name)
         assert row[k + 3 : k + 6] == [f"{rms(values):.3f}", f"{rms(values - exact):.3f}", above]
-        assert f"{rms(values - exact):.3f}" in verdict(text, "Fig. 4") and above in verdict(text, "Fig. 4")
+        assert f"{rms(values - exact):.3f}" in comparison(text, "Fig. 4") and above in comparison(text, "Fig. 4")
     assert row[row.index("exact |M P|") + 3] == f"{rms(exact):.3f}"
     of_n = [row[row.index(name) + 2] for name in ("first order (P4)", "second order (Taubin)", "exact |M P|")]
     assert float(of_n[1]) < float(of_n[2]) < float(of_n[0])
@@ -225,10 +225,10 @@ def test_one_box_is_compared_with_two_in_numbers(text, material):
         assert after(text, "Fig. 21", f"error RMS in one box, {name}") == one
         two = [mm(fit.rms) for fit in found.alone[name].fits]
         assert after(text, "Fig. 21", f"error RMS in a box of its own, {name}") == two
-    assert "One box has 103 parameters, two have 184." in verdict(text, "Fig. 21")
+    assert "One box has 103 parameters, two have 184." in comparison(text, "Fig. 21")
     alone = {name: replace(s, paper=far(s.paper), default=far(s.default)) for name, s in found.alone.items()}
     swapped = Walls(found.together, alone)
-    assert "With the paper&#39;s method a box each is nearer by more than 2% on neither wall" in verdict(
+    assert "With the paper&#39;s method a box each is nearer by more than 2% on neither wall" in comparison(
         drawn(SimpleNamespace(**vars(material) | {"walls": swapped}), ["21"]).decode(), "Fig. 21"
     )
 

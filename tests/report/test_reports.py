@@ -62,12 +62,12 @@ def test_the_page_of_the_demo_says_what_the_model_says(browser, demo):
 
 
 @pytest.mark.slow
-def test_a_report_begins_with_the_verdict_and_holds_the_fit(egg):
+def test_a_report_begins_with_the_summary_and_holds_the_fit(egg):
     fit, points = egg
     text = fit_report(fit, {"surface": points}, title="an egg", record={"options": {"box": [3, 3, 3]}}).decode()
     titles = re.findall(r"<h2[^>]*>(.*?)</h2>", text)
-    assert titles[:3] == ["Verdict", "Model", "Errors"]
-    assert titles[-2:] == ["Methods, ready to paste", "Configuration and record"]
+    assert titles[:3] == ["Summary", "Model", "Errors"]
+    assert titles[-2:] == ["Description of the method", "Configuration and record"]
     assert f"<strong>{fit.status}</strong>" in text
     for number in (fit.rms, fit.superquadric_rms, float(np.abs(fit.residuals).max())):
         assert f"{number:.4g}" in text

@@ -42,9 +42,9 @@ def _summary(results: Path, layout: Layout, found: Overview) -> Section:
     done, failed = len(found.rms), len(failures.rows(results / failures.TABLE))
     median = report_text("cohort", "median", rms=np.median(found.rms), unit=_unit(layout)) if done else ""
     counts = {"done": done, "subjects": layout.subjects, "failed": failed, "warned": found.warned}
-    sentence = report_text("cohort", "verdict", **counts, median=median)
+    sentence = report_text("cohort", "summary", **counts, median=median)
     status = "warned" if failed or found.warned else "ok"
-    body = Markup('<div class="verdict {}"><p>{}</p></div>').format(status, sentence)
+    body = Markup('<div class="summary {}"><p>{}</p></div>').format(status, sentence)
     if found.kinds:
         counted = [(kind, count, f"{100 * count / done:.1f} %") for kind, count in found.kinds.most_common()]
         body += table(("warning", "subjects", "share"), counted)

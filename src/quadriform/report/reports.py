@@ -52,8 +52,8 @@ def fit_report(
     # the longest side: an error below half of it is below what the image resolves
     voxel = None if image is None else float(image.spacing.max())
     parts = [
-        sections.verdict(
-            report_text("fit", "verdict", fit=fit, unit=unit, support=_support_text(fit)),
+        sections.summary(
+            report_text("fit", "summary", fit=fit, unit=unit, support=_support_text(fit)),
             fit.status,
             remarks(fit.warnings, fit.notes),
         ),
@@ -110,10 +110,10 @@ def track_report(
     scene = Scene(title, each, signed, errors, fields, _cavity(model), planes)
     worst = int(found.frame_rms.argmax())
     words = {"frames": len(found.models), "worst": worst, "worst_rms": found.frame_rms[worst], "unit": unit}
-    verdict = report_text("track", "verdict", track=found, **words)
+    sentence = report_text("track", "summary", track=found, **words)
     together = {name: np.concatenate([frame[name] for frame in found.residuals]) for name in model.surfaces}
     parts = [
-        sections.verdict(verdict, found.status, remarks(found.warnings, found.notes)),
+        sections.summary(sentence, found.status, remarks(found.warnings, found.notes)),
         Section("Model", viewer(model, scene)),
         *([] if measures is None else heart_sections(measures)),
         sections.errors(together, None, unit, None),
@@ -141,11 +141,11 @@ def model_report(
     models = [model.at(t) for t in model.frame_times] if isinstance(model, MovingModel) else [model]
     unknown, planes = [None] * len(models), _planes(measures)
     scene = Scene(title, errors=unknown, fields=_thickness(models), cavity=_cavity(model), planes=planes)
-    sentence = report_text("model", "verdict", model=model, moving="moving " if moving else "")
+    sentence = report_text("model", "summary", model=model, moving="moving " if moving else "")
     fit = model.record
     status, found = (fit.status, remarks_of(fit)) if measures is None else (measures.status, measures.remarks)
     parts = [
-        sections.verdict(sentence, status, found),
+        sections.summary(sentence, status, found),
         Section("Model", viewer(model, scene)),
         *([] if measures is None else heart_sections(measures)),
         sections.parameters(model, None),

@@ -1,4 +1,4 @@
-"""What a report on any model says: verdict, errors, convergence, parameters, methods, configuration."""
+"""What a report on any model says: summary, errors, convergence, parameters, methods, configuration."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -22,18 +22,18 @@ LIBRARIES = ("numpy", "scipy")
 Clouds = Mapping[str, Array]
 
 
-def verdict(sentence: str, status: str, remarks: Sequence[Remark]) -> Section:
-    """The answer in words, and everything to be wary of, before any picture.
+def summary(sentence: str, status: str, remarks: Sequence[Remark]) -> Section:
+    """The result in a sentence, with status, warnings and notes; it stands before any picture.
 
     Args:
-        sentence: the answer.
+        sentence: the result.
         status: "ok", "warned", "unreliable" or "unknown".
         remarks: warnings and notes.
     """
     warnings = [remark for remark in remarks if remark.kind]
     notes = [remark for remark in remarks if not remark.kind]
-    body = rendered("verdict.html.j2", sentence=sentence, status=status, warnings=warnings, notes=notes)
-    return Section("Verdict", body)
+    body = rendered("summary.html.j2", sentence=sentence, status=status, warnings=warnings, notes=notes)
+    return Section("Summary", body)
 
 
 def errors(residuals: Clouds, before: Clouds | None, unit: str, voxel: float | None) -> Section:
@@ -98,17 +98,17 @@ def parameters(model: DeformableModel | MovingModel, n_points: int | None) -> Se
 
 
 def methods(text: str, record: Mapping[str, Any]) -> list[Section]:
-    """A paragraph to paste, and everything that was in effect: the options, the hash of the input, the versions.
+    """A paragraph on the method, for a publication, and all that was in effect: options, hash of the input, versions.
 
     Args:
         text: what was done, without versions and citation.
-        record: options and results, as JSON can hold them. Folders of this machine and how long it took are left out:
-            they are nobody's business, and the same input gives the same page.
+        record: options and results, as JSON can hold them. Folders of this machine and the time that it took are left
+            out: they are private, and the same input gives the same page.
     """
     used = ", ".join(f"{name} {version(name)}" for name in LIBRARIES)
     whole = report_text("methods", "paper", text=text, version=version("quadriform"), used=used)
     # what changes from one run to the next would make pages of the same fit differ
     kept = {name: value for name, value in record.items() if name not in HERE}
-    paste = Markup('<p class="paste">{}</p>').format(whole)
+    description = Markup('<p class="description">{}</p>').format(whole)
     settings = Markup("<pre>{}</pre>").format(escape(json.dumps(kept, indent=1, default=str)))
-    return [Section("Methods, ready to paste", paste), Section("Configuration and record", settings)]
+    return [Section("Description of the method", description), Section("Configuration and record", settings)]

@@ -118,7 +118,7 @@ def sparse_data(material: Material) -> Remake:
     ]
     words: dict[str, object] = {
         "similar": SIMILAR,
-        "compared": " ".join(_sparse_verdict(sparse) for sparse in sets),
+        "compared": " ".join(_sparse_comparison(sparse) for sparse in sets),
         "missing": "" if material.real else " No real heart was given, so there is no medical example here.",
     }
     return Remake("9", words, pictures, [row for sparse in sets for row in _sparse_rows(sparse)])
@@ -138,7 +138,7 @@ def _sparse_rows(sparse: Sparse) -> list[Row]:
     return rows
 
 
-def _sparse_verdict(sparse: Sparse) -> str:
+def _sparse_comparison(sparse: Sparse) -> str:
     length, parts = sparse.whole.length, []
     for part in sparse.parts:
         paper, default = (sparse.distance(part, method) for method in (0, 1))

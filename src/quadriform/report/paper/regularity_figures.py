@@ -154,7 +154,7 @@ def _points(curve: Curve) -> list[tuple[float, float, float]]:
 
 
 def _equivalent(found: Any) -> str:
-    """The verdict on the claim, from the motions with P9 over those with truncation at equal errors."""
+    """A sentence on whether the claim is confirmed, from motions with P9 over those with truncation at equal errors."""
     if not len(found):
         return text("12", "not_comparable")
     mean, low, high = np.exp(np.log(found).mean()), found.min(), found.max()

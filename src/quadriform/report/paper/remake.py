@@ -56,7 +56,7 @@ class Remake:
             claim=text(self.key, "claim"),
             pictures=self.pictures,
             numbers=[numbers, *self.more],
-            verdict=text(self.key, "verdict", **self.words),
+            comparison=text(self.key, "comparison", **self.words),
         )
         return Section(f"{self.name}: {text(self.key, 'title', **self.words)}", body)
 

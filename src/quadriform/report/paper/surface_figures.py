@@ -19,7 +19,7 @@ COLOURS = (drawing.ORANGE, drawing.BY_PAPER, drawing.BY_DEFAULT)
 def third_surface(material: Material) -> Remake:
     """Fig. 21, and both walls of a ventricle in one box and in two."""
     made, walls = surface("21", ("10,000", "77"), material.third, 2), material.walls
-    words = made.words | {"walls": text("walls", "verdict", **wall_words(walls))}
+    words = made.words | {"walls": text("walls", "comparison", **wall_words(walls))}
     return replace(made, words=words, rows=[*made.rows, *wall_rows(walls)])
 
 
