@@ -2,7 +2,7 @@
 
     python benchmarks/real_data.py [DATA]      DATA: the folder of real data, ../shared/data by default
 
-Nothing is left out and nothing is tuned: each row is `quadriform.fit(points)` on its defaults.
+Nothing is left out and nothing is tuned: each row is `quadriform.fit(points)` with default options.
 """
 
 import sys
@@ -47,7 +47,7 @@ def pig(data: Path) -> Iterator[Case]:
 
 
 def sunnybrook(data: Path) -> Iterator[Case]:
-    for path in sorted((data / "sunnybrook").glob("*_endo.nii.gz")):
+    for path in sorted((data / "sunnybrook").glob("*_E[DS]_endo.nii.gz")):
         yield path.name[:-7], "mm", points_from_image(read_volume(path), select=Labels((1,))).points
 
 
@@ -71,12 +71,12 @@ def row(case: Case) -> str:
     try:
         fit = qf.fit(points)
     except QuadriformError as error:
-        return f"| {name} | {len(points):,} | | | | | {type(error).__name__}: {error} |"
+        return f"| {name} | {len(points):,} | | | | | refused | {type(error).__name__}: {error} |"
     to_mm = 1000 if unit == "m" else 1
     size = np.abs(np.asarray(fit.residuals)) * to_mm
     return (
         f"| {name} | {len(points):,} | {fit.superquadric_rms * to_mm:.2f} | {fit.rms * to_mm:.2f} "
-        f"| {np.quantile(size, 0.95):.2f} | {size.max():.1f} | {', '.join(fit.warnings) or 'ok'} |"
+        f"| {np.quantile(size, 0.95):.2f} | {size.max():.1f} | {fit.status} | {', '.join(fit.warnings)} |"
     )
 
 
@@ -87,7 +87,8 @@ def main() -> None:
         cases += [make(data) for make in (spect, pig, sunnybrook, meshes, contours)]
     else:
         print(f"skipped all but the brain: there is no folder {data}")
-    print("| data | points | alone RMS | RMS | 95 % | max | status |\n| --- | --- | --- | --- | --- | --- | --- |")
+    print("| data | points | superquadric RMS | RMS | 95 % | max | status | warnings |")
+    print("| --- | --- | --- | --- | --- | --- | --- | --- |")
     with ProcessPoolExecutor(2) as pool:
         for line in pool.map(row, (c for case in cases for c in case)):
             print(line, flush=True)
