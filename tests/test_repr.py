@@ -1,6 +1,7 @@
 """`repr` of every public object: a few lines that a user can read, without the contents of arrays."""
 
 import inspect
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -53,6 +54,25 @@ def test_each_public_object_prints_in_a_few_lines(objects):
 def test_no_public_class_is_left_out(objects):
     classes = {getattr(qf, name) for name in qf.__all__ if inspect.isclass(getattr(qf, name))}
     assert classes - {type(thing) for thing in objects} == set()
+
+
+def public_members():
+    """Class, name and docstring of each public method and property of a public class, inherited ones too."""
+    for cls in (getattr(qf, name) for name in qf.__all__ if inspect.isclass(getattr(qf, name))):
+        for name in (name for name in dir(cls) if not name.startswith("_")):
+            member = inspect.getattr_static(cls, name)
+            if inspect.isroutine(member) or isinstance(member, property):
+                yield cls.__name__, name, inspect.getdoc(member) or ""
+
+
+def test_each_public_method_states_what_it_returns():
+    """In one sentence that can be read alone, without the method before it."""
+    relative = re.compile(r"(Likewise|These|Those|That|The same(?: (?:in|for|with|as|of|on|at|after)\b|[.,;]))")
+    members = list(public_members())
+    assert len(members) > 80
+    for cls, name, text in members:
+        first = text.split("\n\n")[0]
+        assert first.endswith((".", ":")) and not relative.match(first), (cls, name, text)
 
 
 def test_a_fit_prints_its_status_warnings_and_notes(objects):

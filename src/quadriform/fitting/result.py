@@ -1,4 +1,4 @@
-"""What a fit returns beside the model: how good it is, how it went, and what to be wary of."""
+"""What a fit returns beside the model: residuals, noise, convergence, support by the data, and warnings."""
 
 from __future__ import annotations
 
@@ -50,10 +50,11 @@ class Warned:
 
 @dataclass(frozen=True)
 class Iteration:
-    """One iteration of the two steps, or one round of the default method; lengths in the unit of the data.
+    """One iteration of the paper's method, or one round of the default method; lengths in the unit of the data.
 
     Attributes:
-        error: RMS distance between the model points after the step and their targets; of a round the noise.
+        error: of the paper's method the RMS distance between the model points after the step and their targets; of the
+            default method the noise.
         box_motion: RMS motion of the control points in this step, |P_{n+1} - P_n|.
         box_displacement: RMS distance of the control points from the undeformed box, |P_{n+1} - P_0|.
         surface_motion: RMS motion of the model points in this step, |X_{n+1} - X_n|: the stop test.
@@ -65,7 +66,7 @@ class Iteration:
     surface_motion: float
 
     def scaled(self, scale: float) -> Iteration:
-        """The same in another unit of length."""
+        """The record with its lengths times `scale`."""
         lengths = (self.error, self.box_motion, self.box_displacement, self.surface_motion)
         return Iteration(*(scale * length for length in lengths))
 
@@ -75,16 +76,16 @@ class SuperquadricFit(Warned):
     """A fitted superquadric.
 
     Attributes:
-        superquadric: the answer, in the unit and frame of the points.
+        superquadric: the fitted one, in the unit and frame of the points.
         warnings: kind -> sentence.
-        rank: of the derivatives at the answer; below 11 (12 for the toroid) the points do not determine it.
+        rank: of the derivatives at the solution; below 11 (12 for the toroid) the points do not determine it.
         condition: largest over smallest singular value of the same, lengths in units of the cloud's RMS radius.
         covariance: (11, 11) or (12, 12), in the order a1 a2 a3, e1 e2, rotations about the object's own three axes
             (radians), tx ty tz, hole radius; unit of the data; zero for what was fixed.
         inliers: (n,) probability of each point to be of the surface, 0 for points of weight 0.
         noise: standard deviation of the inliers' distances, in the unit of the data.
-        history: the criterion P3 after each iteration; for the robust fit the least noise.
-        iterations: how many there were.
+        history: the criterion P3 after each iteration; for the robust fit the least standard deviation of the noise.
+        iterations: their number.
         notes: as for `Fit`.
     """
 
@@ -111,7 +112,7 @@ class Fit(Warned):
     """A fitted deformable model.
 
     Attributes:
-        model: the answer, in the unit and frame of the points.
+        model: the fitted one, in the unit and frame of the points.
         warnings: kind -> sentence.
         residuals: signed distance of each point to its surface, (n,), negative inside; with several surfaces a
             mapping from their names.
@@ -121,10 +122,10 @@ class Fit(Warned):
         noise: standard deviation of the points along the normal, in their unit; for the paper's method their RMS.
         inliers: probability of each point to be of its surface, (n,) or a mapping; all one where none was estimated.
         covariance: posterior covariance (3 k, 3 k) of the k control points, coordinates of a point together, in
-            squared units; None for the paper's method, which has no such thing.
+            squared units; None for the paper's method, which estimates none.
         enriched: the same data with more control points, for `uncertainty`; None for the paper's method.
         notes: remarks that leave the status "ok", one sentence each.
-        support: surface -> how far data supports it.
+        support: surface -> the shares of its area and volume that data supports, and its extent beyond the data.
     """
 
     model: DeformableModel
@@ -147,7 +148,7 @@ class Fit(Warned):
         return summary(f"Fit: {self.status}", f"{self.n_points} points, {numbers}", model, *self._texts, *self.notes)
 
     def __post_init__(self) -> None:
-        """Let the model carry status, warnings and notes, also after `dataclasses.replace`."""
+        """Copy status, warnings and notes to the record of the model, also after `dataclasses.replace`."""
         super().__post_init__()
         record = replace(self.model.record, status=self.status, warnings=self.warnings, notes=self.notes)
         record = replace(
@@ -160,7 +161,7 @@ class Fit(Warned):
     def uncertainty(self, points: ArrayLike, surface: str | None = None) -> Array:
         """One standard deviation (n,) of the surface along its normal, at the surface points nearest to (n, 3) points.
 
-        What the noise of the data, the lack of it and the number of control points leave open; in the unit of the data.
+        It covers the noise of the data, missing data, and too few control points; in the unit of the data.
 
         Raises:
             OptionError: the fit has no covariance (method="paper").
@@ -172,16 +173,25 @@ class Fit(Warned):
 
     @property
     def supported(self) -> float | dict[str, float]:
-        """Share [0, 1] of the area of the surface that data supports; with several surfaces by name."""
+        """Share [0, 1] of the area of the surface that data supports.
+
+        With several surfaces a mapping from their names.
+        """
         return unnamed({name: each.area for name, each in self.support.items()})
 
     @property
     def extends_beyond(self) -> float | dict[str, float]:
-        """How far the surface reaches beyond the data, in their unit; with several surfaces by name."""
+        """The largest extent of the surface beyond the data in any direction, in the unit of the points.
+
+        With several surfaces a mapping from their names.
+        """
         return unnamed({name: each.extends_beyond for name, each in self.support.items()})
 
     def volume(self, surface: str | None = None) -> Estimate:
-        """The enclosed volume of a surface, the first without a name, and the share of it below supported area.
+        """The enclosed volume of a surface in cubed units, with the share of it that lies below supported area.
+
+        Args:
+            surface: name; None for the first.
 
         Raises:
             OptionError: unknown name.
@@ -190,7 +200,10 @@ class Fit(Warned):
         return Estimate(self.model.volume(surface), self._power(3), None if supported is None else supported.volume)
 
     def area(self, surface: str | None = None) -> Estimate:
-        """The area of a surface, the first without a name, and the share of it that data supports.
+        """The area of a surface in squared units, with the share of it that data supports.
+
+        Args:
+            surface: name; None for the first.
 
         Raises:
             OptionError: unknown name.
@@ -206,7 +219,7 @@ class Fit(Warned):
         return "" if self.model.unit == "unknown" else f"{self.model.unit}^{exponent}"
 
     def with_estimates(self) -> Fit:
-        """The same; its model carries the volume and the area of each surface, with what data supports of them."""
+        """The fit whose model also has the volume and the area of each surface, and the shares that data supports."""
         named = {name: "" if name == ALONE else f" {name}" for name in self.model.surfaces}
         estimates = {f"volume{text}": self.volume(name) for name, text in named.items()}
         estimates |= {f"area{text}": self.area(name) for name, text in named.items()}
@@ -215,7 +228,7 @@ class Fit(Warned):
 
     @property
     def iterations(self) -> int:
-        """How many iterations were made."""
+        """The number of iterations."""
         return len(self.history)
 
     @property
@@ -230,16 +243,16 @@ class Fit(Warned):
 
     @property
     def n_points(self) -> int:
-        """How many points were fitted."""
+        """The number of points that were fitted."""
         return len(flat(self.residuals))
 
     @property
     def compression_ratio(self) -> float:
-        """Numbers in the points over numbers in the model: 3 n / n_parameters."""
+        """Coordinates of the points over parameters of the model: 3 n / n_parameters."""
         return 3 * self.n_points / self.model.n_parameters
 
     def require_ok(self) -> Fit:
-        """Return itself when the status is "ok".
+        """The fit itself when its status is "ok".
 
         Raises:
             FitError: there are warnings; the message has them.
@@ -249,10 +262,10 @@ class Fit(Warned):
         return self
 
     def require_usable(self) -> Fit:
-        """Return itself unless the status is "unreliable".
+        """The fit itself unless its status is "unreliable".
 
         Raises:
-            FitError: it is; the message has the warnings.
+            FitError: the status is "unreliable"; the message has the warnings.
         """
         return self.require_ok() if self.status == UNRELIABLE else self
 
@@ -302,5 +315,5 @@ def rms(residuals: Array | dict[str, Array]) -> float:
 
 
 def rms_of_inliers(distances: Array, inliers: NDArray[np.bool_]) -> float:
-    """RMS distance of the points that belong to a surface; of all where none does."""
+    """RMS of distances (n,) over the inliers; over all points where there are no inliers."""
     return float(np.sqrt((distances[inliers if inliers.any() else ...] ** 2).mean()))

@@ -105,16 +105,16 @@ class Track(Warned):
 
     @property
     def frame_rms(self) -> Array:
-        """The same for each frame, (F,)."""
+        """RMS distances (F,) of the points of each frame to their surfaces."""
         return np.array([np.sqrt((flat(found) ** 2).mean()) for found in self.residuals])
 
     def in_unit(self, unit: str) -> Track:
-        """The same, its models marked with the unit of the lengths that they have."""
+        """The track whose models state the unit that their lengths have."""
         moving = None if self.moving is None else replace(self.moving, unit=unit)
         return replace(self, models=tuple(replace(model, unit=unit) for model in self.models), moving=moving)
 
     def in_space(self, space: str) -> Track:
-        """Models and shifts in another frame of the world, "LPS" or "RAS".
+        """The track with models and shifts in another frame of the world, "LPS" or "RAS".
 
         Raises:
             OptionError: another frame.

@@ -71,7 +71,7 @@ class ControlBox:
 
     @classmethod
     def undeformed(cls, origin: Array, edges: Array, shape: tuple[int, int, int]) -> ControlBox:
-        """The box whose control points are at their even positions, so that nothing moves."""
+        """The undeformed box: its control points are at even positions, and `deform` is the identity."""
         return cls(origin, edges, origin + _lattice(*shape) @ edges)  # P17
 
     def transformed(self, scale: float, offset: Array) -> ControlBox:
@@ -84,7 +84,7 @@ class ControlBox:
 
     @property
     def degrees(self) -> tuple[int, int, int]:
-        """(l, m, n): one less than the control points along each axis."""
+        """The degrees (l, m, n): one less than the control points along each axis."""
         l, m, n = (count - 1 for count in self.control_points.shape[:3])
         return l, m, n
 
@@ -95,7 +95,7 @@ class ControlBox:
         return ControlBox.undeformed(self.origin, self.edges, (l, m, n)).control_points
 
     def with_control_points(self, control_points: Array) -> ControlBox:
-        """The same box with its control points elsewhere; any array of that size."""
+        """The box with other control points, given as an array of the same size."""
         return replace(self, control_points=np.reshape(control_points, self.control_points.shape))
 
     def local(self, points: ArrayLike) -> Array:
@@ -132,7 +132,7 @@ class ControlBox:
         return (a * np.cross(b, c, axis=0)).sum(axis=0)
 
     def compiled(self) -> _kernel.Box:
-        """The box as the compiled loops take it."""
+        """The box in the form of the compiled loops."""
         return _kernel.Box(self.origin, self._local_by_point, self.control_points)
 
     def matrix_gradient(self, points: ArrayLike) -> Array:

@@ -30,7 +30,7 @@ class DeformableModel(Recorded):
     Attributes:
         surfaces: name -> superquadric before deformation; a single one is called "surface", the first is the outer
             one for measures without a name.
-        box: the deformation that carries them all.
+        box: the deformation, the same for all surfaces.
         space: the frame of the world coordinates: "LPS", "RAS" or "unknown".
         unit: "mm", "m" or "unknown".
         input_sha256: hash of the input that the model was fitted to, empty for models built by hand.
@@ -79,7 +79,7 @@ class DeformableModel(Recorded):
         return replace(self, surfaces=surfaces, box=self.box.rotated(rotation), space=space, landmarks=landmarks)
 
     def superquadric(self, surface: str | None = None) -> Superquadric:
-        """The superquadric of a name; without a name the first.
+        """The undeformed superquadric of a surface, given by name; without a name the first.
 
         Raises:
             OptionError: unknown name.
@@ -90,7 +90,7 @@ class DeformableModel(Recorded):
         return self.surfaces[name]
 
     def mesh(self, surface: str | None = None, resolution: int = 24) -> Mesh:
-        """Triangles of a deformed surface; `resolution` as in `Superquadric.mesh`."""
+        """The triangle mesh of a deformed surface; `resolution` as in `Superquadric.mesh`."""
         before, quads = self.superquadric(surface).grid(resolution)
         vertices = self.box.deform(before)
         return Mesh(vertices, split_quads(quads, vertices))
@@ -104,23 +104,23 @@ class DeformableModel(Recorded):
         return check_points(self.box.deform(points), "deformed points")
 
     def undeform(self, points: ArrayLike) -> Array:
-        """The inverse of `deform`, (n, 3)."""
+        """The world points (n, 3) before deformation: the inverse of `deform`."""
         return self.box.undeform(points)
 
     def foot_points(self, points: ArrayLike, surface: str | None = None) -> FootPoints:
-        """The closest surface points with their normals and signed distances."""
+        """The closest surface points to world points (n, 3), with their normals and signed distances."""
         return closest_on(self.superquadric(surface), self.box, check_points(points))
 
     def closest(self, points: ArrayLike, surface: str | None = None) -> Array:
-        """The closest point of a surface to each of (n, 3) world points."""
+        """The closest points (n, 3) of a surface to world points (n, 3)."""
         return self.foot_points(points, surface).points
 
     def distance(self, points: ArrayLike, surface: str | None = None) -> Array:
-        """Signed distance of (n, 3) world points to a surface, (n,), negative inside."""
+        """Signed distances (n,) of world points (n, 3) to a surface, in the unit of the model; negative inside."""
         return self.foot_points(points, surface).signed
 
     def contains(self, points: ArrayLike, surface: str | None = None) -> NDArray[np.bool_]:
-        """Which of (n, 3) world points lie inside a closed surface."""
+        """A mask (n,) of the world points (n, 3) that lie inside a closed surface."""
         return self.distance(points, surface) < 0
 
     def volume(self, surface: str | None = None) -> float:
@@ -128,7 +128,7 @@ class DeformableModel(Recorded):
         return extrapolated(*(self.mesh(surface, n).volume() for n in (32, 64)))
 
     def area(self, surface: str | None = None) -> float:
-        """Area of a surface in squared units, likewise."""
+        """Area of a surface in squared units, from two meshes by Richardson's extrapolation."""
         return extrapolated(*(self.mesh(surface, n).area() for n in (32, 64)))
 
     def min_jacobian(self) -> float:
@@ -139,8 +139,9 @@ class DeformableModel(Recorded):
         """Points (n, 3) of the inside, before deformation, where det(d deformed / d point) is not positive.
 
         Returns:
-            Empty when the model is certified. The first point is the lowest that was met; where neither a proof nor a
-            fold was found it stands alone, and its determinant is positive.
+            An empty array when a bound proves that there are none. Otherwise the first point has the lowest determinant
+            that was found; where neither a proof nor a fold was found it is the only one, and its determinant is
+            positive.
         """
         return fold_bound.folds(self.box, self.surfaces.values())
 
@@ -156,7 +157,7 @@ class DeformableModel(Recorded):
         return {pair: points for pair, points in found.items() if len(points)}
 
     def nesting(self, resolution: int = 24) -> dict[tuple[str, str], str]:
-        """For each pair (a, b) of closed surfaces: a is "around" b, "inside" b, "apart" from it or "crossing"."""
+        """The relation of each pair (a, b) of closed surfaces: a is "around" b, "inside" b, "apart" or "crossing"."""
         crossed = self.crossings(resolution)
         result = {}
         for a, b in combinations(self.surfaces, 2):
@@ -171,5 +172,5 @@ class DeformableModel(Recorded):
 
 
 def lines_of(surfaces: Mapping[str, Superquadric]) -> list[str]:
-    """A line on each surface, for a summary."""
+    """A line of text for each surface: its name, kind and semi-axes."""
     return [f"{name}: {surface.kind} with semi-axes {listed(surface.semi_axes)}" for name, surface in surfaces.items()]

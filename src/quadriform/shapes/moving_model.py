@@ -79,7 +79,7 @@ class MovingModel(Recorded):
         return sum(len(s.parameters) for s in self.surfaces.values()) + self.control_points.size
 
     def box(self, time: float) -> ControlBox:
-        """The control box at a time."""
+        """The control box at a time, in the unit of the knots."""
         weights = self.basis.values(np.array([time]))[0]
         return ControlBox(self.origin, self.edges, np.tensordot(weights, self.control_points, 1))
 
@@ -116,7 +116,7 @@ class MovingModel(Recorded):
 
     @property
     def rest(self) -> ControlBox:
-        """The undeformed box."""
+        """The undeformed control box."""
         l, m, n = self.control_points.shape[1:4]
         return ControlBox.undeformed(self.origin, self.edges, (l, m, n))
 

@@ -28,7 +28,7 @@ ORTHOGONAL = 1e-9
 
 @dataclass(frozen=True, repr=False)
 class Superquadric:
-    """A superellipsoid, supertoroid or superhyperboloid at some place in space.
+    """A superellipsoid, supertoroid or superhyperboloid with its pose in space.
 
     Attributes:
         kind: "ellipsoid", "toroid", "hyperboloid1" (one sheet, around its z axis) or "hyperboloid2" (two, along x).
@@ -37,7 +37,7 @@ class Superquadric:
             at 2, pinched above (A.1). Fits keep them in [0.01, 2].
         rotation: (3, 3), from the object's frame to the world.
         translation: (3,), the centre in the world.
-        hole_radius: the toroid's twelfth number a4 > 1, in units of the tube; None for the others.
+        hole_radius: the toroid's twelfth parameter a4 > 1, in units of the tube; None for the others.
         height: where a hyperboloid is cut: `|z|` of one sheet, `|x| > a1` of two, in the unit of the data.
 
     Raises:
@@ -67,7 +67,7 @@ class Superquadric:
             raise OptionError(
                 f"exponents: expected numbers from {EXPONENTS[0]} to {PINCHED}, found {self.exponents.tolist()}"
             )
-        # A reflection would turn the surface inside out.
+        # a reflection would exchange inside and outside
         skewness = np.abs(self.rotation @ self.rotation.T - np.eye(3)).max()
         if skewness > ORTHOGONAL or np.linalg.det(self.rotation) < 0:
             raise OptionError("rotation: expected an orthogonal matrix with determinant +1")
@@ -103,7 +103,7 @@ class Superquadric:
         return np.concatenate([self.semi_axes, self.exponents, euler, self.translation, hole])
 
     def with_parameters(self, parameters: Array) -> Superquadric:
-        """The same kind with other parameters, in their order."""
+        """The superquadric of the same kind with other parameters, in the order of `parameters`."""
         return replace(
             self,
             semi_axes=parameters[:3],
@@ -127,11 +127,11 @@ class Superquadric:
         return replace(self, rotation=rotation @ self.rotation, translation=rotation @ self.translation)
 
     def to_local(self, points_world: Array) -> Array:
-        """R^T (x - t) of (n, 3) points: from the world to the own frame."""
+        """Points (n, 3) in the superquadric's own frame, R^T (x - t), of world points (n, 3)."""
         return (points_world - self.translation) @ self.rotation  # P11
 
     def to_world(self, points_local: Array) -> Array:
-        """R x + t of (n, 3) points: from the own frame to the world."""
+        """World points (n, 3), R x + t, of points (n, 3) in the superquadric's own frame."""
         return points_local @ self.rotation.T + self.translation  # P11
 
     # --- inside and outside --------------------------------------------------------------------------------------
@@ -168,7 +168,7 @@ class Superquadric:
     # --- the surface ---------------------------------------------------------------------------------------------
 
     def surface(self, directions: ArrayLike) -> Array:
-        """World points (n, 3) of the surface.
+        """World points (n, 3) of the surface, by direction.
 
         Args:
             directions: for the ellipsoid unit directions (n, 3), the regular parametrisation of section 2.2; for
@@ -203,7 +203,7 @@ class Superquadric:
         """Triangles of the surface: closed for ellipsoid and toroid, open at the cut for hyperboloids.
 
         Args:
-            resolution: cells along an edge of the cube that the grid is blown up from (6 n^2 + 2 vertices), or a
+            resolution: cells along an edge of the cube that is projected onto the surface (6 n^2 + 2 vertices), or a
                 quarter of the cells around a toroid or hyperboloid.
         """
         vertices, quads = self.grid(resolution)
@@ -220,8 +220,8 @@ class Superquadric:
     @quiet
     def first_order_distance(self, points: ArrayLike) -> Array:
         """`|F - 1| / |grad F|` (P4), (n,); close to the true distance near the surface."""
-        steepness = np.linalg.norm(self.gradient(points), axis=1)
-        return np.abs(self.implicit(points) - 1) / np.maximum(steepness, 1e-300)  # P4
+        gradient_length = np.linalg.norm(self.gradient(points), axis=1)
+        return np.abs(self.implicit(points) - 1) / np.maximum(gradient_length, 1e-300)  # P4
 
     @quiet
     def taubin_distance(self, points: ArrayLike) -> Array:
