@@ -2,6 +2,8 @@
 
 import shutil
 import sys
+import warnings
+from pathlib import Path
 
 import numpy as np
 import pydicom
@@ -21,6 +23,7 @@ from quadriform.errors import (
     QuadriformError,
 )
 from quadriform.imaging.dicom import read_dicom
+from quadriform.imaging.dicom_files import decoding
 from quadriform.imaging.image_points import points_from_image
 from quadriform.imaging.reading import frame_count, frame_times, read_volume
 from quadriform.imaging.segmentation import Percentile
@@ -533,3 +536,11 @@ def test_both_formats_give_the_same_surface(spect):
         assert len(a) == len(b)
         assert cKDTree(a).query(b)[0].max() < 0.01
         assert cKDTree(b).query(a)[0].max() < 0.01
+
+
+def test_warnings_of_the_decoder_do_not_reach_the_user():
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        with decoding(Path("I1.dcm")):
+            warnings.warn("a value that breaks a rule of DICOM", stacklevel=1)
+    assert caught == []

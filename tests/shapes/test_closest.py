@@ -8,7 +8,14 @@ from scipy.optimize import nnls
 from scipy.spatial import cKDTree
 from shapes_made import SKEW, made, turned
 
-from quadriform.shapes.closest import closest_on, surface_points, update_foot_points
+from quadriform.shapes.closest import (
+    RESOLUTION,
+    CandidateIndex,
+    _neighbours,
+    closest_on,
+    surface_points,
+    update_foot_points,
+)
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superquadric import Superquadric
 
@@ -291,3 +298,28 @@ def test_rounding_does_not_choose_between_faces_that_are_equally_near(exponents,
     rounding = 1e-15 * np.random.default_rng(seed).normal(size=targets.shape)
     one, other = closest_on(surface, box, targets), closest_on(surface, box, targets + rounding)
     np.testing.assert_allclose(one.points, other.points, atol=1e-6)
+
+
+def test_neighbours_of_a_vertex_are_the_vertices_of_its_cells():
+    table = _neighbours("ellipsoid")
+    quads = Superquadric().grid(RESOLUTION)[1]
+    for vertex in range(0, table.shape[1], 97):
+        cells = set(quads[(quads == vertex).any(axis=1)].ravel()) - {vertex}
+        assert set(table[:, vertex]) - {vertex} == cells
+    assert all((row != np.arange(table.shape[1])).any() for row in table)  # none is only padding
+
+
+def test_targets_with_many_equally_near_vertices_are_compared_with_all():
+    """More targets near the centre of a ball than are compared at once; every vertex whose cell may be nearest."""
+    surface = Superquadric()
+    candidates = CandidateIndex.of(surface, ControlBox.around(surface))
+    targets = np.random.default_rng(2).normal(0, 0.02, (700, 3))
+    nearest = cKDTree(candidates.points).query(targets)[0]
+    codes = np.concatenate(candidates._among_all(np.arange(700), targets, nearest))
+    squared = ((targets[:, None] - candidates.points) ** 2).sum(axis=2)
+    room = candidates.cell**2 + nearest[:, None] * np.minimum(
+        candidates.cell**2 * candidates.curvature, 2 * candidates.cell
+    )
+    expected = np.flatnonzero(squared - nearest[:, None] ** 2 <= room)
+    assert len(np.setxor1d(codes, expected)) <= 1e-4 * len(expected)  # but for ties in the last digit
+    assert len(np.unique(codes // len(candidates.points))) == 700

@@ -270,10 +270,10 @@ def _refine_tangent(
     landmarks = NONE_KNOWN if base is None else Landmarks(base, GIVEN_BASE)
     model = replace(found.model, landmarks=landmarks)
     found = replace(found, model=model, warnings=copies | found.warnings)
-    if index is None:
+    if index is None or found.enriched is None:
         return found
     counted = {name: each > 0 for name, each in clouds.weights.items()}
-    return on_all(found, clouds.points, clouds.of_body, counted, clouds.noise, centred, known, options)
+    return on_all(found, found.enriched, clouds.points, clouds.of_body, counted, clouds.noise, centred, known, options)
 
 
 def _of_all_points(result: Result, distinct: Mapping[str, Distinct], clouds: _Clouds) -> Result:

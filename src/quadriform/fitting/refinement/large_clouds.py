@@ -178,6 +178,7 @@ class _All:
 
 def on_all(
     found: Fit,
+    enriched: EnrichedBox,
     clouds: Mapping[str, Array],
     weights: Mapping[str, Array],
     counted: Mapping[str, NDArray[np.bool_]],
@@ -190,6 +191,7 @@ def on_all(
 
     Args:
         found: the fit to the sample.
+        enriched: the same data with more control points.
         clouds: name -> (n, 3), all points.
         weights: name -> (n,), 0 also for points of something else.
         counted: name -> (n,), which points were given a weight.
@@ -210,17 +212,19 @@ def on_all(
         even = weights[name] if sample.mean_weight == 1 else weights[name] / sample.mean_weight
         surfaces.append(_Surface(name, cloud, even, counted[name], noise.get(name), data, cKDTree(data.points)))
     points = _All(surfaces, sample.frame, options.robust, known.least)
-    return _with_arrays(*_rounds(points, found, local.box, options))
+    return _with_arrays(*_rounds(points, found, enriched, local.box, options))
 
 
-def _rounds(points: _All, found: Fit, box: ControlBox, options: TangentOptions) -> tuple[_All, Fit]:
+def _rounds(
+    points: _All, found: Fit, enriched: EnrichedBox, box: ControlBox, options: TangentOptions
+) -> tuple[_All, Fit]:
     """A few rounds from the box of the sample, in the centred, scaled frame; the fit in the world.
 
     The fit to the sample itself where all that they lead to folds or leaves control points undetermined.
     """
     strength, scale = check_strength(options.strength), points.frame.scale
     noise, history = found.noise / scale, list(found.history)
-    effective_fraction = 1.0 if found.enriched is None else found.enriched.evidence.effective_fraction
+    effective_fraction = enriched.evidence.effective_fraction
     solutions = list[Solution]()
     measured = probes(surface.data.superquadric for surface in points.surfaces)
     for _ in range(LARGE.rounds):
@@ -244,7 +248,7 @@ def _rounds(points: _All, found: Fit, box: ControlBox, options: TangentOptions) 
         strength=solution.strength,
         noise=scale * noise,
         covariance=scale**2 * solution.covariance(),
-        enriched=_enriched(points, found, box, noise, solution, options.regularity),
+        enriched=_enriched(points, box.elevate(enriched.degrees), box, noise, solution, options.regularity),
     )
     return points, result
 
@@ -280,13 +284,9 @@ def _unfolded(points: _All, evidence: Evidence, box: ControlBox, solution: Solut
 
 
 def _enriched(
-    points: _All, found: Fit, box: ControlBox, noise: float, solution: Solution, regularity: str | Regulariser
-) -> EnrichedBox | None:
-    """What a finer box says of all points."""
-    if found.enriched is None:
-        return None
-    # foot points of the fitted box are those of the elevated one, which deforms space alike
-    elevated = box.elevate(found.enriched.degrees)
+    points: _All, elevated: ControlBox, box: ControlBox, noise: float, solution: Solution, regularity: str | Regulariser
+) -> EnrichedBox:
+    """What a box with more control points says of all points; foot points are those of the fitted box."""
     points = points.updated(box, noise)
     equations, count = points.sums(box, elevated, noise)
     fraction = solution.effective_fraction
