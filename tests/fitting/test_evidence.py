@@ -64,6 +64,14 @@ def test_what_costs_nothing_is_counted():
     assert (drawn(BENDING, 1e-4, 0.1)[0].null_dimension, drawn(SPRINGS, 1e-4, 0.1)[0].null_dimension) == (12, 3)
 
 
+def test_the_curvature_of_the_criterion_is_known_at_the_best_strength():
+    """By finite differences of its values."""
+    evidence = drawn(BENDING, 1e-5, 0.02)[0]
+    best, step = evidence.best(), 0.3
+    low, middle, high = (evidence.solve(best.strength * np.exp(x)).criterion for x in (-step, 0.0, step))
+    assert best.curvature == pytest.approx((high - 2 * middle + low) / step**2, rel=0.05)
+
+
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_the_largest_evidence_is_found(seed):
     evidence = drawn(BENDING, 1e-5, 0.02, seed=seed)[0]
