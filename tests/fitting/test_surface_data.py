@@ -102,17 +102,17 @@ def test_a_normal_without_trust_does_not_count():
     assert (facing(PLATE, crossed_over(0.0))[:, 2] < 0).all()
 
 
-def test_the_surface_that_nobody_claims_asks_for_data():
-    """Upper half claimed: the lower half's model points choose data points below, near and facing alike."""
+def test_model_points_without_a_data_point_are_attracted_to_data():
+    """Upper half matched: the lower half's model points choose data points below, near and facing alike."""
     cloud = FacingCloud(even_directions(600), even_directions(600), np.ones(600))
     grid, _ = BALL.grid(MODEL_RESOLUTION)
     pairs = Correspondence.between(BALL, cloud)
     costs = pairs.costs(ControlBox.around(BALL))
-    origins, targets = pairs.unclaimed(costs, grid[grid[:, 2] > 0])
+    origins, targets = pairs.unmatched(costs, grid[grid[:, 2] > 0])
     assert len(origins) == (grid[:, 2] <= 0).sum()
     assert np.linalg.norm(origins - targets, axis=1).max() < 0.2
-    nobody, nothing = pairs.unclaimed(costs, grid)
-    assert len(nobody) == len(nothing) == 0
+    remaining, targets = pairs.unmatched(costs, grid)
+    assert len(remaining) == len(targets) == 0
 
 
 def test_data_attracts_along_the_normal_and_hardly_along_the_surface(rng):

@@ -1,7 +1,7 @@
-"""What a cloud is without its order or any model: distinct points, neighbours and what they determine, equal values.
+"""Properties of a cloud that depend neither on its order nor on a model: distinct points, neighbourhoods, ties.
 
-On the lattices of images, and on any body with symmetry, much is equal but for rounding, and that differs between
-processors: the best of equal values, and points at equal distances. No choice here is left to rounding.
+On the lattices of images, and on symmetric bodies, many values and distances are equal up to rounding, and rounding
+differs between processors. Ties are therefore resolved explicitly here.
 """
 
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ from quadriform.shapes.threads import threads_for
 
 @dataclass(frozen=True)
 class Equality:
-    """What is equal but for rounding."""
+    """Tolerances within which values are equal: smaller differences are rounding."""
 
     values: float = 1e-9
     """Values that differ by less than this fraction of their size."""
@@ -28,12 +28,12 @@ class Equality:
     neighbours: float = 1e-6
     """Distances to neighbours that differ by less than this fraction, for they are differences of coordinates."""
     compared: int = 12
-    """So many more neighbours than were asked for are compared with the last of these."""
+    """Neighbours beyond the requested number whose distances are compared with that of the last requested one."""
 
 
 @dataclass(frozen=True)
 class Neighbours:
-    """The constants of what neighbours determine."""
+    """The constants of local neighbourhoods."""
 
     count: int = 12
     """Neighbours of which principal axes are taken: two rings on an even surface."""
@@ -45,7 +45,7 @@ class Neighbours:
     isolated_ratio: float = 3.0
     """A point is isolated when its tenth neighbour is farther than three times the usual."""
     disagree: float = 0.05
-    """Given normals of which more pairs of neighbours face opposite ways have arbitrary signs."""
+    """Given normals have arbitrary signs where more than this fraction of neighbours face opposite directions."""
     around: int = 20
     edge_angle: float = np.radians(150)
     edges: float = 0.01
@@ -58,13 +58,13 @@ class Neighbours:
     RMS distance, and by more than the second times the noise: what they differ by at the smoothest tenth of the
     points."""
     isolated: float = np.sqrt(2.0)
-    """Points whose neighbours are this many times farther away than those of the median point are not on a surface of
-    the cloud's density, whose creases have neighbours on both sides: outliers, mostly."""
+    """Creases are not sought at points whose neighbours are this many times farther away than those of the median
+    point: these are mostly outliers, and on a surface of the cloud's density a crease has neighbours on both sides."""
     correlation: tuple[tuple[int, int], ...] = ((10_000, 64), (500, 8192))
     """Correlation is taken at an even sample of so many points, with so many neighbours of each; the next pair only
     where it reaches beyond these neighbours."""
     sure: float = 3.0
-    """It counts when it is so many of its own standard errors above none at all."""
+    """A correlation counts when it is this many of its standard errors above zero."""
 
 
 EQUAL = Equality()
@@ -92,15 +92,16 @@ class Distinct:
         """From points (n, 3) and weights (n,)."""
         counted = weights > 0
         points, weights = cloud[counted], weights[counted]
-        if (np.diff(np.sort(points[:, 0])) > 0).all():  # no two alike: the common case, and quick to see
+        if (np.diff(np.sort(points[:, 0])) > 0).all():  # no equal x: the common case, tested without sorting rows
             return cls(points, weights, counted, np.arange(len(points)))
         distinct, index = np.unique(points, axis=0, return_inverse=True)
         index = index.reshape(-1).astype(np.int64)
         return cls(distinct, np.bincount(index, weights).astype(np.float64), counted, index)
 
     def of_distinct(self, values: Array) -> Array:
-        """Values (n, ...) of the whole cloud for its distinct points (m, ...): of copies those of the first."""
+        """Values (m, ...) of the distinct points from those (n, ...) of the whole cloud; the first of copies counts."""
         first = np.empty(len(self.points), dtype=np.int64)
+        # in reverse order, so that of several copies the first is written last
         first[self.index[::-1]] = np.flatnonzero(self.counted)[::-1]
         return values[first]
 
@@ -145,17 +146,17 @@ class Centred:
 
 
 def canonical_order(points: Array) -> NDArray[np.int64]:
-    """Indices of points (n, 3) by their distance from the origin; the equally far by how far to the heavier side.
+    """Indices (n,) of points (n, 3) by their distance from the origin; ties by the projection onto the first moment.
 
-    So it rotates and scales with the points and does not depend on their order, on the lattices of images either.
-    Of clouds whose symmetry leaves no heavier side the coordinates decide.
+    The order of the points, rotations and scales do not change it, on the lattices of images either. Where symmetry
+    makes the first moment zero, the coordinates decide.
     """
     far = np.linalg.norm(points, axis=1)
     points, far = points / far.max(), far / far.max()
     # the first moment weighted by distance: it rotates with the points
-    heavier = far @ points / far.sum()
+    moment = far @ points / far.sum()
     # rounded, so that equal distances compare as equal on every processor
-    keys = np.round([*points.T, points @ heavier, far], EQUAL.decimals)
+    keys = np.round([*points.T, points @ moment, far], EQUAL.decimals)
     order = np.argsort(keys[-1], kind="stable")
     same = np.diff(keys[-1, order], prepend=-1.0, append=2.0) == 0
     tied = same[1:] | same[:-1]  # few, but on a lattice: only they need the other keys
@@ -179,6 +180,7 @@ def best_first(values: Array) -> NDArray[np.int64]:
     values = np.nan_to_num(values, nan=-np.inf)  # infinite ones become the largest numbers
     order = np.argsort(-values, kind="stable")
     falling = values[order]
+    # halves, because the difference of the largest numbers would overflow
     differ = falling[:-1] / 2 - falling[1:] / 2 > EQUAL.values * np.maximum(np.abs(falling[1:]), 1.0)
     group = np.concatenate([[0], np.cumsum(differ)])
     return order[np.lexsort((order, group))]
@@ -220,7 +222,7 @@ class Neighbourhood:
         return Neighbourhood(self.along[index], self.normals[index], self.flatness[index])
 
     def alone_across(self) -> Array:
-        """How little the data determines across the line it runs along, (n,): 0 on a surface, 1 on a curve."""
+        """Weights (n,) of the direction across curves of points, which these do not determine: 0 on a surface."""
         return np.clip(1 - self.flatness / NEAR.even, 0, 1) ** 2
 
 
@@ -262,6 +264,7 @@ def oriented(points: Array, normals: Array) -> Array:
 
 
 def _flattest_paths(points: Array, normals: Array) -> coo_matrix:
+    """The minimum spanning tree (n, n) of neighbouring points; the cost of an edge is the change of the normal."""
     near, counts = nearest(points, points, NEAR.count)
     rows, rank = counts[:, 1:].nonzero()
     columns = near[rows, rank + 1]
@@ -318,7 +321,7 @@ def _creased(along: Array, across: Array, height: Array, counts: NDArray[np.bool
     """Which points (n,) have neighbours on two faces, one above the other in the tangent plane.
 
     Heights (n, k) of neighbours at `along` and `across` in the tangent plane are then no quadratic function of their
-    places, as those of a single face are but for the noise. Only neighbours where `counts` is true count.
+    positions, as those of a single face are up to the noise. Only neighbours where `counts` is true count.
     """
     count = counts.sum(axis=1)
     size = np.sqrt((counts * (along**2 + across**2)).sum(axis=1) / count)[:, None]
@@ -348,10 +351,10 @@ def nearest(among: Array, of: Array, count: int) -> tuple[NDArray[np.int64], NDA
 def effective_fraction(feet: Array, deviations: Array, weights: Array) -> float:
     """Effective number of independent points over the number of points, in (0, 1].
 
-    Points of a contour were drawn in one stroke, those of an isosurface have voxels in common: their errors, and the
-    misfit of any small model, are correlated. n points whose deviations correlate by c_k with those of their k-th
-    neighbours count for n / (1 + sum of c_k); the sum, in groups of neighbours, goes as far as there
-    is a correlation (the initial positive sequence of Geyer, Statistical Science 7(4), 1992). Counted as n they
+    Points of a contour are drawn in one stroke, those of an isosurface have voxels in common: their errors are
+    correlated, and so is the misfit of any model with few parameters. n points whose deviations correlate by c_k with
+    those of their k-th neighbours count for n / (1 + sum of c_k); the sum, in groups of neighbours, goes as far as
+    there is a correlation (the initial positive sequence of Geyer, Statistical Science 7(4), 1992). Counted as n they
     would outweigh the regulariser.
 
     Args:
@@ -380,6 +383,6 @@ def effective_fraction(feet: Array, deviations: Array, weights: Array) -> float:
 
 
 def _groups_of_ranks(count: int) -> NDArray[np.int64]:
-    """Where groups of neighbours begin, and the end: pairs, then groups of an eighth of all before, up to a count."""
+    """Ranks at which groups of neighbours begin, and the end: pairs, then groups of an eighth of all before them."""
     steps = np.ceil(16 * 1.125 ** np.arange(1, 1 + 9 * np.log2(max(count, 2)))).astype(np.int64)
     return np.unique(np.minimum([*range(0, 17, 2), *steps, count], count))

@@ -10,10 +10,10 @@ from quadriform.points import Array
 DEPTH = 2.0
 """Outliers are uniform over this depth, in RMS radii of the cloud: about its diameter."""
 LEAST_SIGMA = 1e-9
-"""Noise-free data would drive sigma to zero; this is rounding's place."""
+"""Noise-free data would drive sigma to zero; below this distances are rounding."""
 LEAST_RATIO, LARGEST_RATIO = 0.02, 0.999
 FEWEST = 10
-"""Means are taken of no fewer."""
+"""Least number of points, or sum of probabilities, of which a mean is taken."""
 ANNEALING, LEAST_ANNEALED = 0.75, 0.02
 """An annealing step takes sigma down to this fraction of itself, but not below this fraction of the candidate's
 size."""
@@ -32,20 +32,20 @@ class Mixture:
     sigma: Array
 
     def take(self, index: NDArray[np.int64]) -> "Mixture":
-        """The chosen ones."""
+        """The mixtures of the chosen candidates."""
         return Mixture(self.inlier_ratio[index], self.sigma[index])
 
     def joined(self, others: "Mixture") -> "Mixture":
-        """These and the others."""
+        """The mixtures of these candidates and of others."""
         return Mixture(np.append(self.inlier_ratio, others.inlier_ratio), np.append(self.sigma, others.sigma))
 
     def coordinates(self) -> Array:
-        """Unbounded numbers (2,) of one candidate's mixture."""
+        """Logit of the inlier ratio and logarithm of sigma, (2,), of one candidate: coordinates without bounds."""
         return np.array([np.log(self.inlier_ratio[0] / (1 - self.inlier_ratio[0])), np.log(self.sigma[0])])
 
     @classmethod
     def at(cls, coordinates: Array) -> "Mixture":
-        """The mixture at such numbers."""
+        """The mixture of such coordinates (2,)."""
         inlier_ratio = np.clip(1 / (1 + np.exp(-coordinates[:1])), LEAST_RATIO, LARGEST_RATIO)
         return cls(inlier_ratio, np.maximum(np.exp(coordinates[1:]), LEAST_SIGMA))
 
@@ -57,6 +57,7 @@ class Mixture:
             odds: (m,) log odds to be an inlier that something else than the distance gives.
         """
         sigma = self.sigma[:, None]
+        # log of ratio x normal density of the distance, and of (1 - ratio) x uniform density over the depth
         inlier = (
             np.log(self.inlier_ratio / (np.sqrt(2 * np.pi) * self.sigma))[:, None] - (distances / sigma) ** 2 / 2 + odds
         )
@@ -74,19 +75,20 @@ def estimated(distances: Array, inliers: Array, weights: Array, n_parameters: in
     count, total = (weighted.sum(axis=1), np.broadcast_to(weights, inliers.shape).sum(axis=1))
     freedom = np.maximum(count - n_parameters, 0.2 * count)  # a few points met exactly must not look noise-free
     sigma = np.sqrt((weighted * distances**2).sum(axis=1) / np.maximum(freedom, 1e-300))
+    # pseudo-counts of a weak prior: few points do not make the ratio 0 or 1
     inlier_ratio = np.clip((count + 1) / (total + 1.5), LEAST_RATIO, LARGEST_RATIO)
     return Mixture(inlier_ratio, np.maximum(sigma, LEAST_SIGMA))
 
 
-def everyone(distances: Array, weights: Array) -> Mixture:
-    """Nearly all weighted points as inliers, sigma their RMS distance."""
+def all_inliers(distances: Array, weights: Array) -> Mixture:
+    """The mixture with nearly all weighted points as inliers and their RMS distance as sigma."""
     total = np.broadcast_to(weights, distances.shape).sum(axis=1)
     sigma = np.sqrt((weights * distances**2).sum(axis=1) / total)
     return Mixture(np.full(len(sigma), LARGEST_RATIO), np.maximum(sigma, LEAST_SIGMA))
 
 
 def annealed(mixture: Mixture, sizes: Array) -> Mixture:
-    """A smaller sigma whatever the data suggests, so that a surface between two bodies must choose one of them.
+    """The mixture with a smaller sigma, whatever the data suggests: a surface between two bodies moves to one of them.
 
     Args:
         mixture: of M candidates.

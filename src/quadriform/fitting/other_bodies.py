@@ -1,7 +1,7 @@
-"""Points that a superquadric left aside and that nothing joins to the body: a neighbour, the table it stands on.
+"""Outliers of the superquadric that belong to another object, such as a neighbouring body or the table below.
 
-A body that is no superquadric leaves parts of itself aside too, such as the tip of a heart or the legs of a cow. These
-are joined to the rest: a part of their points, where they begin, is as near to it as its own points are to each other.
+Where the shape of the body is no superquadric, parts of the body itself are outliers too, such as the apex of a heart.
+These are connected to the body: some of their points are as near to it as its own points are to each other.
 """
 
 from collections.abc import Mapping
@@ -22,20 +22,21 @@ Masks = dict[str, NDArray[np.bool_]]
 
 @dataclass(frozen=True)
 class Settings:
-    """What joins points to a body."""
+    """The constants of what is connected to a body."""
 
     neighbours: int = 8
-    """Of each inlier, among which the shortest paths through all of them lead."""
+    """Neighbours of each inlier in the graph whose minimum spanning tree is taken."""
     usual: float = 0.99
-    """Of the steps of these paths: one in a hundred may lead across a hole, or to an inlier by chance."""
+    """Quantile of the edges of this tree that is taken for the distance of connected points: one edge in a hundred may
+    lead across a hole, or to an inlier by chance."""
     farther: float = 3.0
-    """Steps between points that nothing joins any more: a slice may be missing between two."""
+    """Points farther from each other than this many such distances are not connected: a slice may be missing."""
     most: float = 0.9
-    """Of the inliers, which must be joined themselves: slices are, at their distance from each other. The rest may be
-    inliers by chance."""
+    """Least fraction of the inliers that are connected to each other, as slices are at their distance from each other.
+    The rest may be inliers by chance."""
     least: float = 0.01
-    """Of the points of a part of the body at least this fraction is where it begins, be it as long as a leg; of a table
-    or a neighbour that touches the body less is."""
+    """Least fraction of the points of an elongated part of the body that are near the rest of it; of a table or a
+    neighbour that touches the body fewer are."""
 
 
 JOIN = Settings()
@@ -47,7 +48,7 @@ def of_others(clouds: Mapping[str, Array], starts: Mapping[str, SuperquadricFit]
 
 
 def spread(found: Masks, clouds: Mapping[str, Array], index: Mapping[str, NDArray[np.int64]] | None) -> Masks:
-    """Name -> (n,) the same for whole clouds of which a sample by index was asked: as the nearest point of that."""
+    """Name -> (n,) masks for whole clouds from those of a sample, given by index: that of the nearest sampled point."""
     if index is None:
         return found
     return {name: of[cKDTree(clouds[name][index[name]]).query(clouds[name])[1]] for name, of in found.items()}
@@ -69,7 +70,7 @@ def _of_one(name: str, clouds: Mapping[str, Array], starts: Mapping[str, Superqu
 
 
 def _step(body: Array) -> float:
-    """The distance at which most points of a body (n, 3) are joined to each other."""
+    """The distance at which most points of a body (n, 3) are connected to each other."""
     length, near = cKDTree(body).query(body, k=JOIN.neighbours + 1)
     rows, steps = np.repeat(np.arange(len(body)), JOIN.neighbours), np.maximum(length[:, 1:].ravel(), 1e-300)
     tree = minimum_spanning_tree(coo_matrix((steps, (rows, near[:, 1:].ravel())), shape=(len(body),) * 2).tocsr())

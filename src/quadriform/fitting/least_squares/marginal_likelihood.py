@@ -59,7 +59,8 @@ class Solution:
         criterion: minus twice the log evidence, up to a constant; penalties are part of the prior.
         factor: lower Cholesky factor (3 k, 3 k) of A + lambda K in the eigenbasis of K.
         vectors: (k, k), the eigenvectors as columns, for one coordinate.
-        effective_fraction: independent residuals by residuals, in (0, 1]; below 1 where neighbours are correlated.
+        effective_fraction: number of independent residuals over that of all, in (0, 1]; below 1 where neighbours are
+            correlated.
         curvature: second derivative of the criterion by the logarithm of the strength; 0 where it was not computed.
     """
 
@@ -150,7 +151,7 @@ class Evidence:
 
     @cached_property
     def _whole(self) -> "Evidence":
-        """With penalties as if they were data: the displacement minimises this sum, so it adds no derivative."""
+        """The problem with penalties counted as data: the displacement minimises this sum, so it adds no derivative."""
         return self if self.data is None else replace(self, data=None)
 
     @cached_property
@@ -172,13 +173,13 @@ class Evidence:
 
     @property
     def _freedom(self) -> tuple[float, float]:
-        """Degrees of freedom of all residuals, and of so many as are independent."""
+        """Degrees of freedom of all residuals, and of the independent ones."""
         # REML with fewer degrees of freedom for correlated residuals; the noise is still estimated from all of them
         dof, effective = (max(part * self.count - self.null_dimension, 1.0) for part in (1.0, self.effective_fraction))
         return dof, effective
 
     def _variance(self, misfit: float) -> float:
-        """That of residuals with this sum of squares; floored, for the sum cancels where a fit is exact."""
+        """Variance of residuals with this sum of squares; with a lower bound, for the sum cancels in an exact fit."""
         return max(float(misfit) / self._freedom[0], self.least_noise**2, SELECTION.noise_floor**2)
 
     def solve(self, strength: float) -> Solution | None:
@@ -202,7 +203,7 @@ class Evidence:
         criterion = (
             effective_dof * np.log(variance) + squares + log_determinant - self.rank * np.log(max(weight, 1e-300))
         )
-        # what a penalty adds is no noise
+        # the cost of a penalty is not part of the noise
         noise = float(np.sqrt(variance if self.data is None else self._variance(self.cost(displacement, strength))))
         return Solution(displacement, strength, noise, float(criterion), factor, self.vectors, self.effective_fraction)
 
@@ -280,7 +281,7 @@ class Evidence:
         return float(strengths[np.argmax(criteria <= criteria.min() + SELECTION.flat / 2)])
 
     def _by_values(self, low: float, high: float) -> float:
-        """The logarithm of about the best strength between two."""
+        """The logarithm of the best strength between two logarithms, to within `near`."""
         with np.errstate(invalid="ignore"):  # a parabola through an infinite criterion: it halves instead
             found = minimize_scalar(
                 lambda x: self._criterion(float(np.exp(x))),
@@ -330,9 +331,11 @@ class Evidence:
         dof, effective_dof = self._freedom
         misfit = dof * solution.noise**2
         energy = self._energy(self.vectors.T @ solution.displacement)
-        # the null space comes first in the order of eigenvalues, and the strength does not act on it
-        costly = solution.factor[self.null_dimension :, self.null_dimension :]
-        inverse = solve_triangular(costly, np.eye(self.rank), lower=True)
+        # d criterion / d log(lambda) = lambda (dof p'Kp / misfit + tr K (A + lambda K)^-1) - rank K; the null space
+        # comes first in the order of eigenvalues, and the strength does not act on it
+        penalised = solution.factor[self.null_dimension :, self.null_dimension :]
+        # with A + lambda K = L L' the diagonal of the inverse is the sum of squares of the columns of L^-1
+        inverse = solve_triangular(penalised, np.eye(self.rank), lower=True)
         traced = np.repeat(self.values, 3)[self.null_dimension :] @ (inverse**2).sum(axis=0)
         return float(weight * (effective_dof * energy / misfit + traced) - self.rank)
 

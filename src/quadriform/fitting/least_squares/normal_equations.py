@@ -1,4 +1,4 @@
-"""Normal equations of the control points from sums over a few moments, not from a matrix with a row a point.
+"""Normal equations of the control points from sums over a few moments, without a matrix that has a row for each point.
 
 A product of two Bernstein polynomials of degree l is a multiple of one of degree 2l, so every entry of the normal
 matrix is a multiple of one of (2l + 1)(2m + 1)(2n + 1) moments. Points are taken in chunks: memory does not grow.
@@ -43,17 +43,17 @@ class NormalEquations:
         return NormalEquations(self.matrix - other.matrix, self.right - other.right, self.constant - other.constant)
 
     def squares(self, displacement: Array) -> float:
-        """The sum at displacements (k, 3)."""
+        """The sum of squares at displacements (k, 3)."""
         p = displacement.ravel()
         return float(p @ (self.matrix @ p) - 2 * self.right @ p + self.constant)
 
     def about(self, displacement: Array) -> "NormalEquations":
-        """The same for what is added to displacements (k, 3)."""
+        """The equations whose unknowns are added to displacements (k, 3)."""
         p = displacement.ravel()
         return NormalEquations(self.matrix, self.right - self.matrix @ p, self.squares(p))
 
     def between(self, vectors: Array) -> "NormalEquations":
-        """The same for coordinates in an orthonormal basis of the control points, the columns of `vectors` (k, k)."""
+        """The equations in an orthonormal basis of the control points, the columns of `vectors` (k, k)."""
         size = len(vectors)
         # one side at a time: the basis acts on control points and leaves coordinates alone
         half = (vectors.T @ self.matrix.reshape(size, -1)).reshape(3 * size, size, 3).transpose(0, 2, 1) @ vectors
@@ -73,7 +73,7 @@ def normal_equations(local: Array, metric: Array, residual: Array, degrees: tupl
     # M r of each point, used in the right side and in the constant
     weighted = np.einsum("nij,nj->ni", metric, residual)
     weights = np.stack([metric[:, a, b] for a, b in PAIRS], axis=1)
-    # products of two basis polynomials are multiples of those of twice the degree
+    # B_i B_j = factor_ij B_(i+j) with polynomials of twice the degree, so k^2 entries are multiples of few moments
     doubled = (2 * degrees[0], 2 * degrees[1], 2 * degrees[2])
     moments = _sums(local, weights, doubled)
     right = _sums(local, weighted, degrees)
@@ -105,12 +105,12 @@ def _sums(local: Array, values: Array, degrees: tuple[int, int, int]) -> Array:
 
 @lru_cache(maxsize=8)
 def _doubling(degrees: tuple[int, int, int]) -> tuple[NDArray[np.int64], Array]:
-    """For each pair of control points the moment they meet in, and the factor of it, both (k, k)."""
+    """For each pair of control points the index of the moment of their product, and its factor, both (k, k)."""
     index: NDArray[np.int64] = np.zeros((1, 1), np.int64)
     for degree in degrees:
         i = np.arange(degree + 1)
-        meet = i[:, None] + i[None, :]
+        total = i[:, None] + i[None, :]
         # the index of a moment is that of its slower axes, times the moments along this axis, plus that along it
-        index = np.kron(index * (2 * degree + 1), np.ones_like(meet)) + np.kron(np.ones_like(index), meet)
+        index = np.kron(index * (2 * degree + 1), np.ones_like(total)) + np.kron(np.ones_like(index), total)
     l, m, n = (bernstein.product_factor(degree) for degree in degrees)
     return index, bernstein.kronecker(l, m, n)

@@ -18,10 +18,10 @@ class Regulariser(Protocol):
 
 
 class Springs:
-    """Springs of no length between neighbours along the three axes; each pair counts twice, as P9 prints it."""
+    """Springs of zero rest length between neighbours along the three axes; each pair counts twice, as in P9."""
 
     def matrix(self, shape: tuple[int, int, int]) -> Array:
-        """D^T D with |D P|^2 = sum_j sum_{j' next to j} |P_j - P_j'|^2."""
+        """The matrix (k, k) D^T D with |D P|^2 = sum_j sum_{j' next to j} |P_j - P_j'|^2."""
         units = [np.eye(count) for count in shape]
         result = np.zeros((int(np.prod(shape)),) * 2)
         for axis, unit in enumerate(units):
@@ -40,7 +40,7 @@ class Bending:
     @staticmethod
     @lru_cache(maxsize=8)  # asked for in every round of a fit
     def matrix(shape: tuple[int, int, int]) -> Array:
-        """Sum over the six second derivatives, the mixed ones twice; not to be written to."""
+        """Read-only matrix (k, k): the sum over the six second derivatives, the mixed ones twice."""
         along = [Bending._one_axis(count - 1) for count in shape]
         result = np.zeros((int(np.prod(shape)),) * 2)
         for orders in ((2, 0, 0), (0, 2, 0), (0, 0, 2), (1, 1, 0), (1, 0, 1), (0, 1, 1)):

@@ -1,8 +1,8 @@
-"""How far the true surface may be from the fitted one: by noise, by missing data, and by too few control points.
+"""Standard deviation of the surface: from noise, from missing data, and from too few control points.
 
-The covariance of the control points contains only the noise. A box with two more control points a side, with the same
-regulariser at its own strength of largest evidence, shows what the smaller one smooths away: its surface lies beside
-the fitted one by a shift, with a variance of its own, and the expected square of the error is the sum of both.
+The covariance of the control points contains the noise only. A box with two more control points a side, with the same
+regulariser at its own strength of largest evidence, represents details that the smaller one smooths away. The shift
+between both surfaces estimates the bias, and the expected square of the error is bias squared plus variance.
 """
 
 from dataclasses import dataclass
@@ -18,10 +18,10 @@ from quadriform.shapes.control_box import ControlBox
 
 @dataclass(frozen=True)
 class EnrichedBox:
-    """The same data in a box with more control points, solved on first use: a fit without uncertainties needs none.
+    """The problem of the same data in a box with more control points, solved when an uncertainty is first asked for.
 
     Attributes:
-        box: the fitted one elevated to the finer degrees, in the centred, scaled frame.
+        box: the fitted one elevated to higher degrees, in the centred, scaled frame.
         evidence: of the data about it.
         near: the strength of the fitted box.
         scale: RMS radius of the data, which the frame has as its unit.
@@ -38,17 +38,17 @@ class EnrichedBox:
 
     @property
     def degrees(self) -> tuple[int, int, int]:
-        """Of the finer box."""
+        """The degrees of the enriched box."""
         return self.box.degrees
 
     @property
     def shift(self) -> Array:
-        """Its control points relative to those of the fitted box elevated to the same degrees, (3 k,)."""
+        """Displacements (3 k,) of its control points from those of the fitted box elevated to the same degrees."""
         return self.scale * ((self.box.rest - self.box.control_points).ravel() + self._solution.displacement.ravel())
 
     @property
     def noise(self) -> float:
-        """Standard deviation of the data, as the finer box finds it."""
+        """Standard deviation of the data, as estimated in the enriched box."""
         return self.scale * self._solution.independent_noise
 
     def deviation(self, box: ControlBox, origins: Array, normals: Array) -> Array:
@@ -58,5 +58,5 @@ class EnrichedBox:
         rows = rows.reshape(len(origins), -1)
         noise = self._solution.noise
         spread = self._solution.variance(rows) / noise**2
-        # the bias that the smaller box shows, and the variance of the enriched one
+        # bias^2 + variance: of the smaller box by its difference from the enriched one, and of the enriched one
         return np.sqrt((rows @ self.shift) ** 2 + self.noise**2 * spread)

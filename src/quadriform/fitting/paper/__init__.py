@@ -1,1 +1,1 @@
-"""The refinement of the paper to the letter: displacements, then control points, alternately (paper 3.2, 3.3)."""
+"""The refinement as printed in the paper: displacements and control points alternately (paper 3.2, 3.3)."""

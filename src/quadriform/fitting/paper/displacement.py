@@ -1,4 +1,4 @@
-"""Step 1 of the iteration: where each model point should go (paper 3.2.2)."""
+"""Step 1 of the paper's iteration: target displacements of the model points (paper 3.2.2)."""
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -34,11 +34,11 @@ def _interpolate(at: Array, known_at: Array, known: Array, neighbours: int) -> A
     count = min(neighbours, len(known_at))
     distance, index = cKDTree(known_at).query(at, k=np.arange(1, min(2 * count, len(known_at)) + 1))
     weight = 1 / np.maximum(distance, 1e-12 * np.ptp(known_at, axis=0).max() + 1e-300)
-    # the model's grid is symmetric: neighbours as near as the last one count too, or rounding would choose among them
+    # the model's grid is symmetric: neighbours as near as the last one count too, lest rounding chooses among them
     weight[distance > (1 + TIE) * distance[:, count - 1 : count]] = 0
     return np.einsum("nk,nkd->nd", weight, known[index]) / weight.sum(axis=1, keepdims=True)
 
 
 def model_to_data(model_points: Array, data: Array, neighbours: int = NEIGHBOURS) -> Array:
-    """Displacements (m, 3) of the model points to the closest DATA point of each: the usual choice, and the worse."""
+    """Displacements (m, 3) of the model points to the closest DATA point of each: the usual choice, not the paper's."""
     return data[cKDTree(data).query(model_points)[1]] - model_points

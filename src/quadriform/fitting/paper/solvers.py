@@ -30,11 +30,11 @@ def truncated_svd(b: Array, strength: float | None) -> tuple[Array, int]:
         OptionError: more singular values than B has, a fraction of one, or not a number.
     """
     u, w, vt = np.linalg.svd(b, full_matrices=False)  # P8
-    kept = min(_asked(w, strength), int((w > max(b.shape) * np.finfo(np.float64).eps * w[0]).sum()))
+    kept = min(_requested(w, strength), int((w > max(b.shape) * np.finfo(np.float64).eps * w[0]).sum()))
     return (vt[:kept].T / w[:kept]) @ u[:, :kept].T, kept
 
 
-def _asked(singular: Array, strength: float | None) -> int:
+def _requested(singular: Array, strength: float | None) -> int:
     """How many singular values a strength selects, at least one."""
     if strength is None:
         return len(singular)
@@ -50,19 +50,19 @@ def _asked(singular: Array, strength: float | None) -> int:
 
 
 def svd_step(b: Array, strength: float | None) -> tuple[Step, float]:
-    """P7 solved for the step by SVD (paper 3.2.3): the smallest dP with B dP nearest to dX."""
+    """The solver of P7 for the step by SVD (paper 3.2.3), the smallest dP with B dP nearest to dX, and its strength."""
     inverse, kept = truncated_svd(b, strength)
     return lambda target, control, rest: inverse @ target, float(kept)  # P6, P7; section 3.2.3
 
 
 def svd_position_step(b: Array, strength: float | None) -> tuple[Step, float]:
-    """The named variant that solves for P itself: it moves the box even without displacement."""
+    """The solver of P7 for P itself, and its strength: a variant that moves the box even without displacement."""
     inverse, kept = truncated_svd(b, strength)
     return lambda target, control, rest: inverse @ (b @ control + target) - control, float(kept)  # P7
 
 
 def penalised_step(b: Array, penalty: Array, strength: float, on_displacement: bool) -> tuple[Step, float]:
-    """P9 with any penalty matrix: on P - P0 when `on_displacement`, else on P.
+    """The solver of P9 with any penalty matrix, and its strength: on P - P0 when `on_displacement`, else on P.
 
     Solved by QR of the stacked rows, not by normal equations.
 
@@ -91,7 +91,7 @@ def penalised_step(b: Array, penalty: Array, strength: float, on_displacement: b
 def step_for(
     b: Array, shape: tuple[int, int, int], regularity: str | Regulariser, strength: float | str
 ) -> tuple[Step, float]:
-    """The solver of step 2 for a deformation matrix that stays the same, and the strength it works with."""
+    """The solver of step 2 for a constant deformation matrix B (m, k), and the strength that it uses."""
     given = None if strength == "auto" else check_number(strength, "strength", 0)  # type: ignore[arg-type]
     if regularity == "svd":
         return svd_step(b, given)

@@ -1,4 +1,4 @@
-"""The iterative two-step algorithm (paper 3.3): displacements, then control points, again and again."""
+"""The iterative two-step algorithm (paper 3.3): displacements and control points alternately."""
 
 from collections.abc import Mapping
 
@@ -22,16 +22,13 @@ def two_step(
     options: PaperOptions,
     progress: Progress | None = None,
 ) -> tuple[ControlBox, tuple[Iteration, ...], float]:
-    """One box deformed so that its surfaces approach their points, with how it went.
+    """The box deformed so that its surfaces approach their points, the record of each iteration, and the strength used.
 
     Args:
         superquadrics: name -> superquadric, centred and scaled.
         clouds: name -> (n, 3) points, likewise.
         options: the choices.
         progress: called after each iteration.
-
-    Returns:
-        The deformed box, the record of each iteration, and the strength used.
     """
     box = outer_box(superquadrics, options.box)
     samples = {name: surface.grid(MODEL_RESOLUTION)[0] for name, surface in superquadrics.items()}

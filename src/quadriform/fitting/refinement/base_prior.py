@@ -1,8 +1,8 @@
-"""The surface beyond a base, where nobody measured: there the smallest body that explains the data is preferred.
+"""A prior on the surface beyond a base, where there is no data: the smallest body that explains the data is preferred.
 
-Without data the regulariser alone decides there, and affine growth costs it nothing. So surface above a low dome over
-the base has a prior, a Gaussian of its height. It is weighed against the noise: exact data is followed as if there were
-none.
+Without data the regulariser alone determines that part, and affine growth has no bending energy. So the height of the
+surface above a low dome over the base has a Gaussian prior, weighted by the ratio of the noise to its spread: for exact
+data it vanishes.
 """
 
 from collections.abc import Sequence
@@ -25,12 +25,12 @@ class Closure:
     """The constants of the prior on the surface beyond a base."""
 
     dome: float = 0.2
-    """A surface may rise to this height above its base without a cost, in RMS radii of the points: a smooth surface
-    needs room to close, and one that is drawn down to the plane bends inwards below it, where it was measured."""
+    """A surface may reach this height above its base without a cost, in RMS radii of the points: a smooth surface needs
+    some height to close, and one that is drawn to the plane bends inwards below it, where there is data."""
     spread: float = 0.1
-    """Standard deviation of what rises above that."""
+    """Standard deviation of the height above that, in RMS radii."""
     cells: int = 12
-    """Along an edge of the grid of a surface, which has 866 points: dozens of them on a lid."""
+    """Cells along an edge of the grid of a surface, which has 866 points: dozens of them beyond a base."""
 
 
 CLOSURE = Closure()
@@ -51,7 +51,7 @@ class BasePrior:
     weight: float
 
     def equations(self, box: ControlBox) -> NormalEquations:
-        """The penalty in the displacement of the control points; which points are too high is decided at a box."""
+        """Normal equations of the penalty in the displacement of the control points, for points too high at `box`."""
         origins, heights, weights = self._heights(box)
         direction = self.half_space[1]
         metric = (weights * (heights > 0))[:, None, None] * np.outer(direction, direction)
@@ -59,7 +59,7 @@ class BasePrior:
         return Rows(origins, targets, metric).equations(box)
 
     def cost(self, box: ControlBox) -> float:
-        """The penalty itself."""
+        """The value of the penalty at a box."""
         _, heights, weights = self._heights(box)
         return float(weights @ np.maximum(heights, 0) ** 2)
 
@@ -69,17 +69,18 @@ class BasePrior:
         grid = self.surface.mesh(CLOSURE.cells)
         moved = box.deform(grid.vertices)
         areas = np.linalg.norm(Mesh(moved, grid.faces).area_vectors(), axis=1)
+        # each vertex stands for a third of the triangles around it, so that the mean is one over the area
         fractions = np.bincount(grid.faces.ravel(), np.repeat(areas / areas.sum() / 3, 3), len(moved)).astype(float)
         return grid.vertices, (moved - at) @ direction - CLOSURE.dome, self.weight * fractions
 
 
 def base_prior(data: SurfaceData, box: ControlBox, count: float) -> list[BasePrior]:
-    """The penalty of a surface with a base at the noise of its data around a box; none without a base or inliers.
+    """The penalty of a surface with a base, at the noise of its data; empty without a base or inliers.
 
     Args:
         data: of the surface.
         box: deformed.
-        count: how many points the data stands for, which the prior is weighed against.
+        count: number of points that the data stands for; the prior has the weight of as many at most.
     """
     if data.half_space is None or not data.count:
         return []

@@ -1,4 +1,4 @@
-"""Correspondence of data and surface far from convergence: near, and facing the same way."""
+"""Correspondence of data and surface far from convergence, by distance and by direction of the normals."""
 
 from dataclasses import dataclass
 
@@ -14,13 +14,13 @@ from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superquadric import Superquadric
 
 FACING = 0.4
-"""A point that faces the other way counts as if it were this much farther, times the square root of two (RMS radii)."""
+"""Distance, in RMS radii, that a pair with opposite normals counts as farther, divided by the square root of two."""
 MODEL_RESOLUTION = 14
 
 
 @dataclass(frozen=True)
 class Correspondence:
-    """A cloud and the model points of a surface, for pairs of them to be sought anew in each round.
+    """A cloud and the model points of a surface, of which pairs are found anew in each round.
 
     Attributes:
         superquadric: of the surface.
@@ -41,9 +41,9 @@ class Correspondence:
         return cls(superquadric, cloud, origins, cKDTree(origins))
 
     def costs(self, box: ControlBox) -> Array:
-        """Cost (n, m) of bringing each data point and each model point together: |x - y|^2 + FACING^2 trust (1 - cos).
+        """Costs (n, m) of all pairs of a data point x and a model point y: |x - y|^2 + FACING^2 trust (1 - cos angle).
 
-        One product of matrices: few points against few are done before a tree of them stands.
+        The angle is that of their normals; all pairs at once are faster here than a tree, since both sets are small.
         """
         model, normals = surface_points(self.superquadric, box, self.origins)
         trust = FACING**2 * self.cloud.flatness
@@ -55,37 +55,34 @@ class Correspondence:
         return costs
 
     def facing(self, costs: Array) -> Array:
-        """For each data point the origin (n, 3) of the best of the model points."""
+        """The origins (n, 3) of the model points of least cost for each data point."""
         return self.origins[first_least(costs)]
 
     def attraction(self, costs: Array, box: ControlBox, data: SurfaceData) -> Attraction | None:
-        """Of model points that no data point chose, each to the data point it would choose: model-to-data.
+        """Attraction of model points that no data point chose to their own nearest data points (model-to-data).
 
-        Without it a part of the surface that the data has left behind stays in empty space. None where there is no such
-        model point, but where no data is expected.
+        Without it parts of the surface could remain where there is no data. None where there is no such model point
+        outside of the half-space in which no data is expected.
 
         Args:
             costs: (n, m).
             box: deformed.
             data: of the surface, with foot points.
         """
-        origins, targets = self.unclaimed(costs, data.origins)
+        origins, targets = self.unmatched(costs, data.origins)
         if not len(origins):
             return None
         kept = ~data.in_half_space(box.deform(origins))
         weight = float(data.weights.sum()) / len(self.origins)
         return Attraction(origins[kept], targets[kept], weight) if kept.any() else None
 
-    def unclaimed(self, costs: Array, claimed: Array) -> tuple[Array, Array]:
-        """Model points that no data point chose, and the data point that each would choose.
+    def unmatched(self, costs: Array, matched: Array) -> tuple[Array, Array]:
+        """Origins (k, 3) of model points that no data point chose, and the data points (k, 3) of least cost for them.
 
         Args:
             costs: (n, m).
-            claimed: (n, 3) origins that data points chose.
-
-        Returns:
-            Origins (k, 3) of the unclaimed model points and the data points (k, 3) that attract them.
+            matched: (n, 3) origins that data points chose.
         """
-        unclaimed = np.ones(len(self.origins), dtype=bool)
-        unclaimed[self.tree.query(claimed)[1]] = False
-        return self.origins[unclaimed], self.cloud.points[first_least(costs[:, unclaimed].T)]
+        remaining = np.ones(len(self.origins), dtype=bool)
+        remaining[self.tree.query(matched)[1]] = False
+        return self.origins[remaining], self.cloud.points[first_least(costs[:, remaining].T)]

@@ -1,4 +1,4 @@
-"""Clouds of very many points: fitted to a sample, then a few rounds on all of them, a part at a time.
+"""Clouds of very many points: a fit to a sample, then a few rounds on all of them, a part at a time.
 
 Memory does not grow with the cloud, apart from what is returned. Neighbourhoods and first foot points are those of the
 nearest point of the sample.
@@ -42,9 +42,9 @@ class LargeClouds:
     sample: int = 30_000
     """About so many of its points: 80 for each unknown of a box of 5 control points a side."""
     part: int = 16_000
-    """Points that are handled at once; the parts are shared out among the cores."""
+    """Points that are handled at once; the parts are distributed to the cores."""
     rounds: int = 3
-    """On all points, after the fit to the sample: the surface is near."""
+    """Rounds on all points after the fit to the sample, to which the surface is near already."""
     tangential_steps: int = 4
     """Of each foot point in a round, one more than in other fits: the first begins at that of its nearest neighbour."""
     stronger: tuple[int, ...] = (1, 10, 100)
@@ -69,11 +69,11 @@ def sample_of_large(clouds: Mapping[str, Array], weights: Mapping[str, Array]) -
 def sampled(cloud: Array, weights: Array) -> NDArray[np.int64]:
     """Indices of about `sample` points (n, 3) that have a weight; of all where they are not too many.
 
-    Chosen by a hash of their coordinates: the same whatever their order, and no pattern of a scan is met.
+    They are chosen by a hash of their coordinates: independent of their order and of patterns of a scan.
     """
     if len(cloud) <= LARGE.many:
         return np.arange(len(cloud))
-    # a hash below this is chosen: so many are expected below it
+    # hashes are uniform in 64 bits, so the fraction below the limit is the fraction of points that is chosen
     limit = np.uint64(min(LARGE.sample / int(np.count_nonzero(weights)), 1.0) * (2**64 - 2**11))
     chosen = []
     for part in _parts(len(cloud)):
@@ -83,7 +83,7 @@ def sampled(cloud: Array, weights: Array) -> NDArray[np.int64]:
 
 
 def _hashes(points: Array) -> NDArray[np.uint64]:
-    # bits of the coordinates, mixed by odd constants: neighbours get unrelated hashes
+    """Hashes (n,) of points (n, 3): bits of the coordinates mixed by odd constants, unrelated between neighbours."""
     words = (points + 0.0).view(np.uint64) * MIX  # a zero has one sign
     mixed = words[:, 0] ^ (words[:, 1] >> np.uint64(21)) ^ (words[:, 2] >> np.uint64(42))
     mixed = (mixed ^ (mixed >> np.uint64(29))) * MIX[1]
@@ -113,7 +113,7 @@ class _Surface:
     def part(
         self, chosen: slice, frame: Frame, box: ControlBox, noise: float | None, least_noise: float
     ) -> SurfaceData:
-        """Some of all points with foot points; with probabilities at the sample's inlier ratio if a noise is given."""
+        """The data of some points with foot points; with probabilities at the sample's ratio if a noise is given."""
         points = frame.to_local(self.cloud[chosen])
         relative = None if self.noise is None else self.noise[chosen] / (least_noise * frame.scale) ** 2
         data = self.data.beside(points, self.weights[chosen], self.tree.query(points)[1], relative)
@@ -128,14 +128,14 @@ class _Surface:
         return duplicates(len(counted) - len(np.unique(counted)), len(self.cloud))
 
     def updated(self, box: ControlBox, noise: float | None) -> "_Surface":
-        """With the sample's foot points, and its inlier ratio if a noise is given, for a box that has moved."""
+        """The surface with the sample's foot points, and inlier ratio if a noise is given, updated to another box."""
         data = self.data.with_tangential_steps(box, LARGE.tangential_steps)
         return replace(self, data=data if noise is None else data.weighted(data.standardised(box), noise))
 
 
 @dataclass(frozen=True)
 class _All:
-    """All points of all surfaces; sums over them come out the same on any number of threads."""
+    """All points of all surfaces; sums over them do not depend on the number of threads."""
 
     surfaces: Sequence[_Surface]
     frame: Frame
@@ -143,8 +143,8 @@ class _All:
     least_noise: float
 
     def each(self, surfaces: Sequence[_Surface], work: Callable[[_Surface, slice], T]) -> Iterator[T]:
-        """The work on every part, in their order."""
-        # sums are added in the order of the parts, whatever thread is done first
+        """The results of a function of each part, in the order of the parts."""
+        # so sums are added in the same order, whatever thread is done first
         jobs = [(surface, chosen) for surface in surfaces for chosen in _parts(len(surface.cloud))]
         with ThreadPoolExecutor(threads_for(LARGE.part * len(jobs))) as pool:
             yield from pool.map(lambda job: work(*job), jobs)
@@ -172,7 +172,7 @@ class _All:
         return evidence
 
     def updated(self, box: ControlBox, noise: float) -> "_All":
-        """With foot points and inlier ratios of the samples for a box that has moved."""
+        """All surfaces with foot points and inlier ratios of their samples updated to another box."""
         return replace(self, surfaces=[each.updated(box, noise if self.robust else None) for each in self.surfaces])
 
 
@@ -187,7 +187,7 @@ def on_all(
     known: KnownNoise,
     options: TangentOptions,
 ) -> Fit:
-    """A fit to a sample continued on all points.
+    """The fit to a sample continued on all points.
 
     Args:
         found: the fit to the sample.
@@ -218,9 +218,9 @@ def on_all(
 def _rounds(
     points: _All, found: Fit, enriched: EnrichedBox, box: ControlBox, options: TangentOptions
 ) -> tuple[_All, Fit]:
-    """A few rounds from the box of the sample, in the centred, scaled frame; the fit in the world.
+    """The points and the fit, in the world, after a few rounds from the box of the sample.
 
-    The fit to the sample itself where all that they lead to folds or leaves control points undetermined.
+    The fit to the sample itself where their results fold or leave control points undetermined.
     """
     strength, scale = check_strength(options.strength), points.frame.scale
     noise, history = found.noise / scale, list(found.history)
@@ -286,7 +286,7 @@ def _unfolded(points: _All, evidence: Evidence, box: ControlBox, solution: Solut
 def _enriched(
     points: _All, elevated: ControlBox, box: ControlBox, noise: float, solution: Solution, regularity: str | Regulariser
 ) -> EnrichedBox:
-    """What a box with more control points says of all points; foot points are those of the fitted box."""
+    """The problem of all points in a box with more control points; foot points are those of the fitted box."""
     points = points.updated(box, noise)
     equations, count = points.sums(box, elevated, noise)
     fraction = solution.effective_fraction
@@ -295,7 +295,7 @@ def _enriched(
 
 
 def _with_arrays(points: _All, fit: Fit) -> Fit:
-    """Distances and probabilities of all points, by name."""
+    """The fit with distances and probabilities of all points in place of those of the sample."""
     frame, noise = points.frame, fit.noise / points.frame.scale
     after = frame.shape_to_local(fit.model)
     before = replace(after, box=after.box.with_control_points(after.box.rest))

@@ -1,8 +1,8 @@
-"""How well a strength predicts points that were left out, one patch of the surface at a time (cross-validation).
+"""Cross-validation of the strength: the error of predicting points left out, one patch of the surface at a time.
 
-Patches and not single points, for neighbours share their errors: a strength that follows correlated errors predicts the
-next point well and the next patch badly. Foot points and inlier probabilities stay those of the state that is asked, so
-this is for the smooth state, which no detail of the data has entered yet.
+Patches and not single points, for errors of neighbours are correlated: a surface that follows them predicts the next
+point well and the next patch badly. Foot points and inlier probabilities stay those of the given state, so it must be a
+smooth one, which does not depend on details of the data.
 """
 
 from collections.abc import Sequence
@@ -42,7 +42,7 @@ def better_strength(problem: Problem, state: Refined) -> float | None:
     """A smaller strength that predicts patches left out better than that of a state; None where there is none."""
     patches, strength = _patches(problem, state), state.solution.strength
     error = _error(patches, strength)
-    # each step must gain: where the error is level, or zero, the larger strength is as good
+    # each step must lower the error: where it is level, or zero, the larger strength is as good
     while (smaller := _error(patches, strength / LEFT_OUT.step)) < LEFT_OUT.better * error:
         strength, error = strength / LEFT_OUT.step, smaller
     return strength if strength < state.solution.strength else None
@@ -69,6 +69,7 @@ def _error(patches: Sequence[_Patch], strength: float) -> float:
 
 
 def _patches(problem: Problem, state: Refined) -> list[_Patch]:
+    """All patches of all surfaces; the evidence without a patch is that of the whole less the patch's equations."""
     each = max(LEFT_OUT.patches // len(state.datasets), 2)
     parts = [part for data in state.datasets for part in _equations(data, state.box, each)]
     whole = problem.evidence(state.datasets, (None,) * len(state.datasets), state.box, 1.0)
@@ -87,7 +88,7 @@ def _equations(data: SurfaceData, box: ControlBox, count: int) -> list[tuple[Nor
 
 
 def _patch_of(points: Array, count: int) -> NDArray[np.int64]:
-    """The number (n,) of the patch of each point: that of the nearest of centres that are far from each other."""
+    """The number (n,) of the patch of each point: that of the nearest of centres by farthest-point sampling."""
     ordered = points[canonical_order(points - points.mean(axis=0))]
     far, centres = np.linalg.norm(ordered - points.mean(axis=0), axis=1), []
     for _ in range(count):

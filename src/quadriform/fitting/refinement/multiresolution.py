@@ -42,7 +42,7 @@ class Schedule:
     """Points of each surface in the first stage, in which superquadrics to start from are compared."""
     coarse_points: tuple[int, ...] = (1000, 700, 1500)
     """Points of each surface in the coarse stages: the first number, and the next ones only if the result intersects
-    itself, for another subsample may lead to another minimum."""
+    itself, since another subsample may lead to another minimum."""
     medium_points: int = 3000
     """Points of each surface in the fine stage; a last stage uses all, when the surface has nearly converged."""
     coarse_rounds: int = 8
@@ -55,7 +55,7 @@ class Schedule:
     fine_motion: float = 0.02
     """A stage ends when the RMS motion of the surface in a round is below this fraction of the noise."""
     renewals: int = 3
-    """Most times that a smaller strength is sought by points left out, each from the result before."""
+    """Largest number of searches for a smaller strength by cross-validation, each from the result before."""
     tangential_steps: int = 3
     """Gauss-Newton steps of each foot point in a round; the next round continues from there."""
 
@@ -120,7 +120,7 @@ class Refined:
         return bool(DeformableModel(surfaces, self.box).crossings())
 
     def nearest(self) -> "Refined":
-        """With the nearest foot points."""
+        """The state with the nearest foot points."""
         return replace(self, datasets=tuple(data.with_nearest_foot_points(self.box) for data in self.datasets))
 
 
@@ -151,7 +151,7 @@ class TangentialSteps:
 
 
 class Nearest:
-    """Foot points that are sought on the whole surface."""
+    """Foot points that are the nearest of the whole surface."""
 
     def update(self, box: ControlBox, datasets: Datasets) -> tuple[Datasets, Attractions]:
         """Data with the nearest foot points."""
@@ -176,10 +176,10 @@ class Facing:
         return cls(tuple(Correspondence.between(data.superquadric, cloud) for data, cloud in both), sample.covered)
 
     def update(self, box: ControlBox, datasets: Datasets) -> tuple[Datasets, Attractions]:
-        """Data with foot points searched anew, then moved tangentially; and residuals of model points without data."""
+        """Data with new foot points, then moved tangentially; and attractions of model points without data."""
         result, attractions = list[SurfaceData](), list[Attraction | None]()
         for pairs, covered, data in zip(self.pairs, self.covered, datasets):
-            # pairs are points of a grid; tangential steps bring the foot points between them
+            # pairs are points of a grid; tangential steps move the foot points to positions between them
             costs = pairs.costs(box)
             result.append(
                 replace(data, origins=pairs.facing(costs)).with_tangential_steps(box, SCHEDULE.tangential_steps)
@@ -196,7 +196,7 @@ class Kernel(Protocol):
 
 
 class FixedWeights:
-    """Inlier probabilities as they are: at first one."""
+    """Inlier probabilities that are not updated; at first they are one."""
 
     def weighted(self, box: ControlBox, datasets: Datasets, noise: float | None) -> Datasets:
         """The same data."""
@@ -218,7 +218,7 @@ class Independence(Protocol):
     """A rule for the fraction of the data points that count as independent."""
 
     def fraction(self, box: ControlBox, datasets: Datasets, first: bool) -> float:
-        """Effective number of independent points over that of all, in (0, 1]; `first` without an earlier fit."""
+        """Effective number of independent points over that of all, in (0, 1]; `first`: there is no fit yet."""
 
 
 class AllIndependent:
@@ -238,17 +238,17 @@ class Correlated:
 
     The strength has two fixed points: once a fit follows correlated errors its residuals look independent, and the
     strength stays too small. So the first round counts only as many points as there are unknowns, which gives a smooth
-    surface; later rounds go by the residuals of the round before.
+    surface; later rounds use the residuals of the round before.
 
     Attributes:
-        least: number of points that count in any case. Fewer than unknowns would let the evidence choose an ever larger
-            strength where a surface without details fits.
+        least: least effective number of points. With fewer than there are unknowns the evidence would increase without
+            limit with the strength where a surface without details fits.
     """
 
     least: float
 
     def fraction(self, box: ControlBox, datasets: Datasets, first: bool) -> float:
-        """By the correlation of the residuals at a box; the least before there is a fit."""
+        """The fraction by the correlation of the residuals at a box; the least one before there is a fit."""
         count = sum(data.count for data in datasets)
         least = self.least / max(count, self.least)
         return least if first else max(least, fraction_of(datasets, box))

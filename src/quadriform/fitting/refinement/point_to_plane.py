@@ -28,7 +28,7 @@ from quadriform.shapes.superquadric import Superquadric
 LEAST_TANGENTIAL = 2e-3
 """Weight of the tangential part of a residual, relative to the normal one: it limits steps along the surface."""
 SMALLEST_STEP = 1e-3
-"""A step of which not even this fraction lowers the sum is as good as none."""
+"""The step length is not halved below this: a step that does not lower the sum then is practically none."""
 PROBES = 8
 """Cells along an edge of the grids by which the motion of the surfaces in a round is measured."""
 
@@ -57,24 +57,30 @@ class Rows:
     metric: Array
 
     def equations(self, box: ControlBox, degrees: tuple[int, int, int] | None = None) -> NormalEquations:
-        """Their sum in the displacement of the undeformed box, or of one of other degrees that deforms alike."""
+        """The normal equations of their sum in the displacement of the control points.
+
+        Args:
+            box: in whose undeformed state the origins lie.
+            degrees: of a box that is elevated to other degrees, which deforms space alike; None for those of `box`.
+        """
         offsets = self.targets - self.origins
         return normal_equations(box.local(self.origins), self.metric, offsets, degrees or box.degrees)
 
 
 def data_rows(data: SurfaceData, box: ControlBox) -> Rows:
-    """The data's own part of the sum."""
+    """The terms of the data in the sum."""
     normals = surface_normals(data.superquadric, box, data.origins)
     # directions of the data in the tangent plane of the model
     along = data.neighbourhood.along - np.einsum("ni,ni->n", data.neighbourhood.along, normals)[:, None] * normals
     across = unit_vectors(np.cross(normals, along))
+    # metric n n' + small tangential part, plus t t' across isolated curves: H_i of the module's formula
     across_curves = data.neighbourhood.alone_across()[:, None, None] * outer_squares(across)
     weights = (data.effective_weights / data.variances(normals))[:, None, None]
     return Rows(data.origins, data.points, weights * (_tangential(outer_squares(normals)) + across_curves))
 
 
 def attraction_rows(superquadric: Superquadric, box: ControlBox, attraction: Attraction) -> Rows:
-    """The part of model points that are attracted to the data."""
+    """The terms of model points that are attracted to the data."""
     normals = surface_normals(superquadric, box, attraction.origins)
     return Rows(attraction.origins, attraction.targets, attraction.weight * _tangential(outer_squares(normals)))
 
@@ -112,7 +118,7 @@ def evidence_from(
     effective_fraction: float,
     least_noise: float = 0.0,
 ) -> Evidence:
-    """Evidence from accumulated normal equations, of rows whose weights sum up to `count`."""
+    """The evidence of accumulated normal equations, of rows whose weights sum up to `count`."""
     l, m, n, _ = box.control_points.shape
     return Evidence(equations, penalty_matrix(regularity, (l, m, n)), count, effective_fraction, least_noise)
 

@@ -35,7 +35,7 @@ MORE = 2
 """Additional control points a side of the enriched box of the uncertainty: the next step of 3, 5, 7."""
 MUCH_NEARER = 0.5
 """An undeformed start at less than this fraction of the distance of all starts after their first stage is tried first.
-Around its true surface a start is as near before as after."""
+For a start at the true surface both are the same."""
 
 
 @dataclass(frozen=True)
@@ -46,11 +46,11 @@ class LocalProblem:
         clouds: name -> (n, 3) points.
         weights: name -> (n,), above 0.
         normals: name -> (n, 3) unit or zero, of the clouds that were given some.
-        noise: what is known of it.
+        noise: what is known of the noise of the points.
         options: of the refinement.
         half_space: where no data is expected.
         max_error: RMS distance that box="auto" must reach.
-        start: a deformed box to continue from; its number of control points has priority over that of the options.
+        start: a deformed box to continue from; its number of control points takes precedence over that of the options.
         progress: called after each round.
     """
 
@@ -85,7 +85,7 @@ def refine_tangent(problem: LocalProblem, surfaces: dict[str, Superquadric], kin
     Args:
         problem: points and options.
         surfaces: name -> start.
-        kind: other starts of this kind may take the place of the given ones; None keeps them.
+        kind: other starts of this kind may replace the given ones; None keeps them.
     """
     starts = [surfaces] if kind is None else candidates(problem.clouds, surfaces, kind)
     if problem.start is not None:
@@ -113,8 +113,8 @@ def _best_start(
 ) -> Result:
     """The best certified refinement; a fold is kept, and reported, only by a fit that is not poor.
 
-    Where no start gives a certified one, all are tried once more without weights: robust ones can take whole faces of a
-    body with sharp edges for outliers, and nothing then stops the surface from folding there.
+    Where no start gives a certified one, all are tried once more without robust weights: with these, whole faces of a
+    body with sharp edges can be taken for outliers, and then no data prevents folds there.
     """
     first, found = _certified(problem, starts, shape)
     trial, folded = first
@@ -135,11 +135,10 @@ def _certified(
     shape: tuple[int, int, int],
     largest_noise: float | None = None,
 ) -> tuple["Tried", "Tried | None"]:
-    """The first start refined, and the best start that unfolds at an accepted noise, or else the one of least noise.
+    """The first start refined, and the best start that is free of folds at an accepted noise, or at the least noise.
 
-    The best has the largest evidence after its first stage; self-intersecting ones are the last resort. Several
-    surfaces in one box are only useful when the space between them does not fold: there any noise is accepted, if there
-    is none better.
+    Starts are tried in the order of the evidence after their first stage, self-intersecting ones last. With several
+    surfaces in one box the space between them must not fold: there any noise is accepted where none is better.
 
     Args:
         problem: points and options.
@@ -166,8 +165,8 @@ def _ordered(
 ) -> "list[_Trial]":
     """Trials of the starts, the one of largest evidence after its first stage first.
 
-    Before all of them one that is much nearer to the points undeformed than any is after its first stage: sharp edges
-    mislead the correspondence.
+    A start that is much nearer to the points undeformed than any is after its first stage comes before it: beside sharp
+    edges the correspondence of the first stage can be wrong.
     """
     # the criterion is minus twice the log evidence, so the least is the best
     trials = [_Trial.of(problem, surfaces, shape) for surfaces in starts]
@@ -227,7 +226,7 @@ Tried = tuple[_Trial, Refined]
 
 
 def _self_intersecting_last(trials: Sequence[_Trial]) -> Iterator[_Trial]:
-    """In their order, but those whose surfaces intersect after the coarse stages at the end."""
+    """The trials in their order, those whose surfaces intersect after the coarse stages at the end."""
     last = []
     for trial in trials:
         if trial.coarse.self_intersecting():
@@ -253,11 +252,11 @@ def _result(trial: _Trial, refined: Refined, warnings: Warnings) -> Result:
 
 
 def _enriched(problem: Problem, refined: Refined) -> EnrichedBox:
-    """The same foot points in a box with more control points, at its own strength of largest evidence."""
+    """The problem of the same foot points in a box with more control points."""
     l, m, n = refined.box.degrees
     # the same deformation, so foot points and inlier probabilities stay
     enriched = refined.box.elevate((l + MORE, m + MORE, n + MORE))
     none, fraction = (None,) * len(refined.datasets), refined.solution.effective_fraction
-    # of the data alone: what is expected beyond a base was not measured there
+    # of the data alone: the prior beyond a base is no measurement
     evidence = evidence_of(refined.datasets, none, enriched, problem.regularity, fraction, problem.least_noise)
     return EnrichedBox(enriched, evidence, refined.solution.strength)

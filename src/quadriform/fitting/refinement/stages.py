@@ -45,9 +45,9 @@ def first_stage(problem: Problem, sample: Subsample) -> Refined:
 
 
 def coarse_stages(problem: Problem, first: Refined, sample: Subsample) -> Refined:
-    """The state after all further stages on few points, matched anew in each round; the last round on the data alone.
+    """The state after all further stages on few points with new correspondences in each round.
 
-    A box of one stage repeats it.
+    A last round has no attraction of model points. A box that has only one stage repeats that stage.
 
     Args:
         problem: of all rounds.
@@ -71,14 +71,14 @@ def _coarse_stage(problem: Problem, box: ControlBox, sample: Subsample, history:
 def warm_start(
     problem: Problem, datasets: Sequence[SurfaceData], box: ControlBox, before: Refined | None = None
 ) -> Refined:
-    """In place of the coarse stages: one round on few points from a given box, after an earlier result or none."""
+    """The state after one round on few points from a given box, in place of the coarse stages."""
     chosen = tuple(data.subsample(SCHEDULE.coarse_points[0], problem.robust) for data in datasets)
     solution, history = (None, ()) if before is None else (before.solution, before.history)
     return Stage(problem, Nearest(), FixedWeights(), ONCE).step(Start(box, chosen, solution, history=history))
 
 
 def all_coarse_stages(problem: Problem, first: Refined, datasets: Sequence[SurfaceData]) -> Refined:
-    """The coarse stages, on other points while they self-intersect: the first result that does not, or the last."""
+    """The result of the coarse stages, repeated on other points while it self-intersects."""
     for count in SCHEDULE.coarse_points:
         sample = Subsample.of(datasets, count, problem.robust)
         again = first if count == SCHEDULE.coarse_points[0] else first_stage(problem, sample)
@@ -89,9 +89,9 @@ def all_coarse_stages(problem: Problem, first: Refined, datasets: Sequence[Surfa
 
 
 def _not_worse(problem: Problem, found: Refined, datasets: Sequence[SurfaceData]) -> Refined:
-    """The coarse stages, or one round from the undeformed box where they end farther from their points than it is.
+    """The result of the coarse stages, or of one round from the undeformed box where that is nearer to the points.
 
-    Sides of a thin body that are nearer to each other than its points are can be mistaken for each other.
+    In a thin body, with sides nearer to each other than neighbouring points, data can be matched to the wrong side.
     """
     box = problem.box
     undeformed = ControlBox.undeformed(box.origin, box.edges, found.box.control_points.shape[:3])
@@ -103,7 +103,7 @@ def _not_worse(problem: Problem, found: Refined, datasets: Sequence[SurfaceData]
 
 
 def fine_stage(problem: Problem, datasets: Sequence[SurfaceData], coarse: Refined) -> Refined:
-    """Rounds on more points, whose foot points only move along the surface, and the last few on all.
+    """The state after rounds on more points, with foot points that only move along the surface, the last ones on all.
 
     Raises:
         OptionError: the strength that the user gave leaves control points undetermined in the last round.
@@ -125,7 +125,7 @@ def fine_stage(problem: Problem, datasets: Sequence[SurfaceData], coarse: Refine
 
 
 def _with_details(problem: Problem, found: Refined) -> Refined:
-    """A result whose residuals are correlated, at a smaller strength where that predicts points left out better.
+    """The result, or one at a smaller strength where residuals are correlated and that predicts points left out better.
 
     Correlated errors of the data leave correlated residuals, and so do details that a smooth surface misses; only of
     the latter does a patch of the surface follow from the others.
@@ -146,7 +146,7 @@ def _stage(problem: Problem, rounds: int) -> Stage:
 
 
 def _run_on_points(datasets: Sequence[SurfaceData], coarse: Refined, stage: Stage, state: Start | Refined) -> Refined:
-    """A stage on other points than those of the state."""
+    """The result of a stage on other points than those of the state."""
     first = tuple(replace(data, origins=_first_origins(data, part)) for data, part in zip(datasets, coarse.datasets))
     return stage.run(Start(state.box, first, state.solution, state.noise, state.history))
 

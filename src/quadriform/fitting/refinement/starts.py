@@ -15,21 +15,21 @@ from quadriform.shapes.superquadric import Superquadric
 
 PAPER_POINTS = 1000
 LEAST_WALL = 1 / 3
-"""Between superquadrics one inside the other, at its thinnest: a share of the wall that the points have in the mean."""
+"""Least thickness of the wall between nested superquadrics, as a fraction of the mean thickness of the points' wall."""
 LEAST_ENTRY = 0.1
-"""Of a unit vector some entry is larger in any case; the sign of a smaller one can be that of rounding."""
+"""Entries of a unit vector below this are skipped, since their sign may be rounding; some entry is always larger."""
 GRID = 24
 LONGEST = 2.0
-"""A semi-axis above this many extents of the data is a runaway, and no start."""
+"""A fit with a semi-axis above this many extents of the data has diverged, and is no start."""
 
 
 def candidates(
     clouds: Mapping[str, Array], robust: Mapping[str, Superquadric], kind: str
 ) -> list[dict[str, Superquadric]]:
-    """Starts for all surfaces: the robust fit, the plain ellipsoid, and the paper's fit where it is no runaway.
+    """Starts for all surfaces: the robust fit, the plain ellipsoid, and the paper's fit where it has not diverged.
 
-    A shape that is no superquadric has no best one: the robust fit may follow half of it as if the rest were outliers,
-    the plain fits average over all of it.
+    Where the shape is no superquadric, the robust fit may follow one half of it and take the other for outliers; the
+    plain fits average over all of it.
 
     Args:
         clouds: name -> (n, 3) points, centred and scaled.
@@ -52,8 +52,8 @@ def candidates(
 def with_positive_axes(surface: Superquadric) -> Superquadric:
     """The same surface, its first two axes towards positive coordinates.
 
-    Half-turns about its own axes leave a superellipsoid as it is. Which of them a descent ends at can be a matter of
-    rounding, and the order of the points of its grid follows.
+    Rotations by 180 degrees about its own axes leave a superellipsoid as it is. Rounding can decide which of them a
+    descent ends at, and with it the order of the points of its grid.
     """
     rotation = surface.rotation.copy()
     for axis in (0, 1):
@@ -64,7 +64,7 @@ def with_positive_axes(surface: Superquadric) -> Superquadric:
 
 
 def ellipsoids(clouds: Mapping[str, Array]) -> dict[str, Superquadric]:
-    """Plain ellipsoids as the start of all surfaces; by moments (paper A.3) where open data lets one run away.
+    """Ellipsoids as the start of all surfaces; by moments (paper A.3) where a fit to open data diverges.
 
     Args:
         clouds: name -> (n, 3) points, centred and scaled.
@@ -79,12 +79,12 @@ def ellipsoids(clouds: Mapping[str, Array]) -> dict[str, Superquadric]:
 
 
 def nested(surfaces: dict[str, Superquadric], clouds: Mapping[str, Array]) -> dict[str, Superquadric]:
-    """Each surface inside the outermost as it is where a wall is left between the two, else as a smaller copy of it.
+    """The surfaces; an inner one that leaves too thin a wall to the outermost is replaced by a smaller copy of that.
 
-    Own fits to open data run together where nobody measured, and no smooth map could part them again. F is of degree
-    one: its median over the inner points, in units of that of the outer ones, is the size of the copy.
+    Separate fits to open data can touch where there is no data, and no smooth map separates them again. F is of degree
+    one: its median over the inner points, in units of that over the outer ones, is the scale of the copy.
     """
-    # not by the fits, of which an inner one may have run away, nor by means, which outliers enlarge
+    # not by the fits, of which an inner one may have diverged, nor by means, which outliers enlarge
     far = {n: float(np.median(((cloud - np.median(cloud, axis=0)) ** 2).sum(axis=1))) for n, cloud in clouds.items()}
     outer = max(far, key=far.__getitem__)
     result = {}
@@ -93,6 +93,6 @@ def nested(surfaces: dict[str, Superquadric], clouds: Mapping[str, Array]) -> di
         level, unit = (np.median(surfaces[outer].implicit(clouds[of])) for of in (name, outer))
         size = float(level / unit)
         nearest = surfaces[outer].implicit(surface.grid(GRID)[0]).max()
-        runs_into = name != outer and size < 1 and 1 - nearest < LEAST_WALL * (1 - size)
-        result[name] = replace(surfaces[outer], semi_axes=size * surfaces[outer].semi_axes) if runs_into else surface
+        too_thin = name != outer and size < 1 and 1 - nearest < LEAST_WALL * (1 - size)
+        result[name] = replace(surfaces[outer], semi_axes=size * surfaces[outer].semi_axes) if too_thin else surface
     return result

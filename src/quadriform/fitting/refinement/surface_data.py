@@ -68,7 +68,7 @@ class SurfaceData:
         normals: Array | None = None,
         noise: Array | None = None,
     ) -> "SurfaceData":
-        """All points as inliers, each as its own foot point until these are updated."""
+        """The data with all points as inliers, each its own foot point until these are updated."""
         around, ones = Neighbourhood.of(points), np.ones(len(points))
         return cls(superquadric, points, weights, half_space, normals, around, points, ones, noise=noise)
 
@@ -85,7 +85,7 @@ class SurfaceData:
     def subsample(self, count: int, robust: bool) -> "SurfaceData":
         """About `count` points, spread over their distances to the centre: whatever their order and pose.
 
-        With `robust` those without near neighbours are left out: sums over few points have no other defence.
+        With `robust` those without near neighbours are left out: rounds on few points have no robust weights.
         """
         # the order is by distance from the centre, so every k-th point spreads over the whole cloud
         order = canonical_order(self.points - self.points.mean(axis=0))
@@ -97,20 +97,20 @@ class SurfaceData:
         return SurfaceData.of(*some, self.half_space, normals, noise)
 
     def around(self, superquadric: Superquadric) -> "SurfaceData":
-        """The same points around another start."""
+        """The data of another superquadric with the same points."""
         return replace(self, superquadric=superquadric)
 
     def with_tangential_steps(self, box: ControlBox, steps: int) -> "SurfaceData":
-        """With foot points moved along the deformed surface by tangential Gauss-Newton steps."""
+        """The data with foot points moved along the deformed surface by tangential Gauss-Newton steps."""
         origins = update_foot_points(self.superquadric, box, self.points, self.origins, steps)
         return replace(self, origins=origins)
 
     def with_nearest_foot_points(self, box: ControlBox) -> "SurfaceData":
-        """With the nearest foot points on the deformed surface."""
+        """The data with the nearest foot points on the deformed surface."""
         return replace(self, origins=closest_on(self.superquadric, box, self.points).origins)
 
     def facing(self) -> "FacingCloud":
-        """The points with outward normals: those that were given, where there are any."""
+        """The points with outward normals: the given ones where there are any."""
         around = self.neighbourhood
         if self.normals is None:
             return FacingCloud(self.points, oriented(self.points, around.normals), around.flatness)
@@ -132,7 +132,7 @@ class SurfaceData:
         return (points - at) @ direction > 0
 
     def distances(self, box: ControlBox) -> Array:
-        """From the points to their foot points, (n,)."""
+        """Distances (n,) from the points to their foot points."""
         return np.linalg.norm(self.points - box.deform(self.origins), axis=1)
 
     def variances(self, normals: Array) -> Array:
@@ -140,18 +140,18 @@ class SurfaceData:
         return np.ones(len(normals)) if self.noise is None else variances_along(self.noise, normals)
 
     def standardised(self, box: ControlBox) -> Array:
-        """Distances from the points to their foot points, (n,), of which the inliers have one standard deviation."""
+        """Distances (n,) from the points to their foot points, divided by the points' relative standard deviations."""
         if self.noise is None:
             return self.distances(box)
         normals = surface_normals(self.superquadric, box, self.origins)
         return self.distances(box) / np.sqrt(self.variances(normals))
 
     def weighted(self, distances: Array, noise: float) -> "SurfaceData":
-        """With inlier probabilities and their ratio, by EM at a given noise, from standardised distances (n,)."""
+        """The data with inlier probabilities and ratio, by EM at a given noise, from standardised distances (n,)."""
         found = replace(self, inlier_ratio=FIRST_RATIO)
         for _ in range(EM_ROUNDS):
             inliers = found.probabilities(distances, noise)
-            # away from one: a later outlier must keep a chance
+            # below one, so that an outlier of a later round can still be detected
             ratio = float(np.clip(np.average(inliers, weights=self.weights), 0.02, 1 - 1e-6))
             found = replace(self, inliers=inliers, inlier_ratio=ratio)
         return found
@@ -165,7 +165,7 @@ class SurfaceData:
     def beside(
         self, points: Array, weights: Array, near: NDArray[np.int64], noise: Array | None = None
     ) -> "SurfaceData":
-        """Other points (m, 3), each with the neighbourhood and the foot point of the one it is near to, by index."""
+        """The data of other points (m, 3), with neighbourhoods and foot points of the points at the indices `near`."""
         return replace(
             self,
             points=points,
@@ -179,12 +179,12 @@ class SurfaceData:
 
 @dataclass(frozen=True)
 class FacingCloud:
-    """Points with the way they face.
+    """Points with outward normals.
 
     Attributes:
         points: (n, 3), centred and scaled.
         normals: (n, 3), outward; unit, or shorter where several disagree.
-        flatness: (n,) in [0, 1], how much the normal is to be trusted.
+        flatness: (n,) in [0, 1], the reliability of the normal.
     """
 
     points: Array
@@ -194,7 +194,7 @@ class FacingCloud:
 
 @dataclass(frozen=True)
 class Subsample:
-    """Few points of every surface, and what a search of new correspondences needs.
+    """Few points of every surface with their normals, as the search of new correspondences needs them.
 
     Attributes:
         datasets: one a surface.
@@ -213,6 +213,6 @@ class Subsample:
         return cls(chosen, tuple(data.facing() for data in chosen), tuple(data.is_covered() for data in chosen))
 
     def around(self, superquadrics: Sequence[Superquadric]) -> "Subsample":
-        """The same points around other starts."""
+        """The subsample of other superquadrics with the same points."""
         datasets = tuple(data.around(each) for data, each in zip(self.datasets, superquadrics))
         return replace(self, datasets=datasets)

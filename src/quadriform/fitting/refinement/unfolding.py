@@ -1,7 +1,7 @@
 """Fold removal: a penalty on small Jacobian determinants, in rounds until the map is verified to be free of folds.
 
-The data determines the surface, and next to nothing of the space inside; there a fold can be removed almost without
-moving the surface. More strength everywhere would remove it too, but would move the surface off the data.
+The data determines the surface and hardly the space inside, so a fold there can be removed almost without moving the
+surface. A larger strength would remove it too, but would move the whole surface off the data.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -39,7 +39,7 @@ class FoldRemoval:
     grid: int = 12
     """Cells along an edge of the grids on the surfaces, where folds often begin."""
     fine_lattice: int = 45
-    """The same in the search for low determinants where only the proof fails."""
+    """Points along an axis of the lattice on which low determinants are sought where only the proof fails."""
     fine_grid: int = 32
     """Cells along an edge of the grids on the surfaces, in that search."""
     strongest: float = 1e3
@@ -47,13 +47,13 @@ class FoldRemoval:
     descent: int = 8
     """Steps from there to the strength, each less than a factor of three."""
     rounds: int = 4
-    """At most, at each of these strengths: the surface need not converge on the way."""
+    """Most rounds at each of these strengths, where the surface need not converge."""
     renewals: int = 8
     """Nearest foot points are sought at most so many times; each time fewer of them change."""
     not_nearer: float = 0.8
-    """They are kept where they lower the sum of squared distances to this fraction: else nothing was wrong."""
+    """They are used where they lower the sum of squared distances to this fraction; else the given ones were right."""
     affine: float = 1e3
-    """A strength at which the data bends nothing."""
+    """A strength at which the map stays affine whatever the data."""
     accepted: float = 1.5
     """A fold is kept where its removal makes the noise more than this many times larger."""
     negligible: float = 0.025
@@ -92,7 +92,7 @@ class JacobianPenalty:
 
     @classmethod
     def of(cls, box: ControlBox, surfaces: Mapping[str, Superquadric], count: float, noise: float) -> "JacobianPenalty":
-        """On a lattice inside the surfaces and on them, for data of `count` points with a noise."""
+        """The penalty on a lattice inside the surfaces and on their grids, for data of `count` points with a noise."""
         grids = [surface.grid(FOLDS.grid)[0] for surface in surfaces.values()]
         points = np.concatenate([lattice_inside(box, list(surfaces.values()), FOLDS.lattice), *grids])
         # a determinant of zero costs this fraction of the squared residuals of all data
@@ -112,13 +112,13 @@ class JacobianPenalty:
         return NormalEquations.of_rows(rows, target, self.weight)
 
     def cost(self, box: ControlBox) -> float:
-        """The penalty itself."""
+        """The value of the penalty at a box."""
         return self.weight * float(
             (np.maximum(FOLDS.min_determinant - box.jacobian_determinant(self.points), 0) ** 2).sum()
         )
 
     def stronger(self) -> "JacobianPenalty":
-        """With more weight."""
+        """The penalty with more weight."""
         return replace(self, weight=FOLDS.stronger * self.weight)
 
     def check(self, box: ControlBox, surfaces: Mapping[str, Superquadric]) -> tuple[bool, "JacobianPenalty"]:
@@ -169,8 +169,8 @@ def accepted_noise(refined: Refined) -> float:
 def least_regularised(problem: Problem, refined: Refined, surfaces: dict[str, Superquadric]) -> Refined | None:
     """The certified refinement of least noise on the way from an affine map to the strength of a folded refinement.
 
-    For points that are no surface, such as those of a filled volume: their folded fit is useless at any noise. The
-    search begins at the undeformed superquadrics, at a strength under which no map but an affine one is left, and ends
+    For points that are no surface, such as those of a filled volume, whose folded fit is useless at any noise. The
+    search begins with the undeformed superquadrics at a strength under which every map is nearly affine, and ends
     before the first fold. None where the undeformed superquadrics cross.
     """
     unfolded, best = _undeformed(refined), None
@@ -217,10 +217,9 @@ def _by_decreasing_strength(
     surfaces: dict[str, Superquadric],
     largest_noise: float,
 ) -> Refined | None:
-    """From a strength under which nothing folds down to the given one, always with the penalty.
+    """The refinement under the penalty at strengths that decrease from one under which nothing folds to the given one.
 
-    Where the given one is too weak, the penalty moves the surface off the data: then the result is the last verified
-    one on the way. None without success.
+    Where folds remain at the given strength, the result is the last verified one before; None where there is none.
     """
     strength, found = refined.solution.strength, None
     for factor in np.geomspace(FOLDS.strongest, 1, FOLDS.descent):
@@ -236,10 +235,10 @@ def _by_decreasing_strength(
 def with_nearest_foot_points(
     problem: Problem, refined: Refined, penalty: JacobianPenalty, surfaces: dict[str, Superquadric]
 ) -> Refined:
-    """A certified refinement, refined further from the nearest foot points where the given ones are much farther away.
+    """The certified refinement, continued from the nearest foot points where the given ones are much farther away.
 
-    Foot points move along the surface, and where the surface is folded and unfolded some do not follow, such as on the
-    wrong face beside a sharp rim. They distort the surface, and robust weights then treat the points as outliers.
+    Foot points move along the surface. When it is folded and unfolded, some remain far from the nearest point, such as
+    on the wrong face beside a sharp rim: they distort the surface, and robust weights treat their points as outliers.
     """
     for _ in range(FOLDS.renewals):
         renewed = refined.nearest()

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from quadriform.fitting.cloud import best_first, canonical_order, nearest
 from quadriform.fitting.diagnostics import COVERED, INLIER
-from quadriform.fitting.mixture import LARGEST_RATIO, Mixture, annealed, density_odds, estimated, everyone
+from quadriform.fitting.mixture import LARGEST_RATIO, Mixture, all_inliers, annealed, density_odds, estimated
 from quadriform.fitting.superquadric.initial import (
     FRAMES,
     bound_of_axes,
@@ -209,7 +209,7 @@ def nearby(problem: Problem, starts: list[Superquadric]) -> Superquadric:
     longest = bound_of_axes(cloud.points)
     spread = Mixture(np.full(len(starts), LARGEST_RATIO), np.full(len(starts), SEARCH.hottest))
     descent = cloud.descent(candidates, spread, longest)
-    descent.run(SEARCH.annealing_steps, 0, lambda d: everyone(d.distances, d.weights))
+    descent.run(SEARCH.annealing_steps, 0, lambda d: all_inliers(d.distances, d.weights))
     descent.run(SEARCH.most_steps, SEARCH.near, em)
     return descent.candidates.superquadric(int(best_first(descent.scores())[0]))
 
@@ -249,7 +249,7 @@ class Search:
             starts = subset.with_fixed(ellipsoids(subset.points, np.tile(subset.weights, (len(frames), 1)), frames))
             spread = Mixture(np.full(len(starts), LARGEST_RATIO), np.full(len(starts), SEARCH.hottest))
             descent = subset.descent(starts, spread, self.longest)
-            descent.run(SEARCH.clean_steps, 0, lambda d: everyone(d.distances, d.weights))
+            descent.run(SEARCH.clean_steps, 0, lambda d: all_inliers(d.distances, d.weights))
             # all points are inliers here, so the least sigma is the largest likelihood
             best = distinct(descent, -descent.mixture.sigma, SEARCH.kept_wide)
             if descent.mixture.sigma[best[0]] < SEARCH.exact:
@@ -303,7 +303,7 @@ class Search:
         sizes = np.sqrt(np.exp(2 * starts.log_axes).mean(axis=1))  # RMS radius of the part
         spread = Mixture(np.full(len(starts), LARGEST_RATIO), SEARCH.hottest * sizes)
         descent = subset.weighted_descent(starts, own[: len(starts)], spread, self.longest)
-        descent.run(SEARCH.own_steps, 0, lambda d: everyone(d.distances, d.weights))
+        descent.run(SEARCH.own_steps, 0, lambda d: all_inliers(d.distances, d.weights))
         hot = Mixture(descent.mixture.inlier_ratio, np.minimum(descent.mixture.sigma, SEARCH.hottest * sizes))
         descent = subset.descent(descent.candidates, hot, self.longest)
         descent.run(SEARCH.annealing_steps, 0, lambda d: annealed(d.mixture, sizes))
