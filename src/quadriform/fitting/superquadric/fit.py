@@ -1,4 +1,4 @@
-"""A superquadric fitted to points, robustly or as the paper does: from given points to the answer with its warnings."""
+"""A superquadric fitted to points, robustly or by the paper's method: input checks, search, result with warnings."""
 
 from __future__ import annotations
 
@@ -58,9 +58,9 @@ def fit_superquadric(
         points: (n, 3), in any unit and frame; at least 11 distinct ones (12 for the toroid), not on one plane. Or a
             triangle mesh, as in `fit`.
         kind: "ellipsoid", "toroid", "hyperboloid1" or "hyperboloid2".
-        method: "robust": outliers, missing parts and other bodies are allowed for, nothing has to be set;
+        method: "robust": allows for outliers, missing parts and other bodies, without parameters to set;
             "paper": start from moments (A.3), criterion P3 by conjugate gradient (2.3).
-        weights: (n,), >= 0; a point of weight k counts as k points, one of weight 0 is not there.
+        weights: (n,), >= 0; a point of weight k counts as k points, one of weight 0 does not count.
         fixed: values of "semi_axes", "exponents", "rotation" or "translation" that are fixed.
         noise: of the measurement, only for "robust": a standard deviation, one for each point (n,), or covariances
             (n, 3, 3), in the unit of the points. Distances are measured by it, and sigma is at least as large.
@@ -93,7 +93,7 @@ def fit_by_paper(world: Array, kind: str) -> SuperquadricFit:
 def fit_robust(
     world: Array, kind: str, weights: Array, fixed: dict[str, ArrayLike], noise: Array | None
 ) -> SuperquadricFit:
-    """Fit one superquadric to points (n, 3) of which some may be outliers, parts of other things, or missing.
+    """The superquadric of points (n, 3) of which some may be outliers, of other bodies, or missing.
 
     Args:
         world: checked points.
@@ -141,7 +141,7 @@ def _in_frame(fixed: dict[str, ArrayLike], frame: Frame) -> dict[str, Array]:
 
 
 def _outcome(solution: Solution, points: Array, inliers: Array) -> SuperquadricFit:
-    """The answer in the centred and scaled frame; points and inliers as the caller gave them."""
+    """The fit in the centred and scaled frame; points and inliers are all those that the caller gave."""
     descent = solution.descent
     sigma = float(descent.mixture.sigma[0])
     found = cut_to(descent.candidates.superquadric(0), points[inliers >= INLIER])
@@ -158,14 +158,14 @@ def _outcome(solution: Solution, points: Array, inliers: Array) -> SuperquadricF
         | multiple_minima(solution.alternatives)
         | not_converged(solution.converged, steps)
     )
-    # without noise there is nothing but rounding
+    # without noise the distances are rounding, and their likelihood has no curvature of its own
     covariance = state.covariance if sigma < SEARCH.exact else remaining_covariance(descent)
     history = tuple(descent.history)
     return SuperquadricFit(found, warnings, state.rank, state.condition, covariance, inliers, sigma, history, steps)
 
 
 def in_world(fit: SuperquadricFit, frame: Frame) -> SuperquadricFit:
-    """A fit made in the centred, unit-free frame, back in the unit of the data."""
+    """The fit in the unit and frame of the data, from one in the centred, scaled frame."""
     unit = np.ones(len(fit.covariance))
     unit[AXES] = unit[SHIFT] = frame.scale  # exponents, angles and the hole radius have no unit
     return replace(

@@ -1,4 +1,4 @@
-"""How well points determine a fitted superquadric: rank, condition, covariance of its parameters."""
+"""Identifiability of a fitted superquadric: rank, condition and covariance of its parameters."""
 
 from dataclasses import dataclass
 
@@ -19,17 +19,17 @@ from quadriform.points import Array
 from quadriform.shapes.superellipse import quiet
 
 SYMMETRIC_ROTATION = 0.2
-"""An axis known no better than this, in radians, is an axis of symmetry for all that the data determines."""
+"""A rotation with a standard deviation above this, in radians, is undetermined: about an axis of symmetry."""
 PURE_ROTATION = 0.9
-"""A direction in parameter space that is a rotation to this fraction only rotates the surface."""
+"""Share of rotations in the square of a direction of parameter space above which it only rotates the surface."""
 
 
 @dataclass(frozen=True)
 class Determined:
-    """What the derivatives at the answer determine; lengths in RMS radii of the cloud.
+    """What the derivatives at the solution determine; lengths in RMS radii of the cloud.
 
     Attributes:
-        rank: of the derivatives of the distances by the parameters that were free.
+        rank: of the derivatives of the distances by the parameters that were not fixed.
         condition: their largest singular value over the smallest.
         symmetric: whether a rotation of the surface is undetermined.
         covariance: (p, p) in the order a1 a2 a3, e1 e2, three rotations about the object's own axes in radians,
@@ -80,7 +80,7 @@ def _natural(candidate: Candidates, derivatives: Array) -> Array:
 
 
 def _inverse(information: Array, estimated: NDArray[np.intp]) -> Array:
-    """Inverse of the information and the exponents' prior; what nothing determines gets a huge variance."""
+    """Inverse of the information with the prior of the exponents; undetermined directions get a huge variance."""
     information = information + np.diag(np.isin(estimated, np.r_[POWERS]) / EXPONENT_SPREAD**2)
     # eigenvalues are floored, for nothing may determine a direction
     values, vectors = np.linalg.eigh(information)

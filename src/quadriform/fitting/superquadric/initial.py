@@ -1,8 +1,8 @@
-"""Where superquadric fits start: the paper's moments (A.3), a quadric, and ellipsoids of parts of the cloud.
+"""Initial superquadrics: by the paper's moments (A.3), by a quadric, and ellipsoids of parts of the cloud.
 
-The inertia of a toroid or hyperboloid may be nearly the same about all axes, and then its principal axes are those of
-the noise. The axes of the quadric nearest to the points depend on other moments, so they serve as candidates beside.
-Every choice here rotates, moves and scales with the points, and their order does not matter.
+The moments of inertia of a toroid or hyperboloid can be nearly equal about all axes, and then its principal axes are
+those of the noise. The axes of the quadric nearest to the points depend on other moments, so they are further
+candidates. All results rotate, move and scale with the points and do not depend on their order.
 """
 
 from collections.abc import Callable
@@ -25,26 +25,26 @@ from quadriform.shapes.superquadric import Superquadric
 
 @dataclass(frozen=True)
 class Settings:
-    """The constants of starts and of axes that rounding does not choose."""
+    """The constants of initial superquadrics, and of axes that do not depend on rounding."""
 
     neighbours: int = 9
-    """Neighbours of which the distance of the last says how dense the cloud is."""
+    """Number of neighbours; the distance of the last one measures the density of the cloud."""
     sparse: float = 2.0
     """A point whose neighbours are this many times further away than the median point's is left out of starts."""
     dense_fraction: float = 0.4
-    """The densest points: mostly surface even when there are more outliers than inliers."""
+    """Fraction of the densest points: mostly surface even when there are more outliers than inliers."""
     side_fraction: float = 0.4
-    """How much of the cloud lies on one side of a cut: a start must do without what lies on the other."""
+    """Fraction of the cloud on one side of a cut, from which a start is made without the points on the other side."""
     thinnest: float = 1e-2
     """Least semi-axis of a start over its longest."""
     open: float = 1e-7
-    """Eigenvalues nearer to each other than this fraction of the largest leave their axes open."""
+    """Eigenvalues nearer to each other than this fraction of the largest do not determine their axes."""
     determines: float = 1e-6
     """A moment above this fraction of the largest possible one determines a direction."""
     folds: range = range(1, 7)
     """Symmetries about an axis that are looked for: by 360 degrees, 180, ... 60."""
     sweeps: int = 30
-    """Of Jacobi's rotations, more than they need to converge."""
+    """Sweeps of Jacobi's rotations, more than they need to converge."""
 
 
 START = Settings()
@@ -110,14 +110,14 @@ def _frames(points: Array) -> list[tuple[Array, Array]]:
 
 
 def toroid_by_moments(points: Array) -> Superquadric:
-    """The elliptic torus that suits best."""
+    """The elliptic torus of the least criterion P3 among those about the candidates for an axis."""
     found = tori(points)
     costs = [((torus.implicit(points) - 1) ** 2).sum() for torus in found]
     return found[int(first_least(np.array(costs)))]
 
 
 def tori(points: Array) -> list[Superquadric]:
-    """An elliptic torus about each candidate for an axis; ring and tube from means and spreads around it."""
+    """An elliptic torus about each candidate for an axis, with ring and tube by means and standard deviations."""
     return [
         _torus_about(points, centre, _right_handed(np.roll(axes, shift, axis=1)))
         for centre, axes in _frames(points)
@@ -134,6 +134,7 @@ def _torus_about(points: Array, centre: Array, axes: Array) -> Superquadric:
     # RMS extent along each axis: divided by it an elliptic ring is round
     spread = np.sqrt((local**2).mean(axis=0))
     around = np.linalg.norm(local[:, :2] / spread[:2], axis=1)  # the ring is round in these units
+    # the radius of a circle is the root of two times the standard deviation of a coordinate on it
     tube = np.sqrt(2) * around.std()
     hole = max(1.2, float(around.mean() / tube))
     sizes = np.append(tube * spread[:2], np.sqrt(2) * spread[2])
@@ -172,7 +173,7 @@ def hyperboloids(points: Array, kind: str) -> list[Superquadric]:
 
 
 def _hyperboloid(points: Array, kind: str, centre: Array, axes: Array, sizes: Array) -> Superquadric:
-    """A hyperboloid that is cut where the points end."""
+    """The hyperboloid with given semi-axes, cut where the points end."""
     axis = KINDS[kind].cut_axis or 0
     reach = float(np.abs((points - centre) @ axes[:, axis]).max())
     height = max(reach, 1.01 * KINDS[kind].least_cut * sizes[axis])
@@ -189,7 +190,7 @@ STARTS: dict[str, Callable[[Array], Superquadric]] = {
 
 
 def cut_to(found: Superquadric, points: Array) -> Superquadric:
-    """A surface of an open kind cut where the points end; closed kinds as they are."""
+    """The surface, cut where the points end if its kind is open."""
     axis = KINDS[found.kind].cut_axis
     if axis is None or not len(points):
         return found
@@ -198,12 +199,12 @@ def cut_to(found: Superquadric, points: Array) -> Superquadric:
 
 
 def reach(points: Array, cloud: Array) -> Array:
-    """Distance (n,) of each point to the last of its near neighbours in a cloud, maybe a sample of the points."""
+    """Distances (n,) of points (n, 3) to the last of their nearest neighbours in a cloud, maybe a sample of them."""
     return cKDTree(cloud).query(points, min(START.neighbours, len(cloud) - 1) + 1)[0][:, -1]
 
 
 def dense_parts(points: Array) -> Array:
-    """Weights (2, n), 0 or 1, of two parts of a cloud: without isolated points, and the densest points only."""
+    """Weights (2, n), 0 or 1, of two parts of a cloud (n, 3): without isolated points, and the densest points only."""
     far = reach(points, points)
     most = (1 + EQUAL.neighbours) * np.array([START.sparse * np.median(far), np.quantile(far, START.dense_fraction)])
     return (far <= most[:, None]).astype(np.float64)
@@ -222,7 +223,7 @@ def sides(points: Array, core: NDArray[np.bool_]) -> Array:
 
 
 def _moments(points: Array, weights: Array) -> tuple[Array, Array]:
-    """Centres (H, 3) and second moments (H, 3, 3) of weighted parts (H, n) of a cloud, of all without any weight."""
+    """Centres (H, 3), second moments (H, 3, 3) of weighted parts (H, n) of a cloud; of all if a part has no weight."""
     weights = np.where(weights.sum(axis=1, keepdims=True) > 0, weights, 1.0)
     fraction = weights / weights.sum(axis=1, keepdims=True)
     centres = fraction @ points
@@ -231,7 +232,7 @@ def _moments(points: Array, weights: Array) -> tuple[Array, Array]:
 
 
 def bound_of_axes(points: Array) -> float:
-    """Twice the extent of the points (n, 3) along a side of their box, whichever way the box is rotated."""
+    """The largest semi-axis in a fit: twice the extent of points (n, 3) along a side of their box, in any rotation."""
     _, values, axes = np.linalg.svd(points, full_matrices=False)
     axes = canonical_axes(values**2, axes.T, points)
     return 2 * float(np.ptp(points @ axes, axis=0).max()) / np.sqrt(3)
@@ -287,9 +288,9 @@ def _eighth_rotated(s: Superquadric) -> Superquadric:
 def canonical_axes(values: Array, axes: Array, points: Array) -> Array:
     """Principal axes (3, 3), columns, that do not depend on rounding.
 
-    Where eigenvalues differ these are the given ones. Equal eigenvalues leave their axes open: there moments of higher
-    order determine them, which rotate with the points; where these are isotropic too, the axes nearest to the
-    coordinates'.
+    Where eigenvalues differ these are the given ones. Equal eigenvalues do not determine their axes: there moments of
+    higher order do, which rotate with the points; where these are isotropic too, they are the axes nearest to those of
+    the coordinates.
 
     Args:
         values: (3,) eigenvalues, in order.
@@ -313,7 +314,7 @@ def canonical_axes(values: Array, axes: Array, points: Array) -> Array:
 
 
 def _around(axis: Array, index: int, points: Array) -> Array:
-    """Axes (3, 3) with a given one at its index; the others by the first symmetry about it that the points have."""
+    """Axes (3, 3) with a given one at its index; the others by the first k-fold moment about it that is not zero."""
     axis = axis * np.sign(axis[np.argmax(np.abs(axis) > np.abs(axis).max() - START.determines)])
     beside = np.eye(3)[np.argmax(np.abs(axis) < np.abs(axis).min() + START.determines)]
     first = beside - (beside @ axis) * axis
@@ -335,7 +336,7 @@ def _around(axis: Array, index: int, points: Array) -> Array:
 
 
 def _nearest_to_zero(angle: float, fold: int) -> float:
-    """One of the equivalent angles: rounding does not choose between the two ends of their range."""
+    """The equivalent angle nearest to zero; of two that are equally near, up to rounding, the negative one."""
     step = 2 * np.pi / fold
     return angle - step if angle > step / 2 - START.determines else angle
 

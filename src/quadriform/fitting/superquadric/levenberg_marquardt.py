@@ -1,4 +1,4 @@
-"""Superquadrics fitted by Levenberg-Marquardt, many at once: their distances to the points, and the descent.
+"""Levenberg-Marquardt descent of many superquadrics at once, and their distances to the points.
 
 The distance is the first-order one of P4, d = (F - 1) / |grad F|: exact for planes and for spheres, since F is of
 degree one. Its derivatives are taken at the foot point x - d n instead of at x: there they are those of the Euclidean
@@ -33,24 +33,24 @@ class Settings:
     """The constants of the descent; lengths in RMS radii."""
 
     damping: float = 1e-2
-    """At first, relative to the diagonal of the normal matrix: nearly a Gauss-Newton step."""
+    """Initial damping relative to the diagonal of the normal matrix: nearly a Gauss-Newton step."""
     damped: float = 1.0
-    """Damping above which a step is shorter for the damping than by itself."""
+    """Damping above which the damping, not the Gauss-Newton step, determines the length of a step."""
     largest_step: float = 0.5
-    """Of any parameter: beyond, a semi-axis changes by more than half, and distances are no longer linear in it."""
+    """Largest step of a parameter: beyond, a semi-axis changes by more than half, and distances are nonlinear."""
     finest: float = 1e-3
     """The predicted change of the distances is in units of sigma, or of this where sigma is less."""
     idle: float = 1e-20
     """A rotation whose squared effect on the distances is below this fraction of the largest of other parameters is
-    not made: what it would gain is rounding, as about the axes of a sphere."""
+    not made: its gain would be rounding, as about the axes of a sphere."""
     memory: int = 6
-    """Steps that the acceleration remembers: half as many as there are parameters."""
+    """Steps that the acceleration combines: half as many as there are parameters."""
     worse: float = 2.0
-    """A step this many times larger than the last makes the acceleration forget."""
+    """The acceleration restarts after a step this many times larger than the last."""
     size: float = 0.03
-    """Log likelihood that an inlier loses as the area of the surface grows by a factor e. For points spread evenly over
-    all of a surface it would be one, for each is then found with a density of one over the area; how much of it is seen
-    is not known, and what the data says of its own counts far more."""
+    """Decrease of an inlier's log likelihood as the area of the surface grows by a factor e. It would be one for points
+    spread evenly over a whole surface, with a density of one over its area. How much of the surface was sampled is not
+    known, so it is a weak prior beside the distances."""
 
 
 DESCENT = Settings()
@@ -66,7 +66,7 @@ class Candidates:
         exponents: (M, 2).
         rotations: (M, 3, 3), from the object's frame to that of the points.
         translations: (M, 3).
-        log_holes: (M, 1) logarithm of the hole radius less one; without meaning for kinds without a hole.
+        log_holes: (M, 1) logarithm of the hole radius less one; unused for kinds without a hole.
     """
 
     kind: str
@@ -103,20 +103,20 @@ class Candidates:
         return KINDS[self.kind].n_parameters
 
     def take(self, index: NDArray[np.int64]) -> "Candidates":
-        """The chosen ones."""
+        """The chosen candidates."""
         return Candidates(self.kind, *(a[index] for a in self.arrays))
 
     def joined(self, others: "Candidates") -> "Candidates":
-        """These and the others of the same kind."""
+        """These candidates and others of the same kind."""
         return Candidates(self.kind, *(np.concatenate(pair) for pair in zip(self.arrays, others.arrays)))
 
     def where(self, chosen: Array, others: "Candidates") -> "Candidates":
-        """These where `chosen` (M,) is true, the others elsewhere."""
+        """These candidates where `chosen` (M,) is true, the others elsewhere."""
         pairs = zip(self.arrays, others.arrays)
         return Candidates(self.kind, *(np.where(chosen.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs))
 
     def moved(self, step: Array, longest: float) -> "Candidates":
-        """After a step (M, n_parameters), kept inside the bounds; no semi-axis above `longest`."""
+        """The candidates after a step (M, n_parameters), clipped to the bounds; no semi-axis is above `longest`."""
         return replace(
             self,
             # semi-axes by their logarithms: they stay positive, and steps are relative
@@ -129,7 +129,7 @@ class Candidates:
         )
 
     def superquadric(self, index: int) -> Superquadric:
-        """One of them as an object; a hyperboloid's height is left for the caller to set by the data."""
+        """One candidate as a superquadric; the caller cuts a hyperboloid where its data ends."""
         axes, hole = (np.exp(self.log_axes[index]), 1 + float(np.exp(self.log_holes[index, 0])))
         rotation = Rotation.from_matrix(self.rotations[index]).as_matrix()  # rounding off many small rotations
         return Superquadric(
@@ -157,14 +157,13 @@ def distances(candidates: Candidates, points: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class Extent:
-    """What M surfaces lose by their size, weighed against the data: where nothing was measured the smallest is best.
+    """A penalty on the size of M surfaces: where there is no data the smallest is preferred.
 
-    The loss is of the logarithm of their area and that of the data together, over that of the data: a surface gains
-    nothing any more by shrinking below the data, nor by having less of it. The areas are those of boxes but for a
-    factor.
+    It is weights * log(1 + area / area of the data): a surface gains little by shrinking below the data. The areas are
+    those of boxes up to a factor.
 
     Attributes:
-        weights: (M,) of the loss.
+        weights: (M,) of the penalty.
         areas: (M,) of a sphere with the inliers' RMS radius.
     """
 
@@ -173,9 +172,9 @@ class Extent:
 
     @classmethod
     def of(cls, kind: str, points: Array, inliers: Array) -> "Extent":
-        """Around points (m, 3) with inlier weights (M, m).
+        """The penalty for points (m, 3) with inlier weights (M, m).
 
-        Where semi-axes are no size, of surfaces with a hole or cut where the points end, nothing is lost.
+        It is zero where the semi-axes do not give the size: of surfaces with a hole, or cut where the points end.
         """
         total = inliers.sum(axis=1)
         fraction = inliers / np.maximum(total, 1e-300)[:, None]
@@ -183,7 +182,7 @@ class Extent:
         return cls(KINDS[kind].is_radial * DESCENT.size * total, 3 * np.maximum(spread, 1e-300))
 
     def cost(self, candidates: Candidates) -> Array:
-        """The loss (M,)."""
+        """The value of the penalty (M,)."""
         return self.weights * np.log1p(_box_areas(candidates).sum(axis=1) / 2 / self.areas)
 
     def derivatives(self, candidates: Candidates) -> Array:
@@ -193,7 +192,7 @@ class Extent:
 
 
 def _box_areas(candidates: Candidates) -> Array:
-    """Area (M, 3) of the four sides of the box along each axis, an eighth of it."""
+    """Eighths (M, 3) of the area of the box's four sides along each axis, a1 (a2 + a3) and so on."""
     axes = np.exp(candidates.log_axes)
     return axes * (axes.sum(axis=1, keepdims=True) - axes)
 
@@ -211,7 +210,7 @@ class Descent:
         odds: (m,) log odds of the points to be inliers, besides their distances.
         noise: (m,) standard deviations of the points relative to sigma, by which distances are divided.
         least_sigma: lower bound of sigma.
-        size: how much the size counts.
+        size: weight of the penalty on the size.
     """
 
     def __init__(
@@ -245,22 +244,19 @@ class Descent:
         return self.candidates.take(index), self.mixture.take(index)
 
     def scores(self) -> Array:
-        """Log likelihood (M,), less what fitting few points exactly gains: each parameter takes a part of sigma.
-
-        And less what the surface loses by its size.
-        """
+        """Log likelihood (M,) with a correction for the parameters, which lower sigma, less the penalty on the size."""
         gain = self.candidates.n_parameters * np.log(self.mixture.sigma)
         return (self.weights * self.log_density).sum(axis=1) + gain - self.extent().cost(self.candidates)
 
     def extent(self) -> "Extent":
-        """What the candidates lose by their size, beside their inliers."""
+        """The penalty on the size of the candidates, relative to their inliers."""
         return Extent.of(self.candidates.kind, self.points, self.size * self.weights * self.inliers)
 
     def run(self, iterations: int, tolerance: float, reestimate: Reestimate) -> bool:
-        """Step until the change is below `tolerance` for all candidates; True when they converged.
+        """Whether the candidates converged: steps are made until the change is below `tolerance` for all of them.
 
-        A step that is short by its damping alone, and refused, is none; but nor would shorter ones be taken, for
-        derivatives at foot points are not quite those of the likelihood.
+        A short step that was rejected, and is short by its damping, is no convergence: derivatives at foot points
+        differ a little from those of the likelihood, so shorter ones would be rejected too.
         """
         for _ in range(iterations):
             step = self._step()
@@ -272,10 +268,10 @@ class Descent:
         return False
 
     def converge(self, iterations: int, tolerance: float, reestimate: Reestimate) -> bool:
-        """Undamped, accelerated steps of one candidate to the fixed point; True when it was reached.
+        """Whether undamped, accelerated steps of one candidate reached the fixed point; else it stays as it was.
 
         Derivatives at foot points are those of the Euclidean distance: their fixed point is not quite where the
-        likelihood of first-order distances is largest, so here steps must shrink instead of gain.
+        likelihood of first-order distances is largest, so the length of the steps is tested, not the likelihood.
         """
         before = self.candidates, self.mixture
         self.damping = np.zeros(len(self.candidates))
@@ -298,7 +294,7 @@ class Descent:
         return False
 
     def _move(self, motion: Array) -> None:
-        """Move one candidate and its mixture whether or not it gains."""
+        """Move one candidate and its mixture, whatever the likelihood."""
         self.candidates = self.candidates.moved(motion[None, :-2], self.longest)
         self.distances, self.derivatives = self._standardised(self.candidates)
         self._set_mixture(Mixture.at(self.mixture.coordinates() + motion[-2:]))
@@ -318,7 +314,7 @@ class Descent:
         gradient[:, POWERS] += prior[:, None] * (self.candidates.exponents - 1)
         diagonal = np.einsum("mii->mi", normal)  # a view: what is written to it is in the matrix that is solved
         diagonal[:, POWERS] += prior[:, None]
-        # the same of the size, with a curvature that is an upper bound of its own
+        # the penalty on the size likewise, with an upper bound of its curvature: d^2 / dx^2 log(1 + e^x) <= d / dx
         size = self.mixture.sigma[:, None] ** 2 * self.extent().derivatives(self.candidates)
         gradient[:, AXES] += size
         diagonal[:, AXES] += size
@@ -349,7 +345,7 @@ class Descent:
         )
 
     def _try(self, step: Array) -> Mask:
-        """Take the step where it does not lose; which (M,) did."""
+        """A mask (M,) of the candidates that took the step, as it does not decrease their penalised likelihood."""
         moved = self.candidates.moved(step, self.longest)
         found, derivatives = self._standardised(moved)
         # at the same mixture: steps of candidates and of the mixture alternate
@@ -371,7 +367,7 @@ def _log_prior(candidates: Candidates, extent: Extent) -> Array:
 
 
 def accelerated(positions: list[Array], proposals: list[Array]) -> Array:
-    """Anderson's step: the mix of the last proposals that would have cancelled, had the map been linear.
+    """The step of Anderson acceleration: the combination of the last proposals that is the fixed point of a linear map.
 
     Args:
         positions: where the iteration was, (k,) each, the latest last.
@@ -384,5 +380,5 @@ def accelerated(positions: list[Array], proposals: list[Array]) -> Array:
     if not np.isfinite(changed).all():
         return latest
     # least squares, for the last proposals may be nearly dependent
-    mix = np.linalg.lstsq(changed.T, latest, rcond=None)[0]
-    return latest - (moved + changed).T @ mix
+    combination = np.linalg.lstsq(changed.T, latest, rcond=None)[0]
+    return latest - (moved + changed).T @ combination

@@ -1,8 +1,8 @@
-"""The search behind the robust superquadric: many starts on few points, the best of them on all.
+"""The multi-start search of the robust superquadric: many starts on few points, the best of them on all.
 
 Coarse to fine: candidates are annealed and compared on a small even sample, the distinct best ones again on a larger
-one, and boxes around the inliers of the best (`restarts`); what is best then converges on all points. A wider search
-over parts of the cloud follows only where the best is not accepted.
+one, and boxes around the inliers of the best (`restarts`); the best then converges on all points. A wider search over
+parts of the cloud follows only where the best is not accepted.
 """
 
 from dataclasses import dataclass, replace
@@ -37,49 +37,49 @@ class Settings:
     """The constants of the search; lengths in RMS radii."""
 
     cloud: int = 1500
-    """Points that density is taken from: enough for 9 neighbours to be near."""
+    """Points from which the density is estimated: enough for 9 neighbours to be near."""
     fine: int = 500
-    """Points that the best candidates are compared on."""
+    """Points on which the best candidates are compared."""
     coarse: int = 160
-    """Points that all candidates of the narrow search are tried on: a dozen for each parameter."""
+    """Points on which all candidates of the narrow search are tried: a dozen for each parameter."""
     coarse_wide: int = 320
-    """The same in the wide search, whose parts have only some of them."""
+    """Points on which those of the wide search are tried, whose parts have only some of them."""
     own_steps: int = 4
-    """On the part that a start came from: it moves to that part, and no further."""
+    """Steps on the part of the cloud from which a start was made: it moves to that part, and no further."""
     annealing_steps: int = 8
-    """While sigma is forced down, to a tenth of its first value."""
+    """Steps while sigma is lowered to a tenth of its first value."""
     em_steps: int = 6
-    """With sigma free, until candidates can be compared."""
+    """Steps with an estimated sigma, until candidates can be compared."""
     compare_steps: int = 8
-    """In the comparison on more points."""
+    """Steps of the comparison on more points."""
     clean_steps: int = 16
-    """Where all points count, and convergence must reach `exact`."""
+    """Steps with all points as inliers, which must converge to `exact`."""
     growth: int = 16
-    """From one sample to the next, until all points are in it."""
+    """Factor between the sizes of successive samples, until all points are in one."""
     kept: int = 4
-    """Distinct candidates on the larger sample after the narrow search."""
+    """Distinct candidates that are kept on the larger sample after the narrow search."""
     kept_wide: int = 8
-    """The same after the wide search, which finds more."""
+    """Those that are kept after the wide search, which finds more."""
     tolerance: float = 1e-10
     """The last descent ends when no parameter moves more than this."""
     near: float = 1e-2
-    """Steps below this need no guard any more."""
+    """Descents with damped steps end below this; undamped, accelerated steps follow."""
     nearly: float = 1e-6
-    """The tolerance on a crease, where derivatives jump and no descent converges."""
+    """The tolerance at a crease, where derivatives are discontinuous and no descent converges."""
     most_steps: int = 40
-    """Of one descent, more than convergence takes where there is a minimum."""
+    """Most steps of one descent, more than convergence takes where there is a minimum."""
     pattern: float = 0.5
-    """Fraction of the distances' variance that neighbours must not have in common."""
+    """Largest fraction of the distances' variance that neighbours may have in common in an accepted candidate."""
     pattern_cost: float = 0.1
-    """Log likelihood per point that a pattern in the distances costs a candidate."""
+    """Log likelihood per point that a candidate with correlated distances is charged with."""
     exact: float = 1e-6
     """Noise below this is rounding, of data in single precision too."""
     clean: float = 0.02
-    """Where the best surface leaves more than this, points are no clean sample: on one a wrong one leaves less."""
+    """Sigma of the best surface above which points are not exact: near exact ones even a wrong surface has less."""
     alternative: float = 0.01
     """Surfaces whose cost, sigma squared, is within this fraction of the best are alternative minima."""
-    hottest: float = 0.5
-    """Annealing starts no hotter than this fraction of a candidate's size."""
+    first_sigma: float = 0.5
+    """Largest sigma at the start of annealing, as a fraction of a candidate's size."""
     same: float = 0.5
     """Surfaces nearer to each other than this many sigma at the points are one."""
 
@@ -88,7 +88,7 @@ SEARCH = Settings()
 PARTS = ("semi_axes", "exponents", "rotation", "translation", "hole_radius")
 """The parameters of a superquadric in the order of those of `Candidates`."""
 ENOUGH_PAIRS = (4 / (1 - SEARCH.pattern)) ** 2
-"""With fewer neighbours pure noise has as much in common one time in 30,000 (four sigma), so nothing is concluded."""
+"""Least number of pairs for a conclusion: independent distances of so many look correlated once in 30,000 (4 sigma)."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ class Problem:
         odds: (n,) log odds to be an inlier, besides the distance to the surface.
         noise: (n,) standard deviations of the points along the normal, relative to that of a point of average weight.
         least_sigma: lower bound of the latter.
-        size: how much the size counts, 0 while sigma is forced: it is weighed against the noise.
+        size: weight of the penalty on the size; 0 during annealing, since that penalty is relative to the noise.
     """
 
     points: Array
@@ -125,7 +125,7 @@ class Problem:
         return self._order[np.linspace(0, count - 1, min(most, count)).round().astype(np.int64)]
 
     def sample(self, most: int) -> "Problem":
-        """The same on an even sample of the points."""
+        """The problem of an even sample of at most `most` points."""
         index = self.thinned(most)
         arrays = (self.points, self.weights, self.odds, self.noise)
         points, weights, odds, noise = (each[index] for each in arrays)
@@ -149,19 +149,19 @@ class Problem:
         return self.weighted_descent(candidates, self.weights, mixture, longest)
 
     def weighted_descent(self, candidates: Candidates, weights: Array, mixture: Mixture, longest: float) -> Descent:
-        """The same with other weights (n,) or (M, n)."""
+        """A descent of the candidates on these points with other weights (n,) or (M, n)."""
         noise = self.noise, self.least_sigma, self.size
         return Descent(candidates, self.points, weights, mixture, longest, self.fixed_mask, self.odds, *noise)
 
 
 @dataclass(frozen=True)
 class Solution:
-    """The winner and what is known of it.
+    """The result of a search.
 
     Attributes:
-        descent: converged, with one candidate.
+        descent: that of the best candidate, at its end.
         converged: whether it converged.
-        alternatives: other surfaces that explain the points equally well.
+        alternatives: number of other surfaces that explain the points equally well.
     """
 
     descent: Descent
@@ -177,7 +177,7 @@ def em(descent: Descent) -> Mixture:
 
 
 def solve(problem: Problem) -> Solution:
-    """The superquadric of points of which some may be outliers, parts of other things, or missing."""
+    """The superquadric of points of which some may be outliers, of other bodies, or missing."""
     cloud = problem.sample(SEARCH.cloud)
     parts = dense_parts(cloud.points)
     core = parts[0] > 0
@@ -190,56 +190,56 @@ def solve(problem: Problem) -> Solution:
     if KINDS[problem.kind].is_radial and not accepted[best_first(best.scores())[0]]:
         best = search.wider(np.concatenate([parts, sides(cloud.points, core)]), best)
         accepted = acceptable(best)
-    # accepted candidates first: the likelihood does not see patterns in the distances
-    winner = best_first(_ranking(best, accepted))[:1]
-    if best.mixture.inlier_ratio[winner[0]] < LARGEST_RATIO:
-        noisy = accepted[winner[0]] and best.mixture.sigma[winner[0]] > SEARCH.clean
-        if not noisy and (clean := search.met_by_all()):
-            return _converged(problem, clean, 0, longest)
-        problem = _with_density_odds(problem, best.picked(winner), longest)
+    # accepted candidates first: the likelihood takes correlated distances for independent ones
+    first = best_first(_ranking(best, accepted))[:1]
+    if best.mixture.inlier_ratio[first[0]] < LARGEST_RATIO:
+        noisy = accepted[first[0]] and best.mixture.sigma[first[0]] > SEARCH.clean
+        if not noisy and (exact := search.through_all_points()):
+            return _converged(problem, exact, 0, longest)
+        problem = _with_density_odds(problem, best.picked(first), longest)
     best = Search(problem.sample(SEARCH.cloud), longest).restarted(best)
     alternatives = _alternatives(best, _ranking(best, acceptable(best)))
     return _converged(problem, best.picked(alternatives), len(alternatives) - 1, longest)
 
 
 def nearby(problem: Problem, starts: list[Superquadric]) -> Superquadric:
-    """The best of what lies near given starts, on a sample: no search, and no convergence to the last digit."""
+    """The best surface that descents from given starts reach on a sample, without a search and to few digits."""
     cloud = problem.sample(SEARCH.fine)
     candidates = cloud.with_fixed(Candidates.of(starts))
     longest = bound_of_axes(cloud.points)
-    spread = Mixture(np.full(len(starts), LARGEST_RATIO), np.full(len(starts), SEARCH.hottest))
+    spread = Mixture(np.full(len(starts), LARGEST_RATIO), np.full(len(starts), SEARCH.first_sigma))
     descent = cloud.descent(candidates, spread, longest)
     descent.run(SEARCH.annealing_steps, 0, lambda d: all_inliers(d.distances, d.weights))
     descent.run(SEARCH.most_steps, SEARCH.near, em)
     return descent.candidates.superquadric(int(best_first(descent.scores())[0]))
 
 
-def _with_density_odds(problem: Problem, winner: tuple[Candidates, Mixture], longest: float) -> Problem:
-    """The problem with the odds that the density of points gives, when the best candidate leaves outliers."""
-    inliers = problem.descent(*winner, longest).inliers[0]
+def _with_density_odds(problem: Problem, best: tuple[Candidates, Mixture], longest: float) -> Problem:
+    """The problem with the odds of the points by their density, for a best candidate with outliers."""
+    inliers = problem.descent(*best, longest).inliers[0]
     return replace(problem, odds=density_odds(reach(problem.points, problem.sample(SEARCH.cloud).points), inliers))
 
 
 @dataclass(frozen=True)
 class Search:
-    """Candidates against each other on samples of a cloud; no semi-axis above `longest`."""
+    """The comparison of candidates on samples of a cloud; no semi-axis is above `longest`."""
 
     cloud: Problem
     longest: float
 
     def wider(self, parts: Array, earlier: Descent) -> Descent:
-        """A search from many parts, another from the inliers of its best in their own frames, and the comparison."""
+        """The comparison after a search from many parts, and one from the inliers of its best in their own frames."""
         first = self.annealed_starts(parts, self.frames(parts, FRAMES[::3]), SEARCH.coarse_wide)
-        winners, mixture = first.picked(distinct(first, first.scores(), SEARCH.kept_wide))
-        inliers = self.cloud.descent(winners, mixture, self.longest).inliers
-        second = self.annealed_starts(inliers, winners.rotations[:, None] @ FRAMES, SEARCH.coarse_wide)
+        chosen, mixture = first.picked(distinct(first, first.scores(), SEARCH.kept_wide))
+        inliers = self.cloud.descent(chosen, mixture, self.longest).inliers
+        second = self.annealed_starts(inliers, chosen.rotations[:, None] @ FRAMES, SEARCH.coarse_wide)
         return self.compared(second, SEARCH.kept_wide, earlier)
 
-    def met_by_all(self) -> tuple[Candidates, Mixture] | None:
-        """An ellipsoid that meets every point of a sample exactly, if one is found.
+    def through_all_points(self) -> tuple[Candidates, Mixture] | None:
+        """A superellipsoid that passes through every point of a sample exactly, if one is found.
 
-        The search may take points of a clean but uneven sample for outliers; here all count, from the axes of the whole
-        cloud and then, twice, from those of what the best starts come to.
+        The search may take exact points that are sampled unevenly for outliers. Here all are inliers, and starts are
+        made in the axes of the whole cloud and then, twice, in those of the best results.
         """
         if not KINDS[self.cloud.kind].is_radial:
             return None
@@ -247,7 +247,7 @@ class Search:
         frames = self.frames(np.ones((1, len(self.cloud.points))), FRAMES)
         for _ in range(3):
             starts = subset.with_fixed(ellipsoids(subset.points, np.tile(subset.weights, (len(frames), 1)), frames))
-            spread = Mixture(np.full(len(starts), LARGEST_RATIO), np.full(len(starts), SEARCH.hottest))
+            spread = Mixture(np.full(len(starts), LARGEST_RATIO), np.full(len(starts), SEARCH.first_sigma))
             descent = subset.descent(starts, spread, self.longest)
             descent.run(SEARCH.clean_steps, 0, lambda d: all_inliers(d.distances, d.weights))
             # all points are inliers here, so the least sigma is the largest likelihood
@@ -260,17 +260,17 @@ class Search:
         return None
 
     def restarted(self, best: Descent) -> Descent:
-        """The best candidates on the whole cloud, beside what boxes around the inliers of the best of them lead to."""
+        """The best candidates on the whole cloud, with those that start from boxes around the inliers of the best."""
         best = self._on_all(*best.picked(distinct(best, _ranking(best, acceptable(best)), SEARCH.kept)))
         for _ in range(RESTART.rounds if KINDS[self.cloud.kind].is_radial else 0):
-            winner = best.picked(best_first(_ranking(best, acceptable(best)))[:1])
-            inliers = self.cloud.descent(*winner, self.longest).inliers[0]
-            if covered_fraction(winner[0].superquadric(0), self.cloud.points[inliers >= INLIER]) >= COVERED:
-                break  # no end is hidden
-            candidates, mixture = self._from_boxes(inliers, *winner)
-            best = self._on_all(winner[0].joined(candidates), winner[1].joined(mixture))
+            first = best.picked(best_first(_ranking(best, acceptable(best)))[:1])
+            inliers = self.cloud.descent(*first, self.longest).inliers[0]
+            if covered_fraction(first[0].superquadric(0), self.cloud.points[inliers >= INLIER]) >= COVERED:
+                break  # points on all sides determine the size
+            candidates, mixture = self._from_boxes(inliers, *first)
+            best = self._on_all(first[0].joined(candidates), first[1].joined(mixture))
             if best_first(_ranking(best, acceptable(best)))[0] == 0:
-                break  # they led nowhere better
+                break  # none of the restarts is better
         return best
 
     def _on_all(self, candidates: Candidates, mixture: Mixture) -> Descent:
@@ -279,16 +279,16 @@ class Search:
         return descent
 
     def _from_boxes(self, inliers: Array, candidate: Candidates, mixture: Mixture) -> tuple[Candidates, Mixture]:
-        """What boxes around the inliers of a candidate lead to, on a sample."""
+        """The distinct candidates, on a sample, that start from boxes around the inliers of a candidate."""
         boxes = restarts(self.cloud.points, inliers, candidate.rotations[0])
         sample, first = self.cloud.sample(SEARCH.fine), np.zeros(len(boxes), dtype=np.int64)
-        warm = Mixture(mixture.inlier_ratio[first], RESTART.warmer * mixture.sigma[first])
-        descent = sample.descent(sample.with_fixed(boxes), warm, self.longest)
+        wide = Mixture(mixture.inlier_ratio[first], RESTART.larger_sigma * mixture.sigma[first])
+        descent = sample.descent(sample.with_fixed(boxes), wide, self.longest)
         descent.run(RESTART.steps, SEARCH.near, em)
         return descent.picked(distinct(descent, descent.scores(), len(boxes)))
 
     def annealed_starts(self, parts: Array, rotations: Array, most: int) -> Descent:
-        """Starts from weighted parts (H, n) of the cloud, annealed and then by EM, on `most` points.
+        """The descent of starts from weighted parts (H, n) of the cloud after annealing and EM, on `most` points.
 
         Args:
             parts: weights of the cloud's points, a row for each part.
@@ -301,11 +301,11 @@ class Search:
         # points of other parts keep a small weight, so that every problem has full rank
         own = np.repeat(np.maximum(parts[:, index], 1e-6) * subset.weights, -(-len(starts) // len(parts)), axis=0)
         sizes = np.sqrt(np.exp(2 * starts.log_axes).mean(axis=1))  # RMS radius of the part
-        spread = Mixture(np.full(len(starts), LARGEST_RATIO), SEARCH.hottest * sizes)
+        spread = Mixture(np.full(len(starts), LARGEST_RATIO), SEARCH.first_sigma * sizes)
         descent = subset.weighted_descent(starts, own[: len(starts)], spread, self.longest)
         descent.run(SEARCH.own_steps, 0, lambda d: all_inliers(d.distances, d.weights))
-        hot = Mixture(descent.mixture.inlier_ratio, np.minimum(descent.mixture.sigma, SEARCH.hottest * sizes))
-        descent = subset.descent(descent.candidates, hot, self.longest)
+        wide = Mixture(descent.mixture.inlier_ratio, np.minimum(descent.mixture.sigma, SEARCH.first_sigma * sizes))
+        descent = subset.descent(descent.candidates, wide, self.longest)
         descent.run(SEARCH.annealing_steps, 0, lambda d: annealed(d.mixture, sizes))
         descent.run(SEARCH.em_steps, 1e-4, em)
         return descent
@@ -317,13 +317,13 @@ class Search:
 
     def frames(self, parts: Array, rotations: Array) -> Array:
         """Orientations (k, 3, 3) of the principal axes of each part, or the fixed rotation: (H, k, 3, 3)."""
-        fixed_mask = self.cloud.fixed.get("rotation")
-        if fixed_mask is not None:
-            return np.broadcast_to(fixed_mask, (len(parts), 1, 3, 3))
+        rotation = self.cloud.fixed.get("rotation")
+        if rotation is not None:
+            return np.broadcast_to(rotation, (len(parts), 1, 3, 3))
         return principal_axes(self.cloud.points, parts * self.cloud.weights)[:, None] @ rotations
 
     def compared(self, descent: Descent, kept: int, earlier: Descent | None) -> Descent:
-        """The distinct best candidates, and those of an earlier comparison, on a larger sample."""
+        """The descent of the distinct best candidates, and of those of an earlier comparison, on a larger sample."""
         candidates, mixture = descent.picked(distinct(descent, descent.scores(), kept))
         if earlier is not None:
             candidates, mixture = (candidates.joined(earlier.candidates), mixture.joined(earlier.mixture))
@@ -333,7 +333,7 @@ class Search:
 
 
 def distinct(descent: Descent, ranking: Array, most: int) -> NDArray[np.int64]:
-    """The best candidates, at most `most`, no two of them the same surface at the points."""
+    """Indices of at most `most` candidates, the best first, no two of them the same surface at the points."""
     chosen: list[int] = []
     for index in best_first(ranking):
         sigma = SEARCH.same * descent.mixture.sigma[index]
@@ -348,10 +348,10 @@ def distinct(descent: Descent, ranking: Array, most: int) -> NDArray[np.int64]:
 
 
 def acceptable(descent: Descent) -> NDArray[np.bool_]:
-    """Which candidates (M,) have half of the points as inliers and distances without much of a pattern.
+    """A mask (M,) of the candidates with at least half of the points as inliers and nearly uncorrelated distances.
 
     Distances of neighbours are compared by von Neumann's ratio: one for noise, less where the surface is not that of
-    the points. Edges seen through strong noise alone give about 0.6.
+    the points. Edges under strong noise alone give about 0.6.
     """
     near, counts = nearest(descent.points, descent.points, 2)
     point, rank = counts[:, 1:].nonzero()  # on a lattice several neighbours are at the same distance
@@ -365,12 +365,12 @@ def acceptable(descent: Descent) -> NDArray[np.bool_]:
 
 
 def _ranking(descent: Descent, accepted: NDArray[np.bool_]) -> Array:
-    """Scores (M,), with an advantage for accepted candidates: the likelihood does not see patterns."""
+    """Scores (M,), larger for accepted candidates: the likelihood takes correlated distances for independent ones."""
     return descent.scores() + SEARCH.pattern_cost * descent.weights.sum() * accepted
 
 
 def _alternatives(descent: Descent, ranking: Array) -> NDArray[np.int64]:
-    """The best candidate and those within `alternative` of its cost."""
+    """Indices of the best candidate and of those within `alternative` of its cost."""
     index = distinct(descent, ranking, SEARCH.kept_wide)
     # log likelihood falls by n / 2 times the relative growth of sigma squared
     margin = SEARCH.alternative / 2 * descent.inliers[index[0]].sum()
@@ -378,23 +378,23 @@ def _alternatives(descent: Descent, ranking: Array) -> NDArray[np.int64]:
 
 
 def _converged(problem: Problem, start: tuple[Candidates, Mixture], alternatives: int, longest: float) -> Solution:
-    """Larger and larger samples, then all points; alternatives are compared up to the last."""
+    """The result of descents on larger and larger samples, then on all points; alternatives are compared to the end."""
     candidates, mixture = start
     # most steps are made on few points; a larger sample begins near its minimum
     size = SEARCH.fine * SEARCH.growth
     while size * 2 < len(problem.points):
         descent = problem.sample(size).descent(candidates, mixture, longest)
         descent.run(15, 1e-6, em)
-        candidates, mixture = _winner(descent)
+        candidates, mixture = _best(descent)
         size *= SEARCH.growth
     descent = problem.descent(candidates, mixture, longest)
     descent.run(SEARCH.most_steps, SEARCH.near, em)
-    descent = descent if len(candidates) == 1 else problem.descent(*_winner(descent), longest)
+    descent = descent if len(candidates) == 1 else problem.descent(*_best(descent), longest)
     converged = descent.converge(SEARCH.most_steps, SEARCH.tolerance, em) or descent.run(
         SEARCH.most_steps, SEARCH.nearly, em
     )
     return Solution(descent, converged, alternatives)
 
 
-def _winner(descent: Descent) -> tuple[Candidates, Mixture]:
+def _best(descent: Descent) -> tuple[Candidates, Mixture]:
     return descent.picked(best_first(descent.scores())[:1])

@@ -1,8 +1,8 @@
-"""What remains open of a robust superquadric beyond linear least squares: flat likelihoods, the size, and a bias.
+"""The covariance of a robust superquadric beyond linear least squares: flat likelihoods, the size, and a bias.
 
 The likelihood is flatter than its linearisation where points are neither inliers nor outliers, and around edges. The
-preference for smaller bodies has moved the answer. And where the noise has a direction, as along the rays of a scanner,
-it displaced points across the normal too: the derivatives there depend on the distances, and the answer is biased.
+preference for smaller bodies moves the solution. And noise with a direction, as along the rays of a scanner, displaces
+points across the normal too: the derivatives there depend on the distances, and the solution is biased.
 """
 
 from dataclasses import dataclass
@@ -33,15 +33,15 @@ class Settings:
     """The constants of the estimate."""
 
     points: int = 2000
-    """An even sample of so many is enough for standard deviations."""
+    """Points of an even sample, enough for standard deviations."""
     step: float = 0.1
-    """Of numerical derivatives: the RMS change of the distances in units of sigma."""
+    """Step of numerical derivatives: the RMS change of the distances in units of sigma."""
     flattest: float = 0.05
-    """Curvature of the likelihood over that of its linearisation, at least: a sample does not show less."""
+    """Least curvature of the likelihood over that of its linearisation: a sample cannot show less."""
     oblique: float = 3.0
-    """Displacement across the normal over that along it, at most: rays that graze the surface show no distance."""
+    """Largest displacement across the normal over that along it: rays that graze the surface measure no distance."""
     flat: float = 1e-3
-    """Least variance of the noise over its largest: a direction without any is rounding."""
+    """Least variance of the noise in a direction over the largest: less is rounding."""
 
 
 OPEN = Settings()
@@ -59,7 +59,7 @@ def remaining_covariance(descent: Descent) -> Array:
     known = values > values[-1] / UNDETERMINED**2
     white = vectors[:, known] / np.sqrt(values[known])
     curvature, axes = np.linalg.eigh(white.T @ (total * _curvature(sample))[np.ix_(estimated, estimated)] @ white)
-    # no better known than by least squares, for a sample does not show that
+    # the variance is not below that of linear least squares: a sample cannot show that
     roots = white @ axes / np.sqrt(np.clip(curvature, OPEN.flattest, 1))
     gradients = total * np.stack([_by_size(sample)[0], _by_direction_of_noise(sample)])[:, estimated]
     unknown = vectors[:, ~known] / np.sqrt(np.maximum(values[~known], 1e-16 * values[-1]))
@@ -105,14 +105,14 @@ def _gradient(sample: Descent) -> Array:
 
 
 def _by_size(sample: Descent) -> Array:
-    """The part (M, p) of these that is due to the preference for smaller bodies."""
+    """Derivatives (M, p) of the penalty on the size."""
     found = np.zeros((len(sample.candidates), len(sample.fixed)))
     found[:, AXES] = sample.extent().derivatives(sample.candidates)
     return found
 
 
 def _by_direction_of_noise(sample: Descent) -> Array:
-    """What the derivatives (p,) of the loss would be with points brought back to the surface along their noise."""
+    """Derivatives (p,) of the loss with points moved back to the surface along the direction of their noise."""
     weights, offsets = sample.weights * sample.inliers[0], sample.distances[0] * sample.noise
     normals = -sample.derivatives[0, SHIFT] * sample.noise  # (3, n), in the body's own frame
     towards = _covariance_of_noise(normals, offsets**2, weights) @ normals

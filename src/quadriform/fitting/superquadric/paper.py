@@ -34,7 +34,7 @@ class _Unbounded:
         self.axes = first.rotation
 
     def unbounded(self) -> Array:
-        """The start as free numbers."""
+        """The start in unbounded parameters, (11,) or (12,)."""
         p = self.first.parameters.copy()
         p[:3] = np.log(p[:3])
         fraction = (p[3:5] - EXPONENTS[0]) / (EXPONENTS[1] - EXPONENTS[0])
@@ -44,7 +44,7 @@ class _Unbounded:
         return p
 
     def bound(self, unbounded: Array) -> tuple[Superquadric, Array]:
-        """The superquadric in the start's axes, and the derivative of each of its numbers by its free one."""
+        """The superquadric in the start's axes, and the derivative of each parameter by the unbounded one."""
         p, derivative = unbounded.copy(), np.ones(len(unbounded))
         p[:3] = derivative[:3] = np.exp(np.clip(unbounded[:3], -50, 50))
         fraction = 1 / (1 + np.exp(-np.clip(unbounded[3:5], -500, 500)))
@@ -67,7 +67,7 @@ def fit_paper(points: Array, kind: str) -> SuperquadricFit:
 
     def criterion(unbounded: Array) -> tuple[float, Array]:
         candidate, derivative = coordinates.bound(unbounded)
-        # Euler angles of the candidate are the free ones themselves, so no gimbal lock can swap them
+        # Euler angles are unbounded parameters themselves, so no gimbal lock can exchange them
         value, by_parameter = candidate.parameter_derivatives(rotated)
         residual = value - 1
         gradient = 2 * (residual @ by_parameter) * derivative / len(residual)
@@ -107,7 +107,7 @@ def least_criterion(points: Array, kind: str) -> Superquadric:
     """The minimum of P3 from the paper's start, to the last digits, by Levenberg and Marquardt's method.
 
     Conjugate gradients stop a few digits earlier; a start that other results depend on must be the same for a rotated
-    cloud. Points (n, 3) centred and scaled.
+    cloud. The points (n, 3) are centred and scaled.
     """
     coordinates = _Unbounded(STARTS[kind](points))
     rotated = points @ coordinates.axes

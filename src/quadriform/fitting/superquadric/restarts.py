@@ -1,7 +1,8 @@
-"""Where the search starts again from a surface that was seen from one side: boxes around its inliers.
+"""Restarts of the search from boxes around the inliers of a surface, for bodies with points on one side only.
 
-A surface that is too long, or whose axes have each other's place, meets most points of a body with flat faces, for its
-end hides where there are none. From inside the body all points beyond are evidence of its size.
+A surface that is too long, or whose axes are exchanged, can pass through most points of a body with flat faces: its end
+lies where there are no points. A start inside the body has points beyond all its observed sides, which determine the
+size.
 """
 
 from dataclasses import dataclass
@@ -19,22 +20,22 @@ class Settings:
     """The constants of restarts."""
 
     outside: float = 0.1
-    """Fraction of the inliers beyond either side of a box: a few of them belong to a neighbour that lies in line."""
+    """Fraction of the inliers beyond either side of a box: a few of them may belong to a neighbouring body in line."""
     exponent: float = 0.5
-    """Between a box and an ellipsoid."""
-    warmer: float = 10.0
-    """Sigma of a restart over that of the result: what lies beyond the box must still be seen."""
+    """Both exponents of a start, between a box and an ellipsoid."""
+    larger_sigma: float = 10.0
+    """Sigma of a restart over that of the result: points beyond the box must still be inliers."""
     rounds: int = 4
-    """At most: the first finds the axes, others the size along them, as far as each sees."""
+    """Most rounds: the first finds the axes, others the size along them, step by step."""
     steps: int = 12
-    """Of each round, until candidates can be compared."""
+    """Steps of each round, until candidates can be compared."""
 
 
 RESTART = Settings()
 
 
 def restarts(points: Array, inliers: Array, rotation: Array) -> Candidates:
-    """Rounded boxes around most inliers (n,) of points (n, 3), one in each frame that `FRAMES` makes of one (3, 3)."""
+    """Rounded boxes around most inliers (n,) of points (n, 3), one in each of `FRAMES` from a rotation (3, 3)."""
     frames = rotation @ FRAMES
     local = points[inliers >= INLIER] @ frames if (inliers >= INLIER).any() else points @ frames
     low, high = np.quantile(local, [RESTART.outside, 1 - RESTART.outside], axis=1)
