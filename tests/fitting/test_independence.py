@@ -29,6 +29,15 @@ def test_points_that_err_together_count_once(together):
     assert effective_fraction(feet, noise, np.ones(len(feet))) == pytest.approx(1 / together, rel=0.1)
 
 
+@pytest.mark.parametrize("together", [200, 1000])
+def test_errors_are_alike_as_far_as_they_reach(together):
+    """Thirty strokes of many points, each with one error: none of the numbers of neighbours asked for ends them."""
+    rng = np.random.default_rng(5)
+    feet = np.repeat(30 * even_directions(30), together, axis=0) + rng.normal(0, 1e-3, (together * 30, 3))
+    noise = np.repeat(np.where(np.arange(30) % 2, -1.0, 1.0), together) + rng.normal(0, 0.1, together * 30)
+    assert effective_fraction(feet, noise, np.ones(len(feet))) == pytest.approx(1 / together, rel=0.1)
+
+
 def test_neighbours_are_those_of_the_feet():
     """Old bug: among noisy points in space the nearest ones are those with the same error, so noise seemed alike."""
     rng = np.random.default_rng(2)

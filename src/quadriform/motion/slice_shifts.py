@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from quadriform.fitting.least_squares.normal_equations import normal_equations
+from quadriform.fitting.least_squares.normal_equations import right_side
 from quadriform.fitting.refinement.point_to_plane import Rows
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
@@ -153,5 +153,4 @@ class SlicePlanes:
         own[at, at] += np.einsum("nki,li->kl", weighted, self.axes[index])
         right[at] -= np.einsum("nki,ni->k", weighted, offsets[inside])
         for k in range(2):
-            along = np.broadcast_to(self.axes[index, k], (len(local), 3))
-            coupling[2 * index + k] -= normal_equations(local, metric, along, box.degrees).right
+            coupling[2 * index + k] -= right_side(local, weighted[:, k], box.degrees)

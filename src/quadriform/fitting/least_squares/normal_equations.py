@@ -70,22 +70,24 @@ def normal_equations(local: Array, metric: Array, residual: Array, degrees: tupl
         residual: (n, 3) what the displacement of each should be.
         degrees: of the box.
     """
-    # M r of each point, used in the right side and in the constant
     weighted = np.einsum("nij,nj->ni", metric, residual)
     weights = np.stack([metric[:, a, b] for a, b in PAIRS], axis=1)
     # B_i B_j = factor_ij B_(i+j) with polynomials of twice the degree, so k^2 entries are multiples of few moments
     doubled = (2 * degrees[0], 2 * degrees[1], 2 * degrees[2])
     moments = _sums(local, weights, doubled)
-    right = _sums(local, weighted, degrees)
+    right = right_side(local, weighted, degrees)
     index, factor = _doubling(degrees)
     k = len(index)
     matrix = np.empty((k, 3, k, 3))
     for pair, (a, b) in enumerate(PAIRS):
         matrix[:, a, :, b] = moments[index, pair] * factor
         matrix[:, b, :, a] = matrix[:, a, :, b]
-    return NormalEquations(
-        matrix.reshape(3 * k, 3 * k), right.reshape(-1), float(np.einsum("ni,ni->", residual, weighted))
-    )
+    return NormalEquations(matrix.reshape(3 * k, 3 * k), right, float(np.einsum("ni,ni->", residual, weighted)))
+
+
+def right_side(local: Array, weighted: Array, degrees: tuple[int, int, int]) -> Array:
+    """The right side (3 k,) alone, of residuals times their metric, M_i r_i (n, 3)."""
+    return _sums(local, weighted, degrees).reshape(-1)
 
 
 def _sums(local: Array, values: Array, degrees: tuple[int, int, int]) -> Array:
