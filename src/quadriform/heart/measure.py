@@ -107,7 +107,7 @@ def _inserts_at(rv_inserts: ArrayLike | Sequence[ArrayLike], frame: int, n_frame
 
 
 def _stored_inserts(model: DeformableModel, axis: LongAxis) -> Array | None:
-    """The insertions that a model was stored with; None where they determine no septum: nobody asked for them."""
+    """The insertions that a model was stored with; None where they determine no septum, for the user gave none."""
     found = model.landmarks.rv_inserts
     try:
         AhaSegmentation.anchored(axis, found)

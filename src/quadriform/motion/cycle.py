@@ -67,7 +67,7 @@ class CycleFit:
 
 @dataclass(frozen=True)
 class CycleState:
-    """What goes from round to round.
+    """The state between two rounds.
 
     Attributes:
         displacement: (K, k, 3), of the control points from the undeformed box, at the knots in time.
@@ -76,7 +76,7 @@ class CycleState:
         datasets: for each frame one for each surface.
         noise: standard deviation of the inliers' point-to-plane residuals.
         penalties: on folds, for each frame.
-        reference: the box whose deformation has no energy: the undeformed one, but in the first rounds.
+        reference: the box whose deformation has no energy: the undeformed one, except in the first rounds.
         fraction: independent points over all points, in (0, 1].
     """
 
@@ -91,11 +91,11 @@ class CycleState:
 
     @property
     def moved(self) -> Array:
-        """(k, 3), the displacement of the control points of the reference."""
+        """The displacement (k, 3) of the control points of the reference from the undeformed ones."""
         return (self.reference.control_points - self.reference.rest).reshape(-1, 3)
 
     def nearest(self) -> "CycleState":
-        """With the nearest foot points."""
+        """The state with the nearest foot points."""
         datasets = [
             [data.with_nearest_foot_points(box) for data in each] for box, each in zip(self.boxes, self.datasets)
         ]
@@ -115,7 +115,7 @@ class Cycle:
         regularity: in space.
         robust: whether outliers are down-weighted.
         planes: of the slices whose shifts are sought, with the slice number of each point; or None.
-        noise: what is known of it, of the points of each frame and surface under the name that `named` gives.
+        noise: what is known of the noise of the points of each frame and surface, under the name that `named` gives.
         bases: where the data of each frame ends on purpose, or None.
     """
 
@@ -169,13 +169,13 @@ class Cycle:
         """The smallest of the best strengths in space of some frames, each alone, as in a single fit.
 
         A larger one would over-smooth one of them. Maximising the marginal likelihood over the whole cycle could give
-        a strength in space near zero, for smoothness in time regularises the surface; the space inside would be free.
+        a strength in space near zero, since smoothness in time regularises the surface, but not the space inside.
 
         Args:
             state: after a round.
             frames: their indices.
             near: an earlier strength, or None.
-            first: whether there was none, so that only as many points count as there are unknowns.
+            first: whether there was no round before, so that only as many points count as there are unknowns.
         """
         none, rule = [None] * len(self.surfaces), Correlated(float(self.box.rest.size))
         found = []
@@ -187,9 +187,9 @@ class Cycle:
         return min(found)
 
     def effective_fraction(self, state: CycleState, first: bool = False) -> float:
-        """Independent points over all points, of all frames together.
+        """Number of independent points over that of all points, of all frames together.
 
-        Few splines in time leave fewer unknowns than the frames have together, so fewer points count in any case.
+        The least number is smaller than in single fits: splines in time have fewer unknowns than all frames alone.
         """
         rule = Correlated(state.displacement.size / len(self.frames))
         found = [rule.fraction(box, tuple(each), first) for box, each in zip(state.boxes, state.datasets)]
@@ -197,13 +197,13 @@ class Cycle:
         return float(np.average(found, weights=counts))
 
     def all_at(self, state: CycleState, box: ControlBox) -> CycleState:
-        """The state with a box in all frames, from which deformation is measured."""
+        """The state with the same box in all frames, which is the reference of the deformation."""
         moved = (box.control_points - box.rest).reshape(1, -1, 3)
         displacement = np.repeat(moved, len(state.displacement), axis=0)
         return replace(state, displacement=displacement, boxes=[box] * len(state.boxes), reference=box)
 
     def result(self, state: CycleState, strengths: tuple[float, float], certified: tuple[bool, ...]) -> CycleFit:
-        """What is handed out of a state."""
+        """The fit with the results of a state."""
         control = state.displacement.reshape(-1, *self.shape, 3) + self.box.rest
         datasets = tuple(dict(zip(frame, each)) for frame, each in zip(self.frames, state.datasets))
         return CycleFit(control, datasets, state.noise, strengths, state.shifts, certified)
@@ -310,7 +310,7 @@ class Cycle:
 
 
 def _penalties(state: CycleState) -> list[list[Penalty]]:
-    """For each frame that on folds, and those on surface beyond its base."""
+    """The penalties of each frame: that on folds, and the priors on the surfaces beyond its base."""
     every = zip(state.penalties, state.datasets, state.boxes)
     return [[folds, *base_priors(datasets, box)] for folds, datasets, box in every]
 
@@ -321,9 +321,10 @@ def _sum(penalties: Sequence[Penalty], box: ControlBox) -> NormalEquations:
 
 
 def _weighted(data: SurfaceData, box: ControlBox, noise: float) -> SurfaceData:
-    """Data with inlier probabilities at the noise of the cycle, or at their own while most points are far."""
+    """The data with inlier probabilities at the noise of the cycle, or at its own while most points are far."""
     distances = data.standardised(box)
     found = data.weighted(distances, noise)
     if np.average(found.inliers, weights=data.weights) >= LEAST_INLIERS:
         return found
-    return data.weighted(distances, MAD_TO_SIGMA * float(np.median(distances)))  # still far, rather than outliers
+    # most points are still far from the surface, and no outliers
+    return data.weighted(distances, MAD_TO_SIGMA * float(np.median(distances)))

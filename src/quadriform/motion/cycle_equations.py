@@ -4,8 +4,8 @@ With d(x, t) the displacement field, u time in spans and N data points, minimise
 
     sum_i w_i (squared distances) + alpha N  mean over t of E(d)  +  gamma N  mean over t, x of |d2 d / d u2|^2.
 
-E is the bending energy of a single fit. gamma has the largest evidence (REML), alpha that of single frames.
-Everything is solved in the eigenvectors of the penalties: what they leave free is not lost in rounding what they cost.
+E is the bending energy of a single fit. gamma has the largest evidence (REML), alpha that of single frames. All is
+solved in the eigenbases of both penalties, so that the data's part on their null spaces is not lost in rounding.
 """
 
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ class CycleSolution:
 
     Attributes:
         displacement: (K, k, 3), from the undeformed box, at the knots.
-        shifts: (m,), what else was solved for.
+        shifts: (m,), the further unknowns.
         noise: standard deviation of the data along the normal.
         criterion: minus twice the log evidence, up to a constant.
     """
@@ -53,9 +53,9 @@ class CycleEvidence:
         penalty: (k, k), the regulariser in space.
         shape: control points along each axis.
         count: number of residual rows, the sum of the weights of all frames.
-        border: for each of m further unknowns its coupling to the control points of each frame, (m, F, 3 k); their
-            own matrix (m, m) and right side (m,).
-        effective_fraction: independent rows over all rows.
+        bordered_block: for each of m further unknowns its coupling to the control points of each frame, (m, F, 3 k);
+            their own matrix (m, m) and right side (m,).
+        effective_fraction: number of independent rows over that of all rows.
         least_noise: lower bound of the noise.
     """
 
@@ -75,10 +75,11 @@ class CycleEvidence:
         self.count, self.knots, self.size = count, values.shape[1], 3 * len(penalty)
         mass = kronecker(gram(shape[0] - 1), gram(shape[1] - 1), gram(shape[2] - 1))
         energies, self._in_space = spectrum(penalty.tobytes())
-        # eigenvectors of the penalty in time: knots decouple in it, and its null space stays exact
-        swings, self._in_time = eigh(basis.bending(), basis.mass())
+        # generalised eigenvectors V of the penalty in time, V' M V = 1: it couples no two of them
+        eigenvalues, self._in_time = eigh(basis.bending(), basis.mass())
         self._mass_time = basis.mass()
-        tau = swings * (swings > 1e-9 * swings.max())
+        # eigenvalues that are rounding of zero are zero, so that the null space is exact
+        tau = eigenvalues * (eigenvalues > 1e-9 * eigenvalues.max())
         self._costs = np.repeat(energies, 3), tau
         self._mass = np.kron(self._in_space.T @ mass @ self._in_space, np.eye(3))
         kappa = np.maximum(eigh(penalty, mass, eigvals_only=True), 0)
@@ -90,7 +91,7 @@ class CycleEvidence:
             self._add_bordered_block(*bordered_block)
 
     def _sums(self, equations: Sequence[NormalEquations]) -> tuple[Array, Array, float]:
-        """Matrix, right side and constant between the eigenvectors."""
+        """Matrix (K 3 k, K 3 k), right side and constant of all frames in both eigenbases."""
         # space first: each frame has the same basis
         rotated = [equation.between(self._in_space) for equation in equations]
         matrix = _in_time(self.values, np.stack([equation.matrix for equation in rotated]))
@@ -98,6 +99,7 @@ class CycleEvidence:
         return matrix, right, sum(equation.constant for equation in equations)
 
     def _add_bordered_block(self, coupling: Array, own: Array, right: Array) -> None:
+        """Append the further unknowns to matrix and right side."""
         by_point = coupling.reshape(*coupling.shape[:2], len(self._in_space), 3)
         rotated = np.einsum("mfki,kj->mfji", by_point, self._in_space)
         # coupling of the shifts with the control points, in the same two bases
@@ -106,7 +108,7 @@ class CycleEvidence:
         self.right = np.concatenate([self.right, right])
 
     def plus(self, equations: Sequence[NormalEquations]) -> "CycleEvidence":
-        """The same with something else to be met in each frame."""
+        """The problem with further normal equations in each frame, of penalties that are no part of the noise."""
         matrix, right, constant = self._sums(equations)
         other, size = copy(self), len(right)
         other.measured = self.measured or self
@@ -117,8 +119,9 @@ class CycleEvidence:
         return other
 
     def cost(self, displacement: Array, shifts: Array, alpha: float, gamma: float) -> float:
-        """The sum at displacements (K, k, 3) and shifts (m,)."""
+        """The penalised sum of squares at displacements (K, k, 3) and shifts (m,)."""
         rotated = np.einsum("jk,aki->aji", self._in_space.T, displacement.reshape(self.knots, -1, 3))
+        # coefficients in both eigenbases; V' M is the inverse of V
         p = self._in_time.T @ self._mass_time @ rotated.reshape(self.knots, -1)
         energies, tau = self._costs
         penalties = alpha * np.sum(p**2 @ energies) + gamma * tau @ np.sum((p @ self._mass) * p, axis=1)
@@ -143,6 +146,7 @@ class CycleEvidence:
         misfit = (self.measured.cost(displacement, found[size:], alpha, gamma) if self.measured else least) / rows
         variance = max(misfit, self.least_noise**2, SELECTION.noise_floor**2)
         independent = max(self.effective_fraction * self.count - null_dimension, 1.0)
+        # minus twice the log evidence (REML): the penalties enter by the sum of logarithms of their eigenvalues
         criterion = (
             independent * (np.log(variance) + misfit / variance)
             + 2 * np.log(np.diag(factor)).sum()
@@ -151,7 +155,7 @@ class CycleEvidence:
         return CycleSolution(displacement, found[size:], float(np.sqrt(variance)), float(criterion))
 
     def _penalised(self, alpha: float, gamma: float) -> Array:
-        """The matrix with both penalties added, which couple no two eigenvectors in time."""
+        """The matrix plus N (alpha E + gamma tau mass) for each eigenvector in time, of eigenvalue tau."""
         penalties = self.matrix.copy()
         for knot, tau in enumerate(self._costs[1]):
             block = slice(knot * self.size, (knot + 1) * self.size)
@@ -161,8 +165,8 @@ class CycleEvidence:
     def best_in_time(self, alpha: float, gamma: float) -> float:
         """The strength in time with the largest evidence, near a given one.
 
-        The strength in space stays that of single frames: over a whole cycle smoothness in time could take its place
-        on the surface, but nothing would then regularise the space inside.
+        The strength in space stays that of single frames: over a whole cycle smoothness in time could replace it on the
+        surface, but would not regularise the space inside.
         """
 
         def criterion(log: float) -> float:

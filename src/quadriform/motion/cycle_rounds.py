@@ -1,7 +1,7 @@
 """The rounds of a cycle: from a single fit of one frame to the strengths of the points, and to maps without folds.
 
-All frames begin as the first one was fitted alone. The surface is smooth at first, for an estimated strength has two
-fixed points: once correlated errors are followed, they look independent.
+All frames start from the single fit of one of them. The surface is smooth at first, for an estimated strength has two
+fixed points: once a surface follows correlated errors, its residuals look independent.
 """
 
 from dataclasses import dataclass, replace
@@ -21,14 +21,13 @@ class CycleRounds:
     """The constants of the rounds."""
 
     affine: int = 6
-    """Rounds in which each frame is an affine image of the first: most of a heartbeat is one."""
+    """Rounds in which each frame is an affine image of the first: most of a heart's motion is affine."""
     strongest: float = 100.0
-    """Factor on the strengths in the next round. The affine image is near, so a part of the way to affine is enough."""
+    """Factor on the strengths in the next round: the affine images are near already, so maps need not be affine."""
     falling: int = 4
-    """Rounds in which it falls to 1: frames that are far do not fold on the way."""
+    """Rounds in which this factor decreases to 1, lest frames far from their points fold."""
     searches: int = 2
-    """Rounds after these in which the strength in time is estimated: a search of a dozen solutions, and it changes
-    little."""
+    """Rounds after these in which the strength in time is estimated; it changes little, and takes a dozen solutions."""
     least: int = 6
     """The least number of rounds after these; in all of them the strength in space is estimated again."""
     most: int = 16
@@ -38,9 +37,9 @@ class CycleRounds:
     times_stronger: float = 10.0
     """Where folds are not removed at strengths, this many times larger ones are tried."""
     retries: int = 2
-    """So many times: up to a hundred times the strengths, where little bends."""
+    """Number of times: up to a hundred times the strengths, where maps are nearly affine."""
     unfolding: int = 15
-    """Rounds of fold removal at each of these: a cycle of many frames takes seconds for a round."""
+    """Most rounds of fold removal at each of these: a round takes seconds for a cycle of many frames."""
 
 
 ROUNDS = CycleRounds()
@@ -110,7 +109,7 @@ def _first_in_time(state: CycleState) -> float:
 def _converged(
     cycle: Cycle, state: CycleState, frames: tuple[int, int], alpha: float | None, report: _Report
 ) -> tuple[CycleState, Strengths] | None:
-    """The state when the noise changes no more, and the strengths; None where control points stay undetermined."""
+    """The state when the noise has converged, and the strengths; None where control points stay undetermined."""
     strengths = alpha or cycle.strength_in_space(state, frames, None, first=True), _first_in_time(state)
     state = replace(state, fraction=cycle.effective_fraction(state, first=True))
     for factor in np.geomspace(ROUNDS.strongest, 1, ROUNDS.falling):

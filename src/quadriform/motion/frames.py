@@ -1,4 +1,4 @@
-"""What `track` is given, checked: frames of points with their noise, times, and slice numbers."""
+"""Checks of the input of `track`: frames of points with their noise, bases, times, and slice numbers."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from quadriform.shapes.landmarks import BasePlane
 from quadriform.shapes.splines import TimeBasis
 
 MOST_KNOTS = 12
-"""A heart's cycle needs no more; fewer frames have a knot each."""
+"""Knots in time, enough for the cycle of a heart; with fewer frames each has a knot."""
 
 SliceNumbers = Sequence[Mapping[str, ArrayLike] | ArrayLike]
 Noises = float | Mapping[str, ArrayLike] | Sequence[Mapping[str, ArrayLike] | ArrayLike]
@@ -50,7 +50,7 @@ def checked_frames(frames: Sequence[Given], noise: Noises | None) -> Sets:
 def known_noise(sets: Sets) -> Frames:
     """Covariances of the points of each frame by name; none where those of a frame or surface are not known."""
     found = [{name: each.noise for name, each in frame.items() if each.noise is not None} for frame in sets]
-    # of some points only, it would say nothing of how much the others count
+    # covariances of some points only would not show how much the others count
     whole = all(len(known) == len(frame) for known, frame in zip(found, sets))
     return found if whole else [{} for _ in sets]
 

@@ -1,4 +1,4 @@
-"""Slices that moved: each was taken in its own breath-hold, and lies beside its place by a shift in its plane.
+"""In-plane shifts of slices, each of which was acquired in its own breath-hold.
 
 A shift is the same for the whole cycle. It is one more pair of unknowns in the linear problem of the control points,
 with a prior of mean zero and standard deviation `spread`.
@@ -21,18 +21,16 @@ class Shifting:
     """The constants of the shifts of slices."""
 
     spread: float = 0.05
-    """Standard deviation of a shift before the data is seen, in RMS radii of the cloud: two or three millimetres."""
+    """Standard deviation of the prior of a shift, in RMS radii of the cloud: two or three millimetres."""
     fewest: int = 6
-    """Slices of fewer points are not moved: two unknowns take up a third of what these determine."""
+    """Slices of fewer points are not moved: the two unknowns would be a third of what their points determine."""
     together: float = 1e6
-    """All slices together do not move: no data would show it, for the model moves with them. The penalty on this is so
-    many times larger."""
+    """Factor on the penalty of the mean shift of all slices, which is unobservable: the model can move with them."""
     parallel: float = 0.9
-    """Slices whose normals have at least this cosine with each other are a stack, with nothing that crosses it."""
+    """Slices whose normals have at least this cosine with each other are a stack that no slice crosses."""
     followed: int = 3
-    """The degree along a stack up to which shifts are penalised likewise. A shear costs the model nothing either, and a
-    bend or an S so little beside its gain at the many points of an image that the form of the heart would be mistaken
-    for shifts."""
+    """Degree of polynomials along a stack up to which shifts are penalised by the same factor. A shear of the model has
+    no bending energy either, and curved shifts have so little that the shape of the heart would be taken for them."""
 
 
 SHIFTING = Shifting()
@@ -81,12 +79,12 @@ class SlicePlanes:
 
     @property
     def are_parallel(self) -> bool:
-        """Whether nothing crosses the slices, so that the shear and the bend of their stack stay open."""
+        """Whether no slice crosses the others, so that shear and bending of their stack are unobservable."""
         normals = np.cross(self.axes[:, 0], self.axes[:, 1])
         return bool((np.abs(normals @ normals.T) > SHIFTING.parallel).all())
 
     def unobservable(self) -> Array:
-        """Weighted sums of the shifts that are penalised, columns (2 S, m): the mean, and smooth ones of a stack."""
+        """Columns (2 S, m), weighted sums of the shifts that are unobservable: the mean, and smooth ones of a stack."""
         if not len(self.numbers):
             return np.empty((0, 0))
         fractions = self.counts / self.counts.sum()
@@ -104,7 +102,7 @@ class SlicePlanes:
         return dict(zip(self.numbers.tolist(), np.einsum("sk,ska->sa", shifts, self.axes)))
 
     def offsets(self, shifts: Array, numbers: Numbers) -> Array:
-        """How far points (n,) of given slices are moved, (n, 3), under shifts (S, 2)."""
+        """Displacements (n, 3) of points of given slices (n,) under shifts (S, 2)."""
         vectors = np.einsum("sk,ska->sa", shifts, self.axes)
         result = np.zeros((len(numbers), 3))
         index = np.searchsorted(self.numbers, numbers).clip(0, max(len(self.numbers) - 1, 0))
@@ -145,6 +143,7 @@ class SlicePlanes:
         box: ControlBox,
         sums: tuple[Array, Array, Array],
     ) -> None:
+        """Add the rows of one slice in one frame to the sums: coupling, own matrix, right side."""
         coupling, own, right = sums
         metric, local = rows.metric[inside], box.local(rows.origins[inside])
         weighted = np.einsum("nij,kj->nki", metric, self.axes[index])

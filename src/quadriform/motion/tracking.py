@@ -1,4 +1,4 @@
-"""Points at several times in, a moving model out: three strategies by name (after the companion paper).
+"""Moving models of points at several times, by three strategies (after the companion paper).
 
 "alone" fits each frame for itself; "previous" keeps the superquadrics of the first fit and continues from the box of
 the frame before; "cycle" finds the control points of all times at once, smooth and periodic.
@@ -88,7 +88,7 @@ class Track(Warned):
         return summary(f"Track: {self.status}", times, points, *self._texts)
 
     def __post_init__(self) -> None:
-        """Let all models carry status, warnings and notes, also after `dataclasses.replace`."""
+        """Copy status, warnings and notes to the records of all models, also after `dataclasses.replace`."""
         super().__post_init__()
         models = tuple(self._recorded(model) for model in self.models)
         object.__setattr__(self, "models", models)
@@ -209,9 +209,9 @@ class _Task:
 
     @property
     def first(self) -> int:
-        """The frame whose superquadrics are those of all frames: of many points and large, for a heart end diastole.
+        """The frame whose superquadrics serve for all: one of many points and a large extent, of a heart end diastole.
 
-        Straight lines across its wall are the lines along which all frames are measured.
+        Lines that are straight across its wall are those along which the wall is measured in all frames.
         """
         every = [np.concatenate(list(frame.values())) for frame in self.clouds]
         sizes = [np.median(np.linalg.norm(points - points.mean(axis=0), axis=1)) for points in every]
@@ -227,7 +227,7 @@ class _Task:
 
     @property
     def sha256(self) -> str:
-        """Of the points of all frames."""
+        """The hash of the points of all frames."""
         return points_sha256(cloud for frame in self.clouds for cloud in frame.values())
 
     def options_of(self, frame: int) -> dict[str, Any]:
@@ -370,7 +370,7 @@ def _cycle_warnings(
 
 
 def _by_frame(found: Sequence[Warnings]) -> Warnings:
-    """Warnings of all frames as one mapping; each text says the frames."""
+    """Warnings of all frames as one mapping; each text names its frames."""
     joined: dict[WarningKind, dict[str, list[int]]] = {}
     for frame, warnings in enumerate(found):
         for kind, text in warnings.items():

@@ -73,16 +73,16 @@ class TimeBasis:
     def bending(self) -> Array:
         """Mean of the products of second derivatives, (K, K), time measured in spans.
 
-        With a period, of what is left beside an oscillation once a period, which is free as a straight line is without.
+        With a period the mean and the first harmonic are not penalised, as straight lines are not without a period.
         """
         second = self.span**4 * self._mean_product(2)
         if self.period is None:
             return second
         phase = 2 * np.pi * (self.knots - self.knots[0]) / self.period
-        # A constant and one harmonic of the period are not penalised, as straight lines without a period.
-        oscillation = np.stack([np.ones_like(phase), np.cos(phase), np.sin(phase)], axis=1)
-        rest = np.eye(len(phase)) - oscillation @ np.linalg.pinv(oscillation)
-        return rest.T @ second @ rest
+        harmonic = np.stack([np.ones_like(phase), np.cos(phase), np.sin(phase)], axis=1)
+        # the projection onto motions that are orthogonal to the mean and the first harmonic
+        others = np.eye(len(phase)) - harmonic @ np.linalg.pinv(harmonic)
+        return others.T @ second @ others
 
     def _mean_product(self, order: int) -> Array:
         """Exact: four Gauss points integrate the square of a cubic between two knots."""
