@@ -12,6 +12,7 @@ from shapes_made import even_directions, made
 import quadriform as qf
 from quadriform.errors import OptionError, PointsError
 from quadriform.fitting.cloud import effective_fraction
+from quadriform.fitting.diagnostics import poor_fit
 from quadriform.fitting.noise import variances_along
 from quadriform.fitting.refinement import left_out
 from quadriform.points import check_noise
@@ -189,3 +190,36 @@ def test_noise_of_a_large_cloud_counts_for_all_of_its_points():
     sigma = np.where(rng.random(len(clean)) < 0.5, 3.0, 0.1)
     points = clean + sigma[:, None] * rng.normal(size=clean.shape)
     assert off(qf.fit(points, noise=sigma)) < 0.5 * off(qf.fit(points))
+
+
+def test_what_known_noise_explains_is_no_poor_fit():
+    """Chi-square of the residuals: the same distances are a poor fit where nothing is known, or less noise."""
+    rng = np.random.default_rng(5)
+    known = rng.uniform(0.05, 0.3, 4000) ** 2
+    distances = np.sqrt(known) * rng.normal(size=4000)
+    assert not poor_fit(distances, known=known, independent=4000)
+    assert poor_fit(distances) and poor_fit(distances, known=known / 4, independent=4000)
+    beside = distances + np.where(rng.random(4000) < 0.5, -0.1, 0.1)
+    said = poor_fit(beside, known=known, independent=4000)["POOR_FIT"]
+    assert f"their known noise {100 * np.sqrt(known.mean()):.1f} %" in said
+
+
+def test_few_independent_errors_scatter_more():
+    """Sixteen patches with an error each: their mean square is above its expectation in every second cloud."""
+    rng, known = np.random.default_rng(6), np.full(4000, 0.3**2)
+    clouds = np.repeat(0.3 * rng.normal(size=(60, 16)), 250, axis=1)
+    assert sum(bool(poor_fit(each, known=known, independent=16)) for each in clouds) <= 6
+    assert sum(bool(poor_fit(each, known=known, independent=4000)) for each in clouds) > 15
+
+
+@pytest.mark.slow
+def test_long_voxels_are_no_poor_fit_and_filled_volumes_are_one():
+    """Old fault: vertices of a mask of thick slices lie 5 % of a small body off, and each such fit was warned of."""
+    rng = np.random.default_rng(2)
+    clean = made(semi_axes=(1.0, 0.8, 0.7)).surface(even_directions(1500))
+    tall = clean + 0.2 * rng.uniform(-1, 1, (1500, 1)) * [0, 0, 1]
+    known = along_axes(tall, 2, 0.2 / np.sqrt(3))
+    assert "POOR_FIT" in qf.fit(tall).warnings
+    assert qf.fit(tall, noise=known).status == "ok"
+    filled = clean * np.cbrt(rng.uniform(size=(1500, 1)))
+    assert "POOR_FIT" in qf.fit(filled, noise=0.01).warnings

@@ -28,6 +28,8 @@ NAMED = 5
 POOR, POOR_SUPERQUADRIC = 0.05, 0.1
 """An RMS distance above this fraction of the cloud's RMS radius is that of a poor fit; a superquadric alone is allowed
 more, because the shape of most bodies is not one."""
+SCATTER = 2.0
+"""Standard deviations of the mean square of a known noise that are put down to chance."""
 COVERED = 0.85
 """Of a covered superquadric at least this fraction of the directions from its centre has points."""
 MOSTLY_SUPPORTED = 0.5
@@ -75,12 +77,16 @@ class Evidence:
         inliers: (n,), probabilities.
         support: of the surface by its inliers.
         sampled: whether the points are of one surface.
+        known: (n,), variances along the normals that are known of the measurement; zero where nothing is.
+        independent: effective number of points.
     """
 
     residuals: Array
     inliers: Array
     support: Support
     sampled: Sampled
+    known: Array
+    independent: float
 
 
 def model_warnings(result: Result, evidence: Mapping[str, Evidence], unit: float) -> Warnings:
@@ -100,7 +106,7 @@ def _of_surface(result: Result, name: str, found: Evidence, unit: float) -> Warn
     kept, surface = found.inliers >= INLIER, result.model.surfaces[name]
     return (
         outliers(found.inliers, counted)
-        | poor_fit(rms(found.residuals[kept]) if kept.any() else 1.0)
+        | poor_fit(found.residuals[kept], known=found.known[kept], independent=found.independent)
         | not_one_surface(found.sampled, KINDS[surface.kind].cut_axis is None)
         | unsupported(found.support.scaled(unit))
         | _outside_lattice(result.model, surface)
@@ -208,13 +214,29 @@ def duplicates(copies: int, count: int) -> Warnings:
     return {WarningKind.DUPLICATES: text} if copies else {}
 
 
-def poor_fit(relative: float, limit: float = POOR) -> Warnings:
-    """POOR_FIT where the RMS distance of the inliers, in RMS radii of the cloud, is above a limit."""
+def poor_fit(
+    distances: Array, limit: float = POOR, known: Array | float = 0.0, independent: float = np.inf
+) -> Warnings:
+    """POOR_FIT where inliers are farther from the surface than a limit and what is known of their noise explain.
+
+    The mean of their chi-squares is above one, with the square of the limit added to the variance of each: a misfit
+    beside the noise. Long voxels alone, whose vertices are a tenth of a small body off, are no poor fit.
+
+    Args:
+        distances: (n,), of the inliers, in RMS radii of the cloud; none are a poor fit.
+        limit: of the RMS distance of points without noise.
+        known: variances (n,) along the normals that are known of the measurement, or zero.
+        independent: effective number of points; the mean of the squares of their noise is known so well.
+    """
+    explained = known * (1 + SCATTER * np.sqrt(2 / max(independent, 1.0)))
+    relative, noise = rms(distances) if len(distances) else 1.0, float(np.sqrt(np.mean(known)))
     text = (
-        f"the RMS distance of the inliers is {100 * relative:.1f} % of the cloud's RMS radius: are the points one "
-        "closed surface, without inner walls, filled volumes or other bodies?"
+        f"the RMS distance of the inliers is {100 * relative:.1f} % of the cloud's RMS radius"
+        f"{f', their known noise {100 * noise:.1f} %' if noise else ''}: are the points one closed surface, without "
+        "inner walls, filled volumes or other bodies?"
     )
-    return {WarningKind.POOR_FIT: text} if relative > limit else {}
+    is_poor = not len(distances) or float((distances**2 / (limit**2 + explained)).mean()) > 1
+    return {WarningKind.POOR_FIT: text} if is_poor else {}
 
 
 def max_error_missed(side: int, error: float, noise: float) -> Warnings:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from quadriform.columns import Chosen
 from quadriform.errors import OptionError, Warnings, choose, known_options
-from quadriform.fitting.cloud import Centred, Distinct
+from quadriform.fitting.cloud import Centred, Distinct, effective_fraction
 from quadriform.fitting.diagnostics import (
     INLIER,
     Evidence,
@@ -21,7 +21,7 @@ from quadriform.fitting.diagnostics import (
     start_notes,
 )
 from quadriform.fitting.least_squares.regularisers import Regulariser
-from quadriform.fitting.noise import KnownNoise
+from quadriform.fitting.noise import KnownNoise, variances_along
 from quadriform.fitting.options import METHODS, PaperOptions, TangentOptions, options_for
 from quadriform.fitting.other_bodies import Masks, of_others, spread
 from quadriform.fitting.paper.two_step import two_step
@@ -233,7 +233,7 @@ def _refine_paper(
     local, superquadrics = _to_local(clouds.points, frame), _in_frame(surfaces, frame)
     box, history, strength = two_step(superquadrics, local, options, progress)
     model = DeformableModel(superquadrics, box)
-    return _in_world(Result(model, history, strength, warnings=far_control_points(model)), clouds.points, frame)
+    return _in_world(Result(model, history, strength, warnings=far_control_points(model)), clouds.points, frame, {})
 
 
 def _refine_tangent(
@@ -265,7 +265,7 @@ def _refine_tangent(
         progress=progress,
     )
     result = refine_tangent(problem, _in_frame(surfaces, frame), kind)
-    found = _in_world(_of_all_points(result, distinct, sample), sample.points, frame)
+    found = _in_world(_of_all_points(result, distinct, sample), sample.points, frame, sample.noise)
     copies = named_texts({name: duplicates(each.copies, len(each.counted)) for name, each in distinct.items()})
     landmarks = NONE_KNOWN if base is None else Landmarks(base, GIVEN_BASE)
     model = replace(found.model, landmarks=landmarks)
@@ -293,8 +293,8 @@ def _in_frame(surfaces: Mapping[str, Superquadric], frame: Frame) -> dict[str, S
     return {name: frame.shape_to_local(surface) for name, surface in surfaces.items()}
 
 
-def _in_world(result: Result, clouds: Mapping[str, Array], frame: Frame) -> Fit:
-    """The fit in the unit and frame of the points, with distances and warnings."""
+def _in_world(result: Result, clouds: Mapping[str, Array], frame: Frame, noise: Mapping[str, Array]) -> Fit:
+    """The fit in the unit and frame of the points, with distances and warnings; covariances are in their unit."""
     local, model = _to_local(clouds, frame), result.model
     after, before = (
         {name: closest_on(model.surfaces[name], box, cloud) for name, cloud in local.items()}
@@ -302,14 +302,14 @@ def _in_world(result: Result, clouds: Mapping[str, Array], frame: Frame) -> Fit:
     )
     residuals = {name: feet.signed for name, feet in after.items()}
     inliers = result.inliers or {name: np.ones(len(cloud)) for name, cloud in local.items()}
-    noise = result.noise if result.noise is not None else rms(residuals)
+    sigma = result.noise if result.noise is not None else rms(residuals)
     covered = {
         name: covered_fraction(model.surfaces[name], cloud[inliers[name] >= INLIER], result.half_space)
         for name, cloud in local.items()
     }
-    support = _support(result, local, after, inliers, noise)
-    sampled = _sampled(result, local, after, support)
-    evidence = {name: Evidence(residuals[name], inliers[name], support[name], sampled[name]) for name in local}
+    support = _support(result, local, after, inliers, sigma)
+    known = {name: each / frame.scale**2 for name, each in noise.items()}
+    evidence = _evidence(result, after, inliers, support, local, known)
     record = ModelRecord(coverage={name: each for name, each in covered.items() if model.surfaces[name].is_radial})
     sha256 = points_sha256(clouds.values())
     return Fit(
@@ -319,7 +319,7 @@ def _in_world(result: Result, clouds: Mapping[str, Array], frame: Frame) -> Fit:
         superquadric_residuals=unnamed({name: frame.scale * feet.signed for name, feet in before.items()}),
         history=tuple(entry.scaled(frame.scale) for entry in result.history),
         strength=result.strength,
-        noise=frame.scale * noise,
+        noise=frame.scale * sigma,
         inliers=unnamed(inliers),
         support={name: each.scaled(frame.scale) for name, each in support.items()},
         covariance=None if result.covariance is None else frame.scale**2 * result.covariance,
@@ -341,6 +341,32 @@ def _support(
         kept, mesh = inliers[name] >= INLIER, result.model.mesh(name, LIMITS.resolution)
         found[name] = support_of(mesh, cloud[kept], feet[name].points[kept], noise, base)
     return found
+
+
+def _evidence(
+    result: Result,
+    feet: Mapping[str, FootPoints],
+    inliers: Mapping[str, Array],
+    support: Mapping[str, Support],
+    clouds: Mapping[str, Array],
+    noise: Mapping[str, Array],
+) -> dict[str, Evidence]:
+    """What warnings about each surface are taken from."""
+    sampled = _sampled(result, clouds, feet, support)
+    return {
+        name: Evidence(
+            each.signed, inliers[name], support[name], sampled[name], *_known(noise.get(name), each, inliers[name])
+        )
+        for name, each in feet.items()
+    }
+
+
+def _known(noise: Array | None, feet: FootPoints, inliers: Array) -> tuple[Array, float]:
+    """Variances (n,) of points along the normals that are known, and how many of their errors are independent."""
+    if noise is None or not inliers.any():
+        return np.zeros(len(inliers)), np.inf
+    known = variances_along(noise, feet.normals)
+    return known, float(inliers.sum()) * effective_fraction(feet.points, feet.signed / np.sqrt(known), inliers)
 
 
 def _sampled(

@@ -312,8 +312,3 @@ def flat(residuals: Array | dict[str, Array]) -> Array:
 def rms(residuals: Array | dict[str, Array]) -> float:
     """Root of the mean square of all residuals."""
     return float(np.sqrt((flat(residuals) ** 2).mean()))
-
-
-def rms_of_inliers(distances: Array, inliers: NDArray[np.bool_]) -> float:
-    """RMS of distances (n,) over the inliers; over all points where there are no inliers."""
-    return float(np.sqrt((distances[inliers if inliers.any() else ...] ** 2).mean()))

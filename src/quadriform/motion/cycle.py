@@ -47,6 +47,7 @@ class CycleFit:
         control_points: (K, l+1, m+1, n+1, 3), at the knots.
         datasets: for each frame the surfaces with their points, moved by the shifts, and inlier probabilities.
         noise: standard deviation of the inliers' point-to-plane residuals.
+        least_noise: what is known of it, or zero.
         strengths: alpha in space, gamma in time, both per data point.
         shifts: (S, 2), of the slices in their planes; none without slice numbers.
         certified: whether each frame is proven not to fold.
@@ -55,14 +56,10 @@ class CycleFit:
     control_points: Array
     datasets: tuple[dict[str, SurfaceData], ...]
     noise: float
+    least_noise: float
     strengths: tuple[float, float]
     shifts: Array
     certified: tuple[bool, ...]
-
-    @property
-    def inliers(self) -> list[dict[str, Array]]:
-        """Probabilities of the points of each frame, by surface."""
-        return [{name: data.inliers for name, data in datasets.items()} for datasets in self.datasets]
 
 
 @dataclass(frozen=True)
@@ -206,7 +203,7 @@ class Cycle:
         """The fit with the results of a state."""
         control = state.displacement.reshape(-1, *self.shape, 3) + self.box.rest
         datasets = tuple(dict(zip(frame, each)) for frame, each in zip(self.frames, state.datasets))
-        return CycleFit(control, datasets, state.noise, strengths, state.shifts, certified)
+        return CycleFit(control, datasets, state.noise, self.noise.least, strengths, state.shifts, certified)
 
     def step(self, state: CycleState, strengths: tuple[float, float]) -> CycleState | None:
         """The state after a round: foot points, inlier probabilities, and a step to the solution of the linear problem.

@@ -19,7 +19,8 @@ from quadriform.fitting.fit import fit, precision_warnings, refine
 from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.options import check_box, check_strength
 from quadriform.fitting.refinement.starts import ellipsoids
-from quadriform.fitting.result import Fit, HalfSpace, Progress, Warned, flat, rms_of_inliers
+from quadriform.fitting.refinement.surface_data import SurfaceData
+from quadriform.fitting.result import Fit, HalfSpace, Progress, Warned, flat
 from quadriform.motion.cycle import Cycle, CycleFit, named
 from quadriform.motion.cycle_rounds import fit_cycle
 from quadriform.motion.frames import (
@@ -38,6 +39,7 @@ from quadriform.motion.frames import (
 from quadriform.motion.slice_shifts import SlicePlanes
 from quadriform.point_sets import ALONE, Given, PointSet, common_unit, points_sha256
 from quadriform.points import Array, Frame
+from quadriform.shapes.closest import FootPoints
 from quadriform.shapes.control_box import ControlBox, common_box
 from quadriform.shapes.landmarks import BasePlane
 from quadriform.shapes.model import DeformableModel
@@ -334,9 +336,9 @@ def _in_frame(noise: Frames, local: Frames, scale: float) -> KnownNoise:
 def _cycle_in_world(task: _Task, frame: Frame, moving: MovingModel, found: CycleFit) -> Track:
     """The track in the unit and frame of the points, with distances and warnings."""
     models = tuple(moving.at(time) for time in task.times)
-    residuals = tuple(
+    feet = tuple(
         # of the points after the shifts of their slices
-        {name: model.distance(frame.to_world(data.points), name) for name, data in datasets.items()}
+        {name: model.foot_points(frame.to_world(data.points), name) for name, data in datasets.items()}
         for model, datasets in zip(models, found.datasets)
     )
     return Track(
@@ -344,10 +346,10 @@ def _cycle_in_world(task: _Task, frame: Frame, moving: MovingModel, found: Cycle
         times=task.times,
         models=models,
         moving=moving,
-        residuals=residuals,
+        residuals=tuple({name: each.signed for name, each in nearest.items()} for nearest in feet),
         noise=frame.scale * found.noise,
         strengths=found.strengths,
-        warnings=_by_frame(_cycle_warnings(models, residuals, found.inliers, found.certified, frame.scale)),
+        warnings=_by_frame(_cycle_warnings(models, feet, found, frame.scale)),
     )
 
 
@@ -355,18 +357,20 @@ STRATEGIES: dict[str, Callable[[_Task], Track]] = {"cycle": _cycle, "previous": 
 
 
 def _cycle_warnings(
-    models: Sequence[DeformableModel],
-    residuals: Sequence[Mapping[str, Array]],
-    inliers: Sequence[Mapping[str, Array]],
-    certified: Sequence[bool],
-    scale: float,
+    models: Sequence[DeformableModel], feet: Sequence[Mapping[str, FootPoints]], found: CycleFit, unit: float
 ) -> list[Warnings]:
+    """The warnings of each frame; `unit` is the length of one in the frame of the cycle."""
     result = []
-    for model, distances, kept, proven in zip(models, residuals, inliers, certified):
-        rms = max(rms_of_inliers(values, kept[name] >= INLIER) for name, values in distances.items())
-        found = named_texts({name: outliers(values) for name, values in kept.items()}) | poor_fit(rms / scale)
-        result.append(found if proven else found | folding(model))
+    for model, nearest, datasets, proven in zip(models, feet, found.datasets, found.certified):
+        each = {n: outliers(data.inliers) | _poor_fit(data, nearest[n], found, unit) for n, data in datasets.items()}
+        result.append(named_texts(each) | ({} if proven else folding(model)))
     return result
+
+
+def _poor_fit(data: SurfaceData, nearest: FootPoints, found: CycleFit, unit: float) -> Warnings:
+    kept = data.inliers >= INLIER
+    known = found.least_noise**2 * data.variances(nearest.normals)
+    return poor_fit(nearest.signed[kept] / unit, known=known[kept])
 
 
 def _by_frame(found: Sequence[Warnings]) -> Warnings:

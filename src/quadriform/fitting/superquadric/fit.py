@@ -114,7 +114,7 @@ def fit_robust(
     with np.errstate(all="ignore"):
         solution = solve(problem)
     inliers = distinct.spread(solution.descent.inliers[0])
-    fit = in_world(_outcome(solution, frame.to_local(world), inliers), frame)
+    fit = in_world(_outcome(solution, frame.to_local(world), inliers, known.least), frame)
     return replace(fit, warnings=fit.warnings | duplicates(distinct.copies, len(world)))
 
 
@@ -140,7 +140,7 @@ def _in_frame(fixed: dict[str, ArrayLike], frame: Frame) -> dict[str, Array]:
     return {name: getattr(local, name) for name in fixed}
 
 
-def _outcome(solution: Solution, points: Array, inliers: Array) -> SuperquadricFit:
+def _outcome(solution: Solution, points: Array, inliers: Array, least_noise: float) -> SuperquadricFit:
     """The fit in the centred and scaled frame; points and inliers are all those that the caller gave."""
     descent = solution.descent
     sigma = float(descent.mixture.sigma[0])
@@ -153,7 +153,7 @@ def _outcome(solution: Solution, points: Array, inliers: Array) -> SuperquadricF
         | near_symmetric(state.symmetric)
         | outliers(inliers)
         | partial_coverage(covered_fraction(found, points[inliers >= INLIER]), inliers)
-        | poor_fit(sigma, POOR_SUPERQUADRIC)
+        | poor_fit(np.array([sigma]), POOR_SUPERQUADRIC, least_noise**2)
         | at_bound(found, descent.longest)
         | multiple_minima(solution.alternatives)
         | not_converged(solution.converged, steps)
