@@ -89,6 +89,7 @@ class WarningKind(StrEnum):
     SEVERAL_BODIES = "SEVERAL_BODIES"
     DOUBLE_WALL = "DOUBLE_WALL"
     FILLED_VOLUME = "FILLED_VOLUME"
+    LOW_OVERLAP = "LOW_OVERLAP"
     ILL_CONDITIONED = "ILL_CONDITIONED"
     NEAR_SYMMETRIC = "NEAR_SYMMETRIC"
     OUTLIERS = "OUTLIERS"
@@ -139,6 +140,7 @@ LEVEL: dict[WarningKind, str] = dict.fromkeys(WarningKind, WARNED) | {
     WarningKind.SEVERAL_BODIES: UNRELIABLE,
     WarningKind.DOUBLE_WALL: UNRELIABLE,
     WarningKind.FILLED_VOLUME: UNRELIABLE,
+    WarningKind.LOW_OVERLAP: UNRELIABLE,
 }
 """The level of each kind; the only place where it is decided."""
 

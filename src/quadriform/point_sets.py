@@ -14,6 +14,7 @@ from quadriform.errors import ColumnsError, OptionError, PointsError, WarningKin
 from quadriform.points import Array, by_name, check_noise, check_points, check_spread, for_each
 from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.mesh_points import mesh_points
+from quadriform.shapes.solid import Solid
 from quadriform.words import short_repr
 
 ALONE = "surface"
@@ -42,6 +43,7 @@ class PointSet:
         number_type: of the source; None where it is not known.
         notes: what was assumed, one sentence each.
         noise: covariances (n, 3, 3) of the measurement of each point, in the square of `unit`; None where unknown.
+        solid: the body whose surface they are, where its inside is known, as that of a mask or a closed mesh; or None.
     """
 
     __repr__ = short_repr
@@ -52,6 +54,7 @@ class PointSet:
     number_type: np.dtype[Any] | None = None
     notes: tuple[str, ...] = ()
     noise: Array | None = None
+    solid: Solid | None = None
 
     def in_metric_unit(self) -> "PointSet":
         """The same in a unit that models can have: metres stay, other lengths become millimetres, which is noted."""
@@ -60,7 +63,9 @@ class PointSet:
         note = f"lengths in {self.unit} became mm"
         factor = MILLIMETRES[self.unit]
         noise = None if self.noise is None else factor**2 * self.noise
-        return replace(self, points=factor * self.points, noise=noise, unit="mm", notes=(*self.notes, note))
+        solid = None if self.solid is None else self.solid.scaled(factor)
+        notes = (*self.notes, note)
+        return replace(self, points=factor * self.points, noise=noise, solid=solid, unit="mm", notes=notes)
 
 
 One = ArrayLike | Mesh | PointSet
@@ -134,9 +139,10 @@ def point_set(given: Any, what: str = "points", columns: Chosen = None, weights:
     if hasattr(given, "vertices") and hasattr(given, "faces"):
         if weights is not None:
             raise OptionError("weights: go with points, found a mesh, of which each part of the area counts the same")
-        points, note = mesh_points(_mesh(given))
+        mesh = _mesh(given)
+        points, note = mesh_points(mesh)
         notes = () if note is None else (what.removesuffix("points") + note,)
-        return replace(point_set(points, what, columns), notes=notes)
+        return replace(point_set(points, what, columns), notes=notes, solid=Solid.of_mesh(mesh))
     names = column_names(given)
     if names is None and columns is None:
         array = given if isinstance(given, np.ndarray) else _array(given, what)

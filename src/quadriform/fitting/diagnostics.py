@@ -15,6 +15,7 @@ from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.mesh import Mesh, split_quads
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.record import OBSERVED
+from quadriform.shapes.solid import Solid
 from quadriform.shapes.superquadric import EXPONENTS, Superquadric
 
 INLIER = 0.5
@@ -30,6 +31,9 @@ POOR, POOR_SUPERQUADRIC = 0.05, 0.1
 more, because the shape of most bodies is not one."""
 SCATTER = 2.0
 """Standard deviations of the mean square of a known noise that are put down to chance."""
+LEAST_OVERLAP, OVERLAP_RESOLUTION = 0.97, 48
+"""Dice of a fitted body and the mask or closed mesh that it was fitted to, by a mesh of this resolution. Below, volumes
+can be wrong by several per cent. Voxel centres are inside or not, so that smooth bodies reach 0.99 by any voxels."""
 COVERED = 0.85
 """Of a covered superquadric at least this fraction of the directions from its centre has points."""
 MOSTLY_SUPPORTED = 0.5
@@ -130,6 +134,26 @@ def not_one_surface(found: Sampled, is_closed: bool) -> Warnings:
             f"{100 * found.filled:.0f} % of the points are deep inside, as of a filled volume: take its boundary only"
         )
     return warnings
+
+
+def low_overlap(model: DeformableModel, solids: Mapping[str, Solid]) -> Warnings:
+    """LOW_OVERLAP where the inside of a surface is not that of the mask or closed mesh that it was fitted to.
+
+    Args:
+        model: in the world.
+        solids: by surface, those that are known.
+    """
+    found = dict[str, Warnings]()
+    for name in model.surfaces:
+        if name in solids and KINDS[model.surfaces[name].kind].cut_axis is None:
+            overlap = solids[name].dice(model.mesh(name, OVERLAP_RESOLUTION), model.landmarks.base)
+            text = (
+                f"the surface encloses another body than that of the data: they overlap by a Dice of {overlap:.2f}, "
+                f"expected {LEAST_OVERLAP} or more; a wall or a capsule has two sides, each a surface of its own, and "
+                "branches or thin parts may need a larger box"
+            )
+            found[name] = {WarningKind.LOW_OVERLAP: text} if overlap < LEAST_OVERLAP else {}
+    return named_texts(found)
 
 
 def unsupported(found: Support) -> Warnings:

@@ -16,6 +16,7 @@ from quadriform.fitting.diagnostics import (
     Evidence,
     duplicates,
     far_control_points,
+    low_overlap,
     model_warnings,
     named_texts,
     start_notes,
@@ -215,9 +216,10 @@ def _checked(sets: Mapping[str, PointSet], weights: Weights, noise: Noise, metho
 
 
 def _with_notes_of_points(sets: Mapping[str, PointSet], found: Fit) -> Fit:
-    """The fit with warnings and notes about the points."""
+    """The fit with warnings and notes about the points, and about the bodies that they are of."""
     of_sets = tuple(dict.fromkeys(note for each in sets.values() for note in each.notes))
-    return replace(found, warnings=precision_warnings(sets) | found.warnings, notes=of_sets + found.notes)
+    bodies = low_overlap(found.model, {name: each.solid for name, each in sets.items() if each.solid is not None})
+    return replace(found, warnings=precision_warnings(sets) | bodies | found.warnings, notes=of_sets + found.notes)
 
 
 def precision_warnings(sets: Mapping[str, PointSet]) -> Warnings:

@@ -21,6 +21,7 @@ from quadriform.point_sets import PointSet, precision_loss
 from quadriform.points import Array
 from quadriform.shapes.mesh_points import mesh_points
 from quadriform.shapes.record import InputFile
+from quadriform.shapes.solid import Solid
 from quadriform.shapes.spaces import rotation_between
 from quadriform.words import numbers
 
@@ -133,6 +134,7 @@ class Source:
         image: from which the points were taken.
         normals: (n, 3) of a table or an array, or None.
         noise: (n, 3, 3) covariances of the points of a mask, or None.
+        solid: the object of an image, or the inside of a closed mesh, or None.
     """
 
     points: Array
@@ -144,11 +146,12 @@ class Source:
     image: "Volume | None" = None
     normals: Array | None = None
     noise: Array | None = None
+    solid: Solid | None = None
 
     @property
     def cloud(self) -> PointSet:
-        """The points with their normals and noise, as an argument of `fit`."""
-        return PointSet(self.points, self.normals, noise=self.noise)
+        """The points with what is known of them, as an argument of `fit`."""
+        return PointSet(self.points, self.normals, noise=self.noise, solid=self.solid)
 
 
 def kind_of(path: Path) -> Literal["image", "mesh", "points", "model"] | None:
@@ -198,7 +201,8 @@ def _from_mesh(path: Path) -> Source:
     points, note = mesh_points(mesh)
     # sampled points have all digits; the vertices show the precision of the file
     warnings = precision_loss(mesh.vertices.tolist(), mesh.vertices) if note else {}
-    return Source(points, *read_space_and_unit(path), warnings, (f"{path}: {note}",) if note else ())
+    notes = (f"{path}: {note}",) if note else ()
+    return Source(points, *read_space_and_unit(path), warnings, notes, solid=Solid.of_mesh(mesh))
 
 
 def _from_table(path: Path, options: ImageOptions) -> Source:
@@ -295,7 +299,7 @@ def _from_image(path: Path, options: ImageOptions) -> Source:
     notes = tuple(f"{path}: {note}" for note in notes + kept_note(found.segmentation))
     numbers = slice_numbers(volume, found.points)
     known = found.warnings, notes, numbers, volume
-    return Source(found.points, volume.space, volume.unit, *known, noise=found.noise)
+    return Source(found.points, volume.space, volume.unit, *known, noise=found.noise, solid=found.solid)
 
 
 def _select(volume: "Volume", options: ImageOptions) -> tuple[Any, tuple[str, ...]]:

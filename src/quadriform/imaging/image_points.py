@@ -19,6 +19,7 @@ from quadriform.imaging.volume import Region, Volume
 from quadriform.point_sets import PointSet
 from quadriform.points import Array
 from quadriform.shapes.mesh import Mesh
+from quadriform.shapes.solid import Solid
 from quadriform.shapes.voxels import voxel_spacing
 from quadriform.words import short_repr
 
@@ -63,8 +64,14 @@ class ImagePoints:
 
     @property
     def cloud(self) -> PointSet:
-        """The points with their noise, as an argument of `fit`."""
-        return PointSet(self.points, noise=self.noise)
+        """The points with their noise and the object, as an argument of `fit`."""
+        return PointSet(self.points, noise=self.noise, solid=self.solid)
+
+    @property
+    def solid(self) -> Solid:
+        """The object; where it is left open at the border of the image, nothing is known of what lies beyond."""
+        found = self.segmentation.object_volume()
+        return Solid(found.values > 0, found.world_from_voxel, self.record["border"] == "close")
 
 
 def points_from_image(

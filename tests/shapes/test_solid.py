@@ -1,0 +1,81 @@
+"""The overlap of a surface with a body whose inside is known, beside volumes that have formulas."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from shapes_made import made
+
+from quadriform.shapes.landmarks import BasePlane
+from quadriform.shapes.mesh import Mesh
+from quadriform.shapes.solid import Solid
+from quadriform.shapes.superquadric import Superquadric
+
+SIZE, SPACING = 60, np.array([1.0, 0.8, 1.5])
+MIDDLE = SPACING * SIZE / 2
+
+
+def ball(radius: float, centre=(0, 0, 0)) -> Mesh:
+    found = made(semi_axes=(radius,) * 3, exponents=(1, 1)).mesh(48)
+    return Mesh(found.vertices - found.vertices.mean(axis=0) + MIDDLE + centre, found.faces)
+
+
+def filled_ball(radius: float, is_whole: bool = True) -> Solid:
+    """Voxels whose centre is in a ball around the middle."""
+    centres = np.moveaxis(np.indices((SIZE,) * 3), 0, -1) * SPACING
+    filled = ((centres - MIDDLE) ** 2).sum(axis=-1) < radius**2
+    return Solid(filled, np.diag([*SPACING, 1.0]), is_whole)
+
+
+@pytest.mark.parametrize("radius", [6.0, 12.0, 18.0])
+def test_concentric_balls(radius):
+    least, most = sorted([radius, 12.0])
+    expected = 2 * least**3 / (least**3 + most**3)
+    assert filled_ball(12.0).dice(ball(radius), None) == pytest.approx(expected, abs=0.01)
+
+
+def test_balls_side_by_side():
+    """Two equal balls at a distance of their radius have 5 / 16 of a ball in common."""
+    assert filled_ball(12.0).dice(ball(12.0, (12.0, 0, 0)), None) == pytest.approx(5 / 16, abs=0.01)
+    assert filled_ball(12.0).dice(ball(12.0, (30.0, 0, 0)), None) == 0
+
+
+def test_what_reaches_beyond_the_voxels_counts_as_outside_only_where_the_body_is_whole():
+    whole, cut = (Solid(np.ones((40, 40, 20), dtype=bool), np.eye(4), is_whole) for is_whole in (True, False))
+    cube = Superquadric(semi_axes=(20, 20, 20), exponents=(0.1, 0.1), translation=(19.5,) * 3).mesh(48)
+    assert whole.dice(cube, None) == pytest.approx(2 / 3, abs=0.02)
+    assert cut.dice(cube, None) == pytest.approx(1.0, abs=0.02)
+
+
+def test_beyond_a_base_nothing_counts():
+    """A ball, and one whose upper half is missing: the same below its middle."""
+    whole = filled_ball(12.0)
+    below = np.arange(SIZE) * SPACING[2] <= MIDDLE[2]
+    half = Solid(whole.filled & below, whole.world_from_voxel)
+    base = BasePlane(MIDDLE, np.array([0.0, 0.0, 1.0]))
+    assert half.dice(ball(12.0), base) == pytest.approx(1.0, abs=0.01)
+    assert half.dice(ball(12.0), None) == pytest.approx(2 / 3, abs=0.05)
+
+
+def test_the_inside_of_a_mesh_in_any_place_and_unit():
+    rng = np.random.default_rng(0)
+    shape = made(semi_axes=(30.0, 22.0, 18.0), exponents=(0.9, 1.1)).mesh(32)
+    for scale in (1e-3, 1.0, 1e3):
+        moved = Mesh(scale * (shape.vertices + rng.uniform(-1000, 1000, 3)), shape.faces)
+        solid = Solid.of_mesh(moved)
+        assert solid.dice(moved, None) > 0.999
+        volume = solid.filled.sum() * np.linalg.det(solid.world_from_voxel[:3, :3])
+        assert_allclose(volume, moved.volume(), rtol=5e-3)
+        again = Mesh(7 * moved.vertices, moved.faces)
+        assert solid.scaled(7).dice(again, None) > 0.999
+
+
+def test_open_and_flat_meshes_have_no_inside():
+    shape = made(semi_axes=(3.0, 2.0, 1.0), exponents=(1, 1)).mesh(8)
+    assert Solid.of_mesh(Mesh(shape.vertices, shape.faces[1:])) is None
+    assert Solid.of_mesh(Mesh(shape.vertices * [1, 1, 0], shape.faces)) is None
+    assert Solid.of_mesh(Mesh(shape.vertices, shape.faces[:0])) is None
+
+
+def test_of_many_voxels_some_are_counted():
+    fine = Solid(np.repeat(np.repeat(filled_ball(12.0).filled, 5, axis=0), 5, axis=1), np.diag([0.2, 0.16, 1.5, 1.0]))
+    assert fine.dice(ball(12.0, (0.4, 0.32, 0)), None) == pytest.approx(1, abs=0.03)
