@@ -9,6 +9,7 @@ from quadriform.fitting.superquadric.initial import (
     STARTS,
     ellipsoid_by_moments,
     hyperboloid_by_quadric,
+    other_kind,
     principal_frame,
     toroid_by_moments,
 )
@@ -92,3 +93,20 @@ def test_points_of_an_ellipsoid_are_no_hyperboloid():
 @pytest.mark.parametrize("kind", ["ellipsoid", "toroid", "hyperboloid1", "hyperboloid2"])
 def test_each_kind_has_its_start(kind):
     assert STARTS[kind](made(kind, (1, 1)).grid(6)[0]).kind == kind
+
+
+@pytest.mark.parametrize("kind", ["toroid", "hyperboloid1"])
+def test_the_second_half_of_the_starts_of_a_kind_is_the_first_rotated_by_45_degrees(kind):
+    """About their own axis; the mean of both squared semi-axes across it, the semi-axis along it and the rest stay."""
+    points = made(kind, semi_axes=(20.0, 12.0, 9.0)).mesh(16).vertices
+    starts = other_kind(points, kind)
+    half = len(starts) // 2
+    turned_by = np.swapaxes(starts.rotations[:half], 1, 2) @ starts.rotations[half:]
+    diagonal = np.array([1.0, 1.0]) / np.sqrt(2)
+    np.testing.assert_allclose(np.abs(turned_by[:, :2, 0]), np.tile(diagonal, (half, 1)), atol=1e-12)
+    axes = np.exp(starts.log_axes)
+    squared = (axes[:half, :2] ** 2).mean(axis=1)
+    np.testing.assert_allclose(axes[half:, :2] ** 2, np.column_stack([squared, squared]), rtol=1e-9)
+    np.testing.assert_allclose(axes[half:, 2], axes[:half, 2])
+    for one in (starts.exponents, starts.translations, starts.log_holes):
+        np.testing.assert_allclose(one[half:], one[:half])

@@ -10,6 +10,7 @@ from quadriform.fitting.least_squares.normal_equations import normal_equations
 from quadriform.fitting.least_squares.regularisers import penalty_matrix
 from quadriform.motion.cycle_equations import CycleEvidence
 from quadriform.point_sets import PointSet
+from quadriform.shapes.bernstein import basis, gram, kronecker
 from quadriform.shapes.splines import TimeBasis
 
 SHRINKS = np.array([1.0, 0.9, 0.95])
@@ -134,17 +135,55 @@ def test_a_base_that_is_none_is_named(base, message):
         qf.track(frames, base=base)
 
 
+DEGREES, TIMES = (2, 2, 2), np.array([0.0, 0.3, 0.5, 0.8, 1.0])
+BASIS = TimeBasis(np.array([0.0, 0.35, 0.7, 1.0]))
+PENALTY = penalty_matrix("bending", (3, 3, 3))
+
+
+def observed(count):
+    """Local coordinates and targets (5, count, 3) of five frames, and the linear problem that they pose."""
+    random = np.random.default_rng(6)
+    local, targets = random.uniform(0, 1, (5, count, 3)), random.normal(size=(5, count, 3))
+    metric = np.broadcast_to(np.eye(3), (count, 3, 3))
+    equations = [normal_equations(x, metric, y, DEGREES) for x, y in zip(local, targets)]
+    problem = CycleEvidence(equations, BASIS.values(TIMES), BASIS, PENALTY, (3, 3, 3), count=15.0 * count)
+    return local, targets, problem
+
+
 def test_under_strong_penalties_the_noise_is_that_of_an_affine_motion():
     """What penalties leave free is affine in space and linear in time: 24 parameters, by ordinary least squares."""
-    random, degrees, times = np.random.default_rng(6), (2, 2, 2), np.array([0.0, 0.3, 0.5, 0.8, 1.0])
-    local, targets = random.uniform(0, 1, (5, 40, 3)), random.normal(size=(5, 40, 3))
-    metric = np.broadcast_to(np.eye(3), (40, 3, 3))
-    equations = [normal_equations(x, metric, y, degrees) for x, y in zip(local, targets)]
-    basis = TimeBasis(np.array([0.0, 0.35, 0.7, 1.0]))
-    penalty = penalty_matrix("bending", (3, 3, 3))
-    found = CycleEvidence(equations, basis.values(times), basis, penalty, (3, 3, 3), count=600.0).solve(1e6, 1e6)
-
+    local, targets, problem = observed(40)
     affine = np.concatenate([np.column_stack([x, np.ones(40)]) for x in local])
-    design = np.column_stack([affine, np.repeat(times, 40)[:, None] * affine])
+    design = np.column_stack([affine, np.repeat(TIMES, 40)[:, None] * affine])
     squares = np.linalg.lstsq(design, targets.reshape(200, 3), rcond=None)[1].sum()
-    assert found.noise == pytest.approx(np.sqrt(squares / (600 - 24)), rel=1e-6)
+    assert problem.solve(1e6, 1e6).noise == pytest.approx(np.sqrt(squares / (600 - 24)), rel=1e-6)
+
+
+def test_the_criterion_is_the_restricted_likelihood_of_the_dense_problem():
+    """Of one coordinate at a time, from the matrices with a row for each point; up to a constant."""
+    local, targets, problem = observed(40)
+    rows = [np.kron(values, basis_matrix(x)) for values, x in zip(BASIS.values(TIMES), local)]
+    design, y = np.concatenate(rows), targets.reshape(200, 3)
+    mass = kronecker(gram(2), gram(2), gram(2))
+
+    def dense(alpha, gamma):
+        penalty = 600 * (alpha * np.kron(BASIS.mass(), PENALTY) + gamma * np.kron(BASIS.bending(), mass))
+        matrix = design.T @ design + penalty
+        fitted = np.linalg.solve(matrix, design.T @ y)
+        variance = ((y**2).sum() - (y * (design @ fitted)).sum()) / (600 - 24)
+        ranked = np.linalg.eigvalsh(penalty)[8:]
+        determinants = np.linalg.slogdet(matrix)[1] - np.log(ranked).sum()
+        return (600 - 24) * (np.log(variance) + 1) + 3 * determinants, np.sqrt(variance)
+
+    pairs = [(1e-3, 1e-3), (1e-1, 1e-3), (1e-3, 1e-1), (1.0, 10.0)]
+    found = [problem.solve(*pair) for pair in pairs]
+    expected = [dense(*pair) for pair in pairs]
+    np.testing.assert_allclose([one.noise for one in found], [noise for _, noise in expected], rtol=1e-8)
+    differences = np.array([one.criterion for one in found]) - [criterion for criterion, _ in expected]
+    np.testing.assert_allclose(differences, differences[0], atol=1e-5)
+
+
+def basis_matrix(local):
+    """The Bernstein polynomials of degree 2 (n, 27) at local coordinates (n, 3)."""
+    s, t, u = (basis(local[:, axis], 2) for axis in range(3))
+    return np.einsum("ni,nj,nk->nijk", s, t, u).reshape(len(local), -1)
