@@ -57,8 +57,8 @@ class Solid:
             mesh: in the world.
             base: only voxels on this side of it count.
         """
-        inverse = np.linalg.inv(self.world_from_voxel)
-        vertices = mesh.vertices @ inverse[:3, :3].T + inverse[:3, 3]
+        affine = self.world_from_voxel
+        vertices = np.asarray(np.linalg.solve(affine[:3, :3], (mesh.vertices - affine[:3, 3]).T).T, dtype=np.float64)
         axes = self._axes(vertices)
         body = self._at(axes)
         low, step = (np.array([float(getattr(each, name)) for each in axes]) for name in ("start", "step"))
