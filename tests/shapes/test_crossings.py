@@ -86,8 +86,8 @@ def test_where_rays_meet_a_surface_once_the_long_way_finds_nothing_either(monkey
         shifts = rng.normal(scale=scale, size=plain.control_points.shape)
         mesh = single(surface, plain.with_control_points(plain.control_points + shifts)).mesh()
         with monkeypatch.context() as patch:
-            once, short = module._seen_whole(mesh), crossings(mesh)
-            patch.setattr(module, "_seen_whole", lambda mesh: False)
+            once, short = module._is_star_shaped(mesh), crossings(mesh)
+            patch.setattr(module, "_is_star_shaped", lambda mesh: False)
             np.testing.assert_array_equal(short, crossings(mesh))
         seen.append((once, len(short) > 0))
     assert set(seen) == {(True, False), (False, False), (False, True)}

@@ -32,16 +32,16 @@ RESOLUTION = 32
 NEAREST = 20
 """Vertices that are compared first; targets for which more of them may qualify are compared with all."""
 MOST = 24
-"""Starts of one target; only near the centre of a sphere are there more, all as good as each other."""
+"""Most starts of one target; there are more near the centre of a sphere only, where all are equally near."""
 SAFETY = 1.5
-"""The sampled curvature of a cell times this is taken for its largest."""
+"""Factor from the sampled curvature of a cell to an upper bound of its curvature."""
 SAME_FACE = 0.9
 """Cosine between the normals of neighbours that count as parts of one face."""
 BLOCK = 256
 BESIDE = 0.12
 """A coordinate below this fraction of the largest lies beside its plane."""
 LEFT_OUT = 0.03
-"""Feet that are farther than the nearest by more than this fraction of the box's diagonal are not searched from."""
+"""Foot points farther than the nearest by more than this fraction of the box's diagonal are no starts."""
 ASYMMETRIC = np.array([1.0, 0.618, 0.271])
 """A direction that no symmetry of a superquadric leaves unchanged."""
 
@@ -104,8 +104,8 @@ def update_foot_points(
 ) -> Array:
     """Origins (n, 3) after a few tangential Gauss-Newton steps towards their targets (n, 3); no foot point gets worse.
 
-    A step takes the surface for flat. It leaves a fraction of the way of distance times curvature, which is small for
-    data near the surface; the next call goes on from there.
+    A step takes the surface for flat. The error that remains is the step times distance times curvature, which is small
+    for data near the surface; the next call continues from there.
     """
     result = np.array(origins, dtype=np.float64, order="C")
     given, threads = np.ascontiguousarray(targets), threads_for(len(targets))
@@ -169,7 +169,7 @@ def _extreme(least_or_most: np.ufunc, owner: Index, values: Array) -> Array:
 def _feet_beside_planes(
     superquadric: Superquadric, box: ControlBox, targets: Array, owner: Index, origins: Array
 ) -> tuple[Index, NDArray[np.bool_]]:
-    """Foot points beside a plane and near enough to matter, one for each place, with the coordinates that are small."""
+    """Indices (k,) of near foot points beside a coordinate plane, one for each cell, and masks of small coordinates."""
     size, distance = _diagonal(box), np.linalg.norm(targets[owner] - box.deform(origins), axis=1)
     own = np.abs(superquadric.scaled(origins))
     beside = own < BESIDE * own.max(axis=1, keepdims=True)
@@ -184,6 +184,7 @@ def _feet_beside_planes(
 def _foot_points(
     superquadric: Superquadric, box: ControlBox, targets: Array, origins: Array, points: Array
 ) -> FootPoints:
+    """Foot points with normals and signed distances of their targets."""
     normals = surface_normals(superquadric, box, origins)
     offset = targets - points
     # A point on the surface has no side; it counts as outside, with distance zero.

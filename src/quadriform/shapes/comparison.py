@@ -1,6 +1,6 @@
-"""How far two surfaces are apart, how much their insides overlap, and how two models' numbers differ.
+"""Distances between two surfaces, overlap of their insides, and differences of the parameters of two models.
 
-A model stands for its first surface; `alone` takes another one out.
+Of a model its first surface is compared; `alone` selects another one.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Distances:
 
 @dataclass(frozen=True, repr=False)
 class ParameterDifference:
-    """Numbers of a second model minus those of a first.
+    """Parameters of a second model minus those of a first.
 
     Attributes:
         control_points: RMS length of the differences, in the unit of the data.
@@ -110,9 +110,10 @@ def alone(model: DeformableModel, surface: str | None = None) -> DeformableModel
 def surface_distances(a: Surface, b: Surface) -> tuple[Distances, Distances]:
     """Distances from the first surface to the second, and from the second to the first.
 
-    Each way 20,000 points, evenly spread over the area; each distance is the exact one to the nearest triangle among
-    those of the 16 nearest points of the other surface (as in Cignoni, Rocchini and Scopigno, Metro: measuring error on
-    simplified surfaces, Computer Graphics Forum 1998; 17: 167-174, but with a tree in place of a grid).
+    Each has 20,000 points, evenly spread over the area of a surface; each distance is the exact one to the nearest
+    triangle among those of the 16 nearest points of the other surface (as in Cignoni, Rocchini and Scopigno, Metro:
+    measuring error on simplified surfaces, Computer Graphics Forum 1998; 17: 167-174, but with a tree in place of a
+    grid).
 
     Args:
         a: a model, or a mesh, open or closed.
@@ -153,14 +154,14 @@ def dice(a: Surface, b: Surface) -> float:
 
 
 def enclosed_volume(shape: Surface) -> float | None:
-    """Volume inside a model's surface or a mesh, whichever way it is wound, in cubed units; None where it is open."""
+    """Volume inside a model's surface or a mesh, in cubed units, for either winding; None where it is open."""
     if not is_closed(_mesh(shape)):
         return None
     return abs(shape.volume())
 
 
 def is_closed(mesh: Mesh) -> bool:
-    """Whether every edge is run through as often one way as the other; vertices in the same place count as one."""
+    """Whether every edge occurs as often in one direction as in the other; vertices of equal position count as one."""
     number = np.unique(mesh.vertices, axis=0, return_inverse=True)[1].reshape(-1)
     return Mesh(mesh.vertices, number[mesh.faces]).is_closed()
 

@@ -23,7 +23,7 @@ SKEW = 1e-8
 EXACT = 1e-13
 """`undeform` stops when the residual is below this share of the box's diagonal."""
 STARTS = 6
-"""How many nodes of a lattice `undeform` starts from before it gives a point up."""
+"""Nodes of a lattice from which `undeform` starts before a point counts as missed."""
 INSIDE, OUTSIDE, MISSED = 0, 1, 2
 
 
@@ -159,7 +159,7 @@ class ControlBox:
         """
         target = check_points(points)
         result = np.empty_like(target)
-        with np.errstate(over="ignore", invalid="ignore"):  # of points far beyond any box, which are refused
+        with np.errstate(over="ignore", invalid="ignore"):  # points far beyond any box overflow, and are refused
             for start in range(0, len(target), bernstein.CHUNK):
                 part = slice(start, start + bernstein.CHUNK)
                 result[part] = self._invert(target[part])
@@ -206,6 +206,7 @@ class ControlBox:
         return origins[nearest.T]
 
     def _newton(self, target: Array, start: Array) -> Array:
+        """The origins (n, 3) that damped Newton steps x - (df / dx)^-1 (f(x) - target) reach from their starts."""
         point = start.copy()
         error = self.deform(point) - target
         damping = np.ones(len(target))
@@ -237,10 +238,10 @@ class ControlBox:
         """
         if any(high < low for low, high in zip(self.degrees, degrees)):
             raise OptionError(f"degrees={degrees}: expected none below the present {self.degrees}")
-        raised = self.control_points
+        elevated = self.control_points
         for axis, (low, high) in enumerate(zip(self.degrees, degrees)):
-            raised = bernstein.along(axis, bernstein.elevation(low, high), raised)
-        return replace(self, control_points=raised)
+            elevated = bernstein.along(axis, bernstein.elevation(low, high), elevated)
+        return replace(self, control_points=elevated)
 
 
 def outer_box(superquadrics: Mapping[str, Superquadric], shape: tuple[int, int, int]) -> ControlBox:
@@ -249,7 +250,7 @@ def outer_box(superquadrics: Mapping[str, Superquadric], shape: tuple[int, int, 
 
 
 def common_box(superquadrics: Mapping[str, Superquadric], shape: tuple[int, int, int]) -> ControlBox:
-    """The undeformed box of the largest surface, enlarged where another one reaches outside it."""
+    """The undeformed box of the largest surface, enlarged to contain the others."""
     outer = max(superquadrics.values(), key=_box_volume)
     box = ControlBox.around(outer, shape)
     if len(superquadrics) == 1:

@@ -16,7 +16,7 @@ from quadriform.shapes.mesh import Mesh, ranks, solid_angles, sorted_unique
 CELL = 1.5
 """Side of a grid cell, in mean sizes of a triangle's box."""
 FILLED = 1e-6
-"""Solid angle by which a view that is filled once may be off; filled twice it is off by 4 pi."""
+"""Largest error of the sum of solid angles of triangles that cover the sphere once; covered twice it is 4 pi larger."""
 LEAST = 1e-12
 """Solid angle of a triangle above which rounding does not change its sign."""
 BLOCK = 200_000
@@ -36,7 +36,7 @@ def crossings(mesh: Mesh, other: Mesh | None = None) -> Array:
         (n, 3), in the unit of the meshes; an empty array where nothing crosses. Flat faces that lie in one plane are
         seen by the edges of their neighbours only.
     """
-    if other is None and _seen_whole(mesh):
+    if other is None and _is_star_shaped(mesh):
         return np.empty((0, 3))
     triangles, faces, side = _together(mesh, other)
     corners = [triangles[:, corner] for corner in range(3)]
@@ -58,10 +58,10 @@ def crossings(mesh: Mesh, other: Mesh | None = None) -> Array:
     return _distinct(np.concatenate(found))
 
 
-def _seen_whole(mesh: Mesh) -> bool:
-    """Whether rays from the middle of a closed mesh meet it once each: most do, and none of these crosses itself.
+def _is_star_shaped(mesh: Mesh) -> bool:
+    """Whether every ray from the centroid meets a closed mesh once: then it does not intersect itself.
 
-    Every triangle turns its inside to the middle, and all together fill the view once.
+    All triangles have positive solid angles seen from the centroid, and these sum up to that of the sphere.
     """
     rays = unit_vectors(mesh.vertices - mesh.vertices.mean(axis=0))
     views = solid_angles(*(rays[corner] for corner in mesh.faces.T))

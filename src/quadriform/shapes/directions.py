@@ -1,7 +1,7 @@
-"""Samples and triangles of the unit sphere, of the torus and of a disc: one grid for all surfaces.
+"""Grids of samples and quads on the unit sphere, on the torus and on a disc, for the surfaces of all kinds.
 
-The sphere's grid is a cube's, blown up: no pole, no sliver, unchanged by every turn and mirror of the cube, with lines
-on the coordinate planes and on the cube's edges, where superellipsoids have their edges.
+The sphere's grid is that of a cube, projected: without poles and slivers, invariant under the symmetries of the cube,
+with lines on the coordinate planes and on the cube's edges, where superellipsoids have their edges.
 """
 
 from functools import lru_cache
@@ -75,9 +75,9 @@ def _angle_grid(latitudes: Array, longitudes: Array, wrap_rows: bool) -> tuple[A
 
 @lru_cache(maxsize=16)
 def disc_grid(resolution: int) -> tuple[Array, Faces]:
-    """Points (n, 2) of the unit disc and quads between them: half of the blown-up cube, flattened.
+    """Points (n, 2) of the unit disc and quads between them: half of the projected cube, flattened.
 
-    Rays and the distances along them are kept, so no cell is squeezed, neither in the middle nor at the rim.
+    Rays and distances along them are preserved, so cells are distorted little, in the middle and at the rim.
     """
     directions, quads = sphere_grid(resolution)
     upper = quads[(directions[quads, 0] > -1e-12).all(axis=1)]

@@ -1,8 +1,8 @@
 """A proof that the box does not fold: a lower bound of the Jacobian's determinant over a whole region.
 
-The determinant of a Bernstein map is a Bernstein polynomial itself, so its coefficients bound it everywhere between
-them, which no sampling can. Halving the region (an octree) makes the bound as tight as wanted; the worst leaves are
-split first, and leaves that lie outside the surfaces are dropped.
+The determinant of a Bernstein map is a Bernstein polynomial itself, and its least coefficient is a lower bound of it
+everywhere, not only at samples. Halving the region (an octree) makes the bound as tight as required; the leaves of the
+lowest bound are split first, and leaves that lie outside the surfaces are dropped.
 """
 
 from collections.abc import Iterable, Sequence
@@ -21,13 +21,13 @@ from quadriform.shapes.superellipse import norm, quiet
 from quadriform.shapes.superquadric import Superquadric
 
 BUDGET = 8_000
-"""Leaves made before the bound is given as it then stands: some seconds, and 14 kB each for 5 x 5 x 5 points."""
+"""Leaves made before the search ends with the bound so far: some seconds, and 14 kB each for 5 x 5 x 5 points."""
 BATCH = 32
-"""So many of the worst leaves are split at once, or a quarter of all if that is more."""
+"""Leaves of the lowest bound that are split at once, or a quarter of all if that is more."""
 SLACK = 1e-9
-"""Share of its size by which a surface counts as larger, so that rounding drops no leaf or point that touches it."""
+"""Fraction of its size by which a surface is enlarged, so that rounding drops no leaf or point that touches it."""
 CLOSE, LOOSE = 0.02, 0.5
-"""Tolerances: that of a bound which is reported, and where only its sign is asked for."""
+"""Relative tolerances of a bound: where it is reported, and where only its sign is used."""
 LATTICE = 25
 """Points along each axis of the lattice on which `folds` evaluates the determinant."""
 
@@ -38,7 +38,7 @@ class Bound:
 
     Attributes:
         lower: no point of the region has a smaller determinant; proven, rounding included.
-        sampled: the smallest determinant met at a point of the region; the true minimum lies in [lower, sampled].
+        sampled: the smallest determinant at a sampled point of the region; the true minimum lies in [lower, sampled].
         where: (3,), that point before deformation.
     """
 
@@ -85,7 +85,7 @@ class _Leaves:
 
 @lru_cache(maxsize=32)
 def _halves(degree: int) -> tuple[Array, Array]:
-    """To the coefficients over either half; of the same few degrees again and again."""
+    """Matrices from the coefficients over an interval to those over its halves; cached for the few degrees in use."""
     return bernstein.restriction(degree, 0, 0.5), bernstein.restriction(degree, 0.5, 1)
 
 
@@ -144,8 +144,8 @@ def folds(box: ControlBox, used: Iterable[Superquadric]) -> Array:
     """Points (n, 3) before deformation, inside the surfaces, where the determinant is not positive.
 
     Returns:
-        Empty when the bound proves the determinant positive. Otherwise the folded points of a lattice and the lowest
-        point met; that one alone may be positive, where the proof did not succeed.
+        An empty array when the bound proves the determinant positive. Otherwise the sampled point of the lowest
+        determinant, which may be positive where the proof did not succeed, and the folded points of a lattice.
     """
     surfaces = tuple(used)
     bound = jacobian_bound(box, surfaces, tolerance=LOOSE)
@@ -176,7 +176,7 @@ def determinant_rows(box: ControlBox, points: Array) -> Array:
 
 
 def _root(box: ControlBox, surfaces: tuple[Superquadric, ...]) -> tuple[_Leaves, float]:
-    """The whole region as one leaf, and what rounding can add to a coefficient, now and again in each halving.
+    """The whole region as one leaf, and a bound of the rounding error of a coefficient, there and in each halving.
 
     A sum of k products errs by at most k eps times the sum of their magnitudes; two products and three halvings are
     such sums, of at most as many terms as counted here.

@@ -67,8 +67,8 @@ class Kind:
     """A kind of superquadric; in its methods `q` are (n, 3) scaled points, `e` (2,) the exponents.
 
     Attributes:
-        name: what users call it by.
-        title: in words.
+        name: of the option `kind`.
+        title: its name in the field.
         layout: of the grid over the surface: a name in `LAYOUTS`.
         inner: the norm that is taken first; the hole radius is subtracted from it.
         outer: the norm that may be taken of it.
@@ -173,7 +173,7 @@ class Kind:
         return np.stack([c * f if power > 0 else c / f if power else c for c, power in columns], axis=1)  # section 2.2
 
     def grid(self, resolution: int, e: Array, hole: float, cut: float) -> tuple[Array, Faces]:
-        """Well spread surface points (n, 3) and quads (m, 4) between them; `cut` is the scaled height."""
+        """Evenly spread surface points (n, 3) and quads (m, 4) between them; `cut` is the scaled height."""
         return LAYOUTS[self.layout](self, resolution, e, hole, cut)
 
 
@@ -225,20 +225,20 @@ CURVES = {"circle": _circle, "hyperbola": _hyperbola}
 
 
 def _sphere(kind: Kind, resolution: int, e: Array, hole: float, cut: float) -> tuple[Array, Faces]:
-    """Directions of the blown-up cube, onto the surface."""
+    """Points (n, 3) and quads by the projection of a cube's grid onto the surface."""
     directions, quads = sphere_grid(resolution)
     return kind.project(directions, e, hole), quads
 
 
 def _torus(kind: Kind, resolution: int, e: Array, hole: float, cut: float) -> tuple[Array, Faces]:
-    """Even rays of both superellipses, both full circles."""
+    """Points (n, 3) and quads on even rays of both superellipses, over full circles."""
     angles, quads = torus_grid(resolution)
     tube, around = _ring(angles[:, 0], e[0]), _ring(angles[:, 1], e[1])
     return np.column_stack([(hole + tube[:, :1]) * around, tube[:, 1]]), quads
 
 
 def _tube(kind: Kind, resolution: int, e: Array, hole: float, cut: float) -> tuple[Array, Faces]:
-    """Even heights along z between the cuts, even rays around."""
+    """Points (n, 3) and quads at even heights along z between the cuts, on even rays around z."""
     angles, quads = tube_grid(np.linspace(-cut, cut, 2 * resolution + 1), 4 * resolution)
     ring, z = _ring(angles[:, 1], e[1]), angles[:, 0]
     radius = kind._terms(np.column_stack([ring, z]), e, hole)["outer"]
@@ -246,7 +246,7 @@ def _tube(kind: Kind, resolution: int, e: Array, hole: float, cut: float) -> tup
 
 
 def _two_sheets(kind: Kind, resolution: int, e: Array, hole: float, cut: float) -> tuple[Array, Faces]:
-    """A disc of (y, z) stretched to the cut, once for each side of x = 0."""
+    """Points (n, 3) and quads over a disc of (y, z) scaled to the cut, once for each side of x = 0."""
     disc, quads = disc_grid(resolution)
     yz = disc * _reach(kind, disc, e, cut)[:, None]
     front = kind.project(np.column_stack([np.ones(len(yz)), yz]), e, hole)

@@ -1,4 +1,4 @@
-"""Where the cavity of a ventricle ends, and where the right ventricle meets the left: what stays with its model."""
+"""Landmarks of a ventricle that are stored with its model: the base plane, and the right ventricle's insertions."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from quadriform.words import plain
 
 NO_POINTS = np.empty((0, 3))
 MOST_CUT_OFF = 0.25
-"""Of the points; data ends at its base. Of points half of which are outliers, spread evenly, as many may lie beyond."""
+"""Largest fraction of the points beyond a base, where data ends: half of the points may be outliers on all sides."""
 GIVEN_BASE = "the given base"
-"""What a base is that was an option."""
+"""The name of a base that was given as an option."""
 COLLINEAR = 1e-3
 """Mitral points whose second singular value is below this fraction of the first lie on a line."""
 
@@ -36,13 +36,13 @@ class BasePlane:
         return (points - self.point) @ self.direction
 
     def rotated(self, rotation: Array) -> BasePlane:
-        """Return the same plane after a rotation (3, 3) about the origin."""
+        """Return the plane after a rotation (3, 3) about the origin."""
         return BasePlane(rotation @ self.point, rotation @ self.direction)
 
 
 @dataclass(frozen=True)
 class Landmarks:
-    """Where the cavity of a ventricle ends, and where the right ventricle meets the left, at one time.
+    """The base plane of a ventricle, and the points where the right ventricle meets the left, at one time.
 
     Attributes:
         base: beyond this plane the model is extrapolated and no volume counts; None where none is known.
@@ -63,18 +63,18 @@ class Landmarks:
             raise OptionError(f"base_from={self.base_from!r}: expected a text exactly where there is a base")
 
     def transformed(self, scale: float, offset: Array) -> Landmarks:
-        """Return the same after `scale` x + `offset`."""
+        """Return the landmarks after `scale` x + `offset`."""
         base = None if self.base is None else replace(self.base, point=scale * self.base.point + offset)
         return replace(self, base=base, rv_inserts=scale * self.rv_inserts + offset)
 
     def rotated(self, rotation: Array) -> Landmarks:
-        """Return the same after a rotation (3, 3) about the origin."""
+        """Return the landmarks after a rotation (3, 3) about the origin."""
         base = None if self.base is None else self.base.rotated(rotation)
         return replace(self, base=base, rv_inserts=self.rv_inserts @ rotation.T)
 
 
 NONE_KNOWN = Landmarks()
-"""Of a model that is no ventricle, or of which nothing is known."""
+"""The landmarks of a model that is no ventricle, or whose landmarks are not known."""
 
 
 def plane_through(mitral_points: Array, inside: Array) -> BasePlane:
@@ -98,7 +98,7 @@ def plane_through(mitral_points: Array, inside: Array) -> BasePlane:
 
 
 def check_base(plane: BasePlane, points: Array) -> None:
-    """Refuse a base that cuts through the middle of the data, or that looks to the wrong side.
+    """Refuse a base that cuts through the middle of the data, or whose direction leads to the wrong side.
 
     Args:
         plane: as it was given.

@@ -8,7 +8,7 @@ from quadriform.points import Array
 EULER = "XYZ"
 """Intrinsic rotations about x, then the new y, then the new z."""
 LOCKED = 1e-9
-"""Cosine of the second angle below which the first and the third turn about the same axis."""
+"""Cosine of the second angle below which the first and the third rotate about the same axis (gimbal lock)."""
 
 
 def rotation_from_euler(angles: Array) -> Array:
@@ -27,6 +27,6 @@ def euler_from_rotation(rotation: Array) -> Array:
 
 
 def euler_axes(rotation: Array) -> Array:
-    """World axes (3 angles, 3) about which the three Euler angles of a rotation turn: dR / d angle = axis x R."""
+    """World axes (3 angles, 3) of the rotations by the three Euler angles: dR / d angle = axis x R."""
     first, _, _ = euler_from_rotation(rotation)
     return np.array([[1, 0, 0], [0, np.cos(first), np.sin(first)], rotation[:, 2]])

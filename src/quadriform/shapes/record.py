@@ -1,4 +1,4 @@
-"""What stays with a model beside its geometry: how far its fit can be trusted, and what it was made from."""
+"""The record of a model beside its geometry: the reliability of its fit, and its input."""
 
 import math
 import re
@@ -9,12 +9,12 @@ from quadriform.errors import OptionError, WarningKind, Warnings, choose, join_w
 from quadriform.words import plain, short_repr
 
 STATUSES = ("ok", "warned", "unreliable", "unknown")
-"""From good to bad; "unknown" where nobody recorded how the fit went: models built by hand and older files."""
+"""From good to bad; "unknown" where the status of the fit is not recorded: models built by hand and older files."""
 OBSERVED, NAMED = 0.95, 0.995
-"""A number is observed where data supports at least the first share of it; above the second nothing is remarked."""
+"""A measure is observed where data supports at least the first share of it; above the second there is no remark."""
 SHA256 = re.compile(r"([0-9a-f]{64})?")
 """A hash of a file, or nothing."""
-NOT_RECORDED = "how the fit of this model went is not recorded (made by hand, or by an older version)"
+NOT_RECORDED = "the status of this model's fit is not recorded (made by hand, or by an older version)"
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class InputFile:
 
 
 def extrapolated(supported: float | None) -> str:
-    """The share of a number that is extrapolated, in words; nothing where it is unknown or rounds to 0 %."""
+    """A phrase with the share of a measure that is extrapolated; empty where it is unknown or rounds to 0 %."""
     if supported is None or supported >= NAMED:
         return ""
     return f"{'' if supported >= OBSERVED else 'not observed, '}{100 * (1 - supported):.0f} % extrapolated"
@@ -51,12 +51,12 @@ def extrapolated(supported: float | None) -> str:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number with what is known about it.
+    """A measure with its unit and reliability.
 
     Attributes:
-        value: the number, in `unit`.
+        value: in `unit`.
         unit: "mm^3", "ml", "1" and so on.
-        supported: share of it that data supports, [0, 1], where it is known.
+        supported: share [0, 1] of the measure that data supports, where it is known.
         sd: one standard deviation, where it is known.
     """
 
@@ -71,13 +71,13 @@ class Estimate:
 
     @property
     def observed(self) -> bool:
-        """Whether data supports all but a few per cent of it, or that is not known."""
+        """Whether data supports at least 95 % of the measure, or its support is not known."""
         return self.supported is None or self.supported >= OBSERVED
 
 
 @dataclass(frozen=True, repr=False)
 class ModelRecord:
-    """How the fit of a model went, and its input; it is never changed, and travels with the model.
+    """The status of a model's fit, and its input; it is never changed, and is stored with the model.
 
     Attributes:
         status: "ok"; "warned", usable where data supports it; "unreliable", not to be used; or "unknown".
@@ -154,7 +154,7 @@ def remarks(warnings: Warnings, notes: Sequence[str] = (), about: str = "") -> l
 
 
 def remarks_of(record: ModelRecord) -> list[Remark]:
-    """All remarks of a record on the fit of its model, to be repeated with whatever is made of the model later."""
+    """All remarks of a record on the fit of its model, to be repeated with all results of the model."""
     unknown = [Remark(NOT_RECORDED)] if record.status == "unknown" else []
     return remarks(record.warnings, record.notes, "from the fit") + unknown
 

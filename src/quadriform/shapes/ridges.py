@@ -207,25 +207,25 @@ class _Search:
         for _ in range(STEPS):
             if not len(active):
                 break
-            step, promised = self._step(active, at[active], radius[active])
+            step, predicted = self._step(active, at[active], radius[active])
             trial = np.clip(at[active] + step, -FAR, FAR)
             found = self.value(active, trial)
             gain = value[active] - found
             closer = gain > 0
             long = np.hypot(*step.T)
             radius[active] = np.select(
-                [gain < 0.25 * promised, gain > 0.5 * promised],
+                [gain < 0.25 * predicted, gain > 0.5 * predicted],
                 [0.25 * long, np.minimum(2 * radius[active], 8.0)],
                 radius[active],
             )
             at[active[closer]], value[active[closer]] = trial[closer], found[closer]
-            # Below this the promised gain is rounding.
+            # below this the predicted gain is rounding
             little = 1e-15 * size * np.sqrt(2 * value[active]) + 1e-28 * size**2
-            active = active[(promised > little) & (radius[active] > 1e-9)]
+            active = active[(predicted > little) & (radius[active] > 1e-9)]
         return at
 
     def _step(self, index: Index, at: Array, radius: Array) -> tuple[Array, Array]:
-        """Newton steps (n, 2), downhill also where the curvature is negative, and the gains that they promise."""
+        """Newton steps (n, 2), downhill also where the curvature is negative, and the gains that they predict."""
         gradient = self.gradient(index, at)
         ahead = 1e-5 * np.minimum(1, self.superquadric.exponents[::-1])
         by_t, by_u = (
@@ -244,7 +244,7 @@ class _Search:
             along = -(by_scaled * axis).sum(axis=1) / np.maximum(np.abs(curvature), 1e-12)
             step += along[:, None] * axis
         step = np.clip(step / scale, -radius[:, None], radius[:, None])
-        # Clipping may spoil the Newton step; a step along one coordinate is taken where it promises more.
+        # a clipped Newton step need not descend; a step along one coordinate is taken where it predicts a larger gain
         rise = (gradient * step).sum(axis=1) + (a * step[:, 0] ** 2 + c * step[:, 1] ** 2) / 2 + b * step.prod(axis=1)
         alone = np.clip(-gradient / scale**2, -radius[:, None], radius[:, None])
         gains = -(gradient * alone + np.stack([a, c], axis=1) * alone**2 / 2)

@@ -7,9 +7,9 @@ from quadriform.points import Array
 TINY = 1e-300
 """Stands for zero under a logarithm."""
 EDGE = 1e-12
-"""Of the norm: nearer to zero than this a coordinate is zero but for rounding, which must choose no side of an edge."""
+"""Fraction of the norm below which a coordinate is rounding of zero, which must not choose the side of an edge."""
 quiet = np.errstate(under="ignore")
-"""A fraction that vanishes is right as zero, also for callers who let NumPy raise."""
+"""Underflow to zero is correct here, also for callers who let NumPy raise."""
 
 
 def log_abs(u: Array) -> Array:

@@ -194,7 +194,7 @@ class Superquadric:
         return self.to_world(scaled * self.semi_axes)
 
     def grid(self, resolution: int) -> tuple[Array, Faces]:
-        """Well spread world points (n, 3) of the surface and quads (m, 4) between them; `resolution` as in `mesh`."""
+        """Evenly spread world points (n, 3) of the surface and quads (m, 4) between them; `resolution` as in `mesh`."""
         cut = (self.height or 0.0) / self.semi_axes[self._shape.cut_axis or 0]
         scaled, quads = self._shape.grid(resolution, self.exponents, self._hole, cut)
         return self._world(scaled), quads
