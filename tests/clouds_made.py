@@ -1,7 +1,9 @@
-"""Clouds the tests of the refinement are made of: an egg with bumps, a thick-walled cup, noise, strangers."""
+"""Clouds the tests of the refinement are made of: an egg with bumps, a thick-walled cup, noise, strangers, scans."""
 
 import numpy as np
 from shapes_made import even_directions
+
+from quadriform.points import unit_vectors
 
 
 def egg(directions):
@@ -54,3 +56,18 @@ def cup(n, wall=5.0, seed=0):
     around = np.column_stack([np.cos(angle), np.sin(angle)])
     points = np.column_stack([middle[place, :1] * around, middle[place, 1]])
     return points, np.column_stack([across[place, :1] * around, across[place, 1]])
+
+
+EYE = np.array([5.0, 6.0, 4.0])
+NOISE = 0.02
+"""Along the ray."""
+
+
+def seen(truth, rng, count=5000):
+    """Points (n, 3) of the side of a superquadric that faces an eye, with noise along the ray."""
+    around = rng.uniform(-1, 1, (8 * count, 3))
+    around[np.arange(len(around)), rng.integers(0, 3, len(around))] = rng.choice([-1.0, 1.0], len(around))
+    points = truth.surface(truth.semi_axes * around @ truth.rotation.T)
+    ray = unit_vectors(points - EYE)
+    facing = np.einsum("ij,ij->i", ray, truth.gradient(points)) < 0
+    return (points + NOISE * rng.normal(size=(len(points), 1)) * ray)[facing][:count]

@@ -4,28 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from clouds_made import seen
 from shapes_made import even_directions, made
 
 from quadriform import fit_superquadric
 from quadriform.fitting.superquadric import levenberg_marquardt
 from quadriform.fitting.superquadric.levenberg_marquardt import DESCENT, Candidates, Extent
 from quadriform.fitting.superquadric.restarts import RESTART, restarts
-from quadriform.points import unit_vectors
 from quadriform.shapes.superquadric import Superquadric
-
-EYE = np.array([5.0, 6.0, 4.0])
-NOISE = 0.02
-"""Along the ray."""
-
-
-def seen(truth, rng, count=5000):
-    """Points (n, 3) of the side of a superquadric that faces an eye, with noise along the ray."""
-    around = rng.uniform(-1, 1, (8 * count, 3))
-    around[np.arange(len(around)), rng.integers(0, 3, len(around))] = rng.choice([-1.0, 1.0], len(around))
-    points = truth.surface(truth.semi_axes * around @ truth.rotation.T)
-    ray = unit_vectors(points - EYE)
-    facing = np.einsum("ij,ij->i", ray, truth.gradient(points)) < 0
-    return (points + NOISE * rng.normal(size=(len(points), 1)) * ray)[facing][:count]
 
 
 @pytest.mark.slow

@@ -100,7 +100,9 @@ def test_more_than_half_as_long_again_as_the_data_is_a_runaway():
     half = Support(0.6, 0.6, 0.6, 0.6, 0.2, 1.0, Reach(1.0, 1.0))
     assert unsupported(half).keys() == {"PARTIAL_COVERAGE"}
     assert unsupported(replace(half, reach=Reach(1.6, 1.0))).keys() == {"PARTIAL_COVERAGE", "RUNAWAY"}
-    assert unsupported(replace(half, within=0.4)).keys() == {"PARTIAL_COVERAGE", "UNSUPPORTED"}
+    less = replace(half, within=0.4)
+    assert unsupported(less).keys() == unsupported(less, 0.06).keys() == {"PARTIAL_COVERAGE", "UNSUPPORTED"}
+    assert unsupported(less, 0.04).keys() == {"PARTIAL_COVERAGE"}
     good = replace(half, within=0.96, reach=Reach(0.1, 1.0))
     assert not unsupported(good) and unsupported(replace(good, reach=Reach(0.3, 1.0))).keys() == {"PARTIAL_COVERAGE"}
 

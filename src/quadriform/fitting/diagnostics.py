@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.errors import WarningKind, Warnings
+from quadriform.fitting.elements import Elements
 from quadriform.fitting.least_squares.marginal_likelihood import Solution
 from quadriform.fitting.result import HalfSpace, Result, SuperquadricFit, rms
 from quadriform.fitting.support import ONE, Sampled, Support
-from quadriform.points import Array, unit_vectors
+from quadriform.points import Array
 from quadriform.shapes.kinds import KINDS
-from quadriform.shapes.mesh import Mesh, split_quads
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.record import OBSERVED
 from quadriform.shapes.solid import Solid
@@ -22,8 +22,6 @@ INLIER = 0.5
 """A point of at least this probability belongs to the surface."""
 MANY = 0.25
 """Where more than this fraction of the points are outliers, much of what was measured is not the surface."""
-DEVIATION_RESOLUTION = 8
-"""Of the mesh on which the standard deviation of a surface is taken, which is smooth."""
 NAMED = 5
 """How many outliers are named by index."""
 POOR, POOR_SUPERQUADRIC = 0.05, 0.1
@@ -37,7 +35,8 @@ can be wrong by several per cent. Voxel centres are inside or not, so that smoot
 COVERED = 0.85
 """Of a covered superquadric at least this fraction of the directions from its centre has points."""
 MOSTLY_SUPPORTED = 0.5
-"""Of the area; where data supports less, a result must not be used. It is "ok" only where nearly all is observed."""
+"""Of the area; where data supports less, a result must not be used unless the rest is known better than the surface of
+a poor fit, as that of a superquadric seen from one side. It is "ok" only where nearly all is observed."""
 LONGER = 1.5
 """A surface that reaches beyond the data by more than this many widths of the data in the same direction is a runaway:
 most of its length is extrapolated. Half a body that is extrapolated from the other half reaches one width beyond it."""
@@ -83,6 +82,7 @@ class Evidence:
         sampled: whether the points are of one surface.
         known: (n,), variances along the normals that are known of the measurement; zero where nothing is.
         independent: effective number of points.
+        open_deviation: standard deviation of the part without data, as RMS over its area; infinite where not known.
     """
 
     residuals: Array
@@ -91,6 +91,7 @@ class Evidence:
     sampled: Sampled
     known: Array
     independent: float
+    open_deviation: float = np.inf
 
 
 def model_warnings(result: Result, evidence: Mapping[str, Evidence], unit: float) -> Warnings:
@@ -112,7 +113,7 @@ def _of_surface(result: Result, name: str, found: Evidence, unit: float) -> Warn
         outliers(found.inliers, counted)
         | poor_fit(found.residuals[kept], known=found.known[kept], independent=found.independent)
         | not_one_surface(found.sampled, KINDS[surface.kind].cut_axis is None)
-        | unsupported(found.support.scaled(unit))
+        | unsupported(found.support.scaled(unit), found.open_deviation)
         | _outside_lattice(result.model, surface)
     )
 
@@ -156,11 +157,12 @@ def low_overlap(model: DeformableModel, solids: Mapping[str, Solid]) -> Warnings
     return named_texts(found)
 
 
-def unsupported(found: Support) -> Warnings:
+def unsupported(found: Support, open_deviation: float = np.inf) -> Warnings:
     """PARTIAL_COVERAGE where data does not support a surface, with UNSUPPORTED or RUNAWAY where it must not be used.
 
     Args:
         found: in the unit of the points.
+        open_deviation: standard deviation of the part without data, in RMS radii of the points.
     """
     distance, width = found.reach.distance, found.reach.width
     text = (
@@ -169,8 +171,10 @@ def unsupported(found: Support) -> Warnings:
     )
     is_covered = found.within >= OBSERVED and distance <= found.limit
     warnings = {} if is_covered else {WarningKind.PARTIAL_COVERAGE: text}
-    if found.within < MOSTLY_SUPPORTED:
-        warnings[WarningKind.UNSUPPORTED] = f"data supports {100 * found.within:.0f} % of the area only"
+    if found.within < MOSTLY_SUPPORTED and open_deviation > POOR:
+        known = f", and the rest is known to {100 * open_deviation:.2g} % of the cloud's RMS radius"
+        text = f"data supports {100 * found.within:.0f} % of the area only"
+        warnings[WarningKind.UNSUPPORTED] = text + known if np.isfinite(open_deviation) else text
     if distance > max(LONGER * width, found.limit):
         warnings[WarningKind.RUNAWAY] = f"the surface reaches {distance:.3g} beyond data that is {width:.3g} wide there"
     return warnings
@@ -206,17 +210,12 @@ def rms_deviation(model: DeformableModel, covariance: Array, half_space: HalfSpa
         half_space: where no data is expected.
     """
     squares, total = 0.0, 0.0
-    for surface in model.surfaces.values():
-        origins, quads = surface.grid(DEVIATION_RESOLUTION)
-        mesh = Mesh(model.box.deform(origins), split_quads(quads, origins))
-        middles, normals = origins[mesh.faces].mean(axis=1), mesh.area_vectors()
-        areas = np.linalg.norm(normals, axis=1)
+    for name in model.surfaces:
+        elements = Elements.of(model, name)
+        areas = elements.areas
         if half_space is not None:
-            outside = (model.box.deform(middles) - half_space[0]) @ half_space[1] > 0
-            areas = np.where(outside, 0.0, areas)
-        rows = model.box.matrix(middles)[:, :, None] * unit_vectors(normals)[:, None, :]
-        rows = rows.reshape(len(middles), -1)
-        squares += float(areas @ np.einsum("ij,ij->i", rows @ covariance, rows))
+            areas = np.where((elements.points - half_space[0]) @ half_space[1] > 0, 0.0, areas)
+        squares += float(areas @ elements.variances(model, covariance))
         total += float(areas.sum())
     return float(np.sqrt(squares / total)) if total else 0.0
 

@@ -21,6 +21,7 @@ from quadriform.fitting.diagnostics import (
     named_texts,
     start_notes,
 )
+from quadriform.fitting.extrapolation import open_deviations
 from quadriform.fitting.least_squares.regularisers import Regulariser
 from quadriform.fitting.noise import KnownNoise, variances_along
 from quadriform.fitting.options import METHODS, PaperOptions, TangentOptions, options_for
@@ -29,7 +30,7 @@ from quadriform.fitting.paper.two_step import two_step
 from quadriform.fitting.refinement.large_clouds import on_all, sample_of_large
 from quadriform.fitting.refinement.refine import LocalProblem, refine_tangent
 from quadriform.fitting.result import Fit, Progress, Result, SuperquadricFit, rms, unnamed
-from quadriform.fitting.superquadric.fit import fit_by_paper, fit_robust
+from quadriform.fitting.superquadric.fit import fit_by_paper, fit_robust, in_frame
 from quadriform.fitting.support import LIMITS, Sampled, Support, covered_fraction, support_of
 from quadriform.fitting.threads import one_blas_thread
 from quadriform.point_sets import ALONE, Given, PointSet, common_unit, point_sets, points_sha256, precision_loss
@@ -103,7 +104,7 @@ def _fitted(clouds: _Clouds, kind: str, options: PaperOptions | TangentOptions, 
     }
     if options.robust:
         clouds = replace(clouds, aside=spread(of_others(sample.points, starts), clouds.points, index))
-    found = _refine_tangent(_superquadrics(starts), clouds, index, options, progress, kind)
+    found = _refine_tangent(_superquadrics(starts), clouds, index, options, progress, kind, fitted=starts)
     # warnings of the refined model are its own; its start matters where another order of points gives another
     return replace(found, notes=(*found.notes, *start_notes(starts, found.model)))
 
@@ -246,10 +247,11 @@ def _refine_tangent(
     progress: Progress | None,
     kind: str | None = None,
     start: ControlBox | None = None,
+    fitted: Mapping[str, SuperquadricFit] | None = None,
 ) -> Fit:
     """The fit by the default method, to a sample by index, then to all points.
 
-    With a `kind` other superquadrics may serve as starts.
+    With a `kind` other superquadrics may serve as starts. Those that were `fitted` say what is open without data.
     """
     sample = clouds.take(index)
     centred = Centred.of(sample.points, sample.of_body)
@@ -266,7 +268,8 @@ def _refine_tangent(
         start=None if start is None else frame.shape_to_local(start),
         progress=progress,
     )
-    result = refine_tangent(problem, _in_frame(surfaces, frame), kind)
+    starts = {name: in_frame(each, frame) for name, each in (fitted or {}).items()}
+    result = replace(refine_tangent(problem, _in_frame(surfaces, frame), kind), starts=starts)
     found = _in_world(_of_all_points(result, distinct, sample), sample.points, frame, sample.noise)
     copies = named_texts({name: duplicates(each.copies, len(each.counted)) for name, each in distinct.items()})
     landmarks = NONE_KNOWN if base is None else Landmarks(base, GIVEN_BASE)
@@ -355,12 +358,12 @@ def _evidence(
 ) -> dict[str, Evidence]:
     """What warnings about each surface are taken from."""
     sampled = _sampled(result, clouds, feet, support)
-    return {
-        name: Evidence(
-            each.signed, inliers[name], support[name], sampled[name], *_known(noise.get(name), each, inliers[name])
-        )
-        for name, each in feet.items()
-    }
+    deviations = open_deviations(result, support, {n: each.points[inliers[n] >= INLIER] for n, each in feet.items()})
+    found = {}
+    for name, each in feet.items():
+        known, deviation = _known(noise.get(name), each, inliers[name]), deviations.get(name, np.inf)
+        found[name] = Evidence(each.signed, inliers[name], support[name], sampled[name], *known, deviation)
+    return found
 
 
 def _known(noise: Array | None, feet: FootPoints, inliers: Array) -> tuple[Array, float]:

@@ -285,6 +285,7 @@ class Result:
         warnings: about the refinement itself.
         half_space: where no data is expected.
         counted: name -> which points have a weight, or None for all.
+        starts: name -> the superquadrics that were fitted, in this frame; none where they were given.
     """
 
     model: DeformableModel
@@ -297,6 +298,7 @@ class Result:
     warnings: Warnings = field(default_factory=dict)
     half_space: HalfSpace | None = None
     counted: dict[str, NDArray[np.bool_]] | None = None
+    starts: Mapping[str, SuperquadricFit] = field(default_factory=dict)
 
 
 def unnamed(values: dict[str, Value]) -> Value | dict[str, Value]:

@@ -165,12 +165,17 @@ def _outcome(solution: Solution, points: Array, inliers: Array, least_noise: flo
 
 
 def in_world(fit: SuperquadricFit, frame: Frame) -> SuperquadricFit:
-    """The fit in the unit and frame of the data, from one in the centred, scaled frame."""
+    """A fit made in the centred, unit-free frame, back in the unit of the data."""
+    return _in_unit(fit, frame.shape_to_world(fit.superquadric), frame.scale)
+
+
+def in_frame(fit: SuperquadricFit, frame: Frame) -> SuperquadricFit:
+    """A fit in the unit of the data in a centred, unit-free frame."""
+    return _in_unit(fit, frame.shape_to_local(fit.superquadric), 1 / frame.scale)
+
+
+def _in_unit(fit: SuperquadricFit, moved: Superquadric, scale: float) -> SuperquadricFit:
     unit = np.ones(len(fit.covariance))
-    unit[AXES] = unit[SHIFT] = frame.scale  # exponents, angles and the hole radius have no unit
-    return replace(
-        fit,
-        superquadric=frame.shape_to_world(fit.superquadric),
-        covariance=fit.covariance * unit[:, None] * unit,
-        noise=fit.noise * frame.scale,
-    )
+    unit[AXES] = unit[SHIFT] = scale  # exponents, angles and the hole radius have no unit
+    covariance = fit.covariance * unit[:, None] * unit
+    return replace(fit, superquadric=moved, covariance=covariance, noise=fit.noise * scale)

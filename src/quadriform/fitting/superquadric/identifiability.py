@@ -14,9 +14,11 @@ from quadriform.fitting.superquadric.levenberg_marquardt import (
     ROTATION,
     SHIFT,
     Candidates,
+    distances,
 )
 from quadriform.points import Array
 from quadriform.shapes.superellipse import quiet
+from quadriform.shapes.superquadric import Superquadric
 
 SYMMETRIC_ROTATION = 0.2
 """A rotation with a standard deviation above this, in radians, is undetermined: about an axis of symmetry."""
@@ -68,6 +70,21 @@ def determined(
     rotation_sigma = np.sqrt(max(np.linalg.eigvalsh(covariance[ROTATION, ROTATION])[-1], 0))
     symmetric = bool((rotating > PURE_ROTATION).any() or rotation_sigma > SYMMETRIC_ROTATION)
     return Determined(rank, condition, symmetric, covariance)
+
+
+@quiet
+def surface_at(found: Superquadric, covariance: Array, points: Array) -> tuple[Array, Array]:
+    """Signed distances (n,) of points (n, 3) to a superquadric, and variances (n,) of its surface along them.
+
+    Args:
+        found: the superquadric.
+        covariance: (p, p) of its parameters, in the order of `Determined`.
+        points: anywhere near it.
+    """
+    candidate = Candidates.of([found])
+    signed, derivatives = distances(candidate, points)
+    rows = _natural(candidate, derivatives[0])
+    return signed[0], np.maximum(np.einsum("in,ij,jn->n", rows, covariance, rows, optimize=True), 0)
 
 
 def _natural(candidate: Candidates, derivatives: Array) -> Array:
