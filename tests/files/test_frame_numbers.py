@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from quadriform.errors import InputError
-from quadriform.files.frame_numbers import frame_numbers, in_time, listed, missing_numbers, natural
+from quadriform.files.frame_numbers import frame_numbers, in_time, missing_numbers, names_of, natural
 
 
 def paths(*names):
@@ -74,8 +74,8 @@ def test_missing_numbers_are_ranges():
 
 
 def test_long_lists_are_shortened():
-    assert listed(paths(*(f"x/f_{n}" for n in range(7)))) == ", ".join(f"f_{n}" for n in range(7))
-    assert listed(paths(*(f"x/f_{n}" for n in range(8)))) == "f_0, f_1, f_2, ..., f_5, f_6, f_7"
+    assert names_of(paths(*(f"x/f_{n}" for n in range(7)))) == ", ".join(f"f_{n}" for n in range(7))
+    assert names_of(paths(*(f"x/f_{n}" for n in range(8)))) == "f_0, f_1, f_2, ..., f_5, f_6, f_7"
 
 
 def test_names_are_sorted_as_people_count():

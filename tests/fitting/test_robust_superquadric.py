@@ -11,7 +11,7 @@ from quadriform import fit_superquadric
 from quadriform.errors import OptionError
 from quadriform.fitting.mixture import Mixture
 from quadriform.fitting.superquadric.levenberg_marquardt import Candidates
-from quadriform.fitting.superquadric.multistart import SEARCH, Problem, em
+from quadriform.fitting.superquadric.multistart import SEARCH, SearchProblem, em
 from quadriform.points import Frame
 from quadriform.shapes.superquadric import Superquadric
 
@@ -262,7 +262,7 @@ def test_a_descent_ends_where_shorter_steps_gain_nothing_either(seed, rests):
     egg = around * [1.4, 1, 1] * (1 + 0.1 * around[:, :1]) + 0.02 * rng.normal(size=(1000, 3))
     points = Frame.of(egg).to_local(egg)
     best = Candidates.of([fit_superquadric(points).superquadric])
-    problem = Problem(points, np.ones(1000), "ellipsoid", {}, np.zeros(1000), np.ones(1000))
+    problem = SearchProblem(points, np.ones(1000), "ellipsoid", {}, np.zeros(1000), np.ones(1000))
     descent = problem.descent(best, Mixture(np.array([0.99]), np.array([0.02])), longest=10.0)
     assert descent.run(SEARCH.most_steps, SEARCH.nearly, em) == rests
     assert len(descent.history) < SEARCH.most_steps / 2

@@ -12,7 +12,7 @@ from quadriform.errors import DegenerateError, OptionError
 from quadriform.fitting.least_squares.regularisers import Bending
 from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.refinement.point_to_plane import SMALLEST_STEP
-from quadriform.fitting.refinement.starts import ellipsoids
+from quadriform.fitting.refinement.starts import nested_ellipsoids
 from quadriform.motion.cycle import Cycle
 from quadriform.motion.cycle_equations import CycleEvidence
 from quadriform.motion.cycle_rounds import ROUNDS, fit_cycle
@@ -37,7 +37,7 @@ def plain():
 
 @pytest.fixture
 def cycle():
-    surfaces, basis = ellipsoids(LOCAL[0]), TimeBasis(np.arange(3.0), 3.0)
+    surfaces, basis = nested_ellipsoids(LOCAL[0]), TimeBasis(np.arange(3.0), 3.0)
     box = common_box(surfaces, (3, 3, 3))
     values, unknown = basis.values(np.arange(3.0)), KnownNoise({}, 0.0)
     return Cycle(surfaces, box, LOCAL, values, basis, "bending", True, None, unknown, [None] * 3)

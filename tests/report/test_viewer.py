@@ -11,7 +11,7 @@ from shapes_made import made
 import quadriform as qf
 from quadriform.heart.synthetic import SyntheticVentricle
 from quadriform.report.page import Section, page, source
-from quadriform.report.viewer import FIELD_CELLS, Field, Scene, payload, viewer
+from quadriform.report.viewer import FIELD_CELLS, ScalarField, Scene, payload, viewer
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.model import DeformableModel
 
@@ -159,7 +159,9 @@ def test_every_colour_and_switch_draws_something_else(every_browser, tmp_path):
     values = {name: [np.where(x[:, 0] > x[:, 0].mean(), np.nan, x[:, 1])] for name, x in places.items()}
     points = {name: [x[::3]] for name, x in places.items()}
     off = {name: [np.sin(x[::3, 2])] for name, x in places.items()}
-    every_browser.open(written(tmp_path, model, Scene("both", points, off, [1.0], [Field("residual", "mm", values)])))
+    every_browser.open(
+        written(tmp_path, model, Scene("both", points, off, [1.0], [ScalarField("residual", "mm", values)]))
+    )
     pictures = [every_browser.picture()]
     for colour in ("residual", "displacement", "jacobian"):
         every_browser.run(

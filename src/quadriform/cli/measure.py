@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Landmarks:
+class LandmarkOptions:
     """Where the cavity ends, and where the right ventricle is inserted.
 
     Attributes:
@@ -38,7 +38,7 @@ class Landmarks:
 def measure(
     models: list[Path],
     *,
-    where: Landmarks,
+    where: LandmarkOptions,
     ed: int | None = None,
     tracked: bool = False,
     output: Path | None = None,
@@ -82,7 +82,7 @@ def load_frames(files: list[Path]) -> tuple[list["DeformableModel"], "Array | No
     """The models of files in the order of the numbers in their names, or the frames of a moving model with times."""
     from quadriform.cli.inputs import read_any_model
     from quadriform.files import read_model
-    from quadriform.files.frame_numbers import in_time, listed
+    from quadriform.files.frame_numbers import in_time, names_of
     from quadriform.shapes.model import DeformableModel
 
     if len(files) == 1:
@@ -93,7 +93,7 @@ def load_frames(files: list[Path]) -> tuple[list["DeformableModel"], "Array | No
     # shells sort frame_10 before frame_2
     ordered = in_time(files, by_hand=True)
     if ordered != files:
-        note(f"the models are taken in the order of the numbers in their names: {listed(ordered)}")
+        note(f"the models are taken in the order of the numbers in their names: {names_of(ordered)}")
     return [read_model(file) for file in ordered], None
 
 
@@ -106,7 +106,7 @@ def _separated(models: list[Path], contours: list[Path]) -> tuple[list[Path], li
 
 
 def landmarks(
-    where: Landmarks, frames: list["DeformableModel"]
+    where: LandmarkOptions, frames: list["DeformableModel"]
 ) -> "tuple[Base, list[Array] | list[list[float]] | None]":
     """Base and insertions as `measure` takes them, in the frame of the models.
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from quadriform.cli.measure import Landmarks
+from quadriform.cli.measure import LandmarkOptions
 from quadriform.cli.options import subcommand
 from quadriform.cli.screen import print_line, print_remarks
 from quadriform.shapes.record import remarks_of
@@ -19,7 +19,7 @@ def report(
     model: Path,
     *,
     output: Path = Path("report.html"),
-    where: Landmarks,
+    where: LandmarkOptions,
     strict: str | None = None,
     force: bool = False,
 ) -> None:
@@ -53,7 +53,7 @@ def report(
     print_line(f"written: {output}")
 
 
-def _measures(frames: "list[DeformableModel]", times: "Array | None", where: Landmarks) -> "Measures":
+def _measures(frames: "list[DeformableModel]", times: "Array | None", where: LandmarkOptions) -> "Measures":
     from quadriform.cli.measure import landmarks
     from quadriform.heart.measure import measure
 

@@ -44,7 +44,7 @@ def in_time(files: Sequence[Path], by_hand: bool) -> list[Path]:
     if len(patterns) > 1:
         raise InputError(
             f"the order of these files in time is not clear, their names follow {len(patterns)} patterns: "
-            f"{listed(_examples(files))}; expected names that differ in the number of the frame, or each file by name"
+            f"{names_of(_examples(files))}; expected names that differ in the number of the frame, or each file by name"
         )
     ordered = sorted(files, key=lambda path: _parts(path)[1])
     _check_numbers(ordered)
@@ -67,7 +67,7 @@ def missing_numbers(numbers: Sequence[int]) -> str:
     return ", ".join(f"{low}" if low == high else f"{low} to {high}" for low, high in absent)
 
 
-def listed(names: Sequence[object]) -> str:
+def names_of(names: Sequence[object]) -> str:
     """Names in one line, the middle of a long list left out."""
     short = len(names) <= 2 * SHOWN + 1
     shown = names if short else [*names[:SHOWN], "...", *names[-SHOWN:]]
@@ -102,7 +102,7 @@ def _check_numbers(files: Sequence[Path]) -> None:
     if len(columns) > 1 and any(later <= earlier for column in columns for earlier, later in pairwise(column)):
         raise InputError(
             f"the order of these files in time is not clear, their names differ in {len(columns)} numbers: "
-            f"{listed(files)}; expected the frames of one motion, numbered once"
+            f"{names_of(files)}; expected the frames of one motion, numbered once"
         )
     _check_decimals(files)
 
@@ -113,10 +113,10 @@ def _check_decimals(files: Sequence[Path]) -> None:
     if any(len({len(word) for word in column}) > 1 for column in zip(*words)):
         raise InputError(
             f"the order of these files in time is not clear, the numbers behind the point have different lengths: "
-            f"{listed(files)}; expected as many digits in each"
+            f"{names_of(files)}; expected as many digits in each"
         )
     if all(POWER.search(path.stem) for path in files):
         raise InputError(
-            f"the order of these files in time is not clear, their names hold powers of ten: {listed(files)}; expected "
-            "numbers of frames"
+            f"the order of these files in time is not clear, their names hold powers of ten: {names_of(files)}; "
+            "expected numbers of frames"
         )

@@ -72,7 +72,7 @@ def named_texts(found: Mapping[str, Warnings]) -> Warnings:
 
 
 @dataclass(frozen=True)
-class Evidence:
+class SurfaceQuality:
     """What the warnings about one surface of a model are taken from, in the centred, scaled frame.
 
     Attributes:
@@ -94,7 +94,7 @@ class Evidence:
     open_deviation: float = np.inf
 
 
-def model_warnings(result: Result, evidence: Mapping[str, Evidence], unit: float) -> Warnings:
+def model_warnings(result: Result, evidence: Mapping[str, SurfaceQuality], unit: float) -> Warnings:
     """Warnings about a model in the centred, scaled frame.
 
     Args:
@@ -106,7 +106,7 @@ def model_warnings(result: Result, evidence: Mapping[str, Evidence], unit: float
     return named_texts(found) | base_not_observed(result, evidence) | uncertain(result, unit) | result.warnings
 
 
-def _of_surface(result: Result, name: str, found: Evidence, unit: float) -> Warnings:
+def _of_surface(result: Result, name: str, found: SurfaceQuality, unit: float) -> Warnings:
     counted = None if result.counted is None else result.counted[name]
     kept, surface = found.inliers >= INLIER, result.model.surfaces[name]
     return (
@@ -180,7 +180,7 @@ def unsupported(found: Support, open_deviation: float = np.inf) -> Warnings:
     return warnings
 
 
-def base_not_observed(result: Result, evidence: Mapping[str, Evidence]) -> Warnings:
+def base_not_observed(result: Result, evidence: Mapping[str, SurfaceQuality]) -> Warnings:
     """BASE_NOT_OBSERVED, a note, where a base ends the data: which share of the closed surfaces is not observed."""
     if result.half_space is None:
         return {}

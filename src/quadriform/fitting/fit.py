@@ -13,7 +13,7 @@ from quadriform.errors import OptionError, Warnings, choose, known_options
 from quadriform.fitting.cloud import Centred, Distinct, effective_fraction
 from quadriform.fitting.diagnostics import (
     INLIER,
-    Evidence,
+    SurfaceQuality,
     duplicates,
     far_control_points,
     low_overlap,
@@ -355,14 +355,14 @@ def _evidence(
     support: Mapping[str, Support],
     clouds: Mapping[str, Array],
     noise: Mapping[str, Array],
-) -> dict[str, Evidence]:
+) -> dict[str, SurfaceQuality]:
     """What warnings about each surface are taken from."""
     sampled = _sampled(result, clouds, feet, support)
     deviations = open_deviations(result, support, {n: each.points[inliers[n] >= INLIER] for n, each in feet.items()})
     found = {}
     for name, each in feet.items():
         known, deviation = _known(noise.get(name), each, inliers[name]), deviations.get(name, np.inf)
-        found[name] = Evidence(each.signed, inliers[name], support[name], sampled[name], *known, deviation)
+        found[name] = SurfaceQuality(each.signed, inliers[name], support[name], sampled[name], *known, deviation)
     return found
 
 

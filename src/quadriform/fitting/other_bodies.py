@@ -21,7 +21,7 @@ Masks = dict[str, NDArray[np.bool_]]
 
 
 @dataclass(frozen=True)
-class Settings:
+class ConnectionSettings:
     """The constants of what is connected to a body."""
 
     neighbours: int = 8
@@ -39,7 +39,7 @@ class Settings:
     neighbour that touches the body fewer are."""
 
 
-JOIN = Settings()
+JOIN = ConnectionSettings()
 
 
 def of_others(clouds: Mapping[str, Array], starts: Mapping[str, SuperquadricFit]) -> Masks:

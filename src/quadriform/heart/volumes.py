@@ -4,7 +4,7 @@ import numpy as np
 
 from quadriform.points import Array
 from quadriform.shapes.landmarks import BasePlane
-from quadriform.shapes.mesh import Mesh
+from quadriform.shapes.mesh import Mesh, richardson
 from quadriform.shapes.model import DeformableModel
 
 DENSITY = 1.05
@@ -47,8 +47,7 @@ def _fraction_below(heights: Array) -> Array:
 def volume(model: DeformableModel, surface: str, plane: BasePlane | None) -> float:
     """Return the volume of a surface below the base, in cubed units, by Richardson's extrapolation of two meshes."""
     # the error of a mesh is proportional to the squared edge length
-    coarse, fine = (volume_below(model.mesh(surface, n), plane) for n in (RESOLUTION, 2 * RESOLUTION))
-    return fine + (fine - coarse) / 3
+    return richardson(*(volume_below(model.mesh(surface, n), plane) for n in (RESOLUTION, 2 * RESOLUTION)))
 
 
 def section(mesh: Mesh, plane: BasePlane) -> Array:

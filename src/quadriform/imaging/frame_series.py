@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.errors import InputError, OptionError, Warnings, join_warnings
-from quadriform.files.frame_numbers import frame_numbers, in_time, listed, missing_numbers
+from quadriform.files.frame_numbers import frame_numbers, in_time, missing_numbers, names_of
 from quadriform.files.guide_points import FILE_NAME, GuidePoints, is_guide_points, read_guide_point_frames
 from quadriform.files.reading import visible_files
 from quadriform.imaging.contour_landmarks import landmarks_of_contours
@@ -202,7 +202,7 @@ def _note_order(frames: FrameSeries, files: Sequence[Path]) -> None:
         return
     numbers = frame_numbers(files)
     order = "order in which they are given" if numbers is None else "order of the numbers in their names"
-    frames.notes.append(f"{len(files)} files are taken in the {order}: {listed(files)}")
+    frames.notes.append(f"{len(files)} files are taken in the {order}: {names_of(files)}")
     if numbers is not None and len(frames.clouds) == len(files):
         frames.use_numbers(numbers)
 
@@ -215,7 +215,7 @@ def _add_contours(frames: FrameSeries, files: Sequence[Path], labels: "Mapping[s
     every = read_guide_point_frames(files)
     usable = [frame for frame in every if frame.has_any]
     if not usable:
-        raise InputError(f"{listed(files)}: no points of the left ventricle's contours in any frame")
+        raise InputError(f"{names_of(files)}: no points of the left ventricle's contours in any frame")
     names = [name for name in WALLS if any(frame.has(name) for frame in usable)]
     for frame in usable:
         found = {name: frame.surface(name) for name in names}
@@ -231,7 +231,9 @@ def _add_contours(frames: FrameSeries, files: Sequence[Path], labels: "Mapping[s
 def _note_contours(frames: FrameSeries, files: Sequence[Path], every: Sequence[GuidePoints]) -> None:
     usable = [frame for frame in every if frame.has_any]
     if len(every) > 1:
-        frames.notes.append(f"{len(every)} frames of contours are taken in the order of their numbers: {listed(files)}")
+        frames.notes.append(
+            f"{len(every)} frames of contours are taken in the order of their numbers: {names_of(files)}"
+        )
     empty = [str(frame.frame) for frame in every if not frame.has_any]
     if empty:
         frames.notes.append(f"frames without points of the left ventricle's contours: {', '.join(empty)}")

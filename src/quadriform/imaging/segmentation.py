@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from quadriform.errors import DegenerateError, MaskError, OptionError, WarningKind, Warnings
 from quadriform.imaging.object_choice import Labels, Percentile, Select, choose_object, counted
-from quadriform.imaging.segments import listed
+from quadriform.imaging.segments import described
 from quadriform.imaging.volume import Region, Volume, check_region, slices
 from quadriform.imaging.voxel_faces import border_cut
 from quadriform.points import check_number
@@ -135,7 +135,9 @@ def _select(inner: Volume, select: Select) -> tuple[Mask, float | None]:
     if isinstance(select, Labels):
         labels = inner.label_values(select.values)
         if select.values and not labels:
-            raise MaskError(f"the segment {', '.join(map(str, select.values))} has no voxels; {listed(inner.segments)}")
+            raise MaskError(
+                f"the segment {', '.join(map(str, select.values))} has no voxels; {described(inner.segments)}"
+            )
         return _labelled(inner.values, labels), None
     threshold = _threshold(inner.values, select)
     return inner.values > threshold, threshold

@@ -86,11 +86,11 @@ def values_of(segments: tuple[Segment, ...], label: int | str) -> tuple[int, ...
         return _by_name(segments, label)
     found = [segment for segment in segments if segment.number == label]
     if len(found) > 1:
-        raise OptionError(f"option label={label}: {len(found)} segments have this number; {listed(segments)}")
+        raise OptionError(f"option label={label}: {len(found)} segments have this number; {described(segments)}")
     return found[0].values if found else (label,)
 
 
-def listed(segments: tuple[Segment, ...]) -> str:
+def described(segments: tuple[Segment, ...]) -> str:
     """Return the segments of an image as a message lists them."""
     if not segments:
         return "the image names no segments; give the value of a label"
@@ -106,6 +106,6 @@ def _by_name(segments: tuple[Segment, ...], name: str) -> tuple[int, ...]:
     words = [word.strip() for word in SEPARATORS.split(name)]
     if found or len(words) == 1:
         fault = f"{len(found)} segments have this name; choose by number" if found else "there is no such segment"
-        raise OptionError(f"option label={name!r}: {fault}; {listed(segments)}")
+        raise OptionError(f"option label={name!r}: {fault}; {described(segments)}")
     parts = (values_of(segments, int(word) if word.isdecimal() else word) for word in words)
     return tuple(dict.fromkeys(value for part in parts for value in part))

@@ -47,7 +47,7 @@ def checked_frames(frames: Sequence[Given], noise: Noises | None) -> Sets:
     return result
 
 
-def known_noise(sets: Sets) -> Frames:
+def covariances(sets: Sets) -> Frames:
     """Covariances of the points of each frame by name; none where those of a frame or surface are not known."""
     found = [{name: each.noise for name, each in frame.items() if each.noise is not None} for frame in sets]
     # covariances of some points only would not show how much the others count
@@ -55,7 +55,7 @@ def known_noise(sets: Sets) -> Frames:
     return found if whole else [{} for _ in sets]
 
 
-def base_planes(base: Base | Sequence[Base | None], clouds: Frames) -> list[BasePlane | None]:
+def planes_of_frames(base: Base | Sequence[Base | None], clouds: Frames) -> list[BasePlane | None]:
     """The base of each frame, from one for all or a list with an entry for each.
 
     Raises:
@@ -113,7 +113,7 @@ def time_basis(times: Array, period: float | str | None) -> TimeBasis:
     return TimeBasis(times[0] + np.arange(count) * period / count, float(period))
 
 
-def slice_numbers(
+def checked_slices(
     slices: SliceNumbers | None, clouds: Frames, strategy: str
 ) -> list[dict[str, NDArray[np.int64]]] | None:
     """The slice number of each point by frame and surface, or None.

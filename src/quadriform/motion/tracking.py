@@ -18,7 +18,7 @@ from quadriform.fitting.diagnostics import INLIER, folding, named_texts, outlier
 from quadriform.fitting.fit import fit, precision_warnings, refine
 from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.options import check_box, check_strength
-from quadriform.fitting.refinement.starts import ellipsoids
+from quadriform.fitting.refinement.starts import nested_ellipsoids
 from quadriform.fitting.refinement.surface_data import SurfaceData
 from quadriform.fitting.result import Fit, HalfSpace, Progress, Warned, flat
 from quadriform.motion.cycle import Cycle, CycleFit, named
@@ -29,11 +29,11 @@ from quadriform.motion.frames import (
     Noises,
     Sets,
     SliceNumbers,
-    base_planes,
     checked_frames,
+    checked_slices,
     checked_times,
-    known_noise,
-    slice_numbers,
+    covariances,
+    planes_of_frames,
     time_basis,
 )
 from quadriform.motion.slice_shifts import SlicePlanes
@@ -179,10 +179,10 @@ def track(
     clouds = [{name: each.points for name, each in frame.items()} for frame in sets]
     at = checked_times(times, len(clouds))
     basis = time_basis(at, period)
-    numbers = slice_numbers(slices, clouds, strategy)
+    numbers = checked_slices(slices, clouds, strategy)
     options = {"box": box, "regularity": regularity, "strength": strength, "robust": robust}
-    bases = base_planes(base, clouds)
-    found = STRATEGIES[strategy](_Task(clouds, known_noise(sets), bases, at, basis, numbers, options, progress))
+    bases = planes_of_frames(base, clouds)
+    found = STRATEGIES[strategy](_Task(clouds, covariances(sets), bases, at, basis, numbers, options, progress))
     warnings = found.warnings | _by_frame([precision_warnings(frame) for frame in sets])
     assumed = dict.fromkeys(note for frame in sets for each in frame.values() for note in each.notes)
     marked = found.in_unit(_unit_of(sets))
@@ -292,7 +292,7 @@ def _of_fits(strategy: str, task: _Task, fits: Sequence[Fit], moving: MovingMode
 def _cycle(task: _Task) -> Track:
     frame = Frame.of(np.concatenate([cloud for clouds in task.clouds for cloud in clouds.values()]))
     local = [{name: frame.to_local(cloud) for name, cloud in clouds.items()} for clouds in task.clouds]
-    surfaces = ellipsoids(local[task.first])  # data on an open surface does not determine exponents
+    surfaces = nested_ellipsoids(local[task.first])  # data on an open surface does not determine exponents
     box = common_box(surfaces, check_box(task.options["box"]))
     planes = None if task.slices is None else (SlicePlanes.of(local, task.slices), task.slices)
     values, options = task.basis.values(task.times), task.options

@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 from quadriform.fitting.result import Fit
 from quadriform.points import Array
-from quadriform.report.viewer import FIELD_CELLS, Field
+from quadriform.report.viewer import FIELD_CELLS, ScalarField
 from quadriform.shapes.model import DeformableModel
 
 NEIGHBOURS = 6
@@ -18,7 +18,7 @@ FAR = 1.5
 
 def residual_field(
     models: Sequence[DeformableModel], clouds: Mapping[str, Sequence[Array]], residuals: Mapping[str, Sequence[Array]]
-) -> Field:
+) -> ScalarField:
     """Mean signed distance of the data near each grid point of the surfaces; NaN without data.
 
     Args:
@@ -30,7 +30,7 @@ def residual_field(
         name: [_nearby(model, name, cloud, off) for model, cloud, off in zip(models, clouds[name], residuals[name])]
         for name in clouds
     }
-    return Field("residual", models[0].unit.replace("unknown", "units"), values)
+    return ScalarField("residual", models[0].unit.replace("unknown", "units"), values)
 
 
 def _nearby(model: DeformableModel, name: str, cloud: Array, residuals: Array) -> Array:
@@ -45,19 +45,19 @@ def _nearby(model: DeformableModel, name: str, cloud: Array, residuals: Array) -
     return np.where(distances[:, 0] < FAR * cell, residuals[index].mean(axis=1), np.nan)
 
 
-def uncertainty_field(fit: Fit) -> Field:
+def uncertainty_field(fit: Fit) -> ScalarField:
     """One standard deviation of each surface along its normal."""
     model = fit.model
     values = {name: [fit.uncertainty(_grid_points(model, name), name)] for name in model.surfaces}
-    return Field("uncertainty", model.unit.replace("unknown", "units"), values)
+    return ScalarField("uncertainty", model.unit.replace("unknown", "units"), values)
 
 
-def thickness_field(models: Sequence[DeformableModel]) -> Field:
+def thickness_field(models: Sequence[DeformableModel]) -> ScalarField:
     """Distance of each grid point of both walls of a ventricle, "endo" and "epi", to the other wall."""
     # from either wall: the nearest point of the other is not mutual where the wall is curved
     pairs = (("endo", "epi"), ("epi", "endo"))
     values = {one: [np.abs(m.distance(_grid_points(m, one), other)) for m in models] for one, other in pairs}
-    return Field("thickness", models[0].unit.replace("unknown", "units"), values)
+    return ScalarField("thickness", models[0].unit.replace("unknown", "units"), values)
 
 
 def _grid_points(model: DeformableModel, name: str) -> Array:

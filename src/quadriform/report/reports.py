@@ -16,7 +16,7 @@ from quadriform.report.fields import residual_field, thickness_field, uncertaint
 from quadriform.report.heart_sections import heart_sections
 from quadriform.report.page import Section, page, report_text, source
 from quadriform.report.slices import planes_section
-from quadriform.report.viewer import Field, Plane, Scene, viewer
+from quadriform.report.viewer import Plane, ScalarField, Scene, viewer
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
 from quadriform.shapes.record import remarks, remarks_of
@@ -162,7 +162,7 @@ def _by_name(residuals: Array | dict[str, Array], clouds: Clouds) -> dict[str, A
     return residuals if isinstance(residuals, dict) else {next(iter(clouds)): residuals}
 
 
-def _thickness(models: Sequence[DeformableModel]) -> list[Field]:
+def _thickness(models: Sequence[DeformableModel]) -> list[ScalarField]:
     return [thickness_field(models)] if models[0].surfaces.keys() >= WALLS else []
 
 

@@ -32,7 +32,7 @@ Plane = tuple[Array, Array]
 
 
 @dataclass(frozen=True)
-class Field:
+class ScalarField:
     """Values on the surfaces that the page cannot compute by itself.
 
     Attributes:
@@ -64,7 +64,7 @@ class Scene:
     points: Mapping[str, Sequence[Array]] = field(default_factory=dict)
     residuals: Mapping[str, Sequence[Array]] = field(default_factory=dict)
     errors: Sequence[float | None] = (None,)
-    fields: Sequence[Field] = ()
+    fields: Sequence[ScalarField] = ()
     cavity: str | None = None
     planes: Sequence[Plane] | None = None
 
@@ -183,7 +183,7 @@ def _points(scene: Scene, centre: Array, quantum: float, residual_quantum: float
     return result
 
 
-def _field(one: Field) -> dict[str, Any]:
+def _field(one: ScalarField) -> dict[str, Any]:
     """In 8 bits between the limits of its legend: the middle 98 % of what is known, even around zero if it has both."""
     known = np.concatenate([values[np.isfinite(values)] for frames in one.values.values() for values in frames])
     low, high = np.percentile(known, [1, 99]) if len(known) else (0.0, 1.0)

@@ -68,7 +68,7 @@ def solid_angles(a: Array, b: Array, c: Array) -> Array:
     return 2 * np.arctan2(np.einsum("ij,ij->i", a, np.cross(b, c)), 1 + sum(dots))
 
 
-def extrapolated(coarse: float, fine: float) -> float:
+def richardson(coarse: float, fine: float) -> float:
     """Richardson's extrapolation of a measure from two meshes, the second twice as fine: its error is of order 2."""
     return fine + (fine - coarse) / 3
 

@@ -16,7 +16,7 @@ from quadriform.shapes.closest import FootPoints, closest_on
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.crossings import crossings
 from quadriform.shapes.landmarks import NONE_KNOWN, Landmarks
-from quadriform.shapes.mesh import Mesh, extrapolated, split_quads
+from quadriform.shapes.mesh import Mesh, richardson, split_quads
 from quadriform.shapes.record import ModelRecord, Recorded
 from quadriform.shapes.spaces import rotation_between
 from quadriform.shapes.superquadric import Superquadric
@@ -125,11 +125,11 @@ class DeformableModel(Recorded):
 
     def volume(self, surface: str | None = None) -> float:
         """Enclosed volume in cubed units, from two meshes by Richardson's extrapolation."""
-        return extrapolated(*(self.mesh(surface, n).volume() for n in (32, 64)))
+        return richardson(*(self.mesh(surface, n).volume() for n in (32, 64)))
 
     def area(self, surface: str | None = None) -> float:
         """Area of a surface in squared units, from two meshes by Richardson's extrapolation."""
-        return extrapolated(*(self.mesh(surface, n).area() for n in (32, 64)))
+        return richardson(*(self.mesh(surface, n).area() for n in (32, 64)))
 
     def min_jacobian(self) -> float:
         """A proven lower bound of det(d deformed / d point) over the inside of the surfaces; positive: no fold."""

@@ -11,7 +11,7 @@ from quadriform.errors import OptionError, choose
 from quadriform.points import LARGEST, Array, check_points, fixed_array
 from quadriform.shapes import _kernel, pose
 from quadriform.shapes.kinds import KINDS, Kind
-from quadriform.shapes.mesh import Faces, Mesh, extrapolated, split_quads
+from quadriform.shapes.mesh import Faces, Mesh, richardson, split_quads
 from quadriform.shapes.superellipse import quiet
 from quadriform.shapes.taubin import bounded_distance, squared_implicit
 from quadriform.words import short_repr
@@ -248,7 +248,7 @@ class Superquadric:
 
     def area(self) -> float:
         """Surface area in squared units, from two meshes by Richardson's extrapolation (about 1e-4 relative)."""
-        return extrapolated(self.mesh(48).area(), self.mesh(96).area())
+        return richardson(self.mesh(48).area(), self.mesh(96).area())
 
     def compiled(self) -> _kernel.Surface:
         """The superquadric in the form of the compiled loops."""

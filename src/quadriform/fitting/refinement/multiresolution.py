@@ -134,7 +134,7 @@ class Penalty(Protocol):
         """The cost itself."""
 
 
-class FootPoints(Protocol):
+class FootPointUpdate(Protocol):
     """A correspondence of data points and the surface."""
 
     def update(self, box: ControlBox, datasets: Datasets) -> tuple[Datasets, Attractions]:
@@ -361,7 +361,7 @@ class Stage:
     """
 
     problem: Problem
-    foot_points: FootPoints
+    foot_points: FootPointUpdate
     kernel: Kernel
     stop: StoppingRule
     independence: Independence = ALL_INDEPENDENT

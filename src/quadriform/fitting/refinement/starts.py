@@ -63,7 +63,7 @@ def with_positive_axes(surface: Superquadric) -> Superquadric:
     return replace(surface, rotation=rotation)
 
 
-def ellipsoids(clouds: Mapping[str, Array]) -> dict[str, Superquadric]:
+def nested_ellipsoids(clouds: Mapping[str, Array]) -> dict[str, Superquadric]:
     """Ellipsoids as the start of all surfaces; by moments (paper A.3) where a fit to open data diverges.
 
     Args:

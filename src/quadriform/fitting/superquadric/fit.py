@@ -28,7 +28,7 @@ from quadriform.fitting.result import SuperquadricFit
 from quadriform.fitting.superquadric.identifiability import determined
 from quadriform.fitting.superquadric.initial import cut_to, ellipsoid_by_moments
 from quadriform.fitting.superquadric.levenberg_marquardt import AXES, SHIFT
-from quadriform.fitting.superquadric.multistart import SEARCH, Problem, Solution, nearby, solve
+from quadriform.fitting.superquadric.multistart import SEARCH, SearchProblem, SearchResult, nearby, solve
 from quadriform.fitting.superquadric.openness import remaining_covariance
 from quadriform.fitting.superquadric.paper import fit_paper
 from quadriform.fitting.support import covered_fraction
@@ -110,7 +110,7 @@ def fit_robust(
     even, local = np.zeros(len(distinct.points)), centred.points[ALONE]
     known = KnownNoise.of({} if noise is None else {ALONE: noise}, centred)
     deviations = known.deviations(ALONE, centred)
-    problem = Problem(local, centred.weights[ALONE], kind, _in_frame(fixed, frame), even, deviations, known.least)
+    problem = SearchProblem(local, centred.weights[ALONE], kind, _in_frame(fixed, frame), even, deviations, known.least)
     with np.errstate(all="ignore"):
         solution = solve(problem)
     inliers = distinct.spread(solution.descent.inliers[0])
@@ -121,7 +121,7 @@ def fit_robust(
 def plain_ellipsoid(points: Array, robust: Superquadric) -> Superquadric:
     """The ellipsoid with exponents of one that is reached from the moments of all points or from their robust fit."""
     fixed, even = {"exponents": np.ones(2)}, np.zeros(len(points))
-    problem = Problem(points, np.ones(len(points)), "ellipsoid", fixed, even, np.ones(len(points)))
+    problem = SearchProblem(points, np.ones(len(points)), "ellipsoid", fixed, even, np.ones(len(points)))
     with np.errstate(all="ignore"):
         return nearby(problem, [ellipsoid_by_moments(points), robust])
 
@@ -140,7 +140,7 @@ def _in_frame(fixed: dict[str, ArrayLike], frame: Frame) -> dict[str, Array]:
     return {name: getattr(local, name) for name in fixed}
 
 
-def _outcome(solution: Solution, points: Array, inliers: Array, least_noise: float) -> SuperquadricFit:
+def _outcome(solution: SearchResult, points: Array, inliers: Array, least_noise: float) -> SuperquadricFit:
     """The fit in the centred and scaled frame; points and inliers are all those that the caller gave."""
     descent = solution.descent
     sigma = float(descent.mixture.sigma[0])

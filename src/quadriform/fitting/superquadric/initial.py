@@ -24,7 +24,7 @@ from quadriform.shapes.superquadric import Superquadric
 
 
 @dataclass(frozen=True)
-class Settings:
+class StartSettings:
     """The constants of initial superquadrics, and of axes that do not depend on rounding."""
 
     neighbours: int = 9
@@ -47,7 +47,7 @@ class Settings:
     """Sweeps of Jacobi's rotations, more than they need to converge."""
 
 
-START = Settings()
+START = StartSettings()
 SADDLE = np.radians([20.0, 35.0, 50.0])
 """Rotations about the three axes that lead away from a frame where fourth moments are stationary without being
 extreme."""

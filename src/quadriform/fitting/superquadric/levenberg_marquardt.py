@@ -29,7 +29,7 @@ Reestimate = Callable[["Descent"], Mixture]
 
 
 @dataclass(frozen=True)
-class Settings:
+class DescentSettings:
     """The constants of the descent; lengths in RMS radii."""
 
     damping: float = 1e-2
@@ -53,7 +53,7 @@ class Settings:
     known, so it is a weak prior beside the distances."""
 
 
-DESCENT = Settings()
+DESCENT = DescentSettings()
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ from quadriform.shapes.superquadric import Superquadric
 
 
 @dataclass(frozen=True)
-class Settings:
+class SearchSettings:
     """The constants of the search; lengths in RMS radii."""
 
     cloud: int = 1500
@@ -84,7 +84,7 @@ class Settings:
     """Surfaces nearer to each other than this many sigma at the points are one."""
 
 
-SEARCH = Settings()
+SEARCH = SearchSettings()
 PARTS = ("semi_axes", "exponents", "rotation", "translation", "hole_radius")
 """The parameters of a superquadric in the order of those of `Candidates`."""
 ENOUGH_PAIRS = (4 / (1 - SEARCH.pattern)) ** 2
@@ -92,7 +92,7 @@ ENOUGH_PAIRS = (4 / (1 - SEARCH.pattern)) ** 2
 
 
 @dataclass(frozen=True)
-class Problem:
+class SearchProblem:
     """What is fitted: centred and scaled distinct points with weights of mean one, and what is fixed.
 
     Attributes:
@@ -124,7 +124,7 @@ class Problem:
         count = len(self.points)
         return self._order[np.linspace(0, count - 1, min(most, count)).round().astype(np.int64)]
 
-    def sample(self, most: int) -> "Problem":
+    def sample(self, most: int) -> "SearchProblem":
         """The problem of an even sample of at most `most` points."""
         index = self.thinned(most)
         arrays = (self.points, self.weights, self.odds, self.noise)
@@ -155,7 +155,7 @@ class Problem:
 
 
 @dataclass(frozen=True)
-class Solution:
+class SearchResult:
     """The result of a search.
 
     Attributes:
@@ -176,7 +176,7 @@ def em(descent: Descent) -> Mixture:
     return replace(found, sigma=np.maximum(found.sigma, descent.least_sigma))
 
 
-def solve(problem: Problem) -> Solution:
+def solve(problem: SearchProblem) -> SearchResult:
     """The superquadric of points of which some may be outliers, of other bodies, or missing."""
     cloud = problem.sample(SEARCH.cloud)
     parts = dense_parts(cloud.points)
@@ -202,7 +202,7 @@ def solve(problem: Problem) -> Solution:
     return _converged(problem, best.picked(alternatives), len(alternatives) - 1, longest)
 
 
-def nearby(problem: Problem, starts: list[Superquadric]) -> Superquadric:
+def nearby(problem: SearchProblem, starts: list[Superquadric]) -> Superquadric:
     """The best surface that descents from given starts reach on a sample, without a search and to few digits."""
     cloud = problem.sample(SEARCH.fine)
     candidates = cloud.with_fixed(Candidates.of(starts))
@@ -214,7 +214,7 @@ def nearby(problem: Problem, starts: list[Superquadric]) -> Superquadric:
     return descent.candidates.superquadric(int(best_first(descent.scores())[0]))
 
 
-def _with_density_odds(problem: Problem, best: tuple[Candidates, Mixture], longest: float) -> Problem:
+def _with_density_odds(problem: SearchProblem, best: tuple[Candidates, Mixture], longest: float) -> SearchProblem:
     """The problem with the odds of the points by their density, for a best candidate with outliers."""
     inliers = problem.descent(*best, longest).inliers[0]
     return replace(problem, odds=density_odds(reach(problem.points, problem.sample(SEARCH.cloud).points), inliers))
@@ -224,7 +224,7 @@ def _with_density_odds(problem: Problem, best: tuple[Candidates, Mixture], longe
 class Search:
     """The comparison of candidates on samples of a cloud; no semi-axis is above `longest`."""
 
-    cloud: Problem
+    cloud: SearchProblem
     longest: float
 
     def wider(self, parts: Array, earlier: Descent) -> Descent:
@@ -377,7 +377,7 @@ def _alternatives(descent: Descent, ranking: Array) -> NDArray[np.int64]:
     return index[ranking[index] >= ranking[index[0]] - margin]
 
 
-def _converged(problem: Problem, start: tuple[Candidates, Mixture], alternatives: int, longest: float) -> Solution:
+def _converged(problem: SearchProblem, start: tuple[Candidates, Mixture], others: int, longest: float) -> SearchResult:
     """The result of descents on larger and larger samples, then on all points; alternatives are compared to the end."""
     candidates, mixture = start
     # most steps are made on few points; a larger sample begins near its minimum
@@ -393,7 +393,7 @@ def _converged(problem: Problem, start: tuple[Candidates, Mixture], alternatives
     converged = descent.converge(SEARCH.most_steps, SEARCH.tolerance, em) or descent.run(
         SEARCH.most_steps, SEARCH.nearly, em
     )
-    return Solution(descent, converged, alternatives)
+    return SearchResult(descent, converged, others)
 
 
 def _best(descent: Descent) -> tuple[Candidates, Mixture]:

@@ -29,7 +29,7 @@ PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 
 
 @dataclass(frozen=True)
-class Settings:
+class CovarianceSettings:
     """The constants of the estimate."""
 
     points: int = 2000
@@ -44,7 +44,7 @@ class Settings:
     """Least variance of the noise in a direction over the largest: less is rounding."""
 
 
-OPEN = Settings()
+OPEN = CovarianceSettings()
 
 
 @quiet

@@ -16,7 +16,7 @@ from quadriform.points import Array
 
 
 @dataclass(frozen=True)
-class Settings:
+class RestartSettings:
     """The constants of restarts."""
 
     outside: float = 0.1
@@ -31,7 +31,7 @@ class Settings:
     """Steps of each round, until candidates can be compared."""
 
 
-RESTART = Settings()
+RESTART = RestartSettings()
 
 
 def restarts(points: Array, inliers: Array, rotation: Array) -> Candidates:
