@@ -35,6 +35,8 @@ from mutants import ROOT, copied, tested
 PACKAGES = ("shapes", "fitting", "motion", "heart", "imaging", "files")
 CALLED = ast.Constant | ast.Call
 CHECK = re.compile(r"(?:[\w.]*\.)?_?(?:check|refuse|must)")
+FAILED = re.compile(r"^(?:FAILED|ERROR) tests/(.+?)(?: - .*)?$", re.MULTILINE)
+"""The test of a line of pytest's summary; its name may have spaces."""
 OF_FILE = MOST = 2
 """Sites of one file, and survivors."""
 TINY = 1e-6
@@ -239,7 +241,7 @@ def noticed(change: Change, folder: Path, environment: dict[str, str], broken: s
                     done = tested(names, folder, environment, options, LIMIT)
                 except subprocess.TimeoutExpired:
                     return "tests that do not end"
-                failed = re.search(r"^(?:FAILED|ERROR) tests/([^\s]+)", done.stdout, re.MULTILINE)
+                failed = FAILED.search(done.stdout)
                 if not failed:
                     if done.returncode not in (0, 5):  # 5: no tests
                         return "tests that cannot be begun"

@@ -74,3 +74,9 @@ def test_what_is_explained_is_there():
     for text in mutants.KNOWN:
         file = mutants.ROOT / "src" / "quadriform" / text.split(": ")[0]
         assert text in map(mutants.described, mutants.changes(file))
+
+
+def test_the_name_of_a_failed_test_may_have_spaces():
+    """Old bug: cut at its first space, it failed without a change too, for there is no such test."""
+    lines = "FAILED tests/files/test_a.py::test_b[once-a b] - ValueError: c - d\nERROR tests/c.py\n"
+    assert mutants.FAILED.findall(lines) == ["files/test_a.py::test_b[once-a b]", "c.py"]
