@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import cKDTree
 
 from quadriform.errors import MaskError, OptionError
-from quadriform.imaging.image_points import points_from_image
+from quadriform.imaging.image_points import outer_side, points_from_image
 from quadriform.imaging.reading import example_volume, read_volume
 from quadriform.imaging.segmentation import Labels, Percentile
 from quadriform.imaging.volume import Volume
@@ -214,6 +214,36 @@ def test_a_wall_around_a_hollow_is_refused(thickness):
 def test_a_cup_is_named(thickness):
     assert "faces the middle" in points_from_image(wall(thickness, cut=24)).warnings["HOLLOW"]
     assert "HOLLOW" not in points_from_image(wall(14, cut=24)).warnings
+
+
+@pytest.mark.parametrize("thickness", [2, 4, 7])
+@pytest.mark.parametrize("size", [36, 24])
+def test_of_a_cup_the_outer_side_is_taken(thickness, size):
+    """Old fault: one surface between both sides, or folded along them. The opening may lie at the end of the image."""
+    region = ((0, 36), (0, 36), (0, size))
+    cup, whole = (points_from_image(wall(each, cut=24), region=region) for each in (thickness, 14))
+    found = outer_side(cup)
+    shared = found.segmentation.mask & whole.segmentation.mask
+    assert 2 * shared.sum() > 0.98 * (found.segmentation.mask.sum() + whole.segmentation.mask.sum())
+    assert "its outer side was taken" in found.warnings["HOLLOW"]
+    assert len(found.noise) == len(found.points) and found.record["voxels"] == found.segmentation.mask.sum()
+
+
+def test_a_ring_has_no_outer_side():
+    """Open at both ends: a toroid is the surface of it."""
+    ring = wall(4, cut=24).values.copy()
+    ring[:, :, :12] = 0
+    found = points_from_image(Volume(ring, np.eye(4)))
+    assert "HOLLOW" in found.warnings and outer_side(found) is found
+
+
+def test_the_outer_side_of_a_bright_cup_is_where_the_image_crosses_the_threshold():
+    at = np.stack(np.indices((40, 40, 40)), axis=-1) - 19.5
+    radius = np.linalg.norm(at, axis=-1)
+    grey = 100 * np.exp(-(((radius - 12) / 3) ** 2)) * (at[..., 2] < 6)
+    found = outer_side(points_from_image(Volume(grey, np.eye(4)), select=50.0))
+    below = found.points[found.points[:, 2] < 19.5]
+    assert_allclose(np.linalg.norm(below - 19.5, axis=1), 12 + 3 * np.sqrt(np.log(2)), atol=0.1)
 
 
 def test_a_small_hole_is_no_hollow_object():

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.columns import MILLIMETRES, unit_of
-from quadriform.errors import FileFormatError, InputError, OptionError, Warnings, choose
+from quadriform.errors import FileFormatError, InputError, OptionError, WarningKind, Warnings, choose
 from quadriform.files.guide_points import is_guide_points
 from quadriform.files.meshes import read_mesh_or_points, read_space_and_unit
 from quadriform.files.points import read_point_set
@@ -289,13 +289,14 @@ def space_to_write(requested: str | None, found: str) -> str:
 
 
 def _from_image(path: Path, options: ImageOptions) -> Source:
-    from quadriform.imaging.image_points import points_from_image, slice_numbers
+    from quadriform.imaging.image_points import outer_side, points_from_image, slice_numbers
 
     with naming(path):
         volume, arguments, notes = read_object(path, options)
         if options.border is not None:
             arguments["border"] = options.border
         found = points_from_image(volume, **arguments)
+        found = outer_side(found) if WarningKind.HOLLOW in found.warnings else found
     notes = tuple(f"{path}: {note}" for note in notes + kept_note(found.segmentation))
     numbers = slice_numbers(volume, found.points)
     known = found.warnings, notes, numbers, volume

@@ -5,7 +5,7 @@ Slices move as a whole between breath-holds.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 from quadriform.errors import MaskError, OptionError, WarningKind, Warnings, choose
 from quadriform.imaging.isosurface import Border, edge_noise, height_of, isosurface
 from quadriform.imaging.object_choice import Labels, Percentile, Select, choose_object
+from quadriform.imaging.open_cavity import fill_open_cavity
 from quadriform.imaging.segmentation import Component, Segmentation, segment
-from quadriform.imaging.volume import Region, Volume
+from quadriform.imaging.volume import Region, Volume, slices
+from quadriform.imaging.voxel_faces import BACKGROUND, CAVITY, faces_between
 from quadriform.point_sets import PointSet
 from quadriform.points import Array
 from quadriform.shapes.mesh import Mesh
@@ -27,6 +29,9 @@ FACING_CENTRE = 0.2
 """Fraction of the surface; of brains and ventricles at most 0.11 faces the centre, of walls of hearts 0.23."""
 ENCLOSED = 0.05
 """A hole of this fraction of the body has an eighth of its surface; a robust fit leaves out less."""
+ONE_END = 0.2
+"""Of the area of the faces between a cavity and what is outside, the length of their sum: at least 1 / sqrt(3) for one
+flat opening, half of that with the steps of voxels around a thin wall, and nothing for a ring, whose ends cancel."""
 LISTED = 10
 """The number of component sizes that are recorded; noise has thousands."""
 CAP, BETWEEN = -1, -2
@@ -148,6 +153,36 @@ def _hollow(found: Segmentation, mesh: Mesh, filled: bool) -> Warnings:
         WarningKind.HOLLOW: f"{facing:.0%} of the surface faces the middle of the object, as in a ring or a cup: one "
         "closed surface cannot follow both sides of a wall; give each side as a surface, such as endo and epi"
     }
+
+
+def outer_side(found: ImagePoints) -> ImagePoints:
+    """Return the points of the outer side of a wall around a cavity that is open at one end, closed across the opening.
+
+    One closed surface can follow one of the two sides only. Of an object above a threshold the points are where the
+    image crosses it. Other objects, such as rings, are returned as they are.
+    """
+    wall = found.segmentation.object_volume()
+    try:
+        tissue = fill_open_cavity(wall.values > 0, wall.world_from_voxel)
+    except MaskError:
+        return found
+    # beyond the image is background too
+    opening = faces_between(np.pad(tissue, 1), CAVITY, BACKGROUND, wall.world_from_voxel)[1]
+    if np.linalg.norm(opening.sum(axis=0)) < ONE_END * np.linalg.norm(opening, axis=1).sum():
+        return found
+    whole = np.zeros_like(found.segmentation.mask)
+    whole[slices(found.segmentation.region)] = tissue != BACKGROUND
+    segmentation = replace(found.segmentation, mask=whole)
+    height, level = _height(segmentation, "grey")
+    result = isosurface(height, level, border=found.record["border"])
+    noise = edge_noise(segmentation.volume, result.mesh.vertices) if segmentation.threshold is None else None
+    text = (
+        f"the object is a wall around a cavity of {int((tissue == CAVITY).sum())} voxels that is open at one end: its "
+        "outer side was taken, closed across the opening; give each side as a surface, such as endo and epi, or let "
+        "--perfusion find both"
+    )
+    warnings, record = found.warnings | {WarningKind.HOLLOW: text}, found.record | _results(segmentation)
+    return ImagePoints(result.mesh.vertices, result.on_border, result.mesh, segmentation, warnings, record, noise)
 
 
 def _fraction_facing_centre(mesh: Mesh) -> float:
