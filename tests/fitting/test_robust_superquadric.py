@@ -135,7 +135,7 @@ def test_half_a_surface_gives_the_whole(rng):
     assert found.condition < 1e4
 
 
-def test_an_open_tube_does_not_run_away_and_says_so(rng):
+def test_an_open_tube_does_not_diverge_and_is_warned_of(rng):
     angle, height = rng.uniform(-np.pi, np.pi, 500), rng.uniform(-1, 1, 500)
     points = np.stack([np.cos(angle), np.sin(angle), height], axis=1)
     found = fit_superquadric(points)

@@ -96,7 +96,7 @@ def test_a_protrusion_reaches_beyond_the_data():
         assert Reach.of(inside, BALL.vertices).distance == 0
 
 
-def test_more_than_half_as_long_again_as_the_data_is_a_runaway():
+def test_more_than_half_as_long_again_as_the_data_is_unreliable():
     half = Support(0.6, 0.6, 0.6, 0.6, 0.2, 1.0, Reach(1.0, 1.0))
     assert unsupported(half).keys() == {"PARTIAL_COVERAGE"}
     assert unsupported(replace(half, reach=Reach(1.6, 1.0))).keys() == {"PARTIAL_COVERAGE", "RUNAWAY"}

@@ -38,7 +38,7 @@ def test_points_keep_their_weights(rng):
     assert len(data_of().subsample(5000, False).points) == len(CLOUD)
 
 
-def test_those_alone_are_left_out_only_when_asked(rng):
+def test_isolated_points_are_left_out_only_where_requested(rng):
     strangers = rng.uniform(-6, 6, (60, 3))
     strangers = strangers[np.linalg.norm(strangers, axis=1) > 2.5]
     both = data_of(np.concatenate([CLOUD, strangers]))
@@ -127,7 +127,7 @@ def test_data_attracts_along_the_normal_and_hardly_along_the_surface(rng):
     assert (values[:, :2].max(axis=1) < 0.01 * count).all() and (values[:, 0] > 0).all()
 
 
-def test_a_lone_curve_of_data_holds_the_surface_across_it():
+def test_an_isolated_curve_of_data_determines_the_surface_across_it():
     """On the equator of a sphere: the step across, along z, is held; the one along the curve is free."""
     t = np.linspace(0, 2 * np.pi, 300, endpoint=False)
     points = np.column_stack([np.cos(t), np.sin(t), 0 * t])

@@ -97,7 +97,9 @@ def reach_notes(models: Sequence[DeformableModel]) -> tuple[str, ...]:
     if not reach:
         return ()
     unit = after_number(models[0].unit)
-    text = f"beyond the base no surface is observed; there it reaches up to {reach:.3g}{unit}, which no volume counts"
+    text = (
+        f"beyond the base the surface is not observed; there it reaches up to {reach:.3g}{unit}, which no volume counts"
+    )
     return (f"{WarningKind.BASE_NOT_OBSERVED}: {text}",)
 
 

@@ -38,8 +38,8 @@ MOSTLY_SUPPORTED = 0.5
 """Of the area; where data supports less, a result must not be used unless the rest is known better than the surface of
 a poor fit, as that of a superquadric seen from one side. It is "ok" only where nearly all is observed."""
 LONGER = 1.5
-"""A surface that reaches beyond the data by more than this many widths of the data in the same direction is a runaway:
-most of its length is extrapolated. Half a body that is extrapolated from the other half reaches one width beyond it."""
+"""RUNAWAY: most of the length of a surface is extrapolated where it reaches beyond data by more than this many widths
+of the data in the same direction. Half a body that is extrapolated from the other half reaches one width beyond it."""
 SURE = 0.005
 """Of the cloud's RMS radius. A surface is uncertain where its standard deviation, as RMS over its area, is above that
 of a single point by more than this, which is what models of exact points are allowed."""
@@ -181,11 +181,11 @@ def unsupported(found: Support, open_deviation: float = np.inf) -> Warnings:
 
 
 def base_not_observed(result: Result, evidence: Mapping[str, SurfaceQuality]) -> Warnings:
-    """BASE_NOT_OBSERVED, a note, where a base ends the data: which share of the closed surfaces is not observed."""
+    """BASE_NOT_OBSERVED, a note, where a base ends the data: the share of the closed surfaces that is not observed."""
     if result.half_space is None:
         return {}
     fractions = [f"{name} {100 * (1 - each.support.area):.0f} %" for name, each in evidence.items()]
-    text = f"beyond the base no surface is observed; of the area has no data: {', '.join(fractions)}"
+    text = f"beyond the base the surface is not observed; share of the area without data: {', '.join(fractions)}"
     return {WarningKind.BASE_NOT_OBSERVED: text}
 
 
