@@ -197,7 +197,7 @@ def choose(value: object, choices: tuple[str, ...], option: str) -> str:
 
 
 def known_options(function: Callable[P, R]) -> Callable[P, R]:
-    """The same function, which answers an option that it does not have with an `OptionError` naming the nearest one."""
+    """The function, but an unknown option raises an `OptionError` that names the most similar one."""
     names = tuple(signature(function).parameters)
 
     @wraps(function)

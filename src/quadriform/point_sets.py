@@ -57,7 +57,7 @@ class PointSet:
     solid: Solid | None = None
 
     def in_metric_unit(self) -> "PointSet":
-        """The same in a unit that models can have: metres stay, other lengths become millimetres, which is noted."""
+        """The points in a unit that models can have: metres stay, other lengths become millimetres, with a note."""
         if self.unit in UNITS:
             return self
         note = f"lengths in {self.unit} became mm"
@@ -167,7 +167,7 @@ def _mesh(given: Any) -> Mesh:
 
 
 def check_width(array: NDArray[Any], what: str) -> None:
-    """Refuse more than three columns whose names nobody knows.
+    """Refuse more than three columns without names.
 
     Raises:
         ColumnsError: saying what the columns look like, and how to name them.

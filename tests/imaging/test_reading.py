@@ -242,12 +242,14 @@ def test_an_impossible_start_of_the_voxels_is_refused(save_nifti, values, offset
 
 
 @pytest.mark.parametrize("name", ["image.nii", "image.nii.gz"])
-class TestPromises:
+class TestStatedSizes:
     def test_beyond_the_budget(self, save_nifti, values, name):
-        refused(save_nifti(values, name=name, dim=[3, 32767, 32767, 32767, 1, 1, 1, 1]), FileLimitError, "promises")
+        refused(
+            save_nifti(values, name=name, dim=[3, 32767, 32767, 32767, 1, 1, 1, 1]), FileLimitError, "in the header"
+        )
 
     def test_beyond_the_file(self, save_nifti, values, name):
-        refused(save_nifti(values, name=name, dim=[3, 500, 500, 500, 1, 1, 1, 1]), FileFormatError, "promises")
+        refused(save_nifti(values, name=name, dim=[3, 500, 500, 500, 1, 1, 1, 1]), FileFormatError, "the header states")
 
     def test_a_little_beyond_the_file(self, save_nifti, values, name):
         refused(save_nifti(values, name=name, dim=[3, 5, 4, 4, 1, 1, 1, 1]), FileFormatError, "cut short")

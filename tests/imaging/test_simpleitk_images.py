@@ -227,7 +227,7 @@ class TestMeta:
         data = path.read_bytes()
         size = int(re.search(rb"CompressedDataSize = (\d+)", data)[1])
         path.write_bytes(data.replace(b"CompressedDataSize = %d" % size, b"CompressedDataSize = %d" % (size + off)))
-        refused(path, FileFormatError, f"promises {size + off} compressed bytes, found {size}")
+        refused(path, FileFormatError, f"states {size + off} compressed bytes, found {size}")
 
     def test_a_flipped_byte_in_compressed_voxels_is_found(self, tmp_path, values):
         path = write(tmp_path / "a.mha", values, compressed=True)

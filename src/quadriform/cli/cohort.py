@@ -17,7 +17,7 @@ class EngineChoice:
 
     Engine:
         processes: Processes of this machine. [default: one a core]
-        workers: Start a local cluster of dask.distributed with so many.
+        workers: Start a local cluster of dask.distributed with this number of workers.
         scheduler: Address of a scheduler of dask.distributed, as tcp://host:8786.
     """
 

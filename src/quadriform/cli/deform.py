@@ -23,13 +23,13 @@ def deform(
     space: str | None = None,
     common: Common,
 ) -> None:
-    """Carry points or a mesh through a model's control box, or back with --inverse.
+    """Move points or a mesh by the deformation of a model, or by its inverse with --inverse.
 
     Points without a named frame and unit are taken to be in those of the model, and the result is in these.
 
     Args:
         model: A model, .json or .npz.
-        points: Points or a mesh to carry along.
+        points: Points or a mesh to be moved.
         output: Points, or a mesh when POINTS is one.
         inverse: From the deformed space back.
     """

@@ -292,7 +292,7 @@ def _rows(record: Record) -> list[tuple[str, str]]:
         *(volume_rows(record) or _estimate_rows(record["estimates"])),
         ("superquadric alone RMS", f"{record['superquadric_rms']:.4g}{unit}"),
         ("noise", f"{record['noise']:.4g}{unit}"),
-        ("known of the noise", record["known_noise"]),
+        ("known noise", record["known_noise"]),
         ("strength", f"{record['strength']:.3g}"),
         ("min det J", f"{record['min_jacobian']:.3g}"),
         ("iterations", str(record["iterations"])),

@@ -23,20 +23,20 @@ class MethodChoice:
         method: tangent, or paper: Bardinet, Cohen and Ayache 1998. [default: tangent]
         box: Control points along each axis, or auto with --max-error. [default: 5,5,5]
         regularity: bending or springs; for paper svd (P7, the default), springs-paper (P9), springs (on displacements).
-        strength: How strongly the box is regularised: a number, or auto; for svd how many singular values, or their
-            smallest fraction of the largest.
+        strength: Regularisation weight per data point: a number, or auto; for svd the number of singular values, or
+            their smallest fraction of the largest.
 
     Method tangent:
         max_error: RMS distance that --box auto must reach.
         robust: Detect outliers and down-weight them. [default: robust]
         base: Where the data ends on purpose: a point and the direction to the missing side, as x,y,z/nx,ny,nz, or a
             file with a loop of points along the edge, in the frame of the input.
-        noise: Standard deviation of the points, in their unit, in place of that which images bring; the estimated noise
-            is at least as large.
+        noise: Standard deviation of the points, in their unit, in place of that of images; the estimated noise is at
+            least as large.
 
     Method paper:
         matching: data-to-model or model-to-data.
-        iterations: At most so many. [default: 30]
+        iterations: Largest number of iterations. [default: 30]
         tolerance: Stop when the surface moves by less than this fraction of the RMS radius of the points.
     """
 
@@ -84,7 +84,7 @@ def parse_noise(text: str | None) -> float | None:
 
 
 def known_noise(each: "Sequence[Array | None]", unit: str, given: float | None) -> str:
-    """What is known of the noise of points: the number of `--noise`, or what their images bring.
+    """A phrase on the known noise of points: the number of `--noise`, or the errors of image points.
 
     Args:
         each: covariances (n, 3, 3) of the points of each surface, or None.

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from quadriform.imaging.file_points import ImageOptions
 
 SHARED = {
-    "space": "Frame of the world of what is written, LPS or RAS; only the signs of x and y differ. "
+    "space": "Coordinate frame of the output, LPS or RAS; only the signs of x and y differ. "
     "[default: that of the input, LPS for images]",
     "columns": "Tables and arrays: where the columns have no names, names for them from left to right, such as "
     "x,y,z,nx,ny,nz; where they have others, those of x, y and z.",

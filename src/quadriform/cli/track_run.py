@@ -175,7 +175,7 @@ def _rows(record: Record) -> list[tuple[str, str]]:
         ("error RMS", f"{record['rms']:.4g}{unit}"),
         ("worst frame", f"{worst['frame']}: {worst['rms']:.4g}{unit}"),
         ("noise", f"{record['noise']:.4g}{unit}"),
-        ("known of the noise", record["known_noise"]),
+        ("known noise", record["known_noise"]),
         *([("largest shift of a slice", f"{max(shifts):.3g}{unit}")] if shifts else []),
         *cycle_rows(record),
         *ranges,

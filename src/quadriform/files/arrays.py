@@ -15,7 +15,7 @@ from quadriform.errors import FileFormatError, QuadriformError
 from quadriform.files.reading import check_budget, signature
 
 MAX_EXPANSION = 200
-"""An archive may not promise more than this many times its own size (above `SMALL`)."""
+"""An archive may not state more than this many times its own size (above `SMALL`)."""
 SMALL = 64 * 1024**2
 
 DAMAGED = (ValueError, TypeError, KeyError, SyntaxError, RecursionError, tokenize.TokenError, struct.error)
@@ -68,7 +68,7 @@ def parse_npz(data: bytes, where: str) -> dict[str, NDArray[Any]]:
 
     Raises:
         FileFormatError: no zip, damaged, encrypted, doubled or outside names, or a member that is no .npy.
-        FileLimitError: the members promise more than the budget.
+        FileLimitError: the members state more than the budget.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:

@@ -13,7 +13,7 @@ from quadriform.errors import FileFormatError, FileLimitError, InputError, Optio
 PathLike = str | os.PathLike[str]
 
 MAX_BYTES = 2 * 1024**3
-"""Files, and what their headers promise, may not be larger."""
+"""Files, and the sizes in their headers, may not be larger."""
 
 SIGNATURES = {
     b"\x1f\x8b": "gzip",

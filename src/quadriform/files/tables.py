@@ -78,8 +78,8 @@ def parse_table(data: bytes, where: str, columns: Chosen = None) -> PointSet:
     if text.count is not None:
         _check_count(text.count, len(body), where)
     if has_header and [field.lower() for field in first] == WITH_COUNT:
-        for promise in np.unique(_values(text, body, len(first), (3,))):
-            _check_count(promise, len(body), where)
+        for stated in np.unique(_values(text, body, len(first), (3,))):
+            _check_count(stated, len(body), where)
             _check_end(data, where)
     return _point_set(text, body, names, len(first), columns)
 

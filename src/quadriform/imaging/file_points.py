@@ -43,7 +43,7 @@ PERCENTILE = re.compile(r"(?:(\d+(?:\.\d+)?)%)?p(\d+(?:\.\d+)?)")
 
 @dataclass(frozen=True)
 class ImageOptions:
-    """How points are taken from a file, above all an image; None leaves a choice to the file or to the library.
+    """The choices by which points are read from a file, most of them for images; None: decided by the file's content.
 
     Attributes:
         labels: values of a label image or names of segments, taken together.

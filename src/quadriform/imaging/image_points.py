@@ -28,7 +28,7 @@ from quadriform.words import short_repr
 FACING_CENTRE = 0.2
 """Fraction of the surface; of brains and ventricles at most 0.11 faces the centre, of walls of hearts 0.23."""
 ENCLOSED = 0.05
-"""A hole of this fraction of the body has an eighth of its surface; a robust fit leaves out less."""
+"""Fraction of a body above which an enclosed hole is reported: its surface, an eighth of all, would not be outliers."""
 ONE_END = 0.2
 """Of the area of the faces between a cavity and what is outside, the length of their sum: at least 1 / sqrt(3) for one
 flat opening, half of that with the steps of voxels around a thin wall, and nothing for a ring, whose ends cancel."""
@@ -48,7 +48,7 @@ class ImagePoints:
 
     Attributes:
         points: (n, 3), in the world of the image: LPS mm for one that was read from a file.
-        on_border: (n,) bool, points that close the object where the image cuts it, which are no data.
+        on_border: (n,) bool, points that close the object where the image cuts it, and are no measurements.
         mesh: the isosurface whose vertices the points are.
         segmentation: the object.
         warnings: of reading, segmentation and isosurface.

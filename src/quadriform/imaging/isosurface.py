@@ -74,8 +74,8 @@ def isosurface(volume: Volume, level: float = 0.5, *, border: Border = "open") -
 def edge_noise(volume: Volume, points: Array) -> Array:
     """Covariances (n, 3, 3) of vertices of the surface of a mask, in the square of the unit of the image.
 
-    A vertex stands in the middle of the edge between two voxels; the surface crosses that edge anywhere. So the error
-    is uniform along the edge e, with the covariance e e' / 12, and there is none across it.
+    A vertex lies in the middle of the edge between two voxels; the surface crosses that edge anywhere. So the error is
+    uniform along the edge e, with the covariance e e' / 12, and there is none across it.
 
     Args:
         volume: the image.
@@ -89,7 +89,7 @@ def edge_noise(volume: Volume, points: Array) -> Array:
 
 
 def height_of(mask: Volume, grey: Volume, level: float) -> Volume:
-    """Return the grey image, mirrored at `level` wherever it disagrees with a mask about what is inside.
+    """Return the grey image, mirrored at `level` in each voxel where a mask and the level differ about the inside.
 
     Its isosurface at `level` is that of the grey image, but of the masked object only: other bright objects are moved
     below the level, and voxels that the mask adds above it.

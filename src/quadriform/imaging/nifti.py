@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from nibabel.nifti1 import Nifti1Header
 
 MAX_EXPANSION = 1100
-"""Deflate cannot shrink by more than 1032: a header that promises more than this is wrong."""
+"""Deflate compresses by a factor of 1032 at most: a header that states more than this is wrong."""
 CHUNK = 1 << 20
 MILLIMETRES = {1: 1000.0, 2: 1.0, 3: 0.001}
 """From the code of the unit of length, the lowest three bits of xyzt_units."""
@@ -71,7 +71,7 @@ class _Frame:
 
     @property
     def n_bytes(self) -> int:
-        """Of one frame; no overflow of what a damaged header promises."""
+        """The number of bytes of one frame, without overflow for a damaged header."""
         return int(np.prod(self.shape[:3], dtype=object)) * self.dtype.itemsize
 
 
@@ -144,7 +144,7 @@ def _frame(header: "Nifti1Header", path: Path, frame: int | None, affine: str | 
 def _read_voxels(stream: IO[bytes], frame: _Frame, at: int, path: Path) -> Volume:
     """The image from a stream at byte `at` of the file, which is read to its end so that damage anywhere is found."""
     shape, block = frame.shape, frame.n_bytes
-    _check_promise(frame.start + block * shape[3], path)
+    _check_size(frame.start + block * shape[3], path)
     extensions = stream.read(min(frame.start - at, MAX_EXTENSIONS))
     # frames before and behind the requested one are read without being kept
     _skip(stream, frame.start - at - len(extensions) + block * frame.number)
@@ -235,12 +235,12 @@ def _start(header: "Nifti1Header", at: int) -> int:
     return int(offset)
 
 
-def _check_promise(promised: int, path: Path) -> None:
+def _check_size(stated: int, path: Path) -> None:
     """Refuse before anything is allocated what cannot be in the file."""
-    check_budget(promised, f"{str(path)!r}: what the header promises")
+    check_budget(stated, f"{str(path)!r}: the size in the header")
     size = path.stat().st_size
-    if promised > size * (MAX_EXPANSION if path.name.lower().endswith(".gz") else 1):
-        raise FileFormatError(f"cut short: the header promises {promised} bytes, found {size}")
+    if stated > size * (MAX_EXPANSION if path.name.lower().endswith(".gz") else 1):
+        raise FileFormatError(f"cut short: the header states {stated} bytes, found {size}")
 
 
 def _skip(stream: IO[bytes], count: int) -> int:

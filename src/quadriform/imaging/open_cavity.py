@@ -1,4 +1,4 @@
-"""The cavity inside a wall that is open at one side: how far it reaches, and the plane of its opening."""
+"""The cavity inside a wall that is open at one side, and the plane of its opening."""
 
 import numpy as np
 
@@ -9,9 +9,10 @@ from quadriform.points import Array
 from quadriform.shapes.voxels import voxel_spacing
 
 REACH = 1.5
-"""The cavity reaches this many radii around the core of its largest ball: corners at the opening, but no slits."""
+"""The cavity extends by this many radii around the core of its largest ball: into corners at the opening, not into
+slits."""
 ENCLOSED = 0.5
-"""At least this fraction of the surface of a cavity is wall; less is a dent."""
+"""Least fraction of the surface of a cavity that is wall; less is a dent."""
 
 
 def fill_open_cavity(wall: Mask, world_from_voxel: Array) -> Tissue:

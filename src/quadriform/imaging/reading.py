@@ -59,7 +59,7 @@ def read_volume(path: PathLike, frame: int | None = None, affine: str | None = N
     Raises:
         InputError: no such file, not readable, a library is missing, or a DICOM series that is ragged or one of many.
         FileFormatError: empty, cut short, damaged, or of another format than its suffix.
-        FileLimitError: the header promises more than the budget.
+        FileLimitError: the header states more than the budget.
         AffineError: the transform to the world is missing, singular or not finite.
         MaskError: not three-dimensional (name a `frame` of a four-dimensional one), no real numbers, or NaN.
         OptionError: there is no such frame.

@@ -20,7 +20,7 @@ from quadriform.words import short_repr
 Mask = NDArray[np.bool_]
 
 ANISOTROPIC = 4.0
-"""A ratio of the largest to the smallest spacing above this is warned of."""
+"""Ratio of the largest to the smallest spacing above which ANISOTROPIC is reported."""
 
 Component = Literal["largest", "all"] | Sequence[int]
 """Which connected component is kept; a seed is a voxel (i, j, k) of the whole image."""

@@ -1,4 +1,4 @@
-"""Where a labelled ventricle is cut and open: at the flat end of a stack of slices, or at a face of the image."""
+"""The open end of a labelled ventricle: the flat end of a stack of slices, or a face of the image."""
 
 import numpy as np
 
@@ -66,7 +66,7 @@ def open_face(tissue: Tissue, cropped: Volume, end: End | None, base: tuple[Arra
         tissue: of each voxel.
         cropped: the image, or the region.
         end: of the stack of labels, where it is known.
-        base: a plane (point, direction), to whose side the open face looks; without both, the face is that which cuts
+        base: a plane (point, direction), in whose direction the open face is; without both, the face is that which cuts
             the largest area of the cavity.
     """
     if end is not None:

@@ -94,23 +94,23 @@ def read_text_header(path: Path) -> TextHeader:
     return header
 
 
-def check_bytes(header: TextHeader, promised: int) -> None:
+def check_bytes(header: TextHeader, stated: int) -> None:
     """Compare the number of bytes by the header with those of the file; compressed ones are expanded to their end.
 
     Raises:
         FileLimitError: beyond the budget.
         FileFormatError: cut short, or damaged.
     """
-    check_budget(promised, f"{quoted(header.data)}: what the header promises")
+    check_budget(stated, f"{quoted(header.data)}: the size in the header")
     size = check_readable(header.data)
-    start = header.start if header.start is not None else size - promised
+    start = header.start if header.start is not None else size - stated
     with naming(header.data):
         found = _expanded(header.data, start) if header.compressed else size - max(start, 0)
         # SimpleITK would fill the remaining voxels with whatever is in memory
         if header.stored not in (None, size - start):
-            raise FileFormatError(f"the header promises {header.stored} compressed bytes, found {size - start}")
-        if start < 0 or found < promised:
-            raise FileFormatError(f"cut short: the header promises {promised} bytes of voxels, found {found}")
+            raise FileFormatError(f"the header states {header.stored} compressed bytes, found {size - start}")
+        if start < 0 or found < stated:
+            raise FileFormatError(f"cut short: the header states {stated} bytes of voxels, found {found}")
 
 
 def _expanded(path: Path, start: int) -> int:

@@ -36,14 +36,14 @@ HALF = Percentile(0.5, 99.9)
 OFF_CENTRE = 1e-5
 """No vertex is nearer to the centre of a voxel than this, in voxels."""
 MIN_POINTS = 125
-"""As many as the default box has control points; fewer do not determine the weight of the regularisation."""
+"""Least number of points, that of control points of the default box; fewer do not determine the strength."""
 ON_PLANE = 1e-9
 """Points beyond a plane by less than this fraction of the extent are on it."""
 BELOW_FACE = 0.49
 """From the centre of a voxel to just below its face, in voxels: less than the 0.5 to the middle of an edge, so that the
 edge on which a point lies stays known."""
 FACE, OPENING = "the outer face of the last slice with labels", "the opening of the wall"
-"""What a base is that was found, in words."""
+"""The names of a base that was found in an image."""
 OFFSET = np.array([0.31830989, 0.36787944, 0.41421356])
 """Corner of a cube, in sides of a cube: off every voxel grid, so that no point lies on a face between two cubes."""
 
@@ -61,7 +61,7 @@ class VentriclePoints:
         record: number of voxels of cavity and wall, number of points beyond the base by surface, spacing of the points;
             of labels also the number of voxels of the cavity apart from its largest component, which are left out.
         noise: covariances (n, 3, 3) of the points of a label image by name, the `noise` of `fit`; None of a grey image.
-        base_from: what the base is, in words; empty without one.
+        base_from: the name of the base, as in "below the outer face of ..."; empty without one.
     """
 
     __repr__ = short_repr

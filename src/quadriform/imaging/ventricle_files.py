@@ -64,7 +64,7 @@ class LabelledHeart:
         return ventricle_from_labels(volume, cavity=cavity, wall=wall, region=region, base=base)
 
     def points_of_frames(self, volumes: Sequence[Volume]) -> list[VentriclePoints]:
-        """Return the same for the frames of one image; the base is at the end of the stack where most frames have it.
+        """Return the points of all frames of one image, with the base at the end where most frames have it.
 
         Raises:
             MaskError, DegenerateError, OptionError: as `points`.
@@ -120,7 +120,7 @@ Heart = LabelledHeart | PerfusionHeart
 
 @dataclass(frozen=True)
 class VentricleSource:
-    """Points of a ventricle from a file, and where it ends.
+    """Points of a ventricle from a file, and its base.
 
     Attributes:
         surfaces: name -> points of the surface.

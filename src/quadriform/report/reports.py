@@ -68,7 +68,7 @@ def fit_report(
 
 
 def _support_text(fit: Fit) -> str:
-    """The share of the area of each surface that data supports, and the volumes with what of them is extrapolated."""
+    """A phrase with the share of each surface that data supports, and the volumes with their extrapolated share."""
     texts = []
     for name, each in fit.support.items():
         about = f"of {name}" if len(fit.support) > 1 else "of the surface"

@@ -37,7 +37,7 @@ def summary(sentence: str, status: str, remarks: Sequence[Remark]) -> Section:
 
 
 def errors(residuals: Clouds, before: Clouds | None, unit: str, voxel: float | None) -> Section:
-    """Distances of the data points in numbers and as a histogram.
+    """A table and a histogram of the distances of the data points.
 
     Args:
         residuals: surface -> signed distances (n,) to the model.
@@ -70,12 +70,12 @@ def _error_row(name: str, residuals: Array, unit: str, voxel: float | None) -> l
 
 
 def convergence(history: Sequence[Iteration], unit: str) -> Section:
-    """How the fit went."""
+    """The convergence of the fit as a chart."""
     return Section("Convergence", figure(charts.convergence(history, unit), report_text("captions", "convergence")))
 
 
 def parameters(model: DeformableModel | MovingModel, n_points: int | None) -> Section:
-    """What the model is made of, and how many parameters stand for how many points."""
+    """The parameters of the model, their number and the compression ratio."""
     unit = model.unit.replace("unknown", "units")
     shape = model.control_points.shape if isinstance(model, MovingModel) else model.box.control_points.shape
     rows = [["parameters", str(model.n_parameters)], ["control points", " x ".join(map(str, shape[:-1]))]]
