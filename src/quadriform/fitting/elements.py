@@ -30,7 +30,7 @@ class Elements:
 
     @classmethod
     def of(cls, model: DeformableModel, name: str) -> "Elements":
-        """Of a surface by name."""
+        """The elements of a surface, given by name."""
         origins, quads = model.surfaces[name].grid(RESOLUTION)
         mesh = Mesh(model.box.deform(origins), split_quads(quads, origins))
         vectors = np.zeros_like(origins)  # a triangle is shared among its corners
@@ -38,7 +38,7 @@ class Elements:
         return cls(origins, mesh.vertices, unit_vectors(vectors), np.linalg.norm(vectors, axis=1))
 
     def variances(self, model: DeformableModel, covariance: Array) -> Array:
-        """Along the normals, (m,), by the covariance (3 k, 3 k) of the control points."""
+        """Variances (m,) along the normals by the covariance C (3 k, 3 k) of the control points: b' C b, b = B n."""
         rows = model.box.matrix(self.origins)[:, :, None] * self.normals[:, None, :]
         rows = rows.reshape(len(self.origins), -1)
         return np.asarray(np.einsum("ij,ij->i", rows @ covariance, rows))

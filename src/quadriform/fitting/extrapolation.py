@@ -1,8 +1,8 @@
-"""How well a surface is known where there is no data: what the superquadric and its refinement leave open there.
+"""Standard deviation of a surface where there is no data, from the superquadric and from its refinement.
 
-The posterior of the control points takes the superquadric as known, and where data ends nothing corrects it any more:
-there its own variance adds to theirs. And where the refinement moved the surface, the body is no superquadric and
-nothing says which of the two goes on as it does: their squared distance counts as a variance.
+The posterior of the control points takes the superquadric as known. Where data ends nothing corrects it, so its own
+variance is added. And where the refinement moved the surface, the body is no superquadric, and either of the two may be
+the better extrapolation: their squared distance counts as a variance.
 """
 
 from collections.abc import Mapping
@@ -21,7 +21,9 @@ from quadriform.shapes.model import DeformableModel
 
 
 def open_deviations(result: Result, support: Mapping[str, Support], feet: Mapping[str, Array]) -> dict[str, float]:
-    """Name -> standard deviation of the surface without data, as RMS over its area; of those mostly without it only.
+    """Name -> standard deviation of the part of a surface without data, as RMS over its area.
+
+    Surfaces with data on most of their area have none.
 
     Args:
         result: of the refinement.

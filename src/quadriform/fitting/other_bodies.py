@@ -61,6 +61,7 @@ def _of_one(name: str, clouds: Mapping[str, Array], starts: Mapping[str, Superqu
         return found
     others, body = cloud[outliers], cloud[inliers >= INLIER]
     limit = JOIN.farther * _step(body)
+    # outliers within the limit of each other are one part; it belongs to the body if enough of it is near the inliers
     pairs = cKDTree(others).query_pairs(limit, output_type="ndarray")
     graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(others),) * 2)
     part = connected_components(graph, directed=False)[1]
@@ -73,12 +74,14 @@ def _step(body: Array) -> float:
     """The distance at which most points of a body (n, 3) are connected to each other."""
     length, near = cKDTree(body).query(body, k=JOIN.neighbours + 1)
     rows, steps = np.repeat(np.arange(len(body)), JOIN.neighbours), np.maximum(length[:, 1:].ravel(), 1e-300)
+    # the minimum spanning tree has the shortest edges that connect points; its long ones are cut
     tree = minimum_spanning_tree(coo_matrix((steps, (rows, near[:, 1:].ravel())), shape=(len(body),) * 2).tocsr())
     step = float(np.quantile(tree.data, JOIN.usual))
     tree.data[tree.data > JOIN.farther * step] = 0
     tree.eliminate_zeros()
     part = connected_components(tree, directed=False)[1]
     joined = part == np.bincount(part).argmax()
+    # parts are added to the largest one, the nearest first, until most points are connected
     while joined.mean() < JOIN.most:
         away = cKDTree(body[joined]).query(body[~joined])[0]
         step = max(step, float(away.min()))

@@ -118,6 +118,7 @@ def _part_rows(
     rows.append(Row(f"{part}wall thickness, end systole", after, "mm", ALONG_MAP))
     rows.append(Row(f"{part}wall thickening", 100 * (after / before - 1), "%", f"{ALONG_MAP}, of the one at ED"))
     radial = 100 * float(weights @ _radial(moving, contraction.thickness) / weights.sum())
+    # radial strain is a mean of ratios, thickening the ratio of means
     how = "change of length from ED to ES per length, of the lines along the volumetric map, mean over the wall's area"
     rows.append(Row(f"{part}radial strain", radial, "%", how))
     return rows + _strain_rows(moving, contraction.strain, part, lines[:, None], observed)

@@ -194,6 +194,7 @@ def _fraction_facing_centre(mesh: Mesh) -> float:
     if not sizes.sum() > 0:
         return 0.0
     centre = sizes @ centroids / sizes.sum()
+    # a triangle faces the centre where the vector from there and its outward area vector are opposed
     inward = ((centroids - centre) * areas).sum(axis=1) < 0
     return float(sizes[inward].sum() / sizes.sum())
 

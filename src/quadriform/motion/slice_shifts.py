@@ -69,6 +69,7 @@ class SlicePlanes:
                 kept.append(number)
                 counts.append(float(len(inside)))
                 centres.append(inside.mean(axis=0))
+                # the plane of a slice is spanned by the two principal axes of its points over all frames
                 axes.append(np.linalg.svd(inside - centres[-1], full_matrices=False)[2][:2])
         return cls(
             np.array(kept, dtype=np.int64),

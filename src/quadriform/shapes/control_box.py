@@ -273,6 +273,7 @@ def _check_edges(edges: Array) -> None:
     if not (lengths > 1 / LARGEST).all():
         raise OptionError(f"edges: expected three edges that are not zero, found lengths {lengths.tolist()}")
     unit = edges / lengths[:, None]
+    # the Gram matrix of unit edges has the cosines of their angles off the diagonal
     cosines = np.abs(unit @ unit.T - np.eye(3))
     if not cosines.max() <= SKEW:
         angle = float(np.degrees(np.arccos(min(1.0, cosines.max()))))

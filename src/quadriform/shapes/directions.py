@@ -38,12 +38,14 @@ def _cube_surface(n: int) -> tuple[NDArray[np.int64], Faces]:
     loops = []
     for axis in range(3):
         for level in (0, n):
+            # counter-clockwise from outside: the other way round on the opposite face
             around = [(0, 0), (1, 0), (1, 1), (0, 1)] if level else [(0, 0), (0, 1), (1, 1), (1, 0)]
             quad = np.empty((n * n, 4, 3), np.int64)
             quad[:, :, axis] = level
             for corner, (di, dj) in enumerate(around):
                 quad[:, corner, (axis + 1) % 3], quad[:, corner, (axis + 2) % 3] = i + di, j + dj
             loops.append(quad)
+    # each lattice point has one number, so that faces share the points on their common edges
     codes = np.concatenate(loops).reshape(-1, 3) @ np.array([(n + 1) ** 2, n + 1, 1])
     used = np.zeros((n + 1) ** 3, dtype=bool)
     used[codes] = True

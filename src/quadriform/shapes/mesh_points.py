@@ -36,6 +36,7 @@ def mesh_points(mesh: Mesh) -> tuple[Array, str | None]:
         return mesh.vertices, None
     alone = np.setdiff1d(np.arange(len(mesh.vertices)), mesh.faces)
     count = int(np.clip(len(mesh.vertices) - len(alone), SAMPLES, MOST_SAMPLES))
+    # in a cube of side one for the areas, then in the world with the same barycentric weights
     triangle, weights = _spread(corners, areas, count)
     points = np.einsum("nk,nki->ni", weights, mesh.vertices[faces[triangle]])
     spacing = scale * np.sqrt(areas.sum() / count)

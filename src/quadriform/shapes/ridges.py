@@ -70,6 +70,7 @@ def _octants(superquadric: Superquadric, scaled: Array, beside: NDArray[np.bool_
     if KINDS[superquadric.kind].has_hole:
         tube[norm(scaled[:, 0], scaled[:, 1], superquadric.exponents[1]) < (superquadric.hole_radius or 0.0)] = -1
     indices, signs = [], []
+    # beyond a plane that a point lies beside there may be a nearer one: its mirror images start searches too
     for mirror in product((1.0, -1.0), repeat=3):
         index = np.flatnonzero((beside | (np.array(mirror) > 0)).all(axis=1))
         indices.append(index)
@@ -117,6 +118,7 @@ class _Search:
 
     def scaled(self, index: Index, at: Array) -> Array:
         """Scaled surface points (n, 3) at t, u (n, 2)."""
+        # the formulas of the module in logarithms, where no power overflows
         (t, u), signs = at.T, self.signs[index]
         k1, k2 = 2 / self.superquadric.exponents
         log_t, log_u = _log_norm(k2, t), _log_norm(k1, u)
@@ -126,6 +128,7 @@ class _Search:
         log_y = (log_x if longitude == "circle" else log_s) + t
         q = signs[:, :3] * np.exp(np.stack([log_x, log_y, log_z], axis=1))
         if self._kind.has_hole:
+            # the ring a4 +- s in place of s: add the core of the tube, with the sign of the side of it
             core = self._hole * np.exp(np.stack([-log_t, t - log_t], axis=1))
             q[:, :2] = signs[:, 3:] * q[:, :2] + signs[:, :2] * core
         return q
@@ -133,6 +136,7 @@ class _Search:
     def derivatives(self, index: Index, at: Array, scaled: Array) -> tuple[Array, Array]:
         """Derivatives of scaled surface points (n, 3) by t and by u, each (n, 3)."""
         k1, k2 = 2 / self.superquadric.exponents
+        # coordinates are products of powers, so their derivatives are themselves times those of their logarithms
         p, r, one = _fraction(k2, at[:, 0]), _fraction(k1, at[:, 1]), np.ones(len(at))
         latitude, longitude = self._kind.curves
         by_t = scaled * np.stack([-p, 1 - p, 0 * one] if longitude == "circle" else [p, one, 0 * one], axis=1)

@@ -1,4 +1,4 @@
-"""A body whose inside is known, as voxels, and how far a surface encloses the same."""
+"""A body whose inside is known, as voxels, and the overlap of the inside of a surface with it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from quadriform.shapes.voxels import voxels_inside
 from quadriform.words import short_repr
 
 MOST = 128
-"""Voxel centres that are counted along an axis, enough for three digits; of more every second, third ... one."""
+"""Most voxel centres along an axis that are counted, enough for three digits; of more every second, third ... one."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -25,7 +25,7 @@ class Solid:
     Attributes:
         filled: (i, j, k) bool, which voxels have their centre inside.
         world_from_voxel: (4, 4).
-        is_whole: whether nothing of the body lies beyond these voxels; otherwise it is not known what does.
+        is_whole: whether all of the body lies in these voxels; otherwise nothing is known outside of them.
     """
 
     __repr__ = short_repr
@@ -47,7 +47,7 @@ class Solid:
         return cls(voxels_inside(Mesh((mesh.vertices - affine[:3, 3]) / voxel, mesh.faces), shape), affine)
 
     def scaled(self, factor: float) -> Solid:
-        """The same in another unit of length."""
+        """The body with its lengths times a factor."""
         return replace(self, world_from_voxel=np.diag([factor] * 3 + [1.0]) @ self.world_from_voxel)
 
     def dice(self, mesh: Mesh, base: BasePlane | None) -> float:
@@ -61,6 +61,7 @@ class Solid:
         vertices = np.asarray(np.linalg.solve(affine[:3, :3], (mesh.vertices - affine[:3, 3]).T).T, dtype=np.float64)
         axes = self._axes(vertices)
         body = self._at(axes)
+        # mesh coordinates in which the voxels that are counted have whole numbers from 0
         low, step = (np.array([float(getattr(each, name)) for each in axes]) for name in ("start", "step"))
         enclosed = voxels_inside(Mesh((vertices - low) / step, mesh.faces), body.shape)
         if base is not None:

@@ -29,10 +29,13 @@ def squared_implicit(scaled: Array, exponents: Array) -> tuple[Array, Array, Arr
     f, by_f, outside = _norm(s, z, exponents[0])
     inner, zero = np.column_stack([by_s, np.zeros_like(s)]), np.zeros_like(s)
     along = np.column_stack([zero, zero, zero + 1])
+    # with F = f(s, z), s = s(x, y): grad F = f_s grad s + f_z grad z
     gradient = by_f[:, :1] * inner + by_f[:, 1:] * along
     rows = np.stack([inner, along], axis=1)
+    # and Hess F = J' (Hess f) J + f_s Hess s, J with rows grad s and grad z
     hessian = np.einsum("nai,nab,nbj->nij", rows, outside, rows)
     hessian[:, :2, :2] += by_f[:, :1, None] * within
+    # Hess F^2 = 2 grad F grad F' + 2 F Hess F
     square = 2 * np.einsum("ni,nj->nij", gradient, gradient) + 2 * f[:, None, None] * hessian
     return f**2 - 1, 2 * f[:, None] * gradient, square
 

@@ -61,6 +61,7 @@ def remaining_covariance(descent: Descent) -> Array:
     curvature, axes = np.linalg.eigh(white.T @ (total * _curvature(sample))[np.ix_(estimated, estimated)] @ white)
     # the variance is not below that of linear least squares: a sample cannot show that
     roots = white @ axes / np.sqrt(np.clip(curvature, OPEN.flattest, 1))
+    # a term with gradient g moves the minimum by (inverse curvature) g; its square counts as a variance
     gradients = total * np.stack([_by_size(sample)[0], _by_direction_of_noise(sample)])[:, estimated]
     unknown = vectors[:, ~known] / np.sqrt(np.maximum(values[~known], 1e-16 * values[-1]))
     every = np.concatenate([roots, unknown, roots @ (roots.T @ gradients.T)], axis=1)
@@ -89,6 +90,7 @@ def _curvature(sample: Descent) -> Array:
     sigma, count = sample.mixture.sigma[0], len(sample.fixed)
     steps = OPEN.step * sigma / np.maximum(np.sqrt((sample.derivatives[0] ** 2).mean(axis=1)), 1e-300)
     steps = np.minimum(steps, OPEN.step)
+    # central differences of the gradient: a step forwards and one backwards for each parameter, all at once
     moved = sample.candidates.take(np.zeros(2 * count, dtype=np.int64))
     moved = moved.moved(np.concatenate([np.diag(steps), -np.diag(steps)]), sample.longest)
     gradient = _gradient(_at(sample, moved, np.arange(len(sample.points))))
@@ -115,6 +117,7 @@ def _by_direction_of_noise(sample: Descent) -> Array:
     """Derivatives (p,) of the loss with points moved back to the surface along the direction of their noise."""
     weights, offsets = sample.weights * sample.inliers[0], sample.distances[0] * sample.noise
     normals = -sample.derivatives[0, SHIFT] * sample.noise  # (3, n), in the body's own frame
+    # given its distance along n, the expected displacement of a point with covariance C is along C n
     towards = _covariance_of_noise(normals, offsets**2, weights) @ normals
     across = towards / (normals * towards).sum(axis=0) - normals
     across *= np.minimum(1, OPEN.oblique / np.maximum(np.linalg.norm(across, axis=0), 1e-300))
@@ -125,6 +128,7 @@ def _by_direction_of_noise(sample: Descent) -> Array:
 
 def _covariance_of_noise(normals: Array, squares: Array, weights: Array) -> Array:
     """The covariance (3, 3) whose variances along normals (3, n) are nearest to the squared distances (n,)."""
+    # n' C n = sum over the six entries of C, those off the diagonal twice: linear least squares in C
     columns = np.stack([(2 - (i == j)) * normals[i] * normals[j] for i, j in PAIRS], axis=1)
     roots = np.sqrt(weights)
     found = np.linalg.lstsq(columns * roots[:, None], squares * roots, rcond=OPEN.flat)[0]

@@ -45,6 +45,7 @@ class _Unbounded:
 
     def bound(self, unbounded: Array) -> tuple[Superquadric, Array]:
         """The superquadric in the start's axes, and the derivative of each parameter by the unbounded one."""
+        # lengths exp(x), exponents a + (b - a) / (1 + exp(-x)), hole radius 1 + exp(x); clipped against overflow
         p, derivative = unbounded.copy(), np.ones(len(unbounded))
         p[:3] = derivative[:3] = np.exp(np.clip(unbounded[:3], -50, 50))
         fraction = 1 / (1 + np.exp(-np.clip(unbounded[3:5], -500, 500)))

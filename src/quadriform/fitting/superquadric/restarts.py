@@ -38,6 +38,7 @@ def restarts(points: Array, inliers: Array, rotation: Array) -> Candidates:
     """Rounded boxes around most inliers (n,) of points (n, 3), one in each of `FRAMES` from a rotation (3, 3)."""
     frames = rotation @ FRAMES
     local = points[inliers >= INLIER] @ frames if (inliers >= INLIER).any() else points @ frames
+    # the sides of each box (F, 3): all but a few inliers lie between them
     low, high = np.quantile(local, [RESTART.outside, 1 - RESTART.outside], axis=1)
     half = (high - low) / 2
     half = np.maximum(half, START.thinnest * half.max(axis=1, keepdims=True))
