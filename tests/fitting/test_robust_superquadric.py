@@ -11,7 +11,7 @@ from quadriform import fit_superquadric
 from quadriform.errors import OptionError
 from quadriform.fitting.mixture import Mixture
 from quadriform.fitting.superquadric.levenberg_marquardt import Candidates
-from quadriform.fitting.superquadric.multistart import SEARCH, SearchProblem, em
+from quadriform.fitting.superquadric.multistart import SEARCH, SearchProblem, acceptable, em
 from quadriform.points import Frame
 from quadriform.shapes.superquadric import Superquadric
 
@@ -266,3 +266,11 @@ def test_a_descent_ends_where_shorter_steps_gain_nothing_either(seed, rests):
     descent = problem.descent(best, Mixture(np.array([0.99]), np.array([0.02])), longest=10.0)
     assert descent.run(SEARCH.most_steps, SEARCH.nearly, em) == rests
     assert len(descent.history) < SEARCH.most_steps / 2
+
+
+@pytest.mark.parametrize(("inliers", "accepted"), [(0.48, False), (0.52, True)])
+def test_a_candidate_needs_half_of_the_points(inliers, accepted, rng):
+    truth, points = cloud(rng)
+    problem = SearchProblem(points, np.ones(600), "ellipsoid", {}, np.zeros(600), np.ones(600))
+    mixture = Mixture(np.array([inliers]), np.array([0.02]))
+    assert acceptable(problem.descent(Candidates.of([truth]), mixture, longest=10.0)).tolist() == [accepted]

@@ -6,6 +6,9 @@ from shapes_made import KINDS, SKEW, made, single
 
 from quadriform.errors import DegenerateError, InputError, OptionError
 from quadriform.shapes.comparison import (
+    SAMPLES,
+    _sampled,
+    _to_surface,
     alone,
     dice,
     enclosed_volume,
@@ -177,3 +180,16 @@ def test_what_has_no_overlap_or_no_area_is_refused():
         dice(sphere(1000), sphere(0.1, CENTRE + 1.234))
     with pytest.raises(DegenerateError, match="area"):
         surface_distances(sphere(10), Mesh(np.zeros((3, 3)), np.array([[0, 1, 2]])))
+
+
+def test_every_sample_counts_in_the_distances_to_a_plane():
+    """Of a tetrahedron above a square: the distance of each sample is its height."""
+    corners = np.array([[0.1, 0.2, 0.3], [0.9, 0.3, 0.4], [0.4, 0.8, 0.5], [0.5, 0.4, 0.9]])
+    tetrahedron = Mesh(corners, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]))
+    square = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]), np.array([[0, 1, 2], [0, 2, 3]]))
+    samples = _sampled(tetrahedron)
+    heights, found = samples.points[:, 2], _to_surface(samples, _sampled(square))
+    assert found.mean == pytest.approx(heights[:SAMPLES].mean(), rel=1e-12)
+    assert found.rms == pytest.approx(np.sqrt((heights[:SAMPLES] ** 2).mean()), rel=1e-12)
+    assert found.percentile_95 == pytest.approx(np.percentile(heights[:SAMPLES], 95), rel=1e-12)
+    assert found.largest == pytest.approx(0.9, rel=1e-12)
