@@ -133,7 +133,7 @@ LEVEL: dict[WarningKind, str] = dict.fromkeys(WarningKind, WARNED) | {
     WarningKind.DUPLICATES: NOTE,
     WarningKind.BASE_NOT_OBSERVED: NOTE,
     WarningKind.ANISOTROPIC: NOTE,
-    # the surface is not the one that the points are from, or the map is none
+    # the surface is not that of the points, or the map folds
     WarningKind.FOLDING: UNRELIABLE,
     WarningKind.UNSUPPORTED: UNRELIABLE,
     WarningKind.RUNAWAY: UNRELIABLE,

@@ -134,7 +134,7 @@ def test_noise_that_is_none_is_refused(terminal, cloud, text):
     assert len(result.err.splitlines()) == 1
 
 
-def test_the_method_of_the_paper_knows_no_noise(terminal, cloud):
+def test_the_method_of_the_paper_has_no_option_noise(terminal, cloud):
     result = terminal("fit", cloud, "-o", "out", "--noise", "1", "--method", "paper")
     assert result.code == 2 and "noise is not one of method='paper'" in result.err
 

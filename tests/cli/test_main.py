@@ -160,7 +160,7 @@ def test_no_color_is_respected(cloud):
     assert "\x1b[3" not in process("info", cloud, env=coloured).stdout
 
 
-def test_progress_is_silent_where_nobody_watches(capsys):
+def test_progress_is_not_shown_without_a_terminal(capsys):
     with progress_bar("work") as show:
         show(1, 2)
     assert capsys.readouterr() == ("", "")

@@ -136,7 +136,7 @@ def test_what_does_not_fit_into_the_store_fails(one, tmp_path, shared, words):
     assert found.failure.kind == "InputError" and words in found.failure.error
 
 
-def test_an_error_that_nobody_foresaw_is_a_failure_too(one, tmp_path, monkeypatch):
+def test_an_unforeseen_error_is_a_failure_too(one, tmp_path, monkeypatch):
     np.save(tmp_path / "a.npy", HEART.surface_points("endo", 0, 24))
     monkeypatch.setattr("quadriform.cohort.subject.fit", lambda *_, **__: 1 / 0)
     found = one("a,a.npy,")

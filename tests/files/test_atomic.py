@@ -113,7 +113,7 @@ def test_an_interrupt_as_the_temporary_file_is_made_leaves_none(tmp_path, monkey
     assert not list(tmp_path.iterdir())
 
 
-def test_the_temporary_file_is_for_nobody_else(tmp_path, monkeypatch):
+def test_the_temporary_file_is_readable_by_its_owner_only(tmp_path, monkeypatch):
     seen, synced = [], os.fsync
 
     def watched(descriptor):

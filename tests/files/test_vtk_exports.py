@@ -39,7 +39,7 @@ def test_a_vtu_holds_the_very_same_wall():
     assert int(piece.get("NumberOfCells")) == len(read["depth"])
 
 
-def test_a_film_holds_every_state():
+def test_a_time_series_has_every_state():
     h5py = pytest.importorskip("h5py")
     states, times = [state(1.0), state(1.5)], [0.0, 30.0]
     content = encode_vtkhdf(states, times, resolution=4)

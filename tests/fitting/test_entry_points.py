@@ -172,7 +172,7 @@ def test_a_fit_holds_together(method, plain):
 
 
 @pytest.mark.slow
-def test_the_default_says_how_sure_it_is(plain):
+def test_the_default_reports_its_uncertainty(plain):
     """Noise, inliers and the spread of the surface, in the unit of the points; the paper's method has no spread."""
     assert plain.status == "ok" and plain.strength > 0 and plain.noise > 0
     assert plain.inliers.shape == (300,) and (plain.inliers > 0.5).all()

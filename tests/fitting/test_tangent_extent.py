@@ -70,7 +70,7 @@ def test_a_loop_is_its_plane(cut, based):
 
 
 @pytest.mark.slow
-def test_where_nobody_measured_the_surface_is_less_sure(cut, based):
+def test_without_data_the_surface_is_less_certain(cut, based):
     whole = BODY.surface(even_directions(600))
     sigma, measured = based.uncertainty(whole), (whole - AT) @ UP < -5
     assert sigma[~measured].mean() > 2 * sigma[measured].mean()

@@ -80,7 +80,7 @@ def test_the_noise_is_found(fitted):
 
 
 @pytest.mark.slow
-def test_the_uncertainty_is_what_it_says(fitted):
+def test_the_uncertainty_is_the_size_of_the_error(fitted):
     """Of the true surface between 85 and 99.9 % is within two sigma, and sigma is the size of the error."""
     sigma, off = fitted.uncertainty(EGG), np.abs(fitted.model.distance(EGG))
     assert 0.85 <= (off < 2 * sigma).mean() <= 0.999
@@ -123,7 +123,7 @@ def test_outliers_hardly_matter_and_are_named(fitted):
 
 
 @pytest.mark.slow
-def test_without_robustness_outliers_matter_and_nobody_is_one(start):
+def test_without_robustness_all_points_are_inliers_and_matter(start):
     cloud = with_strangers(FEW, 50)
     plain, robust = (qf.refine(start, cloud, robust=robust, box=(4, 4, 4)) for robust in (False, True))
     np.testing.assert_array_equal(plain.inliers, 1)
@@ -196,7 +196,7 @@ def test_every_round_is_reported_and_recorded(start):
     assert last.error == pytest.approx(fit.noise, rel=1e-9)
 
 
-def test_the_papers_method_knows_no_uncertainty():
+def test_the_papers_method_estimates_no_uncertainty():
     fit = qf.fit(CLEAN, method="paper", iterations=1)
     assert fit.covariance is None
     with pytest.raises(OptionError, match=r"uncertainty.*method='tangent'"):

@@ -84,7 +84,7 @@ def test_weights_of_one_are_no_weights(start, refined):
 
 
 @pytest.mark.slow
-def test_points_of_weight_zero_are_no_inliers_and_nobody_is_warned_of_them(left_out):
+def test_points_of_weight_zero_are_no_inliers_and_give_no_warning(left_out):
     """M4: what the caller has left out is no outlier."""
     found, _ = left_out
     np.testing.assert_array_equal(found.inliers[-50:], 0)

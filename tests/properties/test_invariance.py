@@ -171,7 +171,7 @@ def measures(model):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("change", [change for change in CHANGES if change.startswith(("M1", "M5", "M6"))])
-def test_measures_do_not_see_where_a_model_lies(wall, change):
+def test_measures_do_not_depend_on_the_pose_of_a_model(wall, change):
     """M26. The mirror image of a superellipsoid is one whose own first axis points the other way."""
     matrix, offset = CHANGES[change]
     own = np.diag([np.linalg.det(matrix), 1, 1])

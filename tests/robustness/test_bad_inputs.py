@@ -157,7 +157,7 @@ def test_row_11_copies_are_a_note():
         ("29", tube, {"ILL_CONDITIONED"}),
     ],
 )
-def test_a_superquadric_says_what_its_points_do_not_hold(row, points, kinds):
+def test_a_superquadric_reports_what_its_points_do_not_determine(row, points, kinds):
     cloud = points()
     found = qf.fit_superquadric(cloud)
     assert kinds <= set(found.warnings)

@@ -48,7 +48,7 @@ def test_row_35_more_control_points_than_points():
     assert found.model.min_jacobian() > 0
 
 
-def test_row_35_nothing_that_holds_the_box_is_refused():
+def test_row_35_a_box_without_regularisation_is_refused():
     with pytest.raises(OptionError, match="strength=0"):
         qf.fit(lumpy(40), strength=0)
 

@@ -18,7 +18,7 @@ def report_error(error: Exception, about: str = "") -> int:
         return error_line(f"{about}{error}", error.exit_code)
     if isinstance(error, MemoryError):
         return error_line(f"{about}out of memory; try fewer points or a smaller region", NO_MEMORY)
-    # a traceback on the screen helps nobody but us
+    # a traceback is for developers, so it is written to a file
     with tempfile.NamedTemporaryFile(
         "w", prefix="quadriform-report-", suffix=".txt", delete=False, encoding="utf-8"
     ) as report:

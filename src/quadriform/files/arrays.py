@@ -99,5 +99,5 @@ def _check_members(members: list[zipfile.ZipInfo], size: int, where: str) -> Non
 
 
 def _first(error: Exception) -> str:
-    """First line of an error's text, cut to a length that a terminal line bears."""
+    """First line of an error's text, cut to the length of a line on a terminal."""
     return (str(error).splitlines() or [type(error).__name__])[0][:120]

@@ -27,11 +27,11 @@ def in_time(files: Sequence[Path], by_hand: bool) -> list[Path]:
     """The files in the order of time.
 
     Names that differ in one number alone are put in the order of that number, whatever order they are given in: a shell
-    lists frame_10 before frame_2. Files without such a number keep the order in which somebody gave them by hand.
+    lists frame_10 before frame_2. Files without such a number keep the order in which the user gave them.
 
     Args:
         files: of the frames, one or more each.
-        by_hand: whether the order of `files` was given by somebody; a folder has none.
+        by_hand: whether the user gave the order of `files`; a folder has none.
 
     Raises:
         InputError: names that follow several patterns, a number twice, or names that differ in several numbers.

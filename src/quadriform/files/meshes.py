@@ -1,4 +1,4 @@
-"""Triangle meshes in and out. The frame and the unit travel in the header wherever the format has room."""
+"""Reading and writing of triangle meshes, with frame and unit in the header where the format allows it."""
 
 import os
 from collections.abc import Callable, Mapping
@@ -19,7 +19,7 @@ from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.record import ModelRecord
 
 HEAD = 4096
-"""Bytes in which the metadata stands, when there is any."""
+"""Bytes at the start of a file that contain its metadata, if there is any."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ def write_mesh(
         space: "LPS", "RAS" or "unknown".
         unit: "mm", "m" or "unknown".
         force: replace an existing file.
-        more: other words that the file carries beside frame and unit, such as `ModelRecord.marks`.
+        more: other words that the file carries beside frame and unit, such as `ModelRecord.metadata`.
 
     Raises:
         FileFormatError: another suffix.
@@ -88,7 +88,7 @@ def encode_mesh(mesh: Mesh, suffix: str, space: str, unit: str, more: Mapping[st
 
     Raises:
         OptionError: a frame or unit that no file can carry.
-        OutputError: single precision would spoil an STL.
+        OutputError: single precision would move vertices of an STL.
     """
     check_space_and_unit(space, unit)
     return ENCODERS[suffix](mesh, {"SPACE": space, "UNIT": unit} | dict(more or {}))
@@ -114,7 +114,7 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
 
 
 def read_mesh_or_points(path: str | os.PathLike[str]) -> Mesh:
-    """The same for points in a mesh format, too: a mesh without triangles."""
+    """Return the mesh of a file as `read_mesh` does; of points in a mesh format a mesh without triangles."""
     suffix = suffix_to_read(path, READ_SUFFIXES, "a mesh")
     return parse_mesh(read_bytes(path), suffix, quoted(path))
 

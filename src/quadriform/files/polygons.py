@@ -74,7 +74,7 @@ class Polygons:
 
 
 def strip_triangles(corners: Indices, lengths: Indices) -> Indices:
-    """Triangles (k, 3) of triangle strips, every second one turned so that all are wound alike."""
+    """Triangles (k, 3) of triangle strips, every second one reversed, so that all have the same winding."""
     found = [np.empty((0, 3), dtype=np.int64)]
     for strip in np.split(corners, np.cumsum(lengths)[:-1]) if len(lengths) else []:
         rows = np.lib.stride_tricks.sliding_window_view(strip, 3).copy() if len(strip) >= 3 else found[0]

@@ -1,6 +1,6 @@
 """A folder of results is replaced as a whole: either all its files are the new ones, or all are the old ones.
 
-The new files are written to a folder of their own first, so that a full disk is met before anything is changed, and
+The new files are written to a folder of their own first, so that a full disk is noticed before anything is changed, and
 then moved in. The first of them, the model, is taken away before the other old files and comes in after the other new
 ones: a folder with a model has the files that belong to it. Files that are no results stay as they are.
 """

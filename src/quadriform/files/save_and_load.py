@@ -37,7 +37,7 @@ def save(model_or_mesh: DeformableModel | MovingModel | Mesh, path: PathLike, fo
     Raises:
         OptionError: neither a model nor a mesh, or a model of several surfaces as one mesh.
         FileFormatError: a suffix that it cannot have.
-        OutputError: the target cannot be written; what stood there is untouched.
+        OutputError: the target cannot be written; an existing file is unchanged.
     """
     if isinstance(model_or_mesh, Mesh):
         write_mesh(model_or_mesh, path, force=force)

@@ -1,1 +1,1 @@
-"""Pictures of models, for eyes and papers."""
+"""Figures, pages and interactive views of models."""

@@ -18,11 +18,11 @@ from quadriform.shapes.voxels import voxel_spacing
 COLOURS = ("#e69f00", "#56b4e9", "#009e73", "#cc79a7")
 """Okabe and Ito's, distinguishable for colour-blind readers."""
 WIDTHS = (3.4, 1.0, 1.0, 1.0)
-"""Of outlines in points: thin ones over the first leave it to be seen."""
+"""Widths of outlines in points; the first is wider, so that it is visible below the others."""
 ALONE = 2.0
-"""Of a single outline."""
+"""Width of a single outline."""
 GAMMA = 0.6
-"""Lifts dark tissue so that it can be seen beside the bright."""
+"""Gamma correction that brightens dark tissue."""
 
 
 def slices_png(

@@ -50,7 +50,7 @@ class Subject:
     def length(self) -> float:
         """The largest extent of the points along their principal axes, in mm."""
         centred = self.cloud - self.cloud.mean(axis=0)
-        # along principal axes, because a heart lies askew in its image
+        # along principal axes, because a heart is oblique in its image
         return float(np.ptp(centred @ np.linalg.svd(centred, full_matrices=False)[2].T, axis=0).max())
 
     @property
