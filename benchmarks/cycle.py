@@ -109,7 +109,7 @@ def main() -> None:
         print("skipped: the contours of the human ventricle are not beside this repository")
         return
     with ProcessPoolExecutor(2) as pool:
-        print("## Whole cycle, RMS to all endo- and epicardial points, mm (wanted 1.15 without shifts)\n")
+        print("## Whole cycle, RMS to all endo- and epicardial points, mm (required 1.15 without shifts)\n")
         header = ("strategy", "RMS", "endo", "epi", "worst frame", "frame 0, unshifted")
         jobs = [*((way, 5) for way in WAYS), ("cycle", 7)]
         table(
@@ -119,7 +119,7 @@ def main() -> None:
         print("\n## Ejection fraction, % (reference surfaces: 59.7 with own planes, 54.3 with that of frame 9)\n")
         header = ("strategy", "own mitral planes", "plane of frame 9", "EDV, ESV ml", "ED, ES frame", "warnings")
         table(header, pool.map(ejection, WAYS))
-        print("\n## Left-out short-axis slices, RMS of their points, mm (wanted 2.2 over the cycle)\n")
+        print("\n## Left-out short-axis slices, RMS of their points, mm (required 2.2 over the cycle)\n")
         header = ("strategy", "over the cycle", "frame 0", "frame 9", f"slices {SAX[0]} to {SAX[-1]}")
         table(header, predictions(pool, [way for way in WAYS if way != "previous"]))
 

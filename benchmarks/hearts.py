@@ -140,22 +140,22 @@ def sunnybrook(job: tuple[str, float | None, Strength]) -> tuple:
 
 
 def pig_tables(pool: ProcessPoolExecutor) -> None:
-    print("## Pig, cavity in slices 1 to 13, both surfaces in one box from their labels, ml (wanted 3 %)\n")
+    print("## Pig, cavity in slices 1 to 13, both surfaces in one box from their labels, ml (required 3 %)\n")
     header = ("frame", "strength", "voxels", "fitted", "error %", "RMS endo / epi mm")
     header += ("strength used", "bound of det J", "crossings", "warnings")
     table(header, pool.map(pig, product(range(20), ("auto", 1e-6))))
-    print(f"\nDice of the blood pool of grey frame 0 with the label: {pig_blood():.3f} (wanted 0.85)\n")
+    print(f"\nDice of the blood pool of grey frame 0 with the label: {pig_blood():.3f} (required 0.85)\n")
 
 
 def spect_table(pool: ProcessPoolExecutor) -> None:
-    print("## SPECT at 4 mm, RMS of isosurface points endo / epi, mm (wanted 1), and both formats' surfaces\n")
-    header = ("study", "strength", "from NIfTI", "from DICOM", "largest distance of the two mm (wanted 0.01)")
+    print("## SPECT at 4 mm, RMS of isosurface points endo / epi, mm (required 1), and both formats' surfaces\n")
+    header = ("study", "strength", "from NIfTI", "from DICOM", "largest distance of the two mm (required 0.01)")
     header += ("strength used", "bound of det J", "crossings", "warnings of the fits", "of the images")
     table(header, pool.map(spect, product((1, 2, 3), ("auto", 1e-6, 3e-7, 1e-7))))
 
 
 def sunnybrook_table(pool: ProcessPoolExecutor) -> None:
-    print("\n## Sunnybrook, ejection fraction in %, cut at the stack (wanted within 3 points)\n")
+    print("\n## Sunnybrook, ejection fraction in %, cut at the stack (required within 3 points)\n")
     header = ("patient", "spacing mm", "strength", "by voxels", "fitted", "closed surface", "difference", "notes")
     header += ("ED, ES ml (by voxels)", "strengths used", "warnings")
     table(header, pool.map(sunnybrook, product(PATIENTS, SPACINGS, ("auto", 1e-6))))

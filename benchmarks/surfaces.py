@@ -91,7 +91,7 @@ def noise_free(folder: Path) -> None:
     ours, paper = error(qf.fit(points)), error(qf.fit(points, method="paper"))
     print("\n## Egg without noise, 6,000 points, 386 parameters\n")
     table(
-        ("ours RMS", 'method="paper"', "its iteration, best of six springs", "ratio to the springs", "wanted"),
+        ("ours RMS", 'method="paper"', "its iteration, best of six springs", "ratio to the springs", "required"),
         [(f"{ours:.4f}", f"{paper:.4f}", f"{springs:.4f}", f"{ours / springs:.3f}", "0.045, 0.25")],
     )
 
@@ -103,7 +103,7 @@ def two_sigma(folder: Path, draws: int = 20) -> None:
     data = np.load(folder / "egg.npz")
     shape = trimesh.Trimesh(data["true_v"], data["true_f"], process=False)
     truth = data["true_dense"][::20]
-    print(f"\n## Fraction of the true surface within 2 reported sigma, {draws} draws each (wanted 90 to 99 %)\n")
+    print(f"\n## Fraction of the true surface within 2 reported sigma, {draws} draws each (required 90 to 99 %)\n")
 
     def cells() -> Iterator[tuple]:
         for sigma in (0.1, 1.0):
@@ -140,7 +140,7 @@ def cramer_rao(folder: Path, draws: int = 20) -> None:
         f"\n## Surface error over the Cramer-Rao bound, 6,000 points of the model of the egg, noise 1, {draws} draws\n"
     )
     table(
-        ("mean ratio", "least", "most", "determined parameters", "wanted"),
+        ("mean ratio", "least", "most", "determined parameters", "required"),
         [(f"{np.mean(ratios):.3f}", f"{min(ratios):.3f}", f"{max(ratios):.3f}", rank, "1.1")],
     )
 
@@ -167,7 +167,7 @@ def main() -> None:
         return
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else home / "data"
     print("## Closed surfaces, RMS to the clean truth (long axis 100, noise 1)\n")
-    header = ("cloud", "ours RMS", "wanted", "best baseline", "95 %", "max", "parameters", "surface", "status")
+    header = ("cloud", "ours RMS", "required", "best baseline", "95 %", "max", "parameters", "surface", "status")
     table(header, rows(folder))
     orders(folder)
     noise_free(folder)

@@ -61,9 +61,9 @@ def main() -> None:
         print(f"## Human ventricle, each surface alone, 386 parameters. {SOURCE}\n")
         header = ("frame", "endo points", "RMS mm", "longest semi-axis / extent", "status")
         table((*header, "epi points", *header[2:]), pool.map(alone, frames))
-        print("\n## Against the reference surfaces, RMS to the endocardial points, mm (wanted 0.75)\n")
+        print("\n## Against the reference surfaces, RMS to the endocardial points, mm (required 0.75)\n")
         table(("frame", "ours", "reference", "ratio"), against_reference())
-        print("\n## Both surfaces in one box, 397 parameters (wanted: bound above 0, no crossing)\n")
+        print("\n## Both surfaces in one box, 397 parameters (required: bound above 0, no crossing)\n")
         table(("frame", "endo RMS", "epi RMS", "bound of det J", "crossings", "strength"), pool.map(together, frames))
 
 

@@ -51,21 +51,21 @@ def test_the_ratio_is_our_median_over_that_of_the_baseline(harness):
 
 
 @pytest.mark.parametrize(
-    ("value", "must", "moonshot", "at_least", "verdict"),
+    ("value", "required", "further", "at_least", "outcome"),
     [
         (0.9, 1.0, 0.5, False, "reached"),
         (1.0, 1.0, 0.5, False, "reached"),
-        (0.5, 1.0, 0.5, False, "moonshot"),
-        (1.1, 1.0, 0.5, False, "MISSED"),
+        (0.5, 1.0, 0.5, False, "further goal reached"),
+        (1.1, 1.0, 0.5, False, "not reached"),
         (1.7, 1.6, 1.9, True, "reached"),
-        (1.5, 1.6, 1.9, True, "MISSED"),
-        (2.0, 1.6, 1.9, True, "moonshot"),
+        (1.5, 1.6, 1.9, True, "not reached"),
+        (2.0, 1.6, 1.9, True, "further goal reached"),
         (7.0, None, None, False, "no goal"),
-        (7.0, None, 1.0, False, "short of the moonshot"),
+        (7.0, None, 1.0, False, "further goal not reached"),
     ],
 )
-def test_rows_are_judged_by_their_goal(harness, value, must, moonshot, at_least, verdict):
-    assert harness.Row("comparison", harness.Goal(must, moonshot, at_least=at_least), value).verdict == verdict
+def test_rows_are_judged_by_their_goal(harness, value, required, further, at_least, outcome):
+    assert harness.Row("comparison", harness.Goal(required, further, at_least=at_least), value).outcome == outcome
 
 
 def test_losses_are_the_rows_that_missed_or_did_not_run(harness):
@@ -77,17 +77,17 @@ def test_losses_are_the_rows_that_missed_or_did_not_run(harness):
         harness.Row("only shown", harness.Goal(None), 9.0),
     ]
     assert harness.losses(row.cells() for row in rows) == [
-        "- lost: 1.5 x, wanted <= 1 x.",
+        "- lost: 1.5 x, required <= 1 x.",
         "- absent: not compared; no wheel.",
     ]
 
 
 def test_rows_that_were_measured_again_take_their_places(harness):
-    header = "\n".join(["## Results", "", "| comparison | verdict |", "| --- | --- |"])
-    rows = "| one | MISSED |\n| two |  |\n\n## Goals that are not reached\n\n- one\n\n| no | table |\n"
+    header = "\n".join(["## Results", "", "| comparison | outcome |", "| --- | --- |"])
+    rows = "| one | not reached |\n| two |  |\n\n## Goals that are not reached\n\n- one\n\n| no | table |\n"
     text = f"# Comparisons\n\n{header}\n{rows}"
     earlier = harness.table_of(text, "Results")
-    assert earlier == [("one", "MISSED"), ("two", "")]
+    assert earlier == [("one", "not reached"), ("two", "")]
     assert harness.table_of(text, "Rate") == []
     later = harness.replaced(earlier, [("three", "reached"), ("one", "reached")])
     assert later == [("one", "reached"), ("two", ""), ("three", "reached")]

@@ -1,4 +1,4 @@
-"""The stop-watch and the judge: sides in turn, medians, goals, rows of a table. Needs the standard library only."""
+"""Times of two sides in turn, their medians, goals, and the rows of a table. Needs the standard library only."""
 
 import statistics
 import time
@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-HEADER = ("comparison", "must", "moonshot", "measured", "ours", "baseline", "verdict")
-UNREACHED, SKIPPED = "MISSED", "skipped"
+HEADER = ("comparison", "goal", "further goal", "measured", "ours", "baseline", "result")
+UNREACHED, SKIPPED = "not reached", "skipped"
 
 
 class Missing(Exception):
@@ -55,17 +55,17 @@ def in_turn(
 
 @dataclass(frozen=True)
 class Goal:
-    """What a comparison must reach and what would be splendid; None where nothing was said.
+    """The bound that a comparison must reach, and a further one; None where there is none.
 
     Attributes:
-        must: the bound.
-        moonshot: the further one.
+        required: the bound.
+        further: the further one.
         unit: written after the numbers.
         at_least: whether more is better.
     """
 
-    must: float | None
-    moonshot: float | None = None
+    required: float | None
+    further: float | None = None
     unit: str = "x"
     at_least: bool = False
 
@@ -75,13 +75,13 @@ class Goal:
             return False
         return value >= bound if self.at_least else value <= bound
 
-    def verdict(self, value: float) -> str:
-        """The word for a value."""
-        if self.reaches(value, self.moonshot):
-            return "moonshot"
-        if self.must is None:
-            return "no goal" if self.moonshot is None else "short of the moonshot"
-        return "reached" if self.reaches(value, self.must) else UNREACHED
+    def outcome(self, value: float) -> str:
+        """Whether a value reaches the goals, in words."""
+        if self.reaches(value, self.further):
+            return "further goal reached"
+        if self.required is None:
+            return "no goal" if self.further is None else "further goal not reached"
+        return "reached" if self.reaches(value, self.required) else UNREACHED
 
     def text(self, bound: float | None) -> str:
         """A bound as it stands in the table."""
@@ -107,15 +107,15 @@ class Row:
     baseline: str = ""
 
     @property
-    def verdict(self) -> str:
-        """The word for this comparison."""
-        return SKIPPED if self.value is None else self.goal.verdict(self.value)
+    def outcome(self) -> str:
+        """Whether this comparison reaches its goals, in words."""
+        return SKIPPED if self.value is None else self.goal.outcome(self.value)
 
     def cells(self) -> tuple[str, ...]:
         """As many as `HEADER`."""
-        bounds = (self.goal.text(self.goal.must), self.goal.text(self.goal.moonshot))
+        bounds = (self.goal.text(self.goal.required), self.goal.text(self.goal.further))
         measured = "" if self.value is None else f"{self.value:.3g} {self.goal.unit}"
-        return (self.comparison, *bounds, measured, self.ours, self.baseline, self.verdict)
+        return (self.comparison, *bounds, measured, self.ours, self.baseline, self.outcome)
 
 
 def against(comparison: str, goal: Goal, ours: Lap, baseline: Lap, name: str, note: str = "") -> Row:
@@ -140,10 +140,10 @@ Cells = tuple[str, ...]
 def losses(rows: Iterable[Cells]) -> list[str]:
     """One line for each row, by its cells, that missed its goal or was not run."""
     lines = []
-    for comparison, must, _, measured, _, baseline, verdict in rows:
-        if verdict == UNREACHED:
-            lines.append(f"- {comparison}: {measured}, wanted {must}.")
-        elif verdict == SKIPPED:
+    for comparison, required, _, measured, _, baseline, outcome in rows:
+        if outcome == UNREACHED:
+            lines.append(f"- {comparison}: {measured}, required {required}.")
+        elif outcome == SKIPPED:
             lines.append(f"- {comparison}: not compared; {baseline}.")
     return lines
 

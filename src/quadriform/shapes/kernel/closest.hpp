@@ -126,7 +126,7 @@ void update_block(const Box &box, const Surface &surface, double diagonal, const
     }
 }
 
-// A step of an origin, the gain in squared distance that it promises, and the least curvature of half the squared
+// A step of an origin, the gain in squared distance that it predicts, and the least curvature of half the squared
 // distance with its undeformed direction.
 struct Step {
     Vector move, weak;

@@ -29,7 +29,7 @@ struct Box {
 // Room for the basis along each axis and its derivative.
 struct Basis {
     typedef double Loose __attribute__((vector_size(LANES * sizeof(double)), aligned(sizeof(double))));
-    struct Four { // on the heap, where no alignment is promised
+    struct Four { // on the heap, where no alignment is guaranteed
         Loose of;
     };
     std::vector<Four> value[3], derivative[3], up, down;

@@ -1,5 +1,5 @@
-// Signed first-order distances of points to superquadrics and their derivatives, as fitting/superquadric/batch.py
-// describes them.
+// Signed first-order distances of points to superquadrics and their derivatives, as described in
+// fitting/superquadric/levenberg_marquardt.py.
 #pragma once
 
 #include "superquadric.hpp"
