@@ -1,6 +1,6 @@
-"""How far data supports a fitted surface, measured from each part of it to the data; whether that is of one surface.
+"""Support of a fitted surface by its data, measured from each part of the surface; whether points are of one surface.
 
-Warnings about fits are made of these measures in `diagnostics.py`.
+`diagnostics.py` derives warnings from these measures.
 """
 
 from dataclasses import dataclass, replace
@@ -20,21 +20,21 @@ from quadriform.shapes.superquadric import Superquadric
 
 @dataclass(frozen=True)
 class Limits:
-    """What counts as supported."""
+    """The constants of support."""
 
     medians: float = 3.0
-    """Supported is what is not farther from data than this many medians of the distances of all that is supported.
-    Between slices the median is a quarter of their distance: a surface goes on half as far again beyond the last slice
-    as it lies between two. Of points at random on a surface one part in 500 is farther from all of them."""
+    """A part is supported where its distance from data is at most this many medians of the distances of all supported
+    parts. Between slices the median is a quarter of their distance, so a surface is supported up to three quarters of
+    it beyond the last slice. Of random points on a surface one part in 500 is farther from all of them."""
     first: float = 2.0
-    """Medians of the distances between neighbouring points within which a part is supported to begin with."""
+    """Medians of the distances between neighbouring points within which a part is supported in the first round."""
     rounds: int = 60
-    """The limit grows by half at most in a round; dense slices need most."""
+    """Most rounds; the limit grows by half at most in each, and dense slices need most of them."""
     widest: float = 0.5
-    """RMS radii of the points. Gaps of more than two thirds of a radius are not interpolated: a body could be anything
-    there, and with so few slices nothing shows how far apart they are."""
+    """Largest limit, in RMS radii of the points. Gaps of more than two thirds of a radius are not interpolated: the
+    shape there is unknown, and so few slices do not show their usual distance."""
     noise: float = 3.0
-    """Standard deviations of the noise within which a point can lie from the part that it was measured at."""
+    """Standard deviations of the noise within which a point can be from the part of the surface that it measures."""
     resolution: int = 32
     """Of the mesh whose triangles are the parts."""
     directions: int = 12
@@ -45,19 +45,19 @@ class Limits:
 
 LIMITS = Limits()
 PER_CELL = 8
-"""Directions are counted in cells that hold so many points of an even cloud, so that empty ones mean something."""
+"""Points of an even cloud in a cell of directions, enough that an empty cell means missing data."""
 
 
 @dataclass(frozen=True)
 class Reach:
-    """How far a surface reaches beyond data in the direction where that is farthest, and how wide the data is there."""
+    """The largest extent of a surface beyond its data in any direction, and the width of the data in that direction."""
 
     distance: float
     width: float
 
     @classmethod
     def of(cls, vertices: Array, points: Array) -> "Reach":
-        """Of vertices (m, 3) beyond points (n, 3); at least 0."""
+        """The reach of vertices (m, 3) beyond points (n, 3); at least 0."""
         directions = sphere_grid(LIMITS.directions)[0]
         far = _farthest(points, directions)
         farther = np.maximum(_farthest(vertices, directions) - far, 0.0)
@@ -67,10 +67,10 @@ class Reach:
 
 @dataclass(frozen=True)
 class Support:
-    """How far data supports one surface.
+    """The support of one surface by its data.
 
     Attributes:
-        area: share [0, 1] of its area.
+        area: share [0, 1] of its area that is supported.
         volume: share [0, 1] of the volume, seen from the centre of the data, that lies below supported area.
         below: the same of the volume below the base, seen from a point of it; that of all without a base.
         within: the share of the area on this side of the base; that of all without a base.
@@ -88,7 +88,7 @@ class Support:
     reach: Reach
 
     def scaled(self, scale: float) -> "Support":
-        """The same in another unit of length."""
+        """The support with its lengths times `scale`."""
         reach = Reach(scale * self.reach.distance, scale * self.reach.width)
         return replace(self, limit=scale * self.limit, extends_beyond=scale * self.extends_beyond, reach=reach)
 
@@ -99,8 +99,8 @@ def support_of(mesh: Mesh, points: Array, feet: Array, noise: float, base: BaseP
     Args:
         mesh: of the surface, fine.
         points: (n, 3), the inliers; n may be 0.
-        feet: (n, 3), the points of the surface nearest to them: a part of it that no point is nearest to, such as the
-            inner side of a thin bowl around nothing, has no support.
+        feet: (n, 3), the points of the surface nearest to them: a part of the surface without foot points, such as the
+            other side of a thin bowl, has no support.
         noise: standard deviation of the points.
         base: the plane beyond which no data is expected, or None.
     """
@@ -131,11 +131,11 @@ def support_of(mesh: Mesh, points: Array, feet: Array, noise: float, base: BaseP
 
 
 def interpolated(distances: Array, areas: Array, feet: Array) -> float:
-    """The distance from data up to which a surface is interpolated; that between slices counts, not within them.
+    """The distance from data up to which a surface is interpolated, by the distance between slices, not within them.
 
-    The median of the distances of what is supported grows until the gaps between points and between slices are
-    filled: what lies farther has no data around it. It starts from below, because the median of all parts would be that
-    of a surface without data where most of it is.
+    The median of the distances of the supported parts grows until the gaps between points and between slices are
+    filled; parts that are farther have no data around them. It starts from below, because the median over all parts
+    would be that of extrapolated ones where most of the surface has no data.
 
     Args:
         distances: (m,) from the parts of the surface to the nearest data.
@@ -173,13 +173,13 @@ def _radius(points: Array) -> float:
 
 
 def _cones(corners: Array, apex: Array) -> Array:
-    """Volumes (m,) of the cones over triangles (m, 3, 3) from an apex, without signs."""
+    """Absolute volumes (m,) of the tetrahedra of triangles (m, 3, 3) and an apex."""
     a, b, c = (corners - apex).transpose(1, 0, 2)
     return np.abs(np.einsum("ij,ij->i", a, np.cross(b, c))) / 6
 
 
 def _fraction(values: Array, supported: NDArray[np.bool_]) -> float:
-    """The share of values (m,) that is supported; all of nothing."""
+    """The share of the sum of values (m,) that is supported; 1 where the sum is zero."""
     total = float(values.sum())
     return float(values[supported].sum()) / total if total > 0 else 1.0
 
@@ -208,35 +208,38 @@ def covered_fraction(superquadric: Superquadric, points: Array, half_space: tupl
 
 @dataclass(frozen=True)
 class OneSurface:
-    """The constants of these tests."""
+    """The constants of the tests whether points are of one surface."""
 
     asked: int = 2000
-    """So many points are looked at, evenly chosen: all pairs of them are considered."""
+    """Points of an even sample, of which all near pairs are considered."""
     distant: float = 3.0
     """Points farther from all others than this many limits of support are of another cluster: far above the distance
     between slices, which is four thirds of that limit."""
     least: float = 0.1
-    """A cluster with a smaller fraction of the points is no body."""
+    """Least fraction of the points in a cluster that is a body."""
     fewest: int = 100
+    """Least number of points in a cluster that is a body."""
     open_angle: float = np.radians(40)
-    """A body of at least so many points leaves no wider cone empty, seen from its centre in units of its axes. So many
-    random directions leave 25 degrees; half an ellipsoid, such as an end of a body whose middle has no data, 50."""
+    """Widest empty cone of a closed body of that many points, seen from its centre in units of its axes. That many
+    random directions leave 25 degrees empty; half an ellipsoid, such as an end of a body without data in its middle,
+    50 degrees."""
     directions: int = 8
-    """Of the grid of directions among which the widest empty cone is found."""
+    """Resolution of the grid of directions among which the widest empty cone is found."""
     neighbours: int = 16
+    """Points of a neighbourhood in which two layers are sought."""
     layer: int = 4
-    """Of so many neighbours so many are of the smaller layer at least."""
+    """Least number of these that are of the smaller layer."""
     split: float = 0.85
-    """Two layers explain at least this fraction of the variance of 16 neighbours. The best two halves of normal
-    deviates explain two thirds, of even ones three quarters."""
+    """Least fraction of the variance of 16 neighbours that two layers explain. The best two halves of normal deviates
+    explain two thirds, of uniform ones three quarters."""
     thick: float = 0.1
-    """RMS radii between layers at least, twice what a poor fit is: voxels and noise make thinner ones."""
+    """Least distance of layers in RMS radii, twice the distance of a poor fit: voxels and noise make thinner ones."""
     layered: float = 0.5
-    """Above this fraction of neighbourhoods with two layers the points are of a double wall."""
+    """Fraction of neighbourhoods with two layers above which the points are of a double wall."""
     deep: float = 1 / 3
-    """Of the mean thickness of a body: points deeper inside than that are not of its surface."""
+    """Depth, as a fraction of the mean thickness of a body, below which points are not of its surface."""
     most: float = 0.1
-    """Of the points that are deep inside; outliers everywhere around a body leave less than half of that."""
+    """Largest fraction of the points deep inside; outliers everywhere around a body leave less than half of that."""
 
 
 ONE = OneSurface()
