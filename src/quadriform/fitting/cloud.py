@@ -39,8 +39,6 @@ class Neighbours:
     """Neighbours of which principal axes are taken: two rings on an even surface."""
     surface: float = 0.4
     """Most points on a surface are flatter than this; in a filled volume they are not."""
-    even: float = 0.25
-    """Flatness that 12 neighbours on an evenly sampled surface have at least; a curve has less."""
     dense_rank: int = 10
     isolated_ratio: float = 3.0
     """A point is isolated when its tenth neighbour is farther than three times the usual."""
@@ -220,10 +218,6 @@ class Neighbourhood:
     def take(self, index: NDArray[np.int64]) -> "Neighbourhood":
         """Of the chosen points."""
         return Neighbourhood(self.along[index], self.normals[index], self.flatness[index])
-
-    def alone_across(self) -> Array:
-        """Weights (n,) of the direction across curves of points, which these do not determine: 0 on a surface."""
-        return np.clip(1 - self.flatness / NEAR.even, 0, 1) ** 2
 
 
 def outward_normals(points: Array, given: Array) -> Array:

@@ -2,11 +2,11 @@
 
 For all surfaces at once, with r_i from the surface to a data point and n_i the normal at its foot point,
 
-    sum_i w_i [ (n_i . r_i)^2 + r_i' H_i r_i ] + alpha N E(P - P0)
+    sum_i w_i [ (n_i . r_i)^2 + epsilon |r_i - (n_i . r_i) n_i|^2 ] + alpha N E(P - P0)
 
 is minimised over the control points. w_i is the probability to be an inlier, E the regulariser and alpha the strength
-of the largest evidence. H_i penalises the part of r_i along the surface: little where neighbouring data determines the
-surface, fully across an isolated curve of data, where nothing else does.
+of the largest evidence. epsilon is small: the part of r_i along the surface is no error of the data, across a contour
+as little as along it, so more points on the same contours do not hold the surface more firmly.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -20,7 +20,7 @@ from quadriform.fitting.least_squares.normal_equations import NormalEquations, n
 from quadriform.fitting.least_squares.regularisers import Regulariser, penalty_matrix
 from quadriform.fitting.refinement.surface_data import SurfaceData
 from quadriform.fitting.result import Iteration
-from quadriform.points import Array, outer_squares, rms_length, unit_vectors
+from quadriform.points import Array, outer_squares, rms_length
 from quadriform.shapes.closest import surface_normals
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superquadric import Superquadric
@@ -70,13 +70,8 @@ class Rows:
 def data_rows(data: SurfaceData, box: ControlBox) -> Rows:
     """The terms of the data in the sum."""
     normals = surface_normals(data.superquadric, box, data.origins)
-    # directions of the data in the tangent plane of the model
-    along = data.neighbourhood.along - np.einsum("ni,ni->n", data.neighbourhood.along, normals)[:, None] * normals
-    across = unit_vectors(np.cross(normals, along))
-    # metric n n' + small tangential part, plus t t' across isolated curves: H_i of the module's formula
-    across_curves = data.neighbourhood.alone_across()[:, None, None] * outer_squares(across)
     weights = (data.effective_weights / data.variances(normals))[:, None, None]
-    return Rows(data.origins, data.points, weights * (_tangential(outer_squares(normals)) + across_curves))
+    return Rows(data.origins, data.points, weights * _tangential(outer_squares(normals)))
 
 
 def attraction_rows(superquadric: Superquadric, box: ControlBox, attraction: Attraction) -> Rows:
