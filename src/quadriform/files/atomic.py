@@ -119,7 +119,7 @@ def _written_beside(target: Path, data: bytes) -> Iterator[Path]:
     # The name is known before there is a file: an interrupt can fall between the making of one and its return.
     temporary = target.parent / f".quadriform-{secrets.token_hex(8)}.tmp"
     try:
-        # Nobody else may read it meanwhile.
+        # Other users may not read it meanwhile.
         with open(temporary, "xb", opener=lambda path, flags: os.open(path, flags, 0o600)) as stream:
             stream.write(data)
             stream.flush()

@@ -12,7 +12,8 @@ from quadriform.report.parts import svg
 from quadriform.report.slices import COLOURS
 
 RINGS = ((0, 6, 60.0), (6, 6, 60.0), (12, 4, 45.0), (16, 1, 0.0))
-"""First segment, how many, and where the first begins (degrees), from base to apex (Cerqueira et al. 2002)."""
+"""Rings from base to apex (Cerqueira et al. 2002): index of the first segment, number of segments, and the angle where
+the first begins, in degrees."""
 
 
 def _axes(width: float, height: float, **labels: str) -> Any:

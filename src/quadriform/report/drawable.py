@@ -33,7 +33,7 @@ class Surfaces:
 
     @property
     def only(self) -> Mesh:
-        """The single one.
+        """The triangles of the model's only surface.
 
         Raises:
             OptionError: there are several.

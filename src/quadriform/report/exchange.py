@@ -43,7 +43,7 @@ def to_trimesh(
 
 
 def to_pyvista(model: Drawable, surface: str | None = None, *, time: float | None = None, resolution: int = 24) -> Any:
-    """The same as a `pyvista.PolyData`; needs pyvista, which `pip install 'quadriform[viz]'` brings.
+    """The same vertices and triangles as a `pyvista.PolyData`; needs `pip install 'quadriform[viz]'`.
 
     Args:
         model: as for `to_trimesh`, and so the other three.

@@ -21,7 +21,7 @@ from quadriform.shapes.record import remarks_of
 
 Shown = DeformableModel | MovingModel | Fit | Track
 HEIGHT = 760
-"""Of the frame in a notebook, in its pixels."""
+"""Height of the frame in a notebook, in pixels."""
 
 
 def show(thing: Shown) -> Path:
@@ -45,8 +45,8 @@ def show(thing: Shown) -> Path:
 
 
 def as_html(thing: Shown) -> str:
-    """The same as a frame for a notebook: a page of its own, which sees nothing of the notebook."""
-    # srcdoc is an attribute: the page stands in it escaped, once more than its own texts
+    """The page as an inline frame for a notebook, sandboxed: its script has no access to the notebook."""
+    # srcdoc is an attribute: the page in it is escaped a second time
     text = escape(_page(thing).decode())
     frame = '<iframe sandbox="allow-scripts" style="width: 100%; height: {}px; border: 0" srcdoc="{}"></iframe>'
     return str(Markup(frame).format(HEIGHT, text))

@@ -1,4 +1,4 @@
-"""One page of HTML that needs nothing beside it: no network, no other file, no script of others."""
+"""Self-contained pages of HTML: no network, no other file, no third-party script."""
 
 import tomllib
 from collections.abc import Sequence
@@ -44,13 +44,13 @@ def source(name: str) -> Markup:
 
 @cache
 def texts(table: str) -> dict[str, dict[str, Any]]:
-    """A table of texts of this package by their sections, with gaps in braces for numbers."""
-    # as plain text: a page escapes what it says like everything else
+    """A file of texts of this package by their sections, with placeholders in braces."""
+    # plain text, not Markup: pages escape it
     return tomllib.loads(str(source(table)))
 
 
 def report_text(section: str, name: str, /, **words: object) -> str:
-    """One of the texts of reports, with words in its gaps."""
+    """One of the texts of reports, its placeholders replaced."""
     return str(texts("reports.toml")[section][name].format(**words))
 
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> Markup:
-    """Rows under a header; cells that look like numbers stand to the right. Without a header the first column names."""
+    """Rows under a header, columns of numbers right-aligned. Without a header the first column names the rows."""
     cells = [[str(cell) for cell in row] for row in rows]
     numeric = [all(_is_number(row[k]) for row in cells) for k in range(len(cells[0]))] if cells else []
     return rendered("table.html.j2", header=header, rows=cells, numeric=numeric)
@@ -31,7 +31,7 @@ def figure(picture: Markup, caption: str) -> Markup:
 
 
 def svg(drawing: "Figure", words: str) -> Markup:
-    """A drawing as vectors, with the words that stand for it where it cannot be seen; the same bytes every time."""
+    """A drawing as SVG with its text alternative; the same bytes every time."""
     import matplotlib
 
     stream = io.StringIO()

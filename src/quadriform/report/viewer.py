@@ -51,12 +51,12 @@ class Scene:
     """What a viewer shows beside the model.
 
     Attributes:
-        title: in words, for those who cannot see it.
+        title: text alternative of the drawing.
         points: surface -> one cloud (n, 3) a frame.
         residuals: surface -> one array (n,) a frame, the points' signed distances.
         errors: RMS distance of each frame, as Python has it; None where it is not known.
-        fields: more to colour by.
-        cavity: surface whose volume makes the curve and the ejection fraction.
+        fields: further values that colour the surface.
+        cavity: surface whose volume gives the curve and the ejection fraction.
         planes: the base in each frame, where the cavity's volume ends; None is the whole closed surface.
     """
 

@@ -24,7 +24,7 @@ ARROW = "#a0306f"
 SHOWN = 3000
 """At most so many points of a cloud are drawn."""
 RESOLUTION = 16
-"""Of the meshes that are drawn: cells along an edge of the cube."""
+"""Cells along an edge of the cube, of the meshes that are drawn."""
 VIEW = (18.0, -58.0)
 """Elevation and azimuth in degrees."""
 TEXT = 11
@@ -46,7 +46,7 @@ def in_space(
 
     Args:
         window: (n, 3) points; what lies around them is shown, equal lengths along all axes.
-        words: stand for the picture where it cannot be seen.
+        words: text alternative of the picture.
         *artists: of `cloud`, `mesh`, `box`, `arrows`.
         view: elevation and azimuth in degrees.
         inches: width of the picture, 100 pixels each.
@@ -156,7 +156,7 @@ def tiles(named: Iterable[tuple[str, Markup]], size: str = "") -> Markup:
 
 
 def legend(entries: Sequence[tuple[str, str]]) -> Markup:
-    """What the colours of pictures mean: (name, colour) of each."""
+    """The legend of pictures, from (name, colour) of each."""
     items = [Markup('<li><span style="background:{}"></span>{}</li>').format(colour, name) for name, colour in entries]
     return Markup('<ul class="legend">{}</ul>').format(Markup("").join(items))
 

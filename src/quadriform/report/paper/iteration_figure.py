@@ -16,7 +16,7 @@ QUANTITIES = {
     "surface_motion": "stop test: motion of the surface RMS, mm",
 }
 COLOURS = (drawing.ORANGE, drawing.PINK, drawing.GREY, drawing.INK)
-"""Of the sets of data: none of those of the two methods."""
+"""Colours of the sets of data, none of those of the two methods."""
 LEAST = 1e-6
 """Motions in mm below this are not drawn."""
 

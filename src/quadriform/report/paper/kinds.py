@@ -22,7 +22,7 @@ TRUE = (
     Superquadric("hyperboloid2", np.array((15.0, 20.0, 20.0)), np.array((1.0, 0.8)), height=50),
 )
 CURVATURES = (0.008, 0.002, 0.001)
-"""Of the bends in 1 / mm: 1 to 3 mm at the ends."""
+"""Curvatures of the bends in 1 / mm; the ends move by 1 to 3 mm."""
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,10 @@ from quadriform.report.paper.trade_off import TradeOff, measure_trade_off
 
 
 class Material:
-    """What the figures are drawn from."""
+    """Data and fits of the figures, computed when a figure first needs them."""
 
     def __init__(self, folder: Path | None = None, box: Box = (5, 5, 5)) -> None:
-        """Read nothing yet.
+        """Keep the options; nothing is read yet.
 
         Args:
             folder: of real hearts; None does without.
@@ -42,7 +42,7 @@ class Material:
 
     @cached_property
     def sparse_heart(self) -> Sparse | None:
-        """The same of a real heart, in the paper's proportions."""
+        """A real heart reduced like `sparse`, in the paper's proportions; None without real hearts."""
         if not self.real:
             return None
         whole = self.third.subject

@@ -62,7 +62,7 @@ class Remake:
 
 
 def text(key: str, part: str, /, **words: object) -> str:
-    """One of the texts of a figure, with words in its gaps."""
+    """One of the texts of a figure, its placeholders replaced."""
     every = texts(FIGURES)
     found = every[key] if part in every[key] else every[every[key]["like"]]
     return str(found[part].format(**words))

@@ -126,7 +126,7 @@ def brain(box: Box) -> Scan:
 
 
 def coarse_brain(box: Box) -> Scan:
-    """The same at a quarter of its resolution."""
+    """The brain at a quarter of its resolution."""
     image = example_volume()
     # a rest that fills no block is left out
     sizes = [size // COARSER for size in image.values.shape]

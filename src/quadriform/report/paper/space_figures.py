@@ -20,7 +20,7 @@ from quadriform.shapes.model import DeformableModel
 Index = NDArray[np.int64]
 
 LINES = 17
-"""Of the lattice along each axis."""
+"""Lattice lines along each axis."""
 WALL = 40
 """Cells along a cube's edge of the meshes whose sections are drawn."""
 WALL_COLOURS = (drawing.ORANGE, drawing.PINK)

@@ -114,7 +114,7 @@ def ratios(one: Curve, other: Curve, count: int = 50) -> Array:
 
 
 def _front(curve: Curve) -> tuple[Array, Array]:
-    """Logarithms of error and motion of the settings that no other beats in both, errors ascending."""
+    """Logarithms of error and motion of the Pareto-optimal settings, errors ascending."""
     # sorted by error, then by motion; a setting stays where all with less error move the box more
     order = np.lexsort((curve.moved, curve.error))
     moved = curve.moved[order]
