@@ -91,8 +91,9 @@ def test_harmless_variants_are_accepted(write, content):
     assert np.array_equal(read_points(write("p.csv", content)), ROWS)
 
 
-def test_one_row_keeps_its_shape(write):
-    assert read_points(write("p.xyz", "1 2 3")).shape == (1, 3)
+@pytest.mark.parametrize("content", ["1 2 3", "1\n1 2 3\n"], ids=["alone", "below its count"])
+def test_one_row_keeps_its_shape(write, content):
+    assert read_points(write("p.xyz", content)).tolist() == [[1.0, 2.0, 3.0]]
 
 
 def test_a_header_chooses_the_columns_whatever_their_order(write):

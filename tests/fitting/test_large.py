@@ -70,6 +70,7 @@ def test_all_points_determine_more_than_a_sample_and_no_less_than_at_once(small,
     assert error(every) < 1.15 * error(at_once)
     spread = [fit.uncertainty(TRUTH[::500]) for fit in (every, at_once)]
     assert 0.7 < np.median(spread[0] / spread[1]) < 1.4
+    assert 0.5 < np.trace(every.covariance) / np.trace(at_once.covariance) < 2
     assert every.noise == pytest.approx(NOISE, rel=0.1)
     assert every.model.min_jacobian() > 0
     assert every.residuals.shape == every.inliers.shape == every.superquadric_residuals.shape == (6000,)
