@@ -11,7 +11,8 @@ from quadriform import fit_superquadric
 from quadriform.errors import OptionError
 from quadriform.fitting.mixture import Mixture
 from quadriform.fitting.superquadric.levenberg_marquardt import Candidates
-from quadriform.fitting.superquadric.multistart import SEARCH, SearchProblem, acceptable, em
+from quadriform.fitting.superquadric.multistart import SEARCH, acceptable, em
+from quadriform.fitting.superquadric.problem import SearchProblem
 from quadriform.points import Frame
 from quadriform.shapes.superquadric import Superquadric
 

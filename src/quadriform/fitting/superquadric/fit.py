@@ -28,9 +28,10 @@ from quadriform.fitting.result import SuperquadricFit
 from quadriform.fitting.superquadric.identifiability import determined
 from quadriform.fitting.superquadric.initial import cut_to, ellipsoid_by_moments
 from quadriform.fitting.superquadric.levenberg_marquardt import AXES, SHIFT
-from quadriform.fitting.superquadric.multistart import SEARCH, SearchProblem, SearchResult, nearby, solve
+from quadriform.fitting.superquadric.multistart import SEARCH, SearchResult, nearby, solve
 from quadriform.fitting.superquadric.openness import remaining_covariance
 from quadriform.fitting.superquadric.paper import fit_paper
+from quadriform.fitting.superquadric.problem import SearchProblem
 from quadriform.fitting.support import covered_fraction
 from quadriform.fitting.threads import one_blas_thread
 from quadriform.point_sets import ALONE, point_set, precision_loss

@@ -6,12 +6,12 @@ parts of the cloud follows only where the best is not accepted.
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from quadriform.fitting.cloud import best_first, canonical_order, nearest
+from quadriform.fitting.cloud import best_first, nearest
+from quadriform.fitting.connected import unconnected
 from quadriform.fitting.diagnostics import COVERED, INLIER
 from quadriform.fitting.mixture import LARGEST_RATIO, Mixture, all_inliers, annealed, density_odds, estimated
 from quadriform.fitting.superquadric.initial import (
@@ -25,6 +25,7 @@ from quadriform.fitting.superquadric.initial import (
     sides,
 )
 from quadriform.fitting.superquadric.levenberg_marquardt import Candidates, Descent
+from quadriform.fitting.superquadric.problem import SearchProblem
 from quadriform.fitting.superquadric.restarts import RESTART, restarts
 from quadriform.fitting.support import covered_fraction
 from quadriform.points import Array
@@ -80,78 +81,15 @@ class SearchSettings:
     """Surfaces whose cost, sigma squared, is within this fraction of the best are alternative minima."""
     first_sigma: float = 0.5
     """Largest sigma at the start of annealing, as a fraction of a candidate's size."""
+    never: float = -100.0
+    """Log odds of a point that is of another body."""
     same: float = 0.5
     """Surfaces nearer to each other than this many sigma at the points are one."""
 
 
 SEARCH = SearchSettings()
-PARTS = ("semi_axes", "exponents", "rotation", "translation", "hole_radius")
-"""The parameters of a superquadric in the order of those of `Candidates`."""
 ENOUGH_PAIRS = (4 / (1 - SEARCH.pattern)) ** 2
 """Least number of pairs for a conclusion: independent distances of so many look correlated once in 30,000 (4 sigma)."""
-
-
-@dataclass(frozen=True)
-class SearchProblem:
-    """What is fitted: centred and scaled distinct points with weights of mean one, and what is fixed.
-
-    Attributes:
-        points: (n, 3).
-        weights: (n,).
-        kind: of the superquadric.
-        fixed: values of parameters that stay, by name, in the frame of the points.
-        odds: (n,) log odds to be an inlier, besides the distance to the surface.
-        noise: (n,) standard deviations of the points along the normal, relative to that of a point of average weight.
-        least_sigma: lower bound of the latter.
-        size: weight of the penalty on the size; 0 during annealing, since that penalty is relative to the noise.
-    """
-
-    points: Array
-    weights: Array
-    kind: str
-    fixed: dict[str, Array]
-    odds: Array
-    noise: Array
-    least_sigma: float = 0.0
-    size: float = 1.0
-
-    @cached_property
-    def _order(self) -> NDArray[np.int64]:
-        return canonical_order(self.points)
-
-    def thinned(self, most: int) -> NDArray[np.int64]:
-        """Indices of at most `most` points, even over their order by distance from the centre."""
-        count = len(self.points)
-        return self._order[np.linspace(0, count - 1, min(most, count)).round().astype(np.int64)]
-
-    def sample(self, most: int) -> "SearchProblem":
-        """The problem of an even sample of at most `most` points."""
-        index = self.thinned(most)
-        arrays = (self.points, self.weights, self.odds, self.noise)
-        points, weights, odds, noise = (each[index] for each in arrays)
-        return replace(self, points=points, weights=weights, odds=odds, noise=noise)
-
-    @property
-    def fixed_mask(self) -> NDArray[np.bool_]:
-        """(11,) or (12,): which parameters stay."""
-        names = np.repeat(PARTS, [3, 2, 3, 3, 1])
-        return np.isin(names[: KINDS[self.kind].n_parameters], list(self.fixed))
-
-    def with_fixed(self, candidates: Candidates) -> Candidates:
-        """Candidates with the fixed values."""
-        values: dict[str, Array] = dict(zip(PARTS, candidates.arrays))
-        for name, value in self.fixed.items():
-            values[name] = np.broadcast_to(np.log(value) if name == "semi_axes" else value, values[name].shape)
-        return Candidates(self.kind, *values.values())
-
-    def descent(self, candidates: Candidates, mixture: Mixture, longest: float) -> Descent:
-        """A descent of the candidates on these points."""
-        return self.weighted_descent(candidates, self.weights, mixture, longest)
-
-    def weighted_descent(self, candidates: Candidates, weights: Array, mixture: Mixture, longest: float) -> Descent:
-        """A descent of the candidates on these points with other weights (n,) or (M, n)."""
-        noise = self.noise, self.least_sigma, self.size
-        return Descent(candidates, self.points, weights, mixture, longest, self.fixed_mask, self.odds, *noise)
 
 
 @dataclass(frozen=True)
@@ -197,7 +135,7 @@ def solve(problem: SearchProblem) -> SearchResult:
         if not noisy and (exact := search.through_all_points()):
             return _converged(problem, exact, 0, longest)
         problem = _with_density_odds(problem, best.picked(first), longest)
-    best = Search(problem.sample(SEARCH.cloud), longest).restarted(best)
+    problem, best = _restarted(problem, best, longest)
     alternatives = _alternatives(best, _ranking(best, acceptable(best)))
     return _converged(problem, best.picked(alternatives), len(alternatives) - 1, longest)
 
@@ -218,6 +156,33 @@ def _with_density_odds(problem: SearchProblem, best: tuple[Candidates, Mixture],
     """The problem with the odds of the points by their density, for a best candidate with outliers."""
     inliers = problem.descent(*best, longest).inliers[0]
     return replace(problem, odds=density_odds(reach(problem.points, problem.sample(SEARCH.cloud).points), inliers))
+
+
+def _restarted(problem: SearchProblem, best: Descent, longest: float) -> tuple[SearchProblem, Descent]:
+    """The best candidates after restarts, and the problem without inliers that are not connected to the others.
+
+    Where a surface goes on without data it may meet points of a neighbour, which then are what it is long for.
+    """
+    best = Search(problem.sample(SEARCH.cloud), longest).restarted(best)
+    for _ in range(RESTART.rounds):
+        others = _unconnected_inliers(problem, best, longest)
+        if not len(others):
+            break
+        odds = problem.odds.copy()
+        odds[others] = SEARCH.never
+        problem = replace(problem, odds=odds)
+        best = Search(problem.sample(SEARCH.cloud), longest).restarted(best)
+    return problem, best
+
+
+def _unconnected_inliers(problem: SearchProblem, best: Descent, longest: float) -> NDArray[np.int64]:
+    """Indices of inliers of the best candidate that are not connected to the others; none of a covered surface."""
+    first = best.picked(best_first(_ranking(best, acceptable(best)))[:1])
+    inliers = np.flatnonzero(problem.descent(*first, longest).inliers[0] >= INLIER)
+    surface, points = first[0].superquadric(0), problem.points[inliers]
+    if covered_fraction(surface, points) >= COVERED:
+        return inliers[:0]
+    return inliers[unconnected(points)]
 
 
 @dataclass(frozen=True)

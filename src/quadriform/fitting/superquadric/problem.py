@@ -1,0 +1,79 @@
+"""What a robust superquadric is fitted to, whole or a sample of it."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadriform.fitting.cloud import canonical_order
+from quadriform.fitting.mixture import Mixture
+from quadriform.fitting.superquadric.levenberg_marquardt import Candidates, Descent
+from quadriform.points import Array
+from quadriform.shapes.kinds import KINDS
+
+PARTS = ("semi_axes", "exponents", "rotation", "translation", "hole_radius")
+"""The parameters of a superquadric in the order of those of `Candidates`."""
+
+
+@dataclass(frozen=True)
+class SearchProblem:
+    """What is fitted: centred and scaled distinct points with weights of mean one, and what is fixed.
+
+    Attributes:
+        points: (n, 3).
+        weights: (n,).
+        kind: of the superquadric.
+        fixed: values of parameters that stay, by name, in the frame of the points.
+        odds: (n,) log odds to be an inlier, besides the distance to the surface.
+        noise: (n,) standard deviations of the points along the normal, relative to that of a point of average weight.
+        least_sigma: lower bound of the latter.
+        size: weight of the penalty on the size; 0 during annealing, since that penalty is relative to the noise.
+    """
+
+    points: Array
+    weights: Array
+    kind: str
+    fixed: dict[str, Array]
+    odds: Array
+    noise: Array
+    least_sigma: float = 0.0
+    size: float = 1.0
+
+    @cached_property
+    def _order(self) -> NDArray[np.int64]:
+        return canonical_order(self.points)
+
+    def thinned(self, most: int) -> NDArray[np.int64]:
+        """Indices of at most `most` points, even over their order by distance from the centre."""
+        count = len(self.points)
+        return self._order[np.linspace(0, count - 1, min(most, count)).round().astype(np.int64)]
+
+    def sample(self, most: int) -> "SearchProblem":
+        """The problem of an even sample of at most `most` points."""
+        index = self.thinned(most)
+        arrays = (self.points, self.weights, self.odds, self.noise)
+        points, weights, odds, noise = (each[index] for each in arrays)
+        return replace(self, points=points, weights=weights, odds=odds, noise=noise)
+
+    @property
+    def fixed_mask(self) -> NDArray[np.bool_]:
+        """(11,) or (12,): which parameters stay."""
+        names = np.repeat(PARTS, [3, 2, 3, 3, 1])
+        return np.isin(names[: KINDS[self.kind].n_parameters], list(self.fixed))
+
+    def with_fixed(self, candidates: Candidates) -> Candidates:
+        """Candidates with the fixed values."""
+        values: dict[str, Array] = dict(zip(PARTS, candidates.arrays))
+        for name, value in self.fixed.items():
+            values[name] = np.broadcast_to(np.log(value) if name == "semi_axes" else value, values[name].shape)
+        return Candidates(self.kind, *values.values())
+
+    def descent(self, candidates: Candidates, mixture: Mixture, longest: float) -> Descent:
+        """A descent of the candidates on these points."""
+        return self.weighted_descent(candidates, self.weights, mixture, longest)
+
+    def weighted_descent(self, candidates: Candidates, weights: Array, mixture: Mixture, longest: float) -> Descent:
+        """A descent of the candidates on these points with other weights (n,) or (M, n)."""
+        noise = self.noise, self.least_sigma, self.size
+        return Descent(candidates, self.points, weights, mixture, longest, self.fixed_mask, self.odds, *noise)
