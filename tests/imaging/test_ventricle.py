@@ -100,6 +100,23 @@ def test_what_the_region_cuts_is_open_and_is_the_base():
     assert "last k" in found.warnings[WarningKind.BORDER_CUT]
 
 
+@pytest.mark.parametrize("spacing", [(0.7, 0.7, 3.3), (1.4, 1.4, 8.0)])
+def test_the_points_at_the_base_do_not_depend_on_rounding(spacing, rng):
+    """Old fault: of some affines the points a whole voxel below the face were repeated below it too, by rounding."""
+    volume, region = labelled(open_at=12.0), ((0, 40), (0, 40), (0, 24))
+    clouds = []
+    for _ in range(8):
+        affine = np.eye(4)
+        affine[:3, :3] = np.linalg.qr(rng.normal(size=(3, 3)))[0] @ np.diag(spacing)
+        affine[:3, 3] = rng.normal(0, 100, 3)
+        moved = replace(volume, world_from_voxel=affine)
+        clouds.append({name: moved.voxels(each) for name, each in from_labels(moved, region=region).isosurfaces.items()})
+    for cloud in clouds[1:]:
+        for name, points in clouds[0].items():
+            assert len(cloud[name]) == len(points)
+            assert np.allclose(in_order(cloud[name]), in_order(points), atol=1e-6)
+
+
 def test_what_lies_beyond_a_given_plane_is_left_out():
     volume = labelled()
     found = from_labels(volume, base=(np.array([0, 0, 15.0]), np.array([0, 0, 3.0])))

@@ -42,6 +42,8 @@ ON_PLANE = 1e-9
 BELOW_FACE = 0.49
 """From the centre of a voxel to just below its face, in voxels: less than the 0.5 to the middle of an edge, so that the
 edge on which a point lies stays known."""
+OUTERMOST = 0.75
+"""From the face of the outermost slice down to just below its points, in voxels: these are at 0.5, the next at 1."""
 FACE, OPENING = "the outer face of the last slice with labels", "the opening of the wall"
 """The names of a base that was found in an image."""
 OFFSET = np.array([0.31830989, 0.36787944, 0.41421356])
@@ -229,7 +231,6 @@ def ventricle_from_perfusion(
     found = segment(volume, select=select, region=region, component=component)
     cropped = volume.crop(found.region)
     tissue = fill_open_cavity(_inside(found), cropped.world_from_voxel)
-    warnings = dict(found.warnings)
     shown, level = found.object_volume(), 0.5
     if found.threshold is not None:
         level = found.threshold
@@ -241,13 +242,13 @@ def ventricle_from_perfusion(
     if base is not None:
         base = _check_edge(_unit_plane(base), tissue, cropped)
     plane = base_of_open_cavity(tissue, cropped.world_from_voxel) if base is None else base
-    result = _finish(surfaces, plane, warnings, tissue, cropped, _renamed(spacing, apart))
+    result = _finish(surfaces, plane, dict(found.warnings), tissue, cropped, _renamed(spacing, apart))
     result = replace(result, base_from=_base_from(plane, base, OPENING))
-    if base is None:
-        removed = sum(result.record["beyond_base"].values())
-        total = sum(map(len, surfaces.values()))
-        warnings[WarningKind.OPEN_BASE] = f"the wall is open; {removed} of {total} points at its rim are left out"
-    return result
+    if base is not None:
+        return result
+    removed, total = sum(result.record["beyond_base"].values()), sum(map(len, surfaces.values()))
+    text = f"the wall is open; {removed} of {total} points at its rim are left out"
+    return replace(result, warnings={**result.warnings, WarningKind.OPEN_BASE: text})
 
 
 def _base_from(plane: Plane | None, given: Plane | None, found: str) -> str:
@@ -320,8 +321,8 @@ def _up_to_face(points: Array, face: Plane, image: Volume) -> Array:
     """The points, and those of the outermost slice again just below the face of the image."""
     position, direction = face
     height = _height(direction, image)
-    # the next points are a whole voxel below those of the outermost slice, which are half a voxel below the face
-    outermost = points[(points - position) @ direction > -height]
+    # points of the outermost slice lie half a voxel below the face, the next ones a whole voxel: the cut is between
+    outermost = points[(points - position) @ direction > -OUTERMOST * height]
     return np.concatenate([points, outermost + BELOW_FACE * height * direction])
 
 
