@@ -192,6 +192,24 @@ def test_noise_of_a_large_cloud_counts_for_all_of_its_points():
     assert off(qf.fit(points, noise=sigma)) < 0.5 * off(qf.fit(points))
 
 
+@pytest.mark.parametrize("again", [qf.fit, lambda clouds, **more: qf.refine(start_of(clouds), clouds, **more)])
+def test_noise_that_is_known_of_one_surface_only_is_not_used_and_a_note_states_it(again):
+    """Old fault: it was left out without a word."""
+    points = noisy_egg(200, noise=0.3)
+    clouds = {"inner": 0.7 * points[:150], "outer": points}
+    some, none, all_of_them = (
+        again(clouds, noise=noise, box=(3, 3, 3)) for noise in ({"inner": 0.5, "outer": None}, None, 0.5)
+    )
+    assert_allclose(some.residuals["outer"], none.residuals["outer"], atol=1e-12)
+    (note,) = set(some.notes) - set(none.notes)
+    assert "1 of 2 clouds is known but not used" in note and "'outer'" in note and "'inner'" not in note
+    assert not any("not used" in each for each in (*none.notes, *all_of_them.notes))
+
+
+def start_of(clouds):
+    return {name: qf.fit_superquadric(cloud).superquadric for name, cloud in clouds.items()}
+
+
 def test_what_known_noise_explains_is_no_poor_fit():
     """Chi-square of the residuals: the same distances are a poor fit where nothing is known, or less noise."""
     rng = np.random.default_rng(5)

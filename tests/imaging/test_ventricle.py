@@ -110,7 +110,9 @@ def test_the_points_at_the_base_do_not_depend_on_rounding(spacing, rng):
         affine[:3, :3] = np.linalg.qr(rng.normal(size=(3, 3)))[0] @ np.diag(spacing)
         affine[:3, 3] = rng.normal(0, 100, 3)
         moved = replace(volume, world_from_voxel=affine)
-        clouds.append({name: moved.voxels(each) for name, each in from_labels(moved, region=region).isosurfaces.items()})
+        clouds.append(
+            {name: moved.voxels(each) for name, each in from_labels(moved, region=region).isosurfaces.items()}
+        )
     for cloud in clouds[1:]:
         for name, points in clouds[0].items():
             assert len(cloud[name]) == len(points)

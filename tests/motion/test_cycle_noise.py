@@ -57,7 +57,10 @@ def test_the_noise_is_at_least_as_large_as_is_known():
 def test_noise_of_some_frames_only_says_nothing_of_the_others():
     covariances = SIGMA[:, None, None] ** 2 * np.eye(3)
     some = [PointSet(NOISY[0], noise=covariances), NOISY[1], NOISY[2]]
-    assert max(gap(*pair) for pair in zip(tracked(some).models, tracked(NOISY).models)) < 1e-9
+    found, none = tracked(some), tracked(NOISY)
+    assert max(gap(*pair) for pair in zip(found.models, none.models)) < 1e-9
+    (note,) = set(found.notes) - set(none.notes)
+    assert "1 of 3 clouds is known but not used" in note and "frame 1: surface" in note
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ from quadriform.fitting.diagnostics import (
 )
 from quadriform.fitting.extrapolation import open_deviations
 from quadriform.fitting.least_squares.regularisers import Regulariser
-from quadriform.fitting.noise import KnownNoise, variances_along
+from quadriform.fitting.noise import KnownNoise, partial_notes, variances_along
 from quadriform.fitting.options import METHODS, PaperOptions, TangentOptions, options_for
 from quadriform.fitting.other_bodies import Masks, of_others, spread
 from quadriform.fitting.paper.two_step import two_step
@@ -174,15 +174,22 @@ def _in_metric_unit(sets: Mapping[str, PointSet], unit: str | None = None) -> tu
 
 @dataclass(frozen=True)
 class _Clouds:
-    """Checked points (n, 3), weights (n,), and normals (n, 3) and covariances (n, 3, 3) if there are any, by name.
+    """Checked points by name.
 
-    And which points (n,) are of something else, once that is known.
+    Attributes:
+        points: (n, 3).
+        weights: (n,).
+        normals: (n, 3), where there are any.
+        noise: covariances (n, 3, 3); of all clouds or of none.
+        notes: of the noise.
+        aside: (n,) bool, which points are of other bodies, once that is known.
     """
 
     points: dict[str, Array]
     weights: dict[str, Array]
     normals: dict[str, Array]
     noise: dict[str, Array]
+    notes: tuple[str, ...]
     aside: Masks = field(default_factory=dict)
 
     @property
@@ -196,7 +203,8 @@ class _Clouds:
             return self
         parts = (self.points, self.weights, self.normals, self.noise)
         points, weights, normals, noise = ({name: each[index[name]] for name, each in p.items()} for p in parts)
-        return _Clouds(points, weights, normals, noise, {n: each[index[n]] for n, each in self.aside.items()})
+        aside = {name: each[index[name]] for name, each in self.aside.items()}
+        return _Clouds(points, weights, normals, noise, self.notes, aside)
 
 
 def _checked(sets: Mapping[str, PointSet], weights: Weights, noise: Noise, method: str) -> _Clouds:
@@ -212,8 +220,9 @@ def _checked(sets: Mapping[str, PointSet], weights: Weights, noise: Noise, metho
         if not checked[name].all():
             check_spread(each[checked[name] > 0], needed=11)
     known = {name: each.noise for name, each in sets.items() if each.noise is not None}
-    # of some surfaces only, it would say nothing of how much the others count
-    return _Clouds(points, checked, normals, known if known.keys() == points.keys() else {})
+    # without the noise of the others it is not known how much their points count beside these
+    whole, notes = known.keys() == points.keys(), partial_notes({name: each.noise for name, each in sets.items()})
+    return _Clouds(points, checked, normals, known if whole else {}, notes)
 
 
 def _with_notes_of_points(sets: Mapping[str, PointSet], found: Fit) -> Fit:
@@ -274,7 +283,7 @@ def _refine_tangent(
     copies = named_texts({name: duplicates(each.copies, len(each.counted)) for name, each in distinct.items()})
     landmarks = NONE_KNOWN if base is None else Landmarks(base, GIVEN_BASE)
     model = replace(found.model, landmarks=landmarks)
-    found = replace(found, model=model, warnings=copies | found.warnings)
+    found = replace(found, model=model, warnings=copies | found.warnings, notes=(*clouds.notes, *found.notes))
     if index is None or found.enriched is None:
         return found
     counted = {name: each > 0 for name, each in clouds.weights.items()}

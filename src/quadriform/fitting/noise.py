@@ -7,6 +7,7 @@ import numpy as np
 
 from quadriform.fitting.cloud import Centred, Neighbourhood
 from quadriform.points import Array
+from quadriform.words import first_of
 
 LEAST_VARIANCE = 0.01
 """Variance along any normal, as a fraction of the sum over all three axes: a tenth of the standard deviation."""
@@ -47,6 +48,17 @@ class KnownNoise:
         if name not in self.relative:
             return np.ones(len(points))
         return np.sqrt(variances_along(self.relative[name], Neighbourhood.of(points).normals))
+
+
+def partial_notes(noise: Mapping[str, Array | None]) -> tuple[str, ...]:
+    """A note where the noise of only some clouds, by name, is known, which is then not used; else none."""
+    unknown = [repr(name) for name, each in noise.items() if each is None]
+    if len(unknown) in (0, len(noise)):
+        return ()
+    return (
+        f"the noise of {len(noise) - len(unknown)} of {len(noise)} clouds is known but not used: without that of "
+        f"{first_of(unknown, 3)} it is not known how much their points count beside the others",
+    )
 
 
 def variances_along(covariances: Array, normals: Array) -> Array:

@@ -50,7 +50,7 @@ def checked_frames(frames: Sequence[Given], noise: Noises | None) -> Sets:
 def covariances(sets: Sets) -> Frames:
     """Covariances of the points of each frame by name; none where those of a frame or surface are not known."""
     found = [{name: each.noise for name, each in frame.items() if each.noise is not None} for frame in sets]
-    # covariances of some points only would not show how much the others count
+    # without the noise of the others it is not known how much their points count beside these
     whole = all(len(known) == len(frame) for known, frame in zip(found, sets))
     return found if whole else [{} for _ in sets]
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from quadriform.errors import WarningKind, Warnings, choose, known_options
 from quadriform.fitting.diagnostics import INLIER, folding, named_texts, outliers, poor_fit
 from quadriform.fitting.fit import fit, precision_warnings, refine
-from quadriform.fitting.noise import KnownNoise
+from quadriform.fitting.noise import KnownNoise, partial_notes
 from quadriform.fitting.options import check_box, check_strength
 from quadriform.fitting.refinement.starts import nested_ellipsoids
 from quadriform.fitting.refinement.surface_data import SurfaceData
@@ -185,17 +185,9 @@ def track(
     found = STRATEGIES[strategy](_Task(clouds, covariances(sets), bases, at, basis, numbers, options, progress))
     warnings = found.warnings | _by_frame([precision_warnings(frame) for frame in sets])
     assumed = dict.fromkeys(note for frame in sets for each in frame.values() for note in each.notes)
-    marked = found.in_unit(_unit_of(sets))
-    return replace(marked, warnings=warnings, notes=(*assumed, *found.notes))
-
-
-def _unit_of(sets: Sets) -> str:
-    """The unit in the names of the columns of all frames.
-
-    Raises:
-        OptionError: several.
-    """
-    return common_unit({f"frame {n}: {name}": each for n, frame in enumerate(sets) for name, each in frame.items()})
+    every = {named(n, name): each for n, frame in enumerate(sets) for name, each in frame.items()}
+    notes = (*assumed, *partial_notes({name: each.noise for name, each in every.items()}), *found.notes)
+    return replace(found.in_unit(common_unit(every)), warnings=warnings, notes=notes)
 
 
 @dataclass(frozen=True)
