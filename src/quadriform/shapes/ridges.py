@@ -29,6 +29,10 @@ FAR = 45.0
 SCAN = (-28.0, -14.0, -7.0, -3.5, -1.5, -0.5, -0.15, 0.0, 0.15, 0.5, 1.5, 3.5, 7.0, 14.0, 28.0)
 """Logarithms at which the search may begin."""
 STEPS = 80
+POOR, GOOD = 0.25, 0.5
+"""A step that brings less than the first fraction of the predicted gain shortens the next ones, more than the second
+lengthens them: the usual rule of trust regions (Nocedal and Wright, algorithm 4.1). Only their number depends on it."""
+SHORTER, LONGER, LONGEST = 0.25, 2.0, 8.0
 
 Index = NDArray[np.int64]
 
@@ -218,8 +222,8 @@ class _Search:
             closer = gain > 0
             long = np.hypot(*step.T)
             radius[active] = np.select(
-                [gain < 0.25 * predicted, gain > 0.5 * predicted],
-                [0.25 * long, np.minimum(2 * radius[active], 8.0)],
+                [gain < POOR * predicted, gain > GOOD * predicted],
+                [SHORTER * long, np.minimum(LONGER * radius[active], LONGEST)],
                 radius[active],
             )
             at[active[closer]], value[active[closer]] = trial[closer], found[closer]
