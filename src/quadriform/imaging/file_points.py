@@ -296,11 +296,13 @@ def _from_image(path: Path, options: ImageOptions) -> Source:
         if options.border is not None:
             arguments["border"] = options.border
         found = points_from_image(volume, **arguments)
+        # the outer side encloses more than the wall: what is compared with the fit is the object that was chosen
+        solid = found.solid
         found = outer_side(found) if WarningKind.HOLLOW in found.warnings else found
     notes = tuple(f"{path}: {note}" for note in notes + kept_note(found.segmentation))
     numbers = slice_numbers(volume, found.points)
     known = found.warnings, notes, numbers, volume
-    return Source(found.points, volume.space, volume.unit, *known, noise=found.noise, solid=found.solid)
+    return Source(found.points, volume.space, volume.unit, *known, noise=found.noise, solid=solid)
 
 
 def _select(volume: "Volume", options: ImageOptions) -> tuple[Any, tuple[str, ...]]:
