@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from shapes_made import lumpy
 
-from quadriform.fitting.refinement.left_out import _equations, _patch_of
+from quadriform.fitting.refinement.left_out import _equations, _patch_of, is_less
 from quadriform.fitting.refinement.point_to_plane import data_rows
 from quadriform.fitting.refinement.surface_data import SurfaceData
 from quadriform.points import Frame
@@ -27,3 +27,19 @@ def test_squares_of_the_patches_are_the_distances_to_the_moved_surface(rng):
     for number, (equations, weight) in enumerate(parts):
         assert equations.squares(moves.reshape(-1, 3)) == pytest.approx(squares[patch == number].sum(), rel=1e-9)
         assert weight == pytest.approx(data.effective_weights[patch == number].sum())
+
+
+def test_errors_are_less_where_most_patches_agree(rng):
+    """Old fault: a few patches at the ends of stacks of thick slices led to a strength ten times too small."""
+    before = rng.uniform(1, 2, 20) * np.where(np.arange(20) < 3, 100, 1)
+    few = before * np.where(np.arange(20) < 3, 0.5, rng.permutation(np.repeat([0.9, 1.1], 10)))
+    assert few.sum() < 0.6 * before.sum() and not is_less(few, before)
+    assert is_less(0.99 * before, before) and not is_less(before, 0.99 * before)
+    assert not is_less(before, before)
+    # in most patches less, in sum more
+    assert not is_less(before * np.where(np.arange(20) == 0, 3, 0.9), before)
+
+
+def test_errors_that_differ_by_chance_are_seldom_less(rng):
+    found = [is_less(*rng.chisquare(5, (2, 20))) for _ in range(300)]
+    assert np.mean(found) < 0.03

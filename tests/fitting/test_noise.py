@@ -134,13 +134,13 @@ def test_a_smaller_strength_that_predicts_no_better_is_not_sought_for_ever(level
     """Old bug: exact data has left-out patches at distance zero for each strength, and the search went on."""
     calls = []
 
-    def error(patches: object, strength: float) -> float:
+    def squares(patches: object, strength: float) -> np.ndarray:
         calls.append(strength)
         assert len(calls) < 5
-        return level
+        return np.full(20, level)
 
     monkeypatch.setattr(left_out, "_patches", lambda problem, state: [])
-    monkeypatch.setattr(left_out, "_error", error)
+    monkeypatch.setattr(left_out, "_squares", squares)
     state = SimpleNamespace(solution=SimpleNamespace(strength=1e-5))
     assert left_out.better_strength(None, state) is None
 

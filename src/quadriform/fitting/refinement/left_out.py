@@ -30,9 +30,9 @@ class LeftOut:
     """Patches over all surfaces, each left out in turn: about as large as what a control point changes."""
     step: float = 10.0
     """Factor between neighbouring strengths, of which the best is found."""
-    better: float = 0.97
-    """Each step to a smaller strength must lower the error of prediction to this fraction of itself: errors of twenty
-    patches are known to a few per cent."""
+    significant: float = 0.01
+    """Each step to a smaller strength must lower the errors of the patches by a signed-rank test at this level: a few
+    patches, such as the ends of a stack of thick slices, have most of the error, and prove nothing."""
 
 
 LEFT_OUT = LeftOut()
@@ -41,11 +41,23 @@ LEFT_OUT = LeftOut()
 def better_strength(problem: Problem, state: Refined) -> float | None:
     """A smaller strength that predicts patches left out better than that of a state; None where there is none."""
     patches, strength = _patches(problem, state), state.solution.strength
-    error = _error(patches, strength)
-    # each step must lower the error: where it is level, or zero, the larger strength is as good
-    while (smaller := _error(patches, strength / LEFT_OUT.step)) < LEFT_OUT.better * error:
-        strength, error = strength / LEFT_OUT.step, smaller
+    squares = _squares(patches, strength)
+    # each step must lower the errors: where they are level, or zero, the larger strength is as good
+    while is_less(smaller := _squares(patches, strength / LEFT_OUT.step), squares):
+        strength, squares = strength / LEFT_OUT.step, smaller
     return strength if strength < state.solution.strength else None
+
+
+def is_less(one: Array, other: Array) -> bool:
+    """Whether squared errors (n,) of the same patches are less in sum, and significantly so by their ranks.
+
+    Wilcoxon's signed-rank test, Biometrics Bulletin 1(6), 1945.
+    """
+    from scipy.stats import wilcoxon
+
+    if not one.sum() < other.sum():
+        return False
+    return bool(wilcoxon(other - one, alternative="greater").pvalue < LEFT_OUT.significant)
 
 
 @dataclass(frozen=True)
@@ -54,18 +66,13 @@ class _Patch:
 
     others: Evidence
     own: NormalEquations
-    count: float
 
 
-def _error(patches: Sequence[_Patch], strength: float) -> float:
-    """The RMS distance of the points of each patch to the surface without it; infinite where that is undetermined."""
-    squares = 0.0
-    for patch in patches:
-        found = patch.others.solve(strength)
-        if found is None:
-            return np.inf
-        squares += patch.own.squares(found.displacement)
-    return float(np.sqrt(max(squares, 0.0) / sum(patch.count for patch in patches)))
+def _squares(patches: Sequence[_Patch], strength: float) -> Array:
+    """Sums of squares (n,) of the distances of each patch to the surface without it; infinite where undetermined."""
+    found = [(patch.own, patch.others.solve(strength)) for patch in patches]
+    squares = [np.inf if each is None else own.squares(each.displacement) for own, each in found]
+    return np.maximum(np.array(squares), 0.0)
 
 
 def _patches(problem: Problem, state: Refined) -> list[_Patch]:
@@ -73,7 +80,7 @@ def _patches(problem: Problem, state: Refined) -> list[_Patch]:
     each = max(LEFT_OUT.patches // len(state.datasets), 2)
     parts = [part for data in state.datasets for part in _equations(data, state.box, each)]
     whole = problem.evidence(state.datasets, (None,) * len(state.datasets), state.box, 1.0)
-    return [_Patch(whole.without(own, count), own, count) for own, count in parts if count > 0]
+    return [_Patch(whole.without(own, count), own) for own, count in parts if count > 0]
 
 
 def _equations(data: SurfaceData, box: ControlBox, count: int) -> list[tuple[NormalEquations, float]]:
