@@ -72,6 +72,21 @@ def test_a_rotated_and_flipped_grid_gives_the_same_points():
         assert np.allclose(in_order(one[name]), in_order(two[name]), atol=1e-6)
 
 
+def test_a_base_at_the_first_slice_is_that_at_the_last_slice_of_the_flipped_image():
+    whole = labelled()
+    last = replace(whole, values=whole.values[:, :, :27])
+    flip = np.diag([1.0, 1, -1, 1])
+    flip[2, 3] = 26
+    first = replace(last, values=last.values[:, :, ::-1], world_from_voxel=last.world_from_voxel @ flip)
+    one, two = from_labels(first), from_labels(last)
+    assert one.base[1] == pytest.approx([0, 0, 1]) and one.base[0][2] == pytest.approx(
+        whole.points_world([[0, 0, 26.5]])[0, 2]
+    )
+    np.testing.assert_allclose(one.base, two.base, atol=1e-9)
+    for name in one.clouds:
+        assert np.allclose(in_order(one.clouds[name]), in_order(two.clouds[name]), atol=1e-6)
+
+
 def test_another_spacing_gives_the_same_surface_to_half_a_voxel():
     fine = labelled(shape=(60, 60, 80), spacing=np.array([1.0, 1.0, 1.0]))
     coarse = labelled(shape=(60, 60, 20), spacing=np.array([1.0, 1.0, 4.0]))
