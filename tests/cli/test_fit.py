@@ -147,6 +147,17 @@ def test_a_box_that_reaches_an_error(terminal, lump):
 
 
 @pytest.mark.slow
+def test_a_sensor_and_a_support_are_given_in_the_frame_of_the_points(terminal, lump):
+    points = read_points(lump)
+    np.save("above.npy", points[points[:, 2] > 0])
+    words = ("fit", "above.npy", "--box", "3,3,3", "--viewpoint", "0,0,900", "--support", "0,0,-50/0,0,1")
+    terminal(*words, "-o", "out")
+    options = {"viewpoint": (0, 0, 900), "support": ((0, 0, -50), (0, 0, 1))}
+    found = quadriform.fit(points[points[:, 2] > 0], box=(3, 3, 3), **options)
+    np.testing.assert_allclose(read_model("out/model.json").box.control_points, found.model.box.control_points)
+
+
+@pytest.mark.slow
 def test_a_base_is_a_plane_or_a_file_with_a_loop(terminal, lump):
     """Where the data ends on purpose no coverage is asked for; both words for the base give the same model."""
     points = read_points(lump)
@@ -483,6 +494,11 @@ def test_outputs_that_cannot_be_written_are_refused_before_the_work(terminal, cl
         ("--base", "0,0,0"),
         ("--base", "0,0,0/0,0"),
         ("--base", "0,0,0/0,0,0"),
+        ("--viewpoint", "0,0"),
+        ("--viewpoint", "above"),
+        ("--support", "0,0,-90"),
+        ("--support", "0,0,-90/0,0,0"),
+        ("--method", "paper", "--viewpoint", "0,0,900"),
         ("--method", "magic"),
         ("--strength", "strong"),
         ("--strength", "nan"),

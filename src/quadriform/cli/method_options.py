@@ -31,6 +31,8 @@ class MethodChoice:
         robust: Detect outliers and down-weight them. [default: robust]
         base: Where the data ends on purpose: a point and the direction to the missing side, as x,y,z/nx,ny,nz, or a
             file with a loop of points along the edge, in the frame of the input.
+        viewpoint: Position of the sensor as x,y,z, in the frame of the input: the body is not where it saw nothing.
+        support: Plane that the body does not pass, such as the table below it, as x,y,z/nx,ny,nz.
         noise: Standard deviation of the points, in their unit, in place of that of images; the estimated noise is at
             least as large.
 
@@ -48,6 +50,8 @@ class MethodChoice:
     max_error: float | None = None
     robust: bool | None = None
     base: str | None = None
+    viewpoint: str | None = None
+    support: str | None = None
     noise: str | None = None
     matching: str | None = None
     iterations: int | None = None
@@ -60,6 +64,7 @@ class MethodChoice:
             OptionError, FileFormatError: an option that cannot be read, or a loop that cannot.
         """
         read = {"box": _box(self.box), "strength": _strength(self.strength), "base": _base(self.base)}
+        read |= {"viewpoint": _position(self.viewpoint), "support": _support(self.support)}
         read["noise"] = parse_noise(self.noise)
         return {name: value for name, value in (asdict(self) | read).items() if value is not None}
 
@@ -125,6 +130,20 @@ def _base(text: str | None) -> Any:
         rows = tuple(decimals(row, "--base") for row in text.split("/"))
     except OptionError:
         return read_points(Path(text))
+    return _two_rows(rows, text, "--base", ", or a file of points")
+
+
+def _support(text: str | None) -> Any:
+    if text is None:
+        return None
+    return _two_rows(tuple(decimals(row, "--support") for row in text.split("/")), text, "--support")
+
+
+def _two_rows(rows: tuple[Any, ...], text: str, option: str, alternative: str = "") -> tuple[Any, ...]:
     if [len(row) for row in rows] != [3, 3]:
-        raise OptionError(f"option --base={text!r}: expected x,y,z/nx,ny,nz, or a file of points")
+        raise OptionError(f"option {option}={text!r}: expected x,y,z/nx,ny,nz{alternative}")
     return rows
+
+
+def _position(text: str | None) -> Any:
+    return None if text is None else decimals(text, "--viewpoint", 3)

@@ -30,8 +30,8 @@ def fit_options(given: Mapping[str, Any]) -> dict[str, Any]:
     """All options of a fit: those given, and the defaults of the others."""
     others = {"method": "tangent", "kind": "ellipsoid"} | dict(given)
     first = {name: others.pop(name) for name in ("method", "kind")}
-    noise = {"noise": others.pop("noise")} if "noise" in others else {}
-    return {"options": first | asdict(options_for(str(first["method"]), others)) | noise}
+    of_points = {name: others.pop(name) for name in ("noise", "viewpoint", "support") if name in others}
+    return {"options": first | asdict(options_for(str(first["method"]), others)) | of_points}
 
 
 def track_options(given: Mapping[str, Any]) -> dict[str, Any]:

@@ -30,6 +30,7 @@ from quadriform.fitting.paper.two_step import two_step
 from quadriform.fitting.refinement.large_clouds import on_all, sample_of_large
 from quadriform.fitting.refinement.refine import LocalProblem, refine_tangent
 from quadriform.fitting.result import Fit, Progress, Result, SuperquadricFit, rms, unnamed
+from quadriform.fitting.superquadric.around import Around, Plane, Viewpoint, around_each
 from quadriform.fitting.superquadric.fit import fit_by_paper, fit_robust, in_frame
 from quadriform.fitting.support import LIMITS, Sampled, Support, covered_fraction, support_of
 from quadriform.fitting.threads import one_blas_thread
@@ -61,6 +62,8 @@ def fit(
     strength: float | str = "auto",
     robust: bool | None = None,
     base: ArrayLike | tuple[ArrayLike, ArrayLike] | None = None,
+    viewpoint: Viewpoint = None,
+    support: Plane = None,
     max_error: float | None = None,
     matching: str | None = None,
     iterations: int | None = None,
@@ -86,7 +89,10 @@ def fit(
     choose(kind, tuple(KINDS), "kind")
     options = dict(box=box, regularity=regularity, strength=strength, robust=robust, base=base, max_error=max_error)
     chosen = options_for(method, options | dict(matching=matching, iterations=iterations, tolerance=tolerance))
-    found = _fitted(_checked(sets, weights, noise, method), kind, chosen, progress)
+    clouds = _checked(sets, weights, noise, method)
+    if viewpoint is not None or support is not None:
+        clouds = replace(clouds, around=around_each(clouds.points, viewpoint, support, method))
+    found = _fitted(clouds, kind, chosen, progress)
     return _with_notes_of_points(sets, replace(found, model=replace(found.model, unit=unit, space=space)))
 
 
@@ -94,23 +100,20 @@ def _fitted(clouds: _Clouds, kind: str, options: PaperOptions | TangentOptions, 
     """The superquadrics, then their refinement; a very large cloud is fitted to a sample first."""
     if isinstance(options, PaperOptions):
         starts = {name: fit_by_paper(cloud, kind) for name, cloud in clouds.points.items()}
-        found = _refine_paper(_superquadrics(starts), clouds, options, progress)
+        found = _refine_paper({name: each.superquadric for name, each in starts.items()}, clouds, options, progress)
         return replace(found, warnings=named_texts({n: s.warnings for n, s in starts.items()}) | found.warnings)
     index = sample_of_large(clouds.points, clouds.weights)
     sample = clouds.take(index)
     starts = {
-        name: fit_robust(cloud, kind, sample.weights[name], {}, sample.noise.get(name))
+        name: fit_robust(cloud, kind, sample.weights[name], {}, sample.noise.get(name), sample.around.get(name))
         for name, cloud in sample.points.items()
     }
     if options.robust:
         clouds = replace(clouds, aside=spread(of_others(sample.points, starts), clouds.points, index))
-    found = _refine_tangent(_superquadrics(starts), clouds, index, options, progress, kind, fitted=starts)
+    surfaces = {name: each.superquadric for name, each in starts.items()}
+    found = _refine_tangent(surfaces, clouds, index, options, progress, kind, fitted=starts)
     # warnings of the refined model are its own; its start matters where another order of points gives another
     return replace(found, notes=(*found.notes, *start_notes(starts, found.model)))
-
-
-def _superquadrics(starts: Mapping[str, SuperquadricFit]) -> dict[str, Superquadric]:
-    return {name: each.superquadric for name, each in starts.items()}
 
 
 @known_options
@@ -142,10 +145,8 @@ def refine(
         method: "tangent" or "paper".
         start: a deformed box of the same superquadric(s) to go on from, such as that of the frame before; only for
             "tangent".
-        weights: as in `fit`.
-        noise: as in `fit`.
-        progress: as in `fit`.
-        box, regularity, strength, robust, base, max_error, matching, iterations, tolerance: as in `fit`.
+        box, regularity, strength, robust, base, max_error, matching, iterations, tolerance, weights, noise, progress:
+            as in `fit`.
 
     Raises:
         PointsError, DegenerateError, OptionError: the input cannot be fitted.
@@ -183,6 +184,7 @@ class _Clouds:
         noise: covariances (n, 3, 3); of all clouds or of none.
         notes: of the noise.
         aside: (n,) bool, which points are of other bodies, once that is known.
+        around: what is known beside the points, where anything is.
     """
 
     points: dict[str, Array]
@@ -191,6 +193,7 @@ class _Clouds:
     noise: dict[str, Array]
     notes: tuple[str, ...]
     aside: Masks = field(default_factory=dict)
+    around: dict[str, Around] = field(default_factory=dict)
 
     @property
     def of_body(self) -> dict[str, Array]:
@@ -204,7 +207,8 @@ class _Clouds:
         parts = (self.points, self.weights, self.normals, self.noise)
         points, weights, normals, noise = ({name: each[index[name]] for name, each in p.items()} for p in parts)
         aside = {name: each[index[name]] for name, each in self.aside.items()}
-        return _Clouds(points, weights, normals, noise, self.notes, aside)
+        around = {name: each.take(index[name]) for name, each in self.around.items()}
+        return _Clouds(points, weights, normals, noise, self.notes, aside, around)
 
 
 def _checked(sets: Mapping[str, PointSet], weights: Weights, noise: Noise, method: str) -> _Clouds:
@@ -242,7 +246,8 @@ def _refine_paper(
 ) -> Fit:
     """The fit by the paper's method: centred and scaled, refined, and back in the unit of the points."""
     frame = Frame.of(np.concatenate(list(clouds.points.values())))  # copies are points like any other
-    local, superquadrics = _to_local(clouds.points, frame), _in_frame(surfaces, frame)
+    local = {name: frame.to_local(cloud) for name, cloud in clouds.points.items()}
+    superquadrics = _in_frame(surfaces, frame)
     box, history, strength = two_step(superquadrics, local, options, progress)
     model = DeformableModel(superquadrics, box)
     return _in_world(Result(model, history, strength, warnings=far_control_points(model)), clouds.points, frame, {})
@@ -299,17 +304,13 @@ def _of_all_points(result: Result, distinct: Mapping[str, Distinct], clouds: _Cl
     return replace(result, inliers=inliers, counted={name: each > 0 for name, each in clouds.weights.items()})
 
 
-def _to_local(clouds: Mapping[str, Array], frame: Frame) -> dict[str, Array]:
-    return {name: frame.to_local(cloud) for name, cloud in clouds.items()}
-
-
 def _in_frame(surfaces: Mapping[str, Superquadric], frame: Frame) -> dict[str, Superquadric]:
     return {name: frame.shape_to_local(surface) for name, surface in surfaces.items()}
 
 
 def _in_world(result: Result, clouds: Mapping[str, Array], frame: Frame, noise: Mapping[str, Array]) -> Fit:
     """The fit in the unit and frame of the points, with distances and warnings; covariances are in their unit."""
-    local, model = _to_local(clouds, frame), result.model
+    local, model = {name: frame.to_local(cloud) for name, cloud in clouds.items()}, result.model
     after, before = (
         {name: closest_on(model.surfaces[name], box, cloud) for name, cloud in local.items()}
         for box in (model.box, model.box.with_control_points(model.box.rest))

@@ -59,6 +59,11 @@ def fit(points: Input, **options: Any) -> Fit:
         robust: only for "tangent": whether outliers are detected and down-weighted; True unless given.
         base: only for "tangent": where the data ends on purpose, a plane (point, direction to the side without data)
             or a loop (m, 3) of points along the edge.
+        viewpoint: only for "tangent": position (3,) of the sensor, or for each point (n, 3) where it was seen from, or
+            these by name, in the unit and frame of the points. Where the sensor saw nothing the superquadric is not;
+            positions that fewer than 100 points have in common say nothing.
+        support: only for "tangent": a plane (point, normal) that the superquadric does not pass, such as the table it
+            stands on; the body is on the side of most points.
         max_error: only for box="auto": the RMS distance to the inliers to reach, in the unit of the points.
         matching: only for "paper": "data-to-model" (default) or "model-to-data".
         iterations: only for "paper": the largest number of iterations; 30 unless given.

@@ -25,6 +25,7 @@ from quadriform.fitting.diagnostics import (
 )
 from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.result import SuperquadricFit
+from quadriform.fitting.superquadric.around import Around, Plane
 from quadriform.fitting.superquadric.identifiability import determined
 from quadriform.fitting.superquadric.initial import cut_to, ellipsoid_by_moments
 from quadriform.fitting.superquadric.levenberg_marquardt import AXES, SHIFT
@@ -52,6 +53,8 @@ def fit_superquadric(
     weights: ArrayLike | None = None,
     fixed: Mapping[str, ArrayLike] | None = None,
     noise: ArrayLike | None = None,
+    viewpoint: ArrayLike | None = None,
+    support: Plane = None,
 ) -> SuperquadricFit:
     """The superquadric that fits points around it.
 
@@ -65,6 +68,11 @@ def fit_superquadric(
         fixed: values of "semi_axes", "exponents", "rotation" or "translation" that are fixed.
         noise: of the measurement, only for "robust": a standard deviation, one for each point (n,), or covariances
             (n, 3, 3), in the unit of the points. Distances are measured by it, and sigma is at least as large.
+        viewpoint: position (3,) of the sensor, or for each point (n, 3) where it was seen from, in the unit and frame
+            of the points; only for "robust". Surface in its view, where it measured nothing, is penalised. Positions
+            that fewer than 100 points have in common say nothing.
+        support: a plane that the body does not pass, as (point, normal), such as the table it stands on; its side is
+            that of most points. Only for "robust".
 
     Raises:
         PointsError, DegenerateError, OptionError: the input cannot be fitted.
@@ -74,10 +82,13 @@ def fit_superquadric(
     checked = point_set(points, weights=weights)
     world = checked.points
     known = checked.noise if noise is None else check_noise(noise, len(world))
+    around = None if viewpoint is None and support is None else Around.of(world, viewpoint, support)
     if method == "robust":
-        found = fit_robust(world, kind, check_weights(weights, len(world)), dict(fixed or {}), known)
-    elif weights is not None or fixed or noise is not None:
-        raise OptionError("method='paper' takes neither weights nor fixed nor noise; use method='robust'")
+        found = fit_robust(world, kind, check_weights(weights, len(world)), dict(fixed or {}), known, around)
+    elif weights is not None or fixed or noise is not None or around is not None:
+        raise OptionError(
+            "method='paper' takes neither weights nor fixed, noise, viewpoint or support; use method='robust'"
+        )
     else:
         found = fit_by_paper(world, kind)
     precision = precision_loss(checked.number_type, world)
@@ -92,7 +103,12 @@ def fit_by_paper(world: Array, kind: str) -> SuperquadricFit:
 
 
 def fit_robust(
-    world: Array, kind: str, weights: Array, fixed: dict[str, ArrayLike], noise: Array | None
+    world: Array,
+    kind: str,
+    weights: Array,
+    fixed: dict[str, ArrayLike],
+    noise: Array | None,
+    around: Around | None = None,
 ) -> SuperquadricFit:
     """The superquadric of points (n, 3) of which some may be outliers, of other bodies, or missing.
 
@@ -102,6 +118,7 @@ def fit_robust(
         weights: (n,) checked.
         fixed: fixed values by name, in the frame of the points.
         noise: (n, 3, 3) covariances of the points, checked, where they are known.
+        around: what is known beside the points, in their frame, or None.
     """
     if fixed.keys() >= set(FIXABLE) and not KINDS[kind].has_hole:
         raise OptionError(f"option fixed: nothing is left to fit; expected at most three of {', '.join(FIXABLE)}")
@@ -112,6 +129,8 @@ def fit_robust(
     known = KnownNoise.of({} if noise is None else {ALONE: noise}, centred)
     deviations = known.deviations(ALONE, centred)
     problem = SearchProblem(local, centred.weights[ALONE], kind, _in_frame(fixed, frame), even, deviations, known.least)
+    if around is not None:
+        problem = replace(problem, surroundings=around.surroundings(local, distinct, frame))
     with np.errstate(all="ignore"):
         solution = solve(problem)
     inliers = distinct.spread(solution.descent.inliers[0])

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from quadriform.fitting.mixture import Mixture
+from quadriform.fitting.superquadric.penalty import Penalty
 from quadriform.points import Array
 from quadriform.shapes import _kernel
 from quadriform.shapes.kinds import KINDS
@@ -211,6 +212,7 @@ class Descent:
         noise: (m,) standard deviations of the points relative to sigma, by which distances are divided.
         least_sigma: lower bound of sigma.
         size: weight of the penalty on the size.
+        penalty: another one, or None.
     """
 
     def __init__(
@@ -225,10 +227,11 @@ class Descent:
         noise: Array,
         least_sigma: float = 0.0,
         size: float = 1.0,
+        penalty: Penalty | None = None,
     ) -> None:
         self.candidates, self.points, self.weights, self.mixture = candidates, points, weights, mixture
         self.longest, self.fixed, self.odds = longest, fixed, odds
-        self.noise, self.least_sigma, self.size = noise, least_sigma, size
+        self.noise, self.least_sigma, self.size, self.penalty = noise, least_sigma, size, penalty
         self.damping = np.full(len(candidates), DESCENT.damping)
         self.distances, self.derivatives = self._standardised(candidates)
         self.inliers, self.log_density = mixture.densities(self.distances, self.odds)
@@ -246,7 +249,12 @@ class Descent:
     def scores(self) -> Array:
         """Log likelihood (M,) with a correction for the parameters, which lower sigma, less the penalty on the size."""
         gain = self.candidates.n_parameters * np.log(self.mixture.sigma)
-        return (self.weights * self.log_density).sum(axis=1) + gain - self.extent().cost(self.candidates)
+        return (self.weights * self.log_density).sum(axis=1) + gain - self._penalties(self.candidates, self.extent())
+
+    def _penalties(self, candidates: Candidates, extent: "Extent") -> Array:
+        """The penalty (M,) on the size and the other one, at the mixture."""
+        found = extent.cost(candidates)
+        return found if self.penalty is None else found + self.penalty(candidates, self.mixture).cost
 
     def extent(self) -> "Extent":
         """The penalty on the size of the candidates, relative to their inliers."""
@@ -318,6 +326,10 @@ class Descent:
         size = self.mixture.sigma[:, None] ** 2 * self.extent().derivatives(self.candidates)
         gradient[:, AXES] += size
         diagonal[:, AXES] += size
+        if self.penalty is not None:
+            terms = self.penalty(self.candidates, self.mixture)
+            gradient += terms.gradient
+            normal += terms.matrix
         largest = diagonal.max(axis=1, keepdims=True)
         unblocked = ~self._blocked(gradient)
         unblocked[:, ROTATION] &= diagonal[:, ROTATION] > DESCENT.idle * largest
@@ -351,8 +363,10 @@ class Descent:
         # at the same mixture: steps of candidates and of the mixture alternate
         inliers, log_density = self.mixture.densities(found, self.odds)
         extent = self.extent()
-        before = (self.weights * self.log_density).sum(axis=1) + _log_prior(self.candidates, extent)
-        after = (self.weights * log_density).sum(axis=1) + _log_prior(moved, extent)
+        before, after = (
+            (self.weights * density).sum(axis=1) + _log_prior(each) - self._penalties(each, extent)
+            for density, each in ((self.log_density, self.candidates), (log_density, moved))
+        )
         accepted = after >= before
         self.candidates = moved.where(accepted, self.candidates)
         self.distances = np.where(accepted[:, None], found, self.distances)
@@ -362,8 +376,8 @@ class Descent:
         return accepted
 
 
-def _log_prior(candidates: Candidates, extent: Extent) -> Array:
-    return -((candidates.exponents - 1) ** 2).sum(axis=1) / (2 * EXPONENT_SPREAD**2) - extent.cost(candidates)
+def _log_prior(candidates: Candidates) -> Array:
+    return -((candidates.exponents - 1) ** 2).sum(axis=1) / (2 * EXPONENT_SPREAD**2)
 
 
 def accelerated(positions: list[Array], proposals: list[Array]) -> Array:

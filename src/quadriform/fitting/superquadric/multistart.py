@@ -135,7 +135,7 @@ def solve(problem: SearchProblem) -> SearchResult:
         if not noisy and (exact := search.through_all_points()):
             return _converged(problem, exact, 0, longest)
         problem = _with_density_odds(problem, best.picked(first), longest)
-    problem, best = _restarted(problem, best, longest)
+    problem, best = _restarted(problem.bounded(*best.picked(first), longest), best, longest)
     alternatives = _alternatives(best, _ranking(best, acceptable(best)))
     return _converged(problem, best.picked(alternatives), len(alternatives) - 1, longest)
 

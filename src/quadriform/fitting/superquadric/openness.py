@@ -75,13 +75,17 @@ def _at(descent: Descent, candidates: Candidates, index: NDArray[np.int64]) -> D
     arrays = (descent.points, descent.weights, descent.odds, descent.noise)
     points, weights, odds, noise = (each[index] for each in arrays)
     mixture = descent.mixture.take(np.zeros(len(candidates), dtype=np.int64))
-    return Descent(candidates, points, weights, mixture, descent.longest, descent.fixed, odds, noise)
+    penalty = None if descent.penalty is None else descent.penalty.scaled(weights.sum() / descent.weights.sum())
+    known = descent.least_sigma, descent.size, penalty
+    return Descent(candidates, points, weights, mixture, descent.longest, descent.fixed, odds, noise, *known)
 
 
 def _linear(sample: Descent) -> Array:
     """Information (p, p) of least squares and of the prior on the exponents."""
     weighted = sample.derivatives[0] * (sample.weights * sample.inliers[0])
     information = weighted @ sample.derivatives[0].T / sample.mixture.sigma[0] ** 2
+    if sample.penalty is not None:
+        information += sample.penalty(sample.candidates, sample.mixture).matrix[0] / sample.mixture.sigma[0] ** 2
     return information + np.diag(np.isin(np.arange(len(information)), np.r_[POWERS]) / EXPONENT_SPREAD**2)
 
 
@@ -103,6 +107,8 @@ def _gradient(sample: Descent) -> Array:
     weighted = sample.weights * sample.inliers * sample.distances
     gradient = (sample.derivatives @ weighted[:, :, None])[..., 0] / sample.mixture.sigma[:, None] ** 2
     gradient[:, POWERS] += (sample.candidates.exponents - 1) / EXPONENT_SPREAD**2
+    if sample.penalty is not None:
+        gradient += sample.penalty(sample.candidates, sample.mixture).gradient / sample.mixture.sigma[:, None] ** 2
     return gradient + _by_size(sample)
 
 

@@ -7,7 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.fitting.cloud import canonical_order
+from quadriform.fitting.diagnostics import INLIER
 from quadriform.fitting.mixture import Mixture
+from quadriform.fitting.superquadric.empty_space import EmptySpace, Surroundings
 from quadriform.fitting.superquadric.levenberg_marquardt import Candidates, Descent
 from quadriform.points import Array
 from quadriform.shapes.kinds import KINDS
@@ -29,6 +31,8 @@ class SearchProblem:
         noise: (n,) standard deviations of the points along the normal, relative to that of a point of average weight.
         least_sigma: lower bound of the latter.
         size: weight of the penalty on the size; 0 during annealing, since that penalty is relative to the noise.
+        surroundings: what is known beside the points, or None.
+        empty: space that the body is not in, or None while the body is not known.
     """
 
     points: Array
@@ -39,6 +43,8 @@ class SearchProblem:
     noise: Array
     least_sigma: float = 0.0
     size: float = 1.0
+    surroundings: Surroundings | None = None
+    empty: EmptySpace | None = None
 
     @cached_property
     def _order(self) -> NDArray[np.int64]:
@@ -54,7 +60,15 @@ class SearchProblem:
         index = self.thinned(most)
         arrays = (self.points, self.weights, self.odds, self.noise)
         points, weights, odds, noise = (each[index] for each in arrays)
-        return replace(self, points=points, weights=weights, odds=odds, noise=noise)
+        empty = None if self.empty is None else self.empty.scaled(len(index) / len(self.points))
+        return replace(self, points=points, weights=weights, odds=odds, noise=noise, empty=empty)
+
+    def bounded(self, candidates: Candidates, mixture: Mixture, longest: float) -> "SearchProblem":
+        """The problem with the empty space around the inliers of a candidate."""
+        if self.surroundings is None:
+            return self
+        inliers = self.descent(candidates, mixture, longest).inliers[0]
+        return replace(self, empty=self.surroundings.empty_space(inliers >= INLIER))
 
     @property
     def fixed_mask(self) -> NDArray[np.bool_]:
@@ -75,5 +89,5 @@ class SearchProblem:
 
     def weighted_descent(self, candidates: Candidates, weights: Array, mixture: Mixture, longest: float) -> Descent:
         """A descent of the candidates on these points with other weights (n,) or (M, n)."""
-        noise = self.noise, self.least_sigma, self.size
+        noise = self.noise, self.least_sigma, self.size, self.empty
         return Descent(candidates, self.points, weights, mixture, longest, self.fixed_mask, self.odds, *noise)
