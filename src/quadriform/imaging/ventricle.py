@@ -35,8 +35,10 @@ Plane = tuple[Array, Array]
 HALF = Percentile(0.5, 99.9)
 OFF_CENTRE = 1e-5
 """No vertex is nearer to the centre of a voxel than this, in voxels."""
-MIN_POINTS = 125
-"""Least number of points, that of control points of the default box; fewer do not determine the strength."""
+MIN_POINTS = 750
+"""Least number of points where voxels give so many, two for each unknown of the default box. Where there are hardly
+more than unknowns the surface can follow the voxel steps, and the residuals show neither these nor their correlation.
+"""
 ON_PLANE = 1e-9
 """Points beyond a plane by less than this fraction of the extent are on it."""
 BELOW_FACE = 0.49
@@ -110,8 +112,8 @@ def ventricle_from_labels(
         region: half-open ranges of voxels, such as the slices below the base; its edge cuts like the image's.
         base: plane beyond which nothing is taken, in the world of the image.
         spacing: of the points kept, in the unit of the image: one for each cube of this side; 0 keeps all points. If
-            None, the longest side of a voxel, halved while a surface has fewer than 125 points and the value is above
-            the shortest side. A fit treats points as independent measurements; neighbouring vertices are not.
+            None, the longest side of a voxel, halved while a surface has fewer than 750 points and half of it is not
+            below the shortest side.
         apart: the name of `spacing` in earlier versions.
 
     Raises:
@@ -364,9 +366,9 @@ def _finish(
 
 
 def _default_spacing(surfaces: dict[str, Array], image: Volume) -> float:
-    side = float(image.spacing.max())
-    # below the shortest side of a voxel nothing is thinned any more
-    while side > image.spacing.min() and min(len(thinned(points, side)) for points in surfaces.values()) < MIN_POINTS:
+    side, least = float(image.spacing.max()), float(image.spacing.min())
+    # with a smaller side than the shortest of a voxel some voxels would have several points, and others one
+    while side / 2 >= least and min(len(thinned(points, side)) for points in surfaces.values()) < MIN_POINTS:
         side /= 2
     return side
 
