@@ -10,6 +10,7 @@ from shapes_made import SKEW, made, turned
 
 from quadriform.shapes.closest import (
     RESOLUTION,
+    SAFETY,
     CandidateIndex,
     _neighbours,
     closest_on,
@@ -323,3 +324,11 @@ def test_targets_with_many_equally_near_vertices_are_compared_with_all():
     expected = np.flatnonzero(squared - nearest[:, None] ** 2 <= room)
     assert len(np.setxor1d(codes, expected)) <= 1e-4 * len(expected)  # but for ties in the last digit
     assert len(np.unique(codes // len(candidates.points))) == 700
+
+
+@pytest.mark.parametrize("radius", [0.5, 3.0])
+def test_cells_of_a_sphere_have_its_curvature_at_least(radius):
+    surface = Superquadric(semi_axes=(radius,) * 3)
+    candidates = CandidateIndex.of(surface, ControlBox.around(surface))
+    found = candidates.curvature * radius / SAFETY
+    assert found.min() > 1 - 1e-9 and np.median(found) < 1.05
