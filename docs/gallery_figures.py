@@ -6,6 +6,7 @@ python docs/gallery_figures.py
 import ast
 import contextlib
 import io
+import re
 import runpy
 from collections.abc import Callable
 from pathlib import Path
@@ -22,9 +23,11 @@ PAGE = DOCS / "gallery.md"
 PICTURES = DOCS / "figures" / "gallery"
 LEAD = """# Gallery
 
-Short programs, each complete and run by the tests. `make docs-figures` draws the pictures and writes this page.
+Short programs, each complete and run by the tests, with what they print. `make docs-figures` draws the pictures and
+writes this page.
 """
 ORDER = (
+    "which_results_to_use",
     "ellipsoid_from_points",
     "mask_to_model",
     "mesh_to_model",
@@ -47,15 +50,22 @@ def run(name: str) -> tuple[dict[str, Any], str]:
     return names, printed.getvalue()
 
 
-def page() -> str:
-    """The page, from the examples and the pictures' names."""
+def printed_on_page() -> dict[str, str]:
+    """What each example prints, by its name, as the page has it."""
+    found = re.findall(r"^```text\n(.*?)```\n\n`examples/(\w+)\.py`$", PAGE.read_text(encoding="utf-8"), re.M | re.S)
+    return {name: text for text, name in found}
+
+
+def page(printed: dict[str, str]) -> str:
+    """The page, from the examples, what they print, and the pictures' names."""
     parts = [LEAD]
     for name in ORDER:
         code = (EXAMPLES / f"{name}.py").read_text(encoding="utf-8")
         title, _, text = (ast.get_docstring(ast.parse(code)) or "").partition(".\n\n")
         body = code.split('"""\n\n', 1)[1].strip()
         picture = f"![{title}](figures/gallery/{name}.png)"
-        parts.append(f"## {title}\n\n{text}\n\n{picture}\n\n```python\n{body}\n```\n\n`examples/{name}.py`\n")
+        shown = f"```python\n{body}\n```\n\n```text\n{printed[name]}```"
+        parts.append(f"## {title}\n\n{text}\n\n{picture}\n\n{shown}\n\n`examples/{name}.py`\n")
     return "\n".join(parts)
 
 
@@ -74,7 +84,7 @@ def finish(axes: list[Any], titles: list[str]) -> None:
         axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
         axis.set_aspect("equal")
         axis.set_axis_off()
-        axis.set_box_aspect(axis.get_box_aspect(), zoom=1.3)
+        axis.set_box_aspect(axis.get_box_aspect(), zoom=1.1)  # more would cut what is in the corners
         axis.set_title(title, fontsize=10)
 
 
@@ -116,6 +126,15 @@ def outliers(names: dict[str, Any]) -> Figure:
     return figure
 
 
+def statuses(names: dict[str, Any]) -> Figure:
+    fits, clouds = names["fits"], names["clouds"]
+    figure, axes = panels(len(fits))
+    for axis, name in zip(axes, fits):
+        qf.plot(fits[name], axis, points=clouds[name][::8])
+    finish(axes, [f'{name}: "{fit.status}"' for name, fit in fits.items()])
+    return figure
+
+
 def carried(names: dict[str, Any]) -> Figure:
     figure, axes = panels(2)
     qf.plot(names["model"].superquadric().mesh(16), axes[0], points=names["inner"])
@@ -138,8 +157,9 @@ def both_methods(names: dict[str, Any]) -> Figure:
 
 
 DRAW: dict[str, Callable[[dict[str, Any]], Figure]] = {
+    "which_results_to_use": statuses,
     "ellipsoid_from_points": points_and_model("points", lambda names: names["found"].superquadric.mesh(24)),
-    "mask_to_model": several(lambda n: {"isosurface model of the mask": n["fit"]}),
+    "mask_to_model": lambda n: points_and_model("points", lambda _: n["fit"])({"points": n["cloud"].points}),
     "mesh_to_model": several(
         lambda n: {"mesh": qf.Mesh(np.array(n["mesh"].vertices), np.array(n["mesh"].faces)), "model": n["fit"]}
     ),
@@ -158,10 +178,12 @@ DRAW: dict[str, Callable[[dict[str, Any]], Figure]] = {
 
 def main() -> None:
     PICTURES.mkdir(parents=True, exist_ok=True)
+    printed = {}
     for name in ORDER:
-        DRAW[name](run(name)[0]).savefig(PICTURES / f"{name}.png", dpi=80)
+        names, printed[name] = run(name)
+        DRAW[name](names).savefig(PICTURES / f"{name}.png", dpi=80)
         print(name)
-    PAGE.write_text(page(), encoding="utf-8")
+    PAGE.write_text(page(printed), encoding="utf-8")
 
 
 if __name__ == "__main__":

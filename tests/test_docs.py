@@ -7,6 +7,7 @@ import subprocess
 import sys
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -136,6 +137,19 @@ def test_figures_of_how_to_choose_are_measured():
     said = re.findall(r"\b\d+\.\d+\b", re.sub(r"`[^`]*`", "", (DOCS / "choose.md").read_text(encoding="utf-8")))
     assert len(said) > 5
     assert [number for number in said if not re.search(rf"(?<![\d.]){re.escape(number)}(?!\d)", measured)] == []
+
+
+@pytest.mark.slow
+def test_the_line_of_the_readme_for_open3d_fits_its_vectors(tmp_path):
+    """Vectors of Open3D are sequences of rows; those of normals have arbitrary signs."""
+    body = qf.Superquadric(semi_axes=(40.0, 30.0, 20.0), exponents=(1.0, 1.0))
+    points = body.mesh(8).vertices
+    signs = np.where(np.arange(len(points)) % 2, 1, -1)[:, None]
+    cloud = SimpleNamespace(points=list(points), normals=list(signs * points / body.semi_axes**2))
+    (line,) = re.findall(r"^fit = qf.fit\(np.asarray\(pcd.*", (ROOT / "README.md").read_text(encoding="utf-8"), re.M)
+    (tmp_path / "line.py").write_text(line, encoding="utf-8")
+    names = runpy.run_path(str(tmp_path / "line.py"), {"qf": qf, "np": np, "pcd": cloud})
+    assert names["fit"].volume().value == pytest.approx(body.volume(), rel=0.01)
 
 
 @pytest.mark.slow
