@@ -44,6 +44,7 @@ class PointSet:
         notes: what was assumed, one sentence each.
         noise: covariances (n, 3, 3) of the measurement of each point, in the square of `unit`; None where unknown.
         solid: the body whose surface they are, where its inside is known, as that of a mask or a closed mesh; or None.
+        factor: by which lengths in the unit in which the points were given become lengths in `unit`.
     """
 
     __repr__ = short_repr
@@ -55,6 +56,7 @@ class PointSet:
     notes: tuple[str, ...] = ()
     noise: Array | None = None
     solid: Solid | None = None
+    factor: float = 1.0
 
     def in_metric_unit(self) -> "PointSet":
         """The points in a unit that models can have: metres stay, other lengths become millimetres, with a note."""
@@ -65,7 +67,8 @@ class PointSet:
         noise = None if self.noise is None else factor**2 * self.noise
         solid = None if self.solid is None else self.solid.scaled(factor)
         notes = (*self.notes, note)
-        return replace(self, points=factor * self.points, noise=noise, solid=solid, unit="mm", notes=notes)
+        changed = dict(points=factor * self.points, noise=noise, solid=solid, unit="mm", notes=notes, factor=factor)
+        return replace(self, **changed)  # type: ignore[arg-type]
 
 
 One = ArrayLike | Mesh | PointSet
@@ -284,6 +287,18 @@ def common_unit(sets: Mapping[str, PointSet], unit: str | None = None) -> str:
     if unit is not None and own not in ("unknown", unit):
         raise OptionError(f"option unit={unit!r} contradicts the names of the columns, which are in {own}")
     return choose(unit or own, UNITS, "unit")
+
+
+def given_factor(sets: Iterable[PointSet]) -> float:
+    """The factor by which lengths in the unit in which points were given become lengths in that which they have.
+
+    Raises:
+        OptionError: they were given in several units.
+    """
+    found = {each.factor for each in sets}
+    if len(found) > 1:
+        raise OptionError("points: expected one unit for all clouds beside base or max_error, found several")
+    return found.pop()
 
 
 def points_sha256(clouds: Iterable[Array]) -> str:

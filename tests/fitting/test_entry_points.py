@@ -247,6 +247,36 @@ def test_points_in_centimetres_are_refined_in_the_unit_of_their_fit():
     assert "lengths in cm became mm" in again.notes
 
 
+def in_centimetres(points):
+    return np.rec.fromarrays(points.T / 10, names="x_cm,y_cm,z_cm")
+
+
+def test_a_base_is_in_the_unit_of_the_points():
+    """Old bug: of points in centimetres it was taken for millimetres, and lay in the middle of the points."""
+    cup = CLOUD[CLOUD[:, 2] < 10]
+    loop = np.array([[9.0, 0, 10], [-9, 9, 10], [0, -9, 10]])
+    for base, smaller in (((loop[0], [0, 0, 1.0]), (loop[0] / 10, [0, 0, 1.0])), (loop, loop / 10)):
+        fit = qf.fit(cup, base=base, unit="mm", **SMALL)
+        again = qf.fit(in_centimetres(cup), base=smaller, **SMALL)
+        np.testing.assert_allclose(again.model.landmarks.base.point, fit.model.landmarks.base.point)
+        assert again.rms == pytest.approx(fit.rms, rel=1e-6)
+    moving = qf.track([in_centimetres(cup), in_centimetres(0.9 * cup)], base=(loop[0] / 10, [0, 0, 1.0]), **SMALL)
+    same = qf.track([cup, 0.9 * cup], base=(loop[0], [0, 0, 1.0]), **SMALL)
+    assert moving.rms == pytest.approx(same.rms, rel=1e-6)
+
+
+def test_the_largest_error_is_in_the_unit_of_the_points():
+    fit = qf.fit(in_centimetres(CLOUD), box="auto", max_error=0.3)
+    assert fit.model.box.control_points.shape == qf.fit(CLOUD, box="auto", max_error=3.0).model.box.control_points.shape
+
+
+def test_lengths_beside_clouds_in_several_units_are_refused():
+    walls = two_walls(300)
+    inches = np.rec.fromarrays(walls["endo"].T / 25.4, names="x_inch,y_inch,z_inch")
+    with pytest.raises(OptionError, match="expected one unit for all clouds"):
+        qf.fit({"epi": in_centimetres(walls["epi"]), "endo": inches}, base=([0, 0, 9.0], [0, 0, 1.0]))
+
+
 def test_points_with_a_weight_need_an_extent():
     """Old bug: one point that counts ended in a division by zero."""
     weights = np.zeros(200)

@@ -24,7 +24,7 @@ from quadriform.fitting.diagnostics import (
 from quadriform.fitting.extrapolation import open_deviations
 from quadriform.fitting.least_squares.regularisers import Regulariser
 from quadriform.fitting.noise import KnownNoise, partial_notes, variances_along
-from quadriform.fitting.options import METHODS, PaperOptions, TangentOptions, options_for
+from quadriform.fitting.options import METHODS, PaperOptions, TangentOptions, lengths_of, options_for
 from quadriform.fitting.other_bodies import Masks, of_others, spread
 from quadriform.fitting.paper.two_step import two_step
 from quadriform.fitting.refinement.large_clouds import on_all, sample_of_large
@@ -87,7 +87,7 @@ def fit(
     sets, unit = _in_metric_unit(point_sets(points, columns, normals, weights, noise), unit)
     choose(space, (*SPACES, "unknown"), "space")
     choose(kind, tuple(KINDS), "kind")
-    options = dict(box=box, regularity=regularity, strength=strength, robust=robust, base=base, max_error=max_error)
+    options = dict(box=box, regularity=regularity, strength=strength, robust=robust) | lengths_of(sets, base, max_error)
     chosen = options_for(method, options | dict(matching=matching, iterations=iterations, tolerance=tolerance))
     clouds = _checked(sets, weights, noise, method)
     if viewpoint is not None or support is not None:
@@ -155,7 +155,7 @@ def refine(
     named = {ALONE: superquadric} if isinstance(superquadric, Superquadric) else superquadric
     surfaces: dict[str, Superquadric] = for_each(sets, named, "surfaces")
     clouds = _checked(sets, weights, noise, method)
-    options = dict(box=box, regularity=regularity, strength=strength, robust=robust, base=base, max_error=max_error)
+    options = dict(box=box, regularity=regularity, strength=strength, robust=robust) | lengths_of(sets, base, max_error)
     chosen = options_for(method, options | dict(matching=matching, iterations=iterations, tolerance=tolerance))
     if isinstance(chosen, TangentOptions):
         index = sample_of_large(clouds.points, clouds.weights)

@@ -2,15 +2,18 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from quadriform.errors import OptionError, choose
 from quadriform.fitting.least_squares.regularisers import Regulariser
+from quadriform.point_sets import PointSet, given_factor
 from quadriform.points import Array, check_number, check_points
 from quadriform.shapes.landmarks import BasePlane, check_base
 
+Base = tuple[ArrayLike, ArrayLike] | ArrayLike | None
 METHODS = ("tangent", "paper")
 TANGENT_REGULARITIES = ("bending", "springs")
 PAPER_REGULARITIES = ("svd", "svd-position", "springs", "springs-paper")
@@ -131,6 +134,27 @@ class TangentOptions:
         plane = BasePlane(*_plane(self.base, points.mean(axis=0)))
         check_base(plane, points)
         return plane
+
+
+def lengths_of(sets: Mapping[str, PointSet], base: Base, max_error: float | None) -> dict[str, Any]:
+    """The options that are lengths, given in the unit in which the points were given, in that which these have."""
+    if base is None and max_error is None:
+        return {"base": None, "max_error": None}
+    factor = given_factor(sets.values())
+    return {"base": scaled_base(base, factor), "max_error": max_error if max_error is None else factor * max_error}
+
+
+def scaled_base(base: Base, factor: float) -> Base:
+    """The base, as `TangentOptions` takes it, with its lengths times a factor; None without one.
+
+    Raises:
+        PointsError: not of points.
+    """
+    if base is None or factor == 1:
+        return base
+    if isinstance(base, tuple) and len(base) == 2:
+        return factor * check_points(np.reshape(base[0], (1, -1)), "base")[0], base[1]
+    return factor * check_points(base, "base")
 
 
 def _plane(base: ArrayLike | tuple[ArrayLike, ArrayLike], centre: Array) -> tuple[Array, Array]:

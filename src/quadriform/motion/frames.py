@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quadriform.errors import OptionError, PointsError, QuadriformError, choose
-from quadriform.fitting.options import TangentOptions
-from quadriform.point_sets import ALONE, Given, PointSet, point_sets
+from quadriform.fitting.options import Base, TangentOptions, scaled_base
+from quadriform.point_sets import ALONE, Given, PointSet, given_factor, point_sets
 from quadriform.points import Array, by_name
 from quadriform.shapes.landmarks import BasePlane
 from quadriform.shapes.splines import TimeBasis
@@ -19,7 +19,6 @@ MOST_KNOTS = 12
 
 SliceNumbers = Sequence[Mapping[str, ArrayLike] | ArrayLike]
 Noises = float | Mapping[str, ArrayLike] | Sequence[Mapping[str, ArrayLike] | ArrayLike]
-Base = tuple[ArrayLike, ArrayLike] | ArrayLike | None
 Frames = list[dict[str, Array]]
 Sets = list[dict[str, PointSet]]
 
@@ -55,22 +54,23 @@ def covariances(sets: Sets) -> Frames:
     return found if whole else [{} for _ in sets]
 
 
-def planes_of_frames(base: Base | Sequence[Base | None], clouds: Frames) -> list[BasePlane | None]:
+def planes_of_frames(base: Base | Sequence[Base | None], sets: Sets) -> list[BasePlane | None]:
     """The base of each frame, from one for all or a list with an entry for each.
 
     Raises:
         OptionError: naming the frame whose entry is no base of its points.
     """
-    every = base if isinstance(base, list) else [base] * len(clouds)
-    if len(every) != len(clouds):
+    every = base if isinstance(base, list) else [base] * len(sets)
+    if len(every) != len(sets):
         raise OptionError(
-            f"base: expected (point, direction), or a list with an entry for each of {len(clouds)} frames, found "
+            f"base: expected (point, direction), or a list with an entry for each of {len(sets)} frames, found "
             f"{len(every)} entries"
         )
     found: list[BasePlane | None] = []
-    for number, (each, frame) in enumerate(zip(every, clouds)):
+    for number, (each, frame) in enumerate(zip(every, sets)):
         try:
-            found.append(TangentOptions(base=each).base_plane(frame))
+            given = None if each is None else scaled_base(each, given_factor(frame.values()))
+            found.append(TangentOptions(base=given).base_plane({name: of.points for name, of in frame.items()}))
         except QuadriformError as error:
             raise type(error)(f"frame {number}: {error}") from error
     return found

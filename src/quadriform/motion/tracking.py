@@ -17,14 +17,13 @@ from quadriform.errors import WarningKind, Warnings, choose, known_options
 from quadriform.fitting.diagnostics import INLIER, folding, named_texts, outliers, poor_fit
 from quadriform.fitting.fit import fit, precision_warnings, refine
 from quadriform.fitting.noise import KnownNoise, partial_notes
-from quadriform.fitting.options import check_box, check_strength
+from quadriform.fitting.options import Base, check_box, check_strength
 from quadriform.fitting.refinement.starts import nested_ellipsoids
 from quadriform.fitting.refinement.surface_data import SurfaceData
 from quadriform.fitting.result import Fit, HalfSpace, Progress, Warned, flat
 from quadriform.motion.cycle import Cycle, CycleFit, named
 from quadriform.motion.cycle_rounds import fit_cycle
 from quadriform.motion.frames import (
-    Base,
     Frames,
     Noises,
     Sets,
@@ -181,7 +180,7 @@ def track(
     basis = time_basis(at, period)
     numbers = checked_slices(slices, clouds, strategy)
     options = {"box": box, "regularity": regularity, "strength": strength, "robust": robust}
-    bases = planes_of_frames(base, clouds)
+    bases = planes_of_frames(base, sets)
     found = STRATEGIES[strategy](_Task(clouds, covariances(sets), bases, at, basis, numbers, options, progress))
     warnings = found.warnings | _by_frame([precision_warnings(frame) for frame in sets])
     assumed = dict.fromkeys(note for frame in sets for each in frame.values() for note in each.notes)
