@@ -98,6 +98,7 @@ def test_the_rule_has_a_description():
     loop = np.eye(3)
     assert "whole closed surface" in base_rule(None, TWO, {}).description
     assert "80 %" in base_rule(0.8, TWO, {}).description
-    assert "fixed plane" in base_rule(([0, 0, 0], [0, 0, 2]), TWO, {}).description
+    rule = base_rule(([0, 0, 0], [0, 0, 2]), TWO, {})
+    assert "fixed plane" in rule.description and rule.fixed.direction.tolist() == [0, 0, 1]
     assert "the same in all frames" in base_rule(loop, TWO, {}).description
     assert "own" in base_rule([loop, loop], TWO, {}).description
