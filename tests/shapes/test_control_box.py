@@ -6,7 +6,7 @@ from shapes_made import KINDS, SKEW, even_directions, made
 
 from quadriform.errors import OptionError, PointsError
 from quadriform.shapes import bernstein
-from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.control_box import ControlBox, common_box
 from quadriform.shapes.superquadric import Superquadric
 
 SHAPES = [(5, 5, 5), (2, 2, 2), (3, 4, 6)]
@@ -237,3 +237,18 @@ def test_numbers_out_of_range_are_refused(field, value, message):
     plain = {"origin": np.zeros(3), "edges": np.eye(3), "control_points": np.zeros((2, 2, 2, 3))}
     with pytest.raises(OptionError, match=message):
         ControlBox(**plain | {field: value})
+
+
+def test_a_common_box_is_that_of_the_largest_surface_enlarged_to_hold_the_others():
+    large = made(exponents=(1.0, 1.0))
+    inner, across = (
+        Superquadric("ellipsoid", axes, (1, 1), SKEW, large.translation) for axes in ((1, 1, 1), (5, 1, 1))
+    )
+    np.testing.assert_allclose(
+        common_box({"a": large, "b": inner}, (2, 2, 2)).rest, ControlBox.around(large, (2, 2, 2)).rest
+    )
+    box = common_box({"a": across, "b": large}, (2, 2, 2))
+    np.testing.assert_allclose(np.linalg.norm(box.edges, axis=1), [10, 4, 8])
+    for surface in (large, across):
+        local = box.local(surface.grid(12)[0])
+        assert local.min() > -1e-9 and local.max() < 1 + 1e-9
