@@ -10,8 +10,9 @@ from shapes_made import even_directions, made, turned
 from quadriform import fit_superquadric
 from quadriform.errors import OptionError
 from quadriform.fitting.mixture import Mixture
+from quadriform.fitting.superquadric.initial import bound_of_axes
 from quadriform.fitting.superquadric.levenberg_marquardt import Candidates
-from quadriform.fitting.superquadric.multistart import SEARCH, acceptable, em
+from quadriform.fitting.superquadric.multistart import SEARCH, Search, acceptable, em
 from quadriform.fitting.superquadric.problem import SearchProblem
 from quadriform.points import Frame
 from quadriform.shapes.superquadric import Superquadric
@@ -53,6 +54,18 @@ def test_the_other_kinds_come_back(kind, exponents):
     assert found.kind == kind
     for one, other in ((found, truth), (truth, found)):
         assert np.abs(one.implicit(other.grid(8)[0]) - 1).max() < 1e-7
+
+
+@pytest.mark.parametrize("kind", ["toroid", "hyperboloid1", "hyperboloid2"])
+def test_starts_of_the_other_kinds_move_on_the_part_that_they_are_made_from(kind, rng):
+    """Old fault: they are all made from the first part, and half of them moved on the second one."""
+    points = made(kind).grid(10)[0]
+    points = (points - points.mean(axis=0)) / np.sqrt(points.var(axis=0).sum())
+    one = np.ones(len(points))
+    search = Search(SearchProblem(points, one, kind, {}, 0 * one, one), bound_of_axes(points))
+    other = (points @ rng.normal(size=3) > 0).astype(float)
+    alone, beside = (search.annealed_starts(parts, None, 160) for parts in (one[None], np.stack([one, other])))
+    np.testing.assert_array_equal(alone.distances, beside.distances)
 
 
 @pytest.mark.slow

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+import re
+
 import numpy as np
 import pytest
 from notes import note_of
@@ -67,7 +69,9 @@ def filled(seed):
 @pytest.mark.slow
 def test_filled_bodies_are_a_poor_fit():
     found = tracked([filled(frame) for frame in range(3)])
-    assert [text.split(":")[0] for text in found.warnings["POOR_FIT"].split("; ")] == ["frame 0", "frame 1", "frame 2"]
+    # frames whose distances are equal as printed share a sentence
+    heads = [text.split(":")[0] for text in found.warnings["POOR_FIT"].split("; ")]
+    assert re.findall(r"\d", " ".join(heads)) == ["0", "1", "2"]
 
 
 @pytest.mark.slow

@@ -262,12 +262,13 @@ class Search:
         """
         index = self.cloud.thinned(most)
         subset = replace(self.cloud.sample(most), size=0.0)
-        starts = subset.with_fixed(self._starts(parts, rotations))
+        made, part = self._starts(parts, rotations)
+        starts = subset.with_fixed(made)
         # points of other parts keep a small weight, so that every problem has full rank
-        own = np.repeat(np.maximum(parts[:, index], 1e-6) * subset.weights, -(-len(starts) // len(parts)), axis=0)
+        own = (np.maximum(parts[:, index], 1e-6) * subset.weights)[part]
         sizes = np.sqrt(np.exp(2 * starts.log_axes).mean(axis=1))  # RMS radius of the part
         spread = Mixture(np.full(len(starts), LARGEST_RATIO), SEARCH.first_sigma * sizes)
-        descent = subset.weighted_descent(starts, own[: len(starts)], spread, self.longest)
+        descent = subset.weighted_descent(starts, own, spread, self.longest)
         descent.run(SEARCH.own_steps, 0, lambda d: all_inliers(d.distances, d.weights))
         wide = Mixture(descent.mixture.inlier_ratio, np.minimum(descent.mixture.sigma, SEARCH.first_sigma * sizes))
         descent = subset.descent(descent.candidates, wide, self.longest)
@@ -275,10 +276,13 @@ class Search:
         descent.run(SEARCH.em_steps, 1e-4, em)
         return descent
 
-    def _starts(self, parts: Array, rotations: Array) -> Candidates:
+    def _starts(self, parts: Array, rotations: Array) -> tuple[Candidates, NDArray[np.int64]]:
+        """The M starts, and the index (M,) of the part from which each is made: of other kinds always the first."""
         if not KINDS[self.cloud.kind].is_radial:
-            return other_kind(self.cloud.points[parts[0] > 0], self.cloud.kind)
-        return ellipsoids(self.cloud.points, parts * self.cloud.weights, rotations)
+            found = other_kind(self.cloud.points[parts[0] > 0], self.cloud.kind)
+            return found, np.zeros(len(found), dtype=np.int64)
+        found = ellipsoids(self.cloud.points, parts * self.cloud.weights, rotations)
+        return found, np.arange(len(parts)).repeat(rotations.shape[1])
 
     def frames(self, parts: Array, rotations: Array) -> Array:
         """Orientations (k, 3, 3) of the principal axes of each part, or the fixed rotation: (H, k, 3, 3)."""
