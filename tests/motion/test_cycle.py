@@ -1,8 +1,7 @@
 """A cycle of small clouds: what is doubtful in a frame is said of it, slices that say nothing stay, no step goes up."""
 
-from dataclasses import replace
-
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest

@@ -1,4 +1,8 @@
-"""The entry points: points in, a model out, in one call or in two steps."""
+"""The entry points: points in, a model out, in one call or in two steps.
+
+Points that are `aside` are of other bodies. `support` is measured from a surface to its data, `covered` by directions
+from the centre of a superquadric; `sampled` is whether the points are of one surface.
+"""
 
 from __future__ import annotations
 
@@ -78,8 +82,8 @@ def fit(
 ) -> Fit:
     """The fit of a superquadric to points, refined by a free-form deformation.
 
-    `quadriform.fit` describes the options; here `points` are arrays or meshes in memory. More than 50,000 points
-    are fitted to a sample first, then to all of them, a part at a time.
+    `quadriform.fit`, of `imaging/fit_files.py`, describes the options; here `points` are arrays or meshes in memory.
+    More than 50,000 points are fitted to a sample first, then to all of them, a part at a time.
 
     Raises:
         PointsError, DegenerateError, OptionError: the input cannot be fitted.
@@ -112,7 +116,7 @@ def _fitted(clouds: _Clouds, kind: str, options: PaperOptions | TangentOptions, 
         clouds = replace(clouds, aside=spread(of_others(sample.points, starts), clouds.points, index))
     surfaces = {name: each.superquadric for name, each in starts.items()}
     found = _refine_tangent(surfaces, clouds, index, options, progress, kind, fitted=starts)
-    # warnings of the refined model are its own; its start matters where another order of points gives another
+    # warnings are those of the model; of a start that did not converge, which rounding may change, there is a note
     return replace(found, notes=(*found.notes, *start_notes(starts, found.model)))
 
 
@@ -146,7 +150,7 @@ def refine(
         start: a deformed box of the same superquadric(s) to go on from, such as that of the frame before; only for
             "tangent".
         box, regularity, strength, robust, base, max_error, matching, iterations, tolerance, weights, noise, progress:
-            as in `fit`.
+            as in `fit`, which besides tries other superquadrics as starts and leaves out points of other bodies.
 
     Raises:
         PointsError, DegenerateError, OptionError: the input cannot be fitted.
@@ -175,16 +179,10 @@ def _in_metric_unit(sets: Mapping[str, PointSet], unit: str | None = None) -> tu
 
 @dataclass(frozen=True)
 class _Clouds:
-    """Checked points by name.
+    """Checked points (n, 3) by name, with weights (n,), normals (n, 3) if there are any, and notes on the noise.
 
-    Attributes:
-        points: (n, 3).
-        weights: (n,).
-        normals: (n, 3), where there are any.
-        noise: covariances (n, 3, 3); of all clouds or of none.
-        notes: of the noise.
-        aside: (n,) bool, which points are of other bodies, once that is known.
-        around: what is known beside the points, where anything is.
+    Covariances (n, 3, 3) are of all clouds or of none; `aside` (n,) has the points of other bodies, once known;
+    `around` is what is known beside the points.
     """
 
     points: dict[str, Array]
@@ -197,7 +195,7 @@ class _Clouds:
 
     @property
     def of_body(self) -> dict[str, Array]:
-        """The weights, zero for points of something else."""
+        """The weights, zero for points of other bodies."""
         return {name: np.where(self.aside.get(name, False), 0.0, each) for name, each in self.weights.items()}
 
     def take(self, index: Mapping[str, NDArray[np.int64]] | None) -> _Clouds:
@@ -230,10 +228,10 @@ def _checked(sets: Mapping[str, PointSet], weights: Weights, noise: Noise, metho
 
 
 def _with_notes_of_points(sets: Mapping[str, PointSet], found: Fit) -> Fit:
-    """The fit with warnings and notes about the points, and about the bodies that they are of."""
+    """The fit with warnings and notes about the points, and about the solids whose surfaces they are."""
     of_sets = tuple(dict.fromkeys(note for each in sets.values() for note in each.notes))
-    bodies = low_overlap(found.model, {name: each.solid for name, each in sets.items() if each.solid is not None})
-    return replace(found, warnings=precision_warnings(sets) | bodies | found.warnings, notes=of_sets + found.notes)
+    overlap = low_overlap(found.model, {name: each.solid for name, each in sets.items() if each.solid is not None})
+    return replace(found, warnings=precision_warnings(sets) | overlap | found.warnings, notes=of_sets + found.notes)
 
 
 def precision_warnings(sets: Mapping[str, PointSet]) -> Warnings:
@@ -245,7 +243,7 @@ def _refine_paper(
     surfaces: Mapping[str, Superquadric], clouds: _Clouds, options: PaperOptions, progress: Progress | None
 ) -> Fit:
     """The fit by the paper's method: centred and scaled, refined, and back in the unit of the points."""
-    frame = Frame.of(np.concatenate(list(clouds.points.values())))  # copies are points like any other
+    frame = Frame.of(np.concatenate(list(clouds.points.values())))  # the paper counts copies as points
     local = {name: frame.to_local(cloud) for name, cloud in clouds.points.items()}
     superquadrics = _in_frame(surfaces, frame)
     box, history, strength = two_step(superquadrics, local, options, progress)
@@ -265,7 +263,8 @@ def _refine_tangent(
 ) -> Fit:
     """The fit by the default method, to a sample by index, then to all points.
 
-    With a `kind` other superquadrics may serve as starts. Those that were `fitted` say what is open without data.
+    With a `kind` other superquadrics are tried as starts too. The covariances of those that were `fitted` show how well
+    the surface is known where it has no data.
     """
     sample = clouds.take(index)
     centred = Centred.of(sample.points, sample.of_body)
@@ -298,7 +297,7 @@ def _refine_tangent(
 def _of_all_points(result: Result, distinct: Mapping[str, Distinct], clouds: _Clouds) -> Result:
     """A result for the distinct points with the inlier probabilities of all, of copies and of those without weight.
 
-    Points of something else are outliers like others, and counted.
+    Points of other bodies are outliers like others, and counted.
     """
     inliers = {name: distinct[name].spread(found) for name, found in (result.inliers or {}).items()}
     return replace(result, inliers=inliers, counted={name: each > 0 for name, each in clouds.weights.items()})
@@ -324,12 +323,12 @@ def _in_world(result: Result, clouds: Mapping[str, Array], frame: Frame, noise: 
     }
     support = _support(result, local, after, inliers, sigma)
     known = {name: each / frame.scale**2 for name, each in noise.items()}
-    evidence = _evidence(result, after, inliers, support, local, known)
+    qualities = _qualities(result, after, inliers, support, local, known)
     record = ModelRecord(coverage={name: each for name, each in covered.items() if model.surfaces[name].is_radial})
     sha256 = points_sha256(clouds.values())
     return Fit(
         model=replace(frame.shape_to_world(model), input_sha256=sha256, record=record),
-        warnings=model_warnings(result, evidence, frame.scale),
+        warnings=model_warnings(result, qualities, frame.scale),
         residuals=unnamed({name: frame.scale * values for name, values in residuals.items()}),
         superquadric_residuals=unnamed({name: frame.scale * feet.signed for name, feet in before.items()}),
         history=tuple(entry.scaled(frame.scale) for entry in result.history),
@@ -358,7 +357,7 @@ def _support(
     return found
 
 
-def _evidence(
+def _qualities(
     result: Result,
     feet: Mapping[str, FootPoints],
     inliers: Mapping[str, Array],
@@ -366,7 +365,7 @@ def _evidence(
     clouds: Mapping[str, Array],
     noise: Mapping[str, Array],
 ) -> dict[str, SurfaceQuality]:
-    """What warnings about each surface are taken from."""
+    """The quality of each surface, from which warnings about it are taken."""
     sampled = _sampled(result, clouds, feet, support)
     deviations = open_deviations(result, support, {n: each.points[inliers[n] >= INLIER] for n, each in feet.items()})
     found = {}
@@ -377,7 +376,7 @@ def _evidence(
 
 
 def _known(noise: Array | None, feet: FootPoints, inliers: Array) -> tuple[Array, float]:
-    """Variances (n,) of points along the normals that are known, and how many of their errors are independent."""
+    """Variances (n,) of points along the normals that are known, or zeros, and how many errors are independent."""
     if noise is None or not inliers.any():
         return np.zeros(len(inliers)), np.inf
     known = variances_along(noise, feet.normals)

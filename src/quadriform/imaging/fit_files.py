@@ -47,15 +47,15 @@ def fit(points: Input, **options: Any) -> Fit:
             `quadriform fit` reads it. Several of these by name share one control box, that of the outermost. Of a
             structured array or a data frame the columns named x, y and z are taken, with the normals nx, ny, nz and
             the unit in the names, such as "x [mm]".
-        kind: of superquadric: "ellipsoid", "toroid", "hyperboloid1" or "hyperboloid2".
+        kind: of superquadric: "ellipsoid" (any superellipsoid), "toroid", "hyperboloid1" or "hyperboloid2".
         method: "tangent": our most accurate method; "paper": Bardinet, Cohen and Ayache 1998.
         box: control points along each axis, from 2 to 20; or "auto": the smallest box that reaches `max_error`.
         regularity: of the box. For method "tangent" "bending" (default), "springs", or an object with one method
             `matrix(shape)`, (n, n) over control points. For "paper" "svd" (default: P7 by SVD), "springs-paper" (P9
             as printed), or our variations "springs" and an object (on the displacement) and "svd-position".
         strength: regularisation weight alpha per data point (for "paper" per model point), or "auto": that of the
-            largest evidence. For "svd" how many singular values are used (>= 1), or the smallest fraction of the
-            largest (< 1); "auto": all above rounding.
+            largest evidence, or a smaller one that predicts left-out patches better. For "svd" how many singular values
+            are used (>= 1), or the smallest fraction of the largest (< 1); "auto": all above rounding.
         robust: only for "tangent": whether outliers are detected and down-weighted; True unless given.
         base: only for "tangent": where the data ends on purpose, a plane (point, direction to the side without data)
             or a loop (m, 3) of points along the edge.

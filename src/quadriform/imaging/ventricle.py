@@ -34,7 +34,7 @@ Plane = tuple[Array, Array]
 
 HALF = Percentile(0.5, 99.9)
 OFF_CENTRE = 1e-5
-"""No vertex is nearer to the centre of a voxel than this, in voxels."""
+"""No vertex is nearer to the centre of a voxel than this, in voxels: `isosurface.MIN_HEIGHT` has them farther away."""
 MIN_POINTS = 750
 """Least number of points where voxels give so many, two for each unknown of the default box. Where there are hardly
 more than unknowns the surface can follow the voxel steps, and the residuals show neither these nor their correlation.
@@ -59,11 +59,12 @@ class VentriclePoints:
     Attributes:
         clouds: "endo", and "epi" where there is a wall, (n, 3) each, in world coordinates; an argument of `fit`.
         isosurfaces: the same before thinning.
-        base: the plane beyond which points were removed, as given or found; None where there is none. A closed label
-            has no base plane unless one is given, and OPEN_WALL where its cavity has no wall.
+        base: the plane beyond which points were removed, as given or found; None where there is none, as of a cavity
+            that is rounded at both ends and inside the image, unless one is given. OPEN_WALL where such a cavity has no
+            wall.
         warnings: of reading and segmentation, BORDER_CUT, OPEN_BASE, OPEN_WALL.
         record: number of voxels of cavity and wall, number of points beyond the base by surface, spacing of the points;
-            of labels also the number of voxels of the cavity apart from its largest component, which are left out.
+            of labels also the number of voxels of the cavity outside its largest component, which are left out.
         noise: covariances (n, 3, 3) of the points of a label image by name, the `noise` of `fit`; None of a grey image.
         base_from: the name of the base, as in "below the outer face of ..."; empty without one.
     """
@@ -97,13 +98,15 @@ def ventricle_from_labels(
     """Return points of the endocardium, the boundary of the cavity, and of the epicardium, the outside of the wall.
 
     Points lie halfway between voxels. Where the image or the region cuts the ventricle, it is open at its base, without
-    points, and closed elsewhere: volumes are those within the image. The base plane is the outer face of the last slice
-    with labels, at the end where these end flat (the larger open section of both), in the image or at its border; of a
-    cavity that is rounded at both ends the face of the image that cuts it over the largest area. Anatomy is not
-    checked: where the apex is the wider end, give `base`. The outermost voxels end at that face, half a voxel beyond
-    their centres: the points of their slice are repeated just below it, so that the volume below it is determined by
-    data. A closed label has no base: where its cavity meets the background, as at the valve plane, "endo" has points
-    and "epi" has none; `base` removes them.
+    points, and closed elsewhere: volumes are those within the image. Of the two ends of the slice axis, that of the
+    largest spacing of voxels, the one with more cavity voxels that no wall covers in the next slice is the base, if the
+    labels end flat there (`stack_end.flat_end`); the base plane is the outer face of the last slice with labels. Of a
+    cavity that is rounded at both ends it is the face of the image that cuts it over the largest area. Anatomy is not
+    checked: where the apex has more such voxels, give `base`. The outermost voxels end at that face, half a voxel
+    beyond their centres: the points of their slice are repeated just below it, so that the volume below it is
+    determined by data. A rounded cavity that no face of the image cuts has no base plane: where it meets the
+    background, as at the valve plane, "endo" has points and "epi" has none; a given `base` removes those of "endo"
+    beyond it.
 
     Args:
         volume: label image.
@@ -114,13 +117,13 @@ def ventricle_from_labels(
         spacing: of the points kept, in the unit of the image: one for each cube of this side; 0 keeps all points. If
             None, the longest side of a voxel, halved while a surface has fewer than 750 points and half of it is not
             below the shortest side.
-        apart: the name of `spacing` in earlier versions.
+        apart: deprecated, the name of `spacing` in earlier versions.
 
     Raises:
         MaskError: labels are missing, or cavity and wall are swapped.
         DegenerateError: the cavity is one voxel or one slice thick.
-        OptionError: the region leaves the image, `base` is no plane or no edge of the ventricle, or both labels are the
-            same.
+        OptionError: the region leaves the image, `base` is no plane or has more than a quarter of the cavity's voxels
+            beyond it, or both labels are the same.
     """
     labelled = labelled_tissue(volume, cavity, wall, region)
     end = flat_end(labelled.tissue, volume.world_from_voxel) if base is None else None
@@ -134,7 +137,7 @@ class LabelledTissue:
     Attributes:
         tissue: of the largest component of the cavity, and of the wall.
         region: half-open ranges of voxels.
-        left_out: number of voxels of the cavity apart from that component.
+        left_out: number of voxels of the cavity outside that component.
         warnings: of segmentation.
     """
 
@@ -167,7 +170,8 @@ def ventricle_up_to(
     """Return the points of a ventricle whose base is at a known end of its labels.
 
     Args:
-        end: of the slice axis, at whose last labels the ventricle is cut; None: where the image cuts it, or at `base`.
+        end: (axis, 0 or -1), the end of the slice axis at whose last labels the ventricle is cut; None: where the image
+            cuts it, or at `base`.
         volume, cavity, wall, region, base, spacing: as of `ventricle_from_labels`, with its errors.
     """
     base = None if base is None else _unit_plane(base)
@@ -224,7 +228,7 @@ def ventricle_from_perfusion(
         base: plane beyond which nothing is taken. If None, it is estimated: parallel to the opening, moved towards the
             apex by half of the greatest thickness of the wall.
         spacing: as in `ventricle_from_labels`.
-        apart: the name of `spacing` in earlier versions.
+        apart: deprecated, the name of `spacing` in earlier versions.
 
     Raises:
         MaskError: nothing or everything is wall, or it encloses no cavity.

@@ -1,9 +1,9 @@
 """One moving box fitted to the points of all frames of a periodic motion, such as a heartbeat.
 
-Rounds alternate between the foot points of every frame, which are the nearest points on its current surface, and one
+A round (`Cycle.step`) updates the foot points of every frame, the nearest points on its current surface, and solves one
 linear problem for the control points at all knots of the splines in time and, on request, the in-plane shifts of
-slices. Below are F frames, K knots, k control points and S slices. Coordinates are relative to the centroid of the
-points and divided by their RMS radius; noise and shifts have that unit.
+slices. `cycle_rounds.fit_cycle` makes the rounds. Below are F frames, K knots, k control points and S slices.
+Coordinates are relative to the centroid of the points and divided by their RMS radius; noise and shifts have that unit.
 """
 
 from collections.abc import Mapping, Sequence
@@ -44,13 +44,13 @@ class CycleFit:
     """The fitted cycle.
 
     Attributes:
-        control_points: (K, l+1, m+1, n+1, 3), at the knots.
+        control_points: (K, l, m, n, 3), at the knots, of boxes with l x m x n control points.
         datasets: for each frame the surfaces with their points, moved by the shifts, and inlier probabilities.
         noise: standard deviation of the inliers' point-to-plane residuals.
         least_noise: what is known of it, or zero.
         strengths: alpha in space, gamma in time, both per data point.
         shifts: (S, 2), of the slices in their planes; none without slice numbers.
-        certified: whether each frame is proven not to fold.
+        verified: whether each frame is verified to be free of folds.
     """
 
     control_points: Array
@@ -59,7 +59,7 @@ class CycleFit:
     least_noise: float
     strengths: tuple[float, float]
     shifts: Array
-    certified: tuple[bool, ...]
+    verified: tuple[bool, ...]
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class CycleState:
         boxes: the deformed box of each frame, by the splines.
         datasets: for each frame one for each surface.
         noise: standard deviation of the inliers' point-to-plane residuals.
-        penalties: on folds, for each frame.
+        fold_penalties: for each frame.
         reference: the box whose deformation has no energy: the undeformed one, except in the first rounds.
         fraction: independent points over all points, in (0, 1].
     """
@@ -82,12 +82,12 @@ class CycleState:
     boxes: list[ControlBox]
     datasets: list[list[SurfaceData]]
     noise: float
-    penalties: list[JacobianPenalty]
+    fold_penalties: list[JacobianPenalty]
     reference: ControlBox
     fraction: float = 1.0
 
     @property
-    def moved(self) -> Array:
+    def reference_displacement(self) -> Array:
         """The displacement (k, 3) of the control points of the reference from the undeformed ones."""
         return (self.reference.control_points - self.reference.rest).reshape(-1, 3)
 
@@ -107,24 +107,24 @@ class Cycle:
         surfaces: name -> superquadric.
         box: undeformed, around the outermost surface.
         frames: name -> points, for each frame.
-        values: (F, K), the splines at the frames' times.
+        weights_in_time: (F, K), the splines at the frames' times.
         basis: the splines.
         regularity: in space.
         robust: whether outliers are down-weighted.
         planes: of the slices whose shifts are sought, with the slice number of each point; or None.
-        noise: what is known of the noise of the points of each frame and surface, under the name that `named` gives.
+        known_noise: of the points of each frame and surface, under the name that `named` gives.
         bases: where the data of each frame ends on purpose, or None.
     """
 
     surfaces: Mapping[str, Superquadric]
     box: ControlBox
     frames: Sequence[Mapping[str, Array]]
-    values: Array
+    weights_in_time: Array
     basis: TimeBasis
     regularity: str | Regulariser
     robust: bool
     planes: tuple[SlicePlanes, SliceNumbers] | None
-    noise: KnownNoise
+    known_noise: KnownNoise
     bases: Sequence[HalfSpace | None]
 
     @property
@@ -141,14 +141,15 @@ class Cycle:
         ]
         distances = np.concatenate([data.standardised(self.box) for frame in datasets for data in frame])
         noise = MAD_TO_SIGMA * float(np.median(distances))
+        # a penalty is weighed against the points of its frame: the other frames have about as many as the first
         count, frames = sum(len(cloud) for cloud in self.frames[0].values()), len(self.frames)
         penalty = JacobianPenalty.of(self.box, self.surfaces, count, noise)
-        displacement = np.zeros((self.values.shape[1], self.box.rest.size // 3, 3))
+        displacement = np.zeros((self.weights_in_time.shape[1], self.box.rest.size // 3, 3))
         shifts = np.zeros((0 if self.planes is None else len(self.planes[0].axes), 2))
         return CycleState(displacement, shifts, [self.box] * frames, datasets, noise, [penalty] * frames, self.box)
 
     def _data(self, frame: int, name: str, points: Array) -> SurfaceData:
-        noise = self.noise.relative.get(named(frame, name))
+        noise = self.known_noise.relative.get(named(frame, name))
         found = SurfaceData.of(self.surfaces[name], points, np.ones(len(points)), self.bases[frame], noise=noise)
         return found.with_nearest_foot_points(self.box)
 
@@ -172,21 +173,23 @@ class Cycle:
             state: after a round.
             frames: their indices.
             near: an earlier strength, or None.
-            first: whether there was no round before, so that only as many points count as there are unknowns.
+            first: whether there was no round before, so that only as many points count as there are unknowns; see
+                `Correlated`.
         """
         none, rule = [None] * len(self.surfaces), Correlated(float(self.box.rest.size))
         found = []
-        for n in frames:
-            box, datasets = state.boxes[n], state.datasets[n]
+        for frame in frames:
+            box, datasets = state.boxes[frame], state.datasets[frame]
             fraction = rule.fraction(box, tuple(datasets), first)
-            evidence = evidence_of(datasets, none, box, self.regularity, fraction, self.noise.least)
+            evidence = evidence_of(datasets, none, box, self.regularity, fraction, self.known_noise.least)
             found.append(evidence.select(None, near).strength)
         return min(found)
 
     def effective_fraction(self, state: CycleState, first: bool = False) -> float:
         """Number of independent points over that of all points, of all frames together.
 
-        The least number is smaller than in single fits: splines in time have fewer unknowns than all frames alone.
+        The least effective number of points of a frame (`Correlated.least`) is its part of all unknowns. That is
+        smaller than in single fits: splines in time have fewer unknowns than all frames alone.
         """
         rule = Correlated(state.displacement.size / len(self.frames))
         found = [rule.fraction(box, tuple(each), first) for box, each in zip(state.boxes, state.datasets)]
@@ -195,15 +198,15 @@ class Cycle:
 
     def all_at(self, state: CycleState, box: ControlBox) -> CycleState:
         """The state with the same box in all frames, which is the reference of the deformation."""
-        moved = (box.control_points - box.rest).reshape(1, -1, 3)
-        displacement = np.repeat(moved, len(state.displacement), axis=0)
+        of_box = (box.control_points - box.rest).reshape(1, -1, 3)
+        displacement = np.repeat(of_box, len(state.displacement), axis=0)
         return replace(state, displacement=displacement, boxes=[box] * len(state.boxes), reference=box)
 
-    def result(self, state: CycleState, strengths: tuple[float, float], certified: tuple[bool, ...]) -> CycleFit:
+    def result(self, state: CycleState, strengths: tuple[float, float], verified: tuple[bool, ...]) -> CycleFit:
         """The fit with the results of a state."""
         control = state.displacement.reshape(-1, *self.shape, 3) + self.box.rest
         datasets = tuple(dict(zip(frame, each)) for frame, each in zip(self.frames, state.datasets))
-        return CycleFit(control, datasets, state.noise, self.noise.least, strengths, state.shifts, certified)
+        return CycleFit(control, datasets, state.noise, self.known_noise.least, strengths, state.shifts, verified)
 
     def step(self, state: CycleState, strengths: tuple[float, float]) -> CycleState | None:
         """The state after a round: foot points, inlier probabilities, and a step to the solution of the linear problem.
@@ -211,15 +214,17 @@ class Cycle:
         The step is shortened until `total` decreases. None where the linear problem is singular.
         """
         state = replace(state, datasets=self._updated(state))
-        evidence, penalties, before = self.evidence(state), _penalties(state), state.moved
+        evidence, penalties, before = self.evidence(state), _penalties(state), state.reference_displacement
         equations = [_sum(each, box).about(before) for each, box in zip(penalties, state.boxes)]
         solution = evidence.plus(equations).solve(*strengths)
         if solution is None:
             return None
-        moved, shifted = solution.displacement + before - state.displacement, solution.shifts - state.shifts.ravel()
+        # displacements of the solution, as of the equations, are from the reference
+        direction = solution.displacement + before - state.displacement
+        shifted = solution.shifts - state.shifts.ravel()
 
         def at(length: float) -> tuple[Array, Array]:
-            return state.displacement + length * moved, state.shifts.ravel() + length * shifted
+            return state.displacement + length * direction, state.shifts.ravel() + length * shifted
 
         def total(length: float) -> float:
             return self.total(state, evidence, penalties, *at(length), strengths)
@@ -246,20 +251,20 @@ class Cycle:
     ) -> float:
         """The sum that a round lowers: squared distances, regularisation, and the penalties of each frame."""
         costs = [each.cost(box) for of, box in zip(penalties, self._boxes(displacement)) for each in of]
-        return evidence.cost(displacement - state.moved, shifts, *strengths) + sum(costs)
+        return evidence.cost(displacement - state.reference_displacement, shifts, *strengths) + sum(costs)
 
     def _boxes(self, displacement: Array) -> list[ControlBox]:
         rest = self.box.rest
         # control points at the knots, times the splines at the frames
-        in_time = np.einsum("fa,akc->fkc", self.values, displacement).reshape(-1, *rest.shape)
-        return [self.box.with_control_points(rest + moved) for moved in in_time]
+        in_time = np.einsum("fa,akc->fkc", self.weights_in_time, displacement).reshape(-1, *rest.shape)
+        return [self.box.with_control_points(rest + each) for each in in_time]
 
     def _updated(self, state: CycleState) -> list[list[SurfaceData]]:
         """Data with new foot points and inlier probabilities."""
         result = []
         for box, datasets in zip(state.boxes, state.datasets):
-            moved = [data.with_tangential_steps(box, TANGENTIAL_STEPS) for data in datasets]
-            result.append([_weighted(data, box, state.noise) for data in moved] if self.robust else moved)
+            found = [data.with_tangential_steps(box, TANGENTIAL_STEPS) for data in datasets]
+            result.append([_weighted(data, box, state.noise) for data in found] if self.robust else found)
         return result
 
     def _shifted(self, datasets: list[list[SurfaceData]], shifts: Array) -> list[list[SurfaceData]]:
@@ -269,8 +274,8 @@ class Cycle:
         planes, slices = self.planes
         result = []
         for frame, each, numbers in zip(self.frames, datasets, slices):
-            moved = [points + planes.offsets(shifts, numbers[name]) for name, points in frame.items()]
-            result.append([replace(data, points=points) for data, points in zip(each, moved)])
+            clouds = [points + planes.offsets(shifts, numbers[name]) for name, points in frame.items()]
+            result.append([replace(data, points=points) for data, points in zip(each, clouds)])
         return result
 
     def evidence(self, state: CycleState) -> CycleEvidence:
@@ -294,21 +299,25 @@ class Cycle:
             if self.planes
             else None
         )
-        penalty = penalty_matrix(self.regularity, self.shape)
+        regulariser, weights, least = (
+            penalty_matrix(self.regularity, self.shape),
+            self.weights_in_time,
+            self.known_noise.least,
+        )
         return CycleEvidence(
-            equations, self.values, self.basis, penalty, self.shape, count, bordered, state.fraction, self.noise.least
+            equations, weights, self.basis, regulariser, self.shape, count, bordered, state.fraction, least
         )
 
     def checked(self, state: CycleState) -> tuple[tuple[bool, ...], CycleState]:
         """Which frames are verified to be free of folds, and the state with stronger penalties on the others."""
-        found = [penalty.check(box, self.surfaces) for penalty, box in zip(state.penalties, state.boxes)]
+        found = [penalty.check(box, self.surfaces) for penalty, box in zip(state.fold_penalties, state.boxes)]
         penalties = [penalty if verified else penalty.stronger() for verified, penalty in found]
-        return tuple(verified for verified, _ in found), replace(state, penalties=penalties)
+        return tuple(verified for verified, _ in found), replace(state, fold_penalties=penalties)
 
 
 def _penalties(state: CycleState) -> list[list[Penalty]]:
     """The penalties of each frame: that on folds, and the priors on the surfaces beyond its base."""
-    every = zip(state.penalties, state.datasets, state.boxes)
+    every = zip(state.fold_penalties, state.datasets, state.boxes)
     return [[folds, *base_priors(datasets, box)] for folds, datasets, box in every]
 
 

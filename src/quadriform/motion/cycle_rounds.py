@@ -153,8 +153,8 @@ def _unfolded(cycle: Cycle, state: CycleState, strengths: Strengths, most: float
     for _ in range(ROUNDS.unfolding):
         if found is None or found.noise > most:
             return None
-        certified, found = cycle.checked(found)
-        if all(certified):
+        verified, found = cycle.checked(found)
+        if all(verified):
             return found
         found = cycle.step(found, strengths)
     return None

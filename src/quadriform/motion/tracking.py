@@ -352,9 +352,9 @@ def _cycle_warnings(
 ) -> list[Warnings]:
     """The warnings of each frame; `unit` is the length of one in the frame of the cycle."""
     result = []
-    for model, nearest, datasets, proven in zip(models, feet, found.datasets, found.certified):
+    for model, nearest, datasets, verified in zip(models, feet, found.datasets, found.verified):
         each = {n: outliers(data.inliers) | _poor_fit(data, nearest[n], found, unit) for n, data in datasets.items()}
-        result.append(named_texts(each) | ({} if proven else folding(model)))
+        result.append(named_texts(each) | ({} if verified else folding(model)))
     return result
 
 

@@ -1,9 +1,14 @@
 """The strength of the regularisation and the noise of the data, by the marginal likelihood of the data (REML).
 
-The displacements p of the control points minimise |J p - r|^2 + lambda p' K p, with A = J' J of the weighted residuals,
-the regulariser K, which acts on each coordinate alike, and lambda = alpha n; alpha is the `strength`, n the `count`.
-The unit of length is the RMS radius of the points. All is solved in the eigenbasis of K, where lambda adds to the
-diagonal alone: even for a very large one the data's part on the null space of K is not lost in rounding.
+The model is r = J p + e, with e ~ N(0, s^2) and p ~ N(0, s^2 (lambda K)^+), flat on the null space of K: p are the
+displacements P - P0 of the control points, J the stacked rows of the data, each times the root of its weight, and K the
+regulariser, the same for each coordinate. So p minimises |J p - r|^2 + lambda p' K p, with A = J' J and lambda = alpha
+n; alpha is the `strength`, per data point, and n the `count`. With f n independent residuals of n (f the
+`effective_fraction`), d the dimension of the null space and m = f n - d, the criterion that the best strength minimises
+is C = m log s^2 + log|A + lambda K| - rank K log lambda. The REML estimate of the noise is s^2 = (|J p - r|^2 + lambda
+p' K p) / (n - d). The unit of length is the RMS radius of the points. All is solved in the eigenbasis of K, where
+lambda adds to the diagonal alone: even for a very large one the data's part on the null space of K is not lost in
+rounding.
 """
 
 from dataclasses import dataclass, field, replace
@@ -55,8 +60,9 @@ class Solution:
     Attributes:
         displacement: (k, 3).
         strength: alpha.
-        noise: standard deviation of the residuals.
-        criterion: minus twice the log evidence, up to a constant; penalties are part of the prior.
+        noise: standard deviation of the residuals, the REML estimate.
+        criterion: minus twice the log evidence, up to a constant; a further penalty enters like squares of the data,
+            without a count or a normaliser.
         factor: lower Cholesky factor (3 k, 3 k) of A + lambda K in the eigenbasis of K.
         vectors: (k, k), the eigenvectors as columns, for one coordinate.
         effective_fraction: number of independent residuals over that of all, in (0, 1]; below 1 where neighbours are
@@ -80,7 +86,7 @@ class Solution:
 
     @property
     def condition(self) -> float:
-        """Condition in the 1-norm of A + lambda K with its diagonal scaled to one: the precision that is lost."""
+        """LAPACK's estimate of the condition number of A + lambda K in the eigenbasis of K, with unit diagonal."""
         # scaled to unit diagonal first: units of the control points are no ill-conditioning
         scaled = self.factor / np.sqrt((self.factor**2).sum(axis=1))[:, None]
         largest = np.abs(scaled @ scaled.T).sum(axis=0).max()
@@ -111,7 +117,7 @@ class Evidence:
     Attributes:
         equations: of the data, and of penalties where there are any.
         penalty: (k, k), K of the regulariser for one coordinate.
-        count: n, the sum of the weights of the residuals.
+        count: n, the sum of weight times inlier probability of the data points.
         effective_fraction: as in `Solution`.
         least_noise: lower bound of the standard deviation of the noise, as known from the measurement.
         data: the equations of the data alone; None where there is no penalty.
@@ -151,7 +157,10 @@ class Evidence:
 
     @cached_property
     def _whole(self) -> "Evidence":
-        """The problem with penalties counted as data: the displacement minimises this sum, so it adds no derivative."""
+        """The problem with penalties counted as data: its least value is what the displacement minimises.
+
+        So the derivative of that value by the strength, through the displacement, is zero (envelope theorem).
+        """
         return self if self.data is None else replace(self, data=None)
 
     @cached_property
@@ -178,9 +187,9 @@ class Evidence:
         dof, effective = (max(part * self.count - self.null_dimension, 1.0) for part in (1.0, self.effective_fraction))
         return dof, effective
 
-    def _variance(self, misfit: float) -> float:
+    def _variance(self, penalised_squares: float) -> float:
         """Variance of residuals with this sum of squares; with a lower bound, for the sum cancels in an exact fit."""
-        return max(float(misfit) / self._freedom[0], self.least_noise**2, SELECTION.noise_floor**2)
+        return max(float(penalised_squares) / self._freedom[0], self.least_noise**2, SELECTION.noise_floor**2)
 
     def solve(self, strength: float) -> Solution | None:
         """The displacement at one strength; None where it leaves control points undetermined."""
@@ -208,7 +217,7 @@ class Evidence:
         return Solution(displacement, strength, noise, float(criterion), factor, self.vectors, self.effective_fraction)
 
     def select(self, strength: float | None, before: Solution | float | None) -> Solution:
-        """The solution at a given strength; without one, or where it leaves control points undetermined, at the best.
+        """The solution at a given strength; without one, or where it is undetermined, at that of largest evidence.
 
         Args:
             strength: alpha per data point, or None.
@@ -329,15 +338,16 @@ class Evidence:
             return None
         weight = solution.strength * self.count
         dof, effective_dof = self._freedom
-        misfit = dof * solution.noise**2
+        penalised_squares = dof * solution.noise**2
         energy = self._energy(self.vectors.T @ solution.displacement)
-        # d criterion / d log(lambda) = lambda (dof p'Kp / misfit + tr K (A + lambda K)^-1) - rank K; the null space
-        # comes first in the order of eigenvalues, and the strength does not act on it
+        # d criterion / d log(lambda) = lambda (m p'Kp / penalised squares + tr K (A + lambda K)^-1) - rank K, m the
+        # effective degrees of freedom; by the envelope theorem the derivative through p vanishes; the null space comes
+        # first in the order of eigenvalues, and the strength does not act on it
         penalised = solution.factor[self.null_dimension :, self.null_dimension :]
         # with A + lambda K = L L' the diagonal of the inverse is the sum of squares of the columns of L^-1
         inverse = solve_triangular(penalised, np.eye(self.rank), lower=True)
         traced = np.repeat(self.values, 3)[self.null_dimension :] @ (inverse**2).sum(axis=0)
-        return float(weight * (effective_dof * energy / misfit + traced) - self.rank)
+        return float(weight * (effective_dof * energy / penalised_squares + traced) - self.rank)
 
     def _criterion(self, strength: float) -> float:
         solution = self.solve(strength)

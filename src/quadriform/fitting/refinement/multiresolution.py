@@ -1,9 +1,9 @@
 """One stage of the coarse-to-fine refinement: its state, its parts, and the rounds at one number of control points.
 
-A round updates the foot points (a correspondence), the inlier probabilities (a robust kernel) and the control points
+A round updates the foot points (a correspondence), the inlier probabilities (a weighting rule) and the control points
 (the linear problem at a selected strength). A stage makes rounds until its stopping rule is met. `stages.py` has the
-sequence of stages, from few control points and few data points to all of them. All lengths are in the normalised frame:
-the origin is the centroid of the points, the unit their RMS distance from it.
+sequence of stages, from few control points and few data points to all of them. All lengths are in the centred, scaled
+frame: the origin is the centroid of the points, the unit their RMS distance from it.
 """
 
 from dataclasses import dataclass, replace
@@ -62,7 +62,7 @@ class Schedule:
 
 SCHEDULE = Schedule()
 MAD_TO_SIGMA = 1.4826
-"""From the median absolute distance to the standard deviation of a Gaussian; bounded for less than half of outliers."""
+"""From the median absolute distance to the standard deviation of a Gaussian; its breakdown point is 50 % outliers."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ class FootPointUpdate(Protocol):
 
 
 class TangentialSteps:
-    """Foot points that move along the surface."""
+    """Foot points that move along the surface from where they are."""
 
     def update(self, box: ControlBox, datasets: Datasets) -> tuple[Datasets, Attractions]:
         """Data with foot points after a few tangential Gauss-Newton steps."""
@@ -151,7 +151,7 @@ class TangentialSteps:
 
 
 class Nearest:
-    """Foot points that are the nearest of the whole surface."""
+    """Foot points that are the nearest points of the whole surface."""
 
     def update(self, box: ControlBox, datasets: Datasets) -> tuple[Datasets, Attractions]:
         """Data with the nearest foot points."""
@@ -241,8 +241,8 @@ class Correlated:
     surface; later rounds use the residuals of the round before.
 
     Attributes:
-        least: least effective number of points. With fewer than there are unknowns the evidence would increase without
-            limit with the strength where a surface without details fits.
+        least: least effective number of points. With fewer than there are unknowns the evidence would have no maximum
+            where a surface without details fits.
     """
 
     least: float
@@ -283,7 +283,8 @@ class Problem:
         box: undeformed, around the outermost surface, with the requested number of control points.
         probes: (n, 3) points of all surfaces before deformation, of which the motion is measured.
         regularity: name or object.
-        strength: alpha, the weight of the regulariser per data point; None for that of the largest marginal likelihood.
+        strength: alpha, the weight of the regulariser per data point; None for that of the largest marginal likelihood,
+            or a smaller one by left-out patches (`stages.py`).
         robust: whether outliers are down-weighted.
         report: of the rounds.
         least_noise: lower bound of the standard deviation of the noise.
@@ -324,11 +325,11 @@ class Problem:
     def penalised(self, state: Refined, penalty: Penalty, strength: float) -> Refined | None:
         """The state after one Gauss-Newton step with a further penalty, at fixed strength and inlier probabilities.
 
-        The step is shortened until data, regulariser and penalty together decrease. None where the control points are
-        undetermined.
+        The step is shortened until the sum of data, regulariser and penalties does not increase, down to a
+        shortest step (`step_length`). None where the control points are undetermined.
         """
-        box, (datasets, none) = state.box, TangentialSteps().update(state.box, state.datasets)
-        evidence = self.evidence(datasets, none, box, state.solution.effective_fraction)
+        box, (datasets, no_attractions) = state.box, TangentialSteps().update(state.box, state.datasets)
+        evidence = self.evidence(datasets, no_attractions, box, state.solution.effective_fraction)
         solution = evidence.plus(penalty.equations(box)).solve(strength)
         if solution is None:
             return None
@@ -350,12 +351,12 @@ class Problem:
 
 @dataclass(frozen=True)
 class Stage:
-    """Rounds with one correspondence and one kernel until a stopping rule is met.
+    """Rounds with one correspondence and one weighting rule until a stopping rule is met.
 
     Attributes:
         problem: what the stages have in common.
         foot_points: the correspondence.
-        kernel: the rule for the inlier probabilities.
+        kernel: the weighting rule, which updates the inlier probabilities.
         stop: the stopping rule.
         independence: the rule for how many points are independent.
     """

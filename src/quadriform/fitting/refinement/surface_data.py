@@ -85,7 +85,8 @@ class SurfaceData:
     def subsample(self, count: int, robust: bool) -> "SurfaceData":
         """About `count` points, spread over their distances to the centre: whatever their order and pose.
 
-        With `robust` those without near neighbours are left out: rounds on few points have no robust weights.
+        All are inliers at first. With `robust` those without near neighbours are left out: rounds on few points have no
+        robust weights.
         """
         # the order is by distance from the centre, so every k-th point spreads over the whole cloud
         order = canonical_order(self.points - self.points.mean(axis=0))

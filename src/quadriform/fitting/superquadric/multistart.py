@@ -1,8 +1,9 @@
 """The multi-start search of the robust superquadric: many starts on few points, the best of them on all.
 
-Coarse to fine: candidates are annealed and compared on a small even sample, the distinct best ones again on a larger
-one, and boxes around the inliers of the best (`restarts`); the best then converges on all points. A wider search over
-parts of the cloud follows only where the best is not accepted.
+Coarse to fine: candidates are annealed and compared on a small even sample (each k-th point by distance from the
+centroid), and the distinct best ones again on a larger one. A wider search from parts of the cloud follows only where
+the best is not accepted (`acceptable`). Starts from boxes around the inliers of the best are then compared with it
+(`restarts`). The best, with its alternatives, continues on larger samples and converges on all points.
 """
 
 from dataclasses import dataclass, replace
@@ -53,7 +54,7 @@ class SearchSettings:
     """Steps with an estimated sigma, until candidates can be compared."""
     compare_steps: int = 8
     """Steps of the comparison on more points."""
-    clean_steps: int = 16
+    maybe_exact_steps: int = 16
     """Steps with all points as inliers, which must converge to `exact`."""
     growth: int = 16
     """Factor between the sizes of successive samples, until all points are in one."""
@@ -71,16 +72,17 @@ class SearchSettings:
     """Most steps of one descent, more than convergence takes where there is a minimum."""
     pattern: float = 0.5
     """Largest fraction of the distances' variance that neighbours may have in common in an accepted candidate."""
-    pattern_cost: float = 0.1
-    """Log likelihood per point that a candidate with correlated distances is charged with."""
+    acceptance_bonus: float = 0.1
+    """Log likelihood per point that is added to that of accepted candidates in a comparison with others."""
     exact: float = 1e-6
     """Noise below this is rounding, of data in single precision too."""
-    clean: float = 0.02
+    maybe_exact: float = 0.02
     """Sigma of the best surface above which points are not exact: near exact ones even a wrong surface has less."""
     alternative: float = 0.01
     """Surfaces whose cost, sigma squared, is within this fraction of the best are alternative minima."""
     first_sigma: float = 0.5
-    """Largest sigma at the start of annealing, as a fraction of a candidate's size."""
+    """Largest sigma at the start of annealing, as a fraction of the RMS semi-axis of a start from a part of the cloud;
+    in RMS radii of the cloud for starts from all of it."""
     never: float = -100.0
     """Log odds of a point that is of another body."""
     same: float = 0.5
@@ -115,7 +117,12 @@ def em(descent: Descent) -> Mixture:
 
 
 def solve(problem: SearchProblem) -> SearchResult:
-    """The superquadric of points of which some may be outliers, of other bodies, or missing."""
+    """The superquadric of points, of which some may be outliers or of other bodies, where parts of it may have none.
+
+    In this order: the narrow search from two dense parts; the wide search where its best is not accepted; where there
+    are outliers, a search for a surface through all points exactly, and else the odds of each point by its density,
+    for outliers are sparse; restarts from boxes around the inliers; and the descent of the best and its alternatives.
+    """
     cloud = problem.sample(SEARCH.cloud)
     parts = dense_parts(cloud.points)
     core = parts[0] > 0
@@ -131,7 +138,7 @@ def solve(problem: SearchProblem) -> SearchResult:
     # accepted candidates first: the likelihood takes correlated distances for independent ones
     first = best_first(_ranking(best, accepted))[:1]
     if best.mixture.inlier_ratio[first[0]] < LARGEST_RATIO:
-        noisy = accepted[first[0]] and best.mixture.sigma[first[0]] > SEARCH.clean
+        noisy = accepted[first[0]] and best.mixture.sigma[first[0]] > SEARCH.maybe_exact
         if not noisy and (exact := search.through_all_points()):
             return _converged(problem, exact, 0, longest)
         problem = _with_density_odds(problem, best.picked(first), longest)
@@ -214,12 +221,12 @@ class Search:
             starts = subset.with_fixed(ellipsoids(subset.points, np.tile(subset.weights, (len(frames), 1)), frames))
             spread = Mixture(np.full(len(starts), LARGEST_RATIO), np.full(len(starts), SEARCH.first_sigma))
             descent = subset.descent(starts, spread, self.longest)
-            descent.run(SEARCH.clean_steps, 0, lambda d: all_inliers(d.distances, d.weights))
-            # all points are inliers here, so the least sigma is the largest likelihood
+            descent.run(SEARCH.maybe_exact_steps, 0, lambda d: all_inliers(d.distances, d.weights))
+            # all points are inliers here, so the candidate of the least sigma has the largest likelihood
             best = distinct(descent, -descent.mixture.sigma, SEARCH.kept_wide)
             if descent.mixture.sigma[best[0]] < SEARCH.exact:
                 return descent.picked(best[:1])
-            if descent.mixture.sigma[best[0]] > SEARCH.clean:
+            if descent.mixture.sigma[best[0]] > SEARCH.maybe_exact:
                 break
             frames = descent.candidates.rotations[best, None] @ FRAMES
         return None
@@ -317,10 +324,11 @@ def distinct(descent: Descent, ranking: Array, most: int) -> NDArray[np.int64]:
 
 
 def acceptable(descent: Descent) -> NDArray[np.bool_]:
-    """A mask (M,) of the candidates with at least half of the points as inliers and nearly uncorrelated distances.
+    """A mask (M,) of the candidates with at least half of the points as inliers and distances that are not a pattern.
 
-    Distances of neighbours are compared by von Neumann's ratio: one for noise, less where the surface is not that of
-    the points. Edges under strong noise alone give about 0.6.
+    Distances of neighbours are compared by half of von Neumann's ratio: one for noise, less where the surface is not
+    that of the points. It must be above `pattern`; edges under strong noise alone give about 0.6. Where sigma is below
+    `exact`, distances are rounding and may be correlated.
     """
     near, counts = nearest(descent.points, descent.points, 2)
     point, rank = counts[:, 1:].nonzero()  # on a lattice several neighbours are at the same distance
@@ -335,7 +343,7 @@ def acceptable(descent: Descent) -> NDArray[np.bool_]:
 
 def _ranking(descent: Descent, accepted: NDArray[np.bool_]) -> Array:
     """Scores (M,), larger for accepted candidates: the likelihood takes correlated distances for independent ones."""
-    return descent.scores() + SEARCH.pattern_cost * descent.weights.sum() * accepted
+    return descent.scores() + SEARCH.acceptance_bonus * descent.weights.sum() * accepted
 
 
 def _alternatives(descent: Descent, ranking: Array) -> NDArray[np.int64]:
@@ -347,7 +355,10 @@ def _alternatives(descent: Descent, ranking: Array) -> NDArray[np.int64]:
 
 
 def _converged(problem: SearchProblem, start: tuple[Candidates, Mixture], others: int, longest: float) -> SearchResult:
-    """The result of descents on larger and larger samples, then on all points; alternatives are compared to the end."""
+    """The result of descents on larger and larger samples, then on all points.
+
+    Of alternatives the best on the first sample continues; without a sample, the best at `near` on all points.
+    """
     candidates, mixture = start
     # most steps are made on few points; a larger sample begins near its minimum
     size = SEARCH.fine * SEARCH.growth
