@@ -104,7 +104,7 @@ class Solution:
         return self.noise**2 * half.T @ half
 
     def _halved(self, rows: Array) -> Array:
-        """Columns (3 k, n) whose squares sum up to the variances of linear functions for noise one."""
+        """L^-1 times linear functions (n, 3 k), L the factor: squares of its columns sum up to variances over s^2."""
         rotated = np.einsum("nki,kj->jin", rows.reshape(len(rows), -1, 3), self.vectors, optimize=True)
         halved: Array = solve_triangular(self.factor, rotated.reshape(len(self.factor), -1), lower=True)
         return halved

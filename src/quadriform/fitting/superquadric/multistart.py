@@ -154,6 +154,7 @@ def nearby(problem: SearchProblem, starts: list[Superquadric]) -> Superquadric:
     longest = bound_of_axes(cloud.points)
     spread = Mixture(np.full(len(starts), LARGEST_RATIO), np.full(len(starts), SEARCH.first_sigma))
     descent = cloud.descent(candidates, spread, longest)
+    # as many steps as annealing has, but with all points as inliers, for the starts are near already
     descent.run(SEARCH.annealing_steps, 0, lambda d: all_inliers(d.distances, d.weights))
     descent.run(SEARCH.most_steps, SEARCH.near, em)
     return descent.candidates.superquadric(int(best_first(descent.scores())[0]))

@@ -27,10 +27,11 @@ class SearchProblem:
         weights: (n,).
         kind: of the superquadric.
         fixed: values of parameters that stay, by name, in the frame of the points.
-        odds: (n,) log odds to be an inlier, besides the distance to the surface.
+        odds: (n,) log odds of each point to be an inlier by what is known besides its distance to the surface.
         noise: (n,) standard deviations of the points along the normal, relative to that of a point of average weight.
         least_sigma: lower bound of the latter.
-        size: weight of the penalty on the size; 0 during annealing, since that penalty is relative to the noise.
+        size: weight of the penalty on the size of the body (`Extent`), which is weighed against the noise; 0 during
+            annealing, where the noise is not known.
         surroundings: what is known beside the points, or None.
         empty: space that the body is not in, or None while the body is not known.
     """
@@ -51,7 +52,7 @@ class SearchProblem:
         return canonical_order(self.points)
 
     def thinned(self, most: int) -> NDArray[np.int64]:
-        """Indices of at most `most` points, even over their order by distance from the centre."""
+        """Indices of at most `most` points: each k-th in their order by distance from the centre."""
         count = len(self.points)
         return self._order[np.linspace(0, count - 1, min(most, count)).round().astype(np.int64)]
 
