@@ -33,3 +33,12 @@ def test_a_fit_runs_on_one_thread_also_when_it_fails():
             qf.fit(points[:2])
         assert blas_threads() == before
     assert seen and all(threads == {1} for threads in seen)
+
+
+@pytest.mark.slow
+def test_a_cycle_runs_on_one_thread():
+    """Old bug: on two threads the same cycle took many times as long."""
+    seen, points = [], np.random.default_rng(0).normal(size=(60, 3))
+    with threadpool_limits(2, user_api="blas"):
+        qf.track([points, points], box=(3, 3, 3), progress=lambda done, total: seen.append(blas_threads()))
+    assert seen and all(threads == {1} for threads in seen)

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from functools import cache, wraps
 from typing import ParamSpec, TypeVar
 
+import scipy.linalg  # noqa: F401  its BLAS is loaded, and NumPy's, before libraries are looked for
 from threadpoolctl import ThreadpoolController
 
 P = ParamSpec("P")
@@ -27,5 +28,5 @@ def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
 
 @cache
 def _libraries() -> ThreadpoolController:
-    """Those of the process, looked for once: NumPy's and SciPy's are there when the first fit begins."""
+    """Those of the process, looked for once: NumPy's and SciPy's."""
     return ThreadpoolController()

@@ -21,6 +21,7 @@ from quadriform.fitting.options import Base, check_box, check_strength
 from quadriform.fitting.refinement.starts import nested_ellipsoids
 from quadriform.fitting.refinement.surface_data import SurfaceData
 from quadriform.fitting.result import Fit, HalfSpace, Progress, Warned, flat
+from quadriform.fitting.threads import one_blas_thread
 from quadriform.motion.cycle import Cycle, CycleFit, named
 from quadriform.motion.cycle_rounds import fit_cycle
 from quadriform.motion.frames import (
@@ -131,6 +132,7 @@ class Track(Warned):
 
 
 @known_options
+@one_blas_thread
 def track(
     frames: Sequence[Given],
     *,
