@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from quadriform.fitting.superquadric.levenberg_marquardt import AXES, HOLE, POWERS, ROTATION, SHIFT
+from quadriform.fitting.superquadric.candidates import AXES, HOLE, POWERS, ROTATION, SHIFT
 from quadriform.shapes import bernstein
 from quadriform.shapes.kinds import KINDS
 

@@ -11,8 +11,9 @@ import quadriform as qf
 from quadriform.errors import OptionError
 from quadriform.fitting.mixture import Mixture
 from quadriform.fitting.superquadric import levenberg_marquardt
+from quadriform.fitting.superquadric.candidates import Candidates
 from quadriform.fitting.superquadric.empty_space import EmptySpace, Surroundings
-from quadriform.fitting.superquadric.levenberg_marquardt import DESCENT, Candidates
+from quadriform.fitting.superquadric.levenberg_marquardt import DESCENT
 from quadriform.points import unit_vectors
 
 EYE = np.array([0.0, 0, 10])

@@ -10,9 +10,9 @@ from shapes_made import even_directions, lumpy, single
 import quadriform as qf
 from quadriform.fitting.extrapolation import open_deviations
 from quadriform.fitting.result import Result
+from quadriform.fitting.superquadric.candidates import AXES, SHIFT
 from quadriform.fitting.superquadric.fit import in_frame, in_world
 from quadriform.fitting.superquadric.identifiability import surface_at
-from quadriform.fitting.superquadric.levenberg_marquardt import AXES, SHIFT
 from quadriform.fitting.support import Reach, Support
 from quadriform.points import Frame
 from quadriform.shapes.control_box import ControlBox

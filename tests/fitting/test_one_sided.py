@@ -9,7 +9,8 @@ from shapes_made import even_directions, made
 
 from quadriform import fit_superquadric
 from quadriform.fitting.superquadric import levenberg_marquardt
-from quadriform.fitting.superquadric.levenberg_marquardt import DESCENT, Candidates, Extent
+from quadriform.fitting.superquadric.candidates import Candidates
+from quadriform.fitting.superquadric.levenberg_marquardt import DESCENT, Extent
 from quadriform.fitting.superquadric.restarts import RESTART, restarts
 from quadriform.shapes.superquadric import Superquadric
 

@@ -10,8 +10,8 @@ from shapes_made import even_directions, made, turned
 from quadriform import fit_superquadric
 from quadriform.errors import OptionError
 from quadriform.fitting.mixture import Mixture
+from quadriform.fitting.superquadric.candidates import Candidates
 from quadriform.fitting.superquadric.initial import bound_of_axes
-from quadriform.fitting.superquadric.levenberg_marquardt import Candidates
 from quadriform.fitting.superquadric.multistart import SEARCH, Search, acceptable, em
 from quadriform.fitting.superquadric.problem import SearchProblem
 from quadriform.points import Frame

@@ -7,7 +7,8 @@ from shapes_made import KINDS, angles, even_directions, gap, lumpy, made, single
 from quadriform import fit_superquadric
 from quadriform.errors import DegenerateError, OptionError
 from quadriform.fitting.superquadric import paper
-from quadriform.fitting.superquadric.levenberg_marquardt import Candidates, distances
+from quadriform.fitting.superquadric.candidates import Candidates
+from quadriform.fitting.superquadric.levenberg_marquardt import distances
 from quadriform.fitting.superquadric.paper import _Unbounded
 from quadriform.shapes.control_box import ControlBox
 

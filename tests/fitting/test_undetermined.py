@@ -7,8 +7,9 @@ from shapes_made import even_directions, made
 import quadriform as qf
 from quadriform.errors import OptionError
 from quadriform.fitting.mixture import Mixture
+from quadriform.fitting.superquadric.candidates import Candidates
 from quadriform.fitting.superquadric.initial import principal_axes
-from quadriform.fitting.superquadric.levenberg_marquardt import Candidates, Descent, accelerated
+from quadriform.fitting.superquadric.levenberg_marquardt import Descent, accelerated
 
 INDICES = np.stack(np.meshgrid(*[np.arange(-16, 17)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
 SPHERE = even_directions(300)

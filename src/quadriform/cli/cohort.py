@@ -1,29 +1,14 @@
 """`quadriform cohort`: a list of subjects becomes models, one store of parameters and one table of measures."""
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
+from quadriform.cli.engine_choice import EngineChoice
 from quadriform.cli.exit_codes import SOME_FAILED
 from quadriform.cli.options import Common, check_space, subcommand
 from quadriform.errors import OptionError
-
-
-@dataclass(frozen=True)
-class EngineChoice:
-    """Where the subjects are fitted; at most one of them is given.
-
-    Engine:
-        processes: Processes of this machine. [default: one a core]
-        workers: Start a local cluster of dask.distributed with this number of workers.
-        scheduler: Address of a scheduler of dask.distributed, as tcp://host:8786.
-    """
-
-    processes: Annotated[int | None, {"min": 1}] = None
-    workers: Annotated[int | None, {"min": 1}] = None
-    scheduler: str | None = None
 
 
 @subcommand

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from quadriform.cli.cohort import EngineChoice
+from quadriform.cli.engine_choice import EngineChoice
 from quadriform.cli.screen import print_line, show
 from quadriform.cohort import executors, failures, modes, page, stores
 from quadriform.cohort.run import Choices, OnOutcome, Summary, run

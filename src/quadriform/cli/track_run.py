@@ -15,7 +15,7 @@ from quadriform.cli.reporting import REPORT, measures_of, page_of_track, track_o
 from quadriform.cli.results import FRAMES, MODEL, earlier_results, frame_model
 from quadriform.cli.screen import after_number, closing_rows, note, progress_bar, show, texts, warn
 from quadriform.cli.status import check_strict
-from quadriform.cli.track import Motion, Reading
+from quadriform.cli.track_options import Motion, Reading
 from quadriform.errors import join_warnings
 from quadriform.files import save, sha256_of
 from quadriform.files.atomic import write_bytes

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from quadriform.fitting.mixture import Mixture
-from quadriform.fitting.superquadric.levenberg_marquardt import Candidates, distances
+from quadriform.fitting.superquadric.candidates import Candidates
+from quadriform.fitting.superquadric.levenberg_marquardt import distances
 from quadriform.fitting.superquadric.penalty import PenaltyTerms
 from quadriform.points import Array, unit_vectors
 

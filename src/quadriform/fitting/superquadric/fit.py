@@ -26,9 +26,9 @@ from quadriform.fitting.diagnostics import (
 from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.result import SuperquadricFit
 from quadriform.fitting.superquadric.around import Around, Plane
+from quadriform.fitting.superquadric.candidates import AXES, SHIFT
 from quadriform.fitting.superquadric.identifiability import determined
 from quadriform.fitting.superquadric.initial import cut_to, ellipsoid_by_moments
-from quadriform.fitting.superquadric.levenberg_marquardt import AXES, SHIFT
 from quadriform.fitting.superquadric.multistart import SEARCH, SearchResult, nearby, solve
 from quadriform.fitting.superquadric.openness import remaining_covariance
 from quadriform.fitting.superquadric.paper import fit_paper

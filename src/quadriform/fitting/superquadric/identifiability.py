@@ -6,16 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.fitting.diagnostics import UNDETERMINED
-from quadriform.fitting.superquadric.levenberg_marquardt import (
-    AXES,
-    EXPONENT_SPREAD,
-    HOLE,
-    POWERS,
-    ROTATION,
-    SHIFT,
-    Candidates,
-    distances,
-)
+from quadriform.fitting.superquadric.candidates import AXES, HOLE, POWERS, ROTATION, SHIFT, Candidates
+from quadriform.fitting.superquadric.levenberg_marquardt import EXPONENT_SPREAD, distances
 from quadriform.points import Array
 from quadriform.shapes.superellipse import quiet
 from quadriform.shapes.superquadric import Superquadric

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from quadriform.errors import DegenerateError
 from quadriform.fitting.cloud import EQUAL, best_first, first_least
-from quadriform.fitting.superquadric.levenberg_marquardt import Candidates
+from quadriform.fitting.superquadric.candidates import Candidates
 from quadriform.points import Array
 from quadriform.shapes import pose
 from quadriform.shapes.kinds import KINDS

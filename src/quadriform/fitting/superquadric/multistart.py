@@ -15,6 +15,7 @@ from quadriform.fitting.cloud import best_first, nearest
 from quadriform.fitting.connected import unconnected
 from quadriform.fitting.diagnostics import COVERED, INLIER
 from quadriform.fitting.mixture import LARGEST_RATIO, Mixture, all_inliers, annealed, density_odds, estimated
+from quadriform.fitting.superquadric.candidates import Candidates
 from quadriform.fitting.superquadric.initial import (
     FRAMES,
     bound_of_axes,
@@ -25,7 +26,7 @@ from quadriform.fitting.superquadric.initial import (
     reach,
     sides,
 )
-from quadriform.fitting.superquadric.levenberg_marquardt import Candidates, Descent
+from quadriform.fitting.superquadric.levenberg_marquardt import Descent
 from quadriform.fitting.superquadric.problem import SearchProblem
 from quadriform.fitting.superquadric.restarts import RESTART, restarts
 from quadriform.fitting.support import covered_fraction

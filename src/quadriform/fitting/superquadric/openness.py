@@ -12,16 +12,8 @@ from numpy.typing import NDArray
 
 from quadriform.fitting.cloud import evenly_chosen
 from quadriform.fitting.diagnostics import UNDETERMINED
-from quadriform.fitting.superquadric.levenberg_marquardt import (
-    AXES,
-    EXPONENT_SPREAD,
-    HOLE,
-    POWERS,
-    SHIFT,
-    Candidates,
-    Descent,
-    distances,
-)
+from quadriform.fitting.superquadric.candidates import AXES, HOLE, POWERS, SHIFT, Candidates
+from quadriform.fitting.superquadric.levenberg_marquardt import EXPONENT_SPREAD, Descent, distances
 from quadriform.points import Array
 from quadriform.shapes.superellipse import quiet
 

@@ -9,9 +9,10 @@ from scipy.optimize import least_squares, minimize
 from quadriform.fitting.diagnostics import at_bound, not_converged, undetermined
 from quadriform.fitting.mixture import LEAST_SIGMA
 from quadriform.fitting.result import SuperquadricFit
+from quadriform.fitting.superquadric.candidates import ROTATION, Candidates
 from quadriform.fitting.superquadric.identifiability import determined
 from quadriform.fitting.superquadric.initial import STARTS, cut_to
-from quadriform.fitting.superquadric.levenberg_marquardt import ROTATION, Candidates, distances
+from quadriform.fitting.superquadric.levenberg_marquardt import distances
 from quadriform.points import Array
 from quadriform.shapes.superquadric import EXPONENTS, Superquadric
 

@@ -1,15 +1,11 @@
 """What candidates for a superquadric lose besides their distances from points."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 from quadriform.fitting.mixture import Mixture
+from quadriform.fitting.superquadric.candidates import Candidates
 from quadriform.points import Array
-
-if TYPE_CHECKING:
-    from quadriform.fitting.superquadric.levenberg_marquardt import Candidates
 
 
 @dataclass(frozen=True)
@@ -33,5 +29,5 @@ class Penalty(Protocol):
     def __call__(self, candidates: Candidates, mixture: Mixture) -> PenaltyTerms:
         """Its terms at candidates."""
 
-    def scaled(self, factor: float) -> Penalty:
+    def scaled(self, factor: float) -> "Penalty":
         """The same for a fraction of the points."""

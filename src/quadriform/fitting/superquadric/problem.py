@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from quadriform.fitting.cloud import canonical_order
 from quadriform.fitting.diagnostics import INLIER
 from quadriform.fitting.mixture import Mixture
+from quadriform.fitting.superquadric.candidates import Candidates
 from quadriform.fitting.superquadric.empty_space import EmptySpace, Surroundings
-from quadriform.fitting.superquadric.levenberg_marquardt import Candidates, Descent
+from quadriform.fitting.superquadric.levenberg_marquardt import Descent
 from quadriform.points import Array
 from quadriform.shapes.kinds import KINDS
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadriform.fitting.diagnostics import INLIER
+from quadriform.fitting.superquadric.candidates import Candidates
 from quadriform.fitting.superquadric.initial import FRAMES, START
-from quadriform.fitting.superquadric.levenberg_marquardt import Candidates
 from quadriform.points import Array
 
 

@@ -1,0 +1,101 @@
+"""Candidates for a superquadric: many of one kind as arrays, with the parameters that a step changes."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from quadriform.points import Array
+from quadriform.shapes.kinds import KINDS
+from quadriform.shapes.superquadric import EXPONENTS, Superquadric
+
+AXES, POWERS, ROTATION, SHIFT, HOLE = (slice(0, 3), slice(3, 5), slice(5, 8), slice(8, 11), slice(11, 12))
+"""Slices of the parameters: log semi-axes, exponents, rotation and shift in the object's own frame, log(hole - 1)."""
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """M superquadrics of one kind as arrays.
+
+    Attributes:
+        kind: of all of them.
+        log_axes: (M, 3).
+        exponents: (M, 2).
+        rotations: (M, 3, 3), from the object's frame to that of the points.
+        translations: (M, 3).
+        log_holes: (M, 1) logarithm of the hole radius less one; unused for kinds without a hole.
+    """
+
+    kind: str
+    log_axes: Array
+    exponents: Array
+    rotations: Array
+    translations: Array
+    log_holes: Array
+
+    @classmethod
+    def of(cls, superquadrics: list[Superquadric]) -> "Candidates":
+        """Superquadrics of one kind, at least one."""
+        holes = [[np.log((s.hole_radius or 2.0) - 1)] for s in superquadrics]
+        return cls(
+            superquadrics[0].kind,
+            np.log([s.semi_axes for s in superquadrics]),
+            np.array([s.exponents for s in superquadrics]),
+            np.array([s.rotation for s in superquadrics]),
+            np.array([s.translation for s in superquadrics]),
+            np.array(holes),
+        )
+
+    def __len__(self) -> int:
+        return len(self.log_axes)
+
+    @property
+    def arrays(self) -> tuple[Array, ...]:
+        """The five arrays."""
+        return (self.log_axes, self.exponents, self.rotations, self.translations, self.log_holes)
+
+    @property
+    def n_parameters(self) -> int:
+        """11, or 12 of a kind with a hole."""
+        return KINDS[self.kind].n_parameters
+
+    def take(self, index: NDArray[np.int64]) -> "Candidates":
+        """The chosen candidates."""
+        return Candidates(self.kind, *(a[index] for a in self.arrays))
+
+    def joined(self, others: "Candidates") -> "Candidates":
+        """These candidates and others of the same kind."""
+        return Candidates(self.kind, *(np.concatenate(pair) for pair in zip(self.arrays, others.arrays)))
+
+    def where(self, chosen: Array, others: "Candidates") -> "Candidates":
+        """These candidates where `chosen` (M,) is true, the others elsewhere."""
+        pairs = zip(self.arrays, others.arrays)
+        return Candidates(self.kind, *(np.where(chosen.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs))
+
+    def moved(self, step: Array, longest: float) -> "Candidates":
+        """The candidates after a step (M, n_parameters), clipped to the bounds; no semi-axis is above `longest`."""
+        return replace(
+            self,
+            # semi-axes by their logarithms: they stay positive, and steps are relative
+            log_axes=np.clip(self.log_axes + step[:, AXES], np.log(longest) - 25, np.log(longest)),
+            exponents=np.clip(self.exponents + step[:, POWERS], *EXPONENTS),
+            # in the own frame, so no Euler angles and no gimbal lock
+            rotations=self.rotations @ Rotation.from_rotvec(step[:, ROTATION]).as_matrix(),
+            translations=self.translations + (self.rotations @ step[:, SHIFT, None])[..., 0],
+            log_holes=np.clip(self.log_holes + step[:, HOLE], -10, 10) if KINDS[self.kind].has_hole else self.log_holes,
+        )
+
+    def superquadric(self, index: int) -> Superquadric:
+        """One candidate as a superquadric; the caller cuts a hyperboloid where its data ends."""
+        axes, hole = (np.exp(self.log_axes[index]), 1 + float(np.exp(self.log_holes[index, 0])))
+        rotation = Rotation.from_matrix(self.rotations[index]).as_matrix()  # rounding off many small rotations
+        return Superquadric(
+            self.kind,
+            axes,
+            self.exponents[index],
+            rotation,
+            self.translations[index],
+            hole_radius=hole if KINDS[self.kind].has_hole else None,
+            height=None if KINDS[self.kind].cut_axis is None else 2 * float(axes.max()),
+        )
