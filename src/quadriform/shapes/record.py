@@ -14,7 +14,7 @@ OBSERVED, NAMED = 0.95, 0.995
 """A measure is observed where data supports at least the first share of it; above the second there is no remark."""
 SHA256 = re.compile(r"([0-9a-f]{64})?")
 """A hash of a file, or nothing."""
-NOT_RECORDED = "the status of this model's fit is not recorded (made by hand, or by an older version)"
+NOT_RECORDED = "the status of its fit is not recorded (made by hand, or by an older version)"
 
 
 @dataclass(frozen=True)
