@@ -297,7 +297,7 @@ def given_factor(sets: Iterable[PointSet]) -> float:
     """
     found = {each.factor for each in sets}
     if len(found) > 1:
-        raise OptionError("points: expected one unit for all clouds beside base or max_error, found several")
+        raise OptionError("points: expected one unit for all clouds beside an option that is a length, found several")
     return found.pop()
 
 

@@ -265,6 +265,17 @@ def test_a_base_is_in_the_unit_of_the_points():
     assert moving.rms == pytest.approx(same.rms, rel=1e-6)
 
 
+def test_a_viewpoint_and_a_support_are_in_the_unit_of_the_points():
+    """Old bug: of points in centimetres both were taken for millimetres."""
+    seen, eye, plane = CLOUD[CLOUD[:, 2] > 0], np.array([0.0, 0, 500]), np.array([0.0, 0, -60])
+    up = [0, 0, 1.0]
+    fit = qf.fit(seen, viewpoint=eye, support=(plane, up), unit="mm", **SMALL)
+    again = qf.fit(in_centimetres(seen), viewpoint=eye / 10, support=(plane / 10, up), **SMALL)
+    assert again.rms == pytest.approx(fit.rms, rel=1e-6)
+    with pytest.raises(OptionError, match="viewpoint"):
+        qf.fit(in_centimetres(seen), viewpoint=[0, 0, 1.0], **SMALL)
+
+
 def test_the_largest_error_is_in_the_unit_of_the_points():
     fit = qf.fit(in_centimetres(CLOUD), box="auto", max_error=0.3)
     assert fit.model.box.control_points.shape == qf.fit(CLOUD, box="auto", max_error=3.0).model.box.control_points.shape

@@ -95,7 +95,7 @@ def fit(
     chosen = options_for(method, options | dict(matching=matching, iterations=iterations, tolerance=tolerance))
     clouds = _checked(sets, weights, noise, method)
     if viewpoint is not None or support is not None:
-        clouds = replace(clouds, around=around_each(clouds.points, viewpoint, support, method))
+        clouds = replace(clouds, around=around_each(clouds.points, sets, viewpoint, support, method))
     found = _fitted(clouds, kind, chosen, progress)
     return _with_notes_of_points(sets, replace(found, model=replace(found.model, unit=unit, space=space)))
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from quadriform.errors import OptionError, PointsError
 from quadriform.fitting.cloud import Distinct
 from quadriform.fitting.superquadric.empty_space import Surroundings
+from quadriform.point_sets import PointSet, given_factor
 from quadriform.points import Array, Frame, check_points, for_each, unit_vectors
 from quadriform.shapes.landmarks import MOST_CUT_OFF
 
@@ -42,6 +43,11 @@ class Around:
         seen_from = None if viewpoint is None else _viewpoints(points, viewpoint)
         return cls(seen_from, None if support is None else _support(points, support))
 
+    def scaled(self, factor: float) -> Around:
+        """The same in another unit of length."""
+        eyes = None if self.viewpoints is None else factor * self.viewpoints
+        return Around(eyes, None if self.plane is None else (factor * self.plane[0], self.plane[1]))
+
     def take(self, index: NDArray[np.int64]) -> Around:
         """That of some of the points."""
         return self if self.viewpoints is None else replace(self, viewpoints=self.viewpoints[index])
@@ -53,8 +59,12 @@ class Around:
         return Surroundings(points, eyes, plane)
 
 
-def around_each(clouds: Mapping[str, Array], viewpoint: Viewpoint, support: Plane, method: str) -> dict[str, Around]:
+def around_each(
+    clouds: Mapping[str, Array], sets: Mapping[str, PointSet], viewpoint: Viewpoint, support: Plane, method: str
+) -> dict[str, Around]:
     """Name -> what is known beside each cloud; a viewpoint of all, or one or an array for each by name.
+
+    Options are in the unit in which the points were given, as `sets` know it, the result in that of the clouds.
 
     Raises:
         OptionError: as `Around.of`, or of a method that takes neither.
@@ -62,7 +72,8 @@ def around_each(clouds: Mapping[str, Array], viewpoint: Viewpoint, support: Plan
     if method == "paper" and (viewpoint is not None or support is not None):
         raise OptionError("options viewpoint and support are none of method='paper'; use method='tangent'")
     viewpoints: dict[str, ArrayLike | None] = for_each(clouds, viewpoint, "viewpoints")
-    return {name: Around.of(cloud, viewpoints[name], support) for name, cloud in clouds.items()}
+    factor = given_factor(sets.values())
+    return {name: Around.of(cloud / factor, viewpoints[name], support).scaled(factor) for name, cloud in clouds.items()}
 
 
 def _viewpoints(points: Array, given: ArrayLike) -> Array:
