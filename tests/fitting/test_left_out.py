@@ -1,10 +1,12 @@
 """Patches that are left out: together they are all of the data, and each is predicted by the others."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from shapes_made import lumpy
 
-from quadriform.fitting.refinement.left_out import _equations, _patch_of, is_less
+from quadriform.fitting.refinement.left_out import _equations, _patch_of, is_less, signed_rank_p_value
 from quadriform.fitting.refinement.point_to_plane import data_rows
 from quadriform.fitting.refinement.surface_data import SurfaceData
 from quadriform.points import Frame
@@ -43,3 +45,14 @@ def test_errors_are_less_where_most_patches_agree(rng):
 def test_errors_that_differ_by_chance_are_seldom_less(rng):
     found = [is_less(*rng.chisquare(5, (2, 20))) for _ in range(300)]
     assert np.mean(found) < 0.03
+
+
+@pytest.mark.parametrize("values", [[1.5, -2, 3, 0.5, -0.1, 7], [1, 1, -1, 2, 2, -3, 0, 0], [-1, -2, -3], [0.0]])
+def test_the_probability_of_ranks_counts_all_signs(values):
+    """Against all signs of the ranks, one after the other."""
+    values = np.array(values)[np.nonzero(values)]
+    sizes = np.abs(values)
+    ranks = np.array([np.mean(np.flatnonzero(np.sort(sizes) == size) + 1) for size in sizes])
+    sums = [ranks @ np.array(positive) for positive in product((0, 1), repeat=len(ranks))]
+    assert signed_rank_p_value(values) == np.mean(np.array(sums) >= ranks[values > 0].sum())
+    assert signed_rank_p_value(np.append(values, 0)) == signed_rank_p_value(values)

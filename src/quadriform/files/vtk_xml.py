@@ -12,7 +12,6 @@ import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,6 +102,8 @@ def _data_array(name: str, values: NDArray[Any]) -> str:
 
 def _text_array(name: str, value: str) -> str:
     """A string as field data: VTK wants its characters as numbers, closed by a zero."""
+    from xml.sax.saxutils import quoteattr  # it loads Python's client of HTTP
+
     codes = " ".join(str(code) for code in (*value.encode(), 0))
     return f'<DataArray type="String" Name={quoteattr(name)} NumberOfTuples="1" format="ascii">{codes}</DataArray>'
 

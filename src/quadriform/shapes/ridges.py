@@ -28,6 +28,8 @@ FAR = 45.0
 """Beyond these logarithms a point is on the plane: e^-45 is below rounding."""
 SCAN = (-28.0, -14.0, -7.0, -3.5, -1.5, -0.5, -0.15, 0.0, 0.15, 0.5, 1.5, 3.5, 7.0, 14.0, 28.0)
 """Logarithms at which the search may begin."""
+AT_ONCE = 10_000
+"""Trial points in one call: with fewer its overhead counts, more leave the cache."""
 STEPS = 80
 POOR, GOOD = 0.25, 0.5
 """A step that brings less than the first fraction of the predicted gain shortens the next ones, more than the second
@@ -102,6 +104,12 @@ def _log_norm(k: float, t: Array) -> Array:
 def _fraction(k: float, t: Array) -> Array:
     """Derivative of `_log_norm` by t."""
     return np.asarray(1 / (1 + np.exp(np.clip(-k * t, -700, 700))))
+
+
+def _parts(along: tuple[bool, bool], count: int) -> list[Array]:
+    """Pairs (k, 2) of logarithms that are scanned along t, u or both; so many pairs at once for `count` points."""
+    pairs = np.array(list(product(*(SCAN if each else (0.0,) for each in along))))
+    return np.array_split(pairs, min(len(pairs), 1 + len(pairs) * count // AT_ONCE)) if count else []
 
 
 @dataclass(frozen=True)
@@ -189,23 +197,20 @@ class _Search:
 
     def scanned(self, start: Array, beside: NDArray[np.bool_]) -> Array:
         """The best t and u among the start and a few logarithms of the coordinates that are beside planes."""
-        best, every = start.copy(), np.arange(len(start))
-        value = self.value(every, best)
+        best = start.copy()
+        value = self.value(np.arange(len(start)), best)
         # t runs along x and y, u along z: only the logarithms of coordinates beside a plane are scanned.
         sideways = np.stack([beside[:, 0] | beside[:, 1], beside[:, 2] | (beside[:, 0] & beside[:, 1])], axis=1)
-        for t, u in ((t, u) for t in (None, *SCAN) for u in (None, *SCAN)):
-            chosen = sideways[:, 0] == (t is not None)
-            chosen &= sideways[:, 1] == (u is not None)
-            index = np.flatnonzero(chosen)
-            if not len(index):
-                continue
-            trial = start[index].copy()
-            for column, number in enumerate((t, u)):
-                if number is not None:
-                    trial[:, column] = number
-            found = self.value(index, trial)
-            closer = found < value[index]
-            best[index[closer]], value[index[closer]] = trial[closer], found[closer]
+        for along in ((False, True), (True, False), (True, True)):
+            index = np.flatnonzero((sideways == along).all(axis=1))
+            for numbers in _parts(along, len(index)):
+                # all numbers of a part at once: (numbers, points, 2)
+                trials = np.where(along, numbers[:, None], start[index])
+                found = self.value(np.tile(index, len(numbers)), trials.reshape(-1, 2)).reshape(trials.shape[:2])
+                first, row = found.argmin(axis=0), np.arange(len(index))
+                closer = found[first, row] < value[index]
+                best[index[closer]] = trials[first, row][closer]
+                value[index[closer]] = found[first, row][closer]
         return best
 
     def least(self, start: Array) -> Array:

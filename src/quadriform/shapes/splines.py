@@ -1,13 +1,18 @@
 """Cubic splines over time, periodic or natural: how control points move between their knots."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from quadriform.errors import OptionError
 from quadriform.points import Array
 from quadriform.words import short_repr
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 
 @dataclass(frozen=True, repr=False)
@@ -39,6 +44,8 @@ class TimeBasis:
 
     @property
     def _spline(self) -> CubicSpline:
+        from scipy.interpolate import CubicSpline  # loaded for motions alone
+
         identity = np.eye(len(self.knots))
         if self.period is None:
             return CubicSpline(self.knots, identity, bc_type="natural")
