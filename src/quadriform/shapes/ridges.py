@@ -35,6 +35,12 @@ POOR, GOOD = 0.25, 0.5
 """A step that brings less than the first fraction of the predicted gain shortens the next ones, more than the second
 lengthens them: the usual rule of trust regions (Nocedal and Wright, algorithm 4.1). Only their number depends on it."""
 SHORTER, LONGER, LONGEST = 0.25, 2.0, 8.0
+AHEAD = 1e-5
+"""Step of the differences that stand for second derivatives, in units of the smaller exponent up to 1."""
+OVERFLOW = 700.0
+"""Beyond its exponential no number of double precision is left."""
+ROUNDING = 1e-15
+"""Of the size and the distance: below their product a gain of half the squared distance is rounding."""
 
 Index = NDArray[np.int64]
 
@@ -103,7 +109,13 @@ def _log_norm(k: float, t: Array) -> Array:
 
 def _fraction(k: float, t: Array) -> Array:
     """Derivative of `_log_norm` by t."""
-    return np.asarray(1 / (1 + np.exp(np.clip(-k * t, -700, 700))))
+    return np.asarray(1 / (1 + np.exp(np.clip(-k * t, -OVERFLOW, OVERFLOW))))
+
+
+def _rounding(size: float, value: Array) -> Array:
+    """Gains (n,) that are rounding, where half the squared distances are `value`; of degree two in lengths."""
+    distance = np.sqrt(2 * value)
+    return np.asarray(ROUNDING * size * (distance + 1e-13 * size))
 
 
 def _parts(along: tuple[bool, bool], count: int) -> list[Array]:
@@ -232,15 +244,13 @@ class _Search:
                 radius[active],
             )
             at[active[closer]], value[active[closer]] = trial[closer], found[closer]
-            # below this the predicted gain is rounding
-            little = 1e-15 * size * np.sqrt(2 * value[active]) + 1e-28 * size**2
-            active = active[(predicted > little) & (radius[active] > 1e-9)]
+            active = active[(predicted > _rounding(size, value[active])) & (radius[active] > 1e-9)]
         return at
 
     def _step(self, index: Index, at: Array, radius: Array) -> tuple[Array, Array]:
         """Newton steps (n, 2), downhill also where the curvature is negative, and the gains that they predict."""
         gradient = self.gradient(index, at)
-        ahead = 1e-5 * np.minimum(1, self.superquadric.exponents[::-1])
+        ahead = AHEAD * np.minimum(1, self.superquadric.exponents[::-1])
         by_t, by_u = (
             (self.gradient(index, at + shift) - gradient) / shift.sum() for shift in (ahead * [1, 0], ahead * [0, 1])
         )
