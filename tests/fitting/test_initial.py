@@ -316,13 +316,16 @@ def test_fourth_moments_decide_where_two_of_them_differ_or_one_does(rng):
     fourth = sum((p @ p) * np.outer(p, p) for p in points)
     found = initial.canonical_axes(np.ones(3), turned(1), points)
     np.testing.assert_allclose(np.abs(found), np.abs(np.linalg.eigh(fourth)[1]), atol=1e-9)
+    for unit in (1e-3, 1e3):
+        np.testing.assert_allclose(initial.canonical_axes(np.ones(3), turned(1), unit * points), found, atol=1e-9)
     for stretched in (0.4, 2.0):  # z beyond or within a square, so that its fourth moment is largest or least
         square = np.array(list(product((-1.0, 1.0), (-1.0, 1.0), (0.0,))))
         tips = np.array([[0, 0, 1.0], [0, 0, -1.0]]) * stretched
-        copies = int(round(4 / (2 * stretched**2) * 8))
+        copies = round(4 / (2 * stretched**2) * 8)
         cloud = np.concatenate([np.repeat(square, 8, axis=0), np.repeat(tips, copies, axis=0)])
-        axes = initial.canonical_axes(np.ones(3), turned(1), cloud @ SKEW.T)
-        np.testing.assert_allclose(np.sort(np.abs(axes.T @ SKEW), axis=0)[2], 1, rtol=1e-9)
+        for unit in (1e-3, 1.0, 1e3):
+            axes = initial.canonical_axes(np.ones(3), turned(1), unit * cloud @ SKEW.T)
+            np.testing.assert_allclose(np.sort(np.abs(axes.T @ SKEW), axis=0)[2], 1, rtol=1e-9)
 
 
 def test_one_of_two_equal_eigenvalues_alone_keeps_its_axis():

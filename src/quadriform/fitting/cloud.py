@@ -378,5 +378,8 @@ def effective_fraction(feet: Array, deviations: Array, weights: Array) -> float:
 
 def _groups_of_ranks(count: int) -> NDArray[np.int64]:
     """Ranks at which groups of neighbours begin, and the end: pairs, then groups of an eighth of all before them."""
-    steps = np.ceil(16 * 1.125 ** np.arange(1, 1 + 9 * np.log2(max(count, 2)))).astype(np.int64)
-    return np.unique(np.minimum([*range(0, 17, 2), *steps, count], count))
+    ranks, end = [*range(0, 17, 2)], 16.0
+    while end < count:
+        end *= 1 + 1 / 8
+        ranks.append(int(np.ceil(end)))
+    return np.unique(np.minimum([*ranks, count], count))

@@ -307,8 +307,8 @@ def canonical_axes(values: Array, axes: Array, points: Array) -> Array:
     # where second moments are isotropic, fourth moments contracted to a matrix may not be
     fourth = (far[:, None] * points).T @ points
     spread, other = np.linalg.eigh(fourth)
-    if (np.diff(spread) > START.determines * spread[-1]).any():
-        differ = np.diff(spread) > START.determines * spread[-1]
+    differ = np.diff(spread) > START.determines * spread[-1]
+    if differ.any():
         return other if differ.all() else _around(other[:, 2 if differ[1] else 0], 2 if differ[1] else 0, points)
     return _of_fourth_moments(points, float((far**2).sum()))
 
