@@ -93,12 +93,9 @@ def plain_limit(distances, areas, first):
         parts = sorted((d, a) for d, a in zip(distances, areas) if d <= limit)
         if not parts:
             return limit
-        half, total = sum(a for _, a in parts) / 2, 0.0
-        for d, a in parts:
-            total += a
-            if total >= half:
-                break
-        before, limit = limit, max(first, 3 * d)
+        total = np.cumsum([a for _, a in parts])
+        median = next(d for (d, _), below in zip(parts, total) if below >= total[-1] / 2)
+        before, limit = limit, max(first, 3 * median)
         if limit == before:
             break
     return limit
@@ -129,7 +126,7 @@ def test_growing_limits_end_after_sixty_rounds():
 @pytest.mark.parametrize("n", [0, 40, 191, 192, 400, 800, 3000, 5000])
 def test_covered_cells_are_those_nearest_to_a_point(n):
     surface = made()
-    points = surface.surface(np.random.default_rng(n).normal(size=(n, 3)) + [0, 0, 1.5]) if n else np.empty((0, 3))
+    points = surface.surface(np.random.default_rng(n).normal((0, 0, 1.5), size=(n, 3))) if n else np.empty((0, 3))
     found = [supports.covered_fraction(surface, points, half) for half in (None, (BASE.point, BASE.direction))]
     if not n:
         assert found == [0, 0]
@@ -151,14 +148,14 @@ def test_a_surface_that_is_not_around_its_centre_is_covered_and_one_beyond_a_pla
 
 
 def test_clusters_that_are_closed_bodies_are_counted():
-    ball = even_directions(150)
+    ball, aside = even_directions(150), np.array([1.0, 0, 0])
     gap = 3 * 0.3
-    near, far = ball + [2 + 0.9 * gap, 0, 0], ball + [2 + 1.3 * gap, 0, 0]
+    near, far = ball + (2 + 0.9 * gap) * aside, ball + (2 + 1.3 * gap) * aside
     assert supports.bodies(np.concatenate([ball, near]), 0.3) == 1
     assert supports.bodies(np.concatenate([ball, far]), 0.3) == 2
-    assert supports.bodies(np.concatenate([ball, far[:12] + [9, 0, 0]]), 0.3) == 1
+    assert supports.bodies(np.concatenate([ball, far[:12] + 9 * aside]), 0.3) == 1
     half = ball[ball[:, 2] < 0]
-    assert supports.bodies(np.concatenate([half, half + [9, 0, 0]]), 0.5) == 0
+    assert supports.bodies(np.concatenate([half, half + 9 * aside]), 0.5) == 0
     assert supports.bodies(ball[:99], 5.0) == 0
     third = np.concatenate([even_directions(300), 20 + even_directions(110), 40 + even_directions(99)])
     assert supports.bodies(third, 0.3) == 2
