@@ -102,7 +102,7 @@ def test_logarithms_lead_back_to_the_points(kind, rng):
     np.testing.assert_allclose(start, at, atol=1e-9)
 
 
-def test_points_in_a_plane_are_as_far_along_as_a_number_can_tell():
+def test_points_in_a_plane_are_as_far_along_as_numbers_reach():
     surface = made()
     scaled = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]])
     np.testing.assert_array_equal(_logarithms(surface, scaled), [[-FAR, -FAR], [FAR, -FAR], [0, FAR]])
@@ -147,7 +147,7 @@ def test_along_an_arm_both_the_start_and_what_the_scan_found_are_searched():
     both = _Search(of.superquadric, of.box, of.targets[parts], signs)
     scanned = both.scanned(start, beside[parts])
     moved = [i for i in range(len(start)) if any(scanned[i] != start[i])]
-    assert 0 < len(moved)
+    assert len(moved) > 0
     np.testing.assert_array_equal(index, [*parts, *parts[moved]])
     np.testing.assert_array_equal(points[: len(parts)], both.points(both.least(scanned)))
     np.testing.assert_array_equal(points[len(parts) :], both.points(both.least(start))[moved])
