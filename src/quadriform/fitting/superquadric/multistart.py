@@ -67,6 +67,20 @@ class SearchSettings:
     """The last descent ends when no parameter moves more than this."""
     near: float = 1e-2
     """Descents with damped steps end below this; undamped, accelerated steps follow."""
+    comparable: float = 1e-4
+    """Candidates that move less than this can be compared."""
+    all_steps: float = 0.0
+    """The tolerance of descents of which every step is made."""
+    sample_steps: int = 15
+    """Most steps on a sample of the points: the next one begins near its minimum."""
+    sampled: float = 1e-6
+    """The tolerance of these."""
+    exact_rounds: int = 3
+    """Rounds of the search for a surface through all points: in the axes of the cloud, and twice in those found."""
+    elsewhere: float = 1e-6
+    """Weight of the points of other parts, so that every problem has full rank."""
+    majority: float = 0.5
+    """Least inlier ratio of an accepted candidate."""
     nearly: float = 1e-6
     """The tolerance at a crease, where derivatives are discontinuous and no descent converges."""
     most_steps: int = 40
@@ -91,6 +105,8 @@ class SearchSettings:
 
 
 SEARCH = SearchSettings()
+UPRIGHT = FRAMES[::3]
+"""The first of the frames and its dual."""
 ENOUGH_PAIRS = (4 / (1 - SEARCH.pattern)) ** 2
 """Least number of pairs for a conclusion: independent distances of so many look correlated once in 30,000 (4 sigma)."""
 
@@ -156,7 +172,7 @@ def nearby(problem: SearchProblem, starts: list[Superquadric]) -> Superquadric:
     spread = Mixture(np.full(len(starts), LARGEST_RATIO), np.full(len(starts), SEARCH.first_sigma))
     descent = cloud.descent(candidates, spread, longest)
     # as many steps as annealing has, but with all points as inliers, for the starts are near already
-    descent.run(SEARCH.annealing_steps, 0, lambda d: all_inliers(d.distances, d.weights))
+    descent.run(SEARCH.annealing_steps, SEARCH.all_steps, lambda d: all_inliers(d.distances, d.weights))
     descent.run(SEARCH.most_steps, SEARCH.near, em)
     return descent.candidates.superquadric(int(best_first(descent.scores())[0]))
 
@@ -203,7 +219,7 @@ class Search:
 
     def wider(self, parts: Array, earlier: Descent) -> Descent:
         """The comparison after a search from many parts, and one from the inliers of its best in their own frames."""
-        first = self.annealed_starts(parts, self.frames(parts, FRAMES[::3]), SEARCH.coarse_wide)
+        first = self.annealed_starts(parts, self.frames(parts, UPRIGHT), SEARCH.coarse_wide)
         chosen, mixture = first.picked(distinct(first, first.scores(), SEARCH.kept_wide))
         inliers = self.cloud.descent(chosen, mixture, self.longest).inliers
         second = self.annealed_starts(inliers, chosen.rotations[:, None] @ FRAMES, SEARCH.coarse_wide)
@@ -219,11 +235,11 @@ class Search:
             return None
         subset = self.cloud.sample(SEARCH.coarse)
         frames = self.frames(np.ones((1, len(self.cloud.points))), FRAMES)
-        for _ in range(3):
+        for _ in range(SEARCH.exact_rounds):
             starts = subset.with_fixed(ellipsoids(subset.points, np.tile(subset.weights, (len(frames), 1)), frames))
             spread = Mixture(np.full(len(starts), LARGEST_RATIO), np.full(len(starts), SEARCH.first_sigma))
             descent = subset.descent(starts, spread, self.longest)
-            descent.run(SEARCH.maybe_exact_steps, 0, lambda d: all_inliers(d.distances, d.weights))
+            descent.run(SEARCH.maybe_exact_steps, SEARCH.all_steps, lambda d: all_inliers(d.distances, d.weights))
             # all points are inliers here, so the candidate of the least sigma has the largest likelihood
             best = distinct(descent, -descent.mixture.sigma, SEARCH.kept_wide)
             if descent.mixture.sigma[best[0]] < SEARCH.exact:
@@ -273,16 +289,15 @@ class Search:
         subset = replace(self.cloud.sample(most), size=0.0)
         made, part = self._starts(parts, rotations)
         starts = subset.with_fixed(made)
-        # points of other parts keep a small weight, so that every problem has full rank
-        own = (np.maximum(parts[:, index], 1e-6) * subset.weights)[part]
+        own = (np.maximum(parts[:, index], SEARCH.elsewhere) * subset.weights)[part]
         sizes = np.sqrt(np.exp(2 * starts.log_axes).mean(axis=1))  # RMS radius of the part
         spread = Mixture(np.full(len(starts), LARGEST_RATIO), SEARCH.first_sigma * sizes)
         descent = subset.weighted_descent(starts, own, spread, self.longest)
-        descent.run(SEARCH.own_steps, 0, lambda d: all_inliers(d.distances, d.weights))
+        descent.run(SEARCH.own_steps, SEARCH.all_steps, lambda d: all_inliers(d.distances, d.weights))
         wide = Mixture(descent.mixture.inlier_ratio, np.minimum(descent.mixture.sigma, SEARCH.first_sigma * sizes))
         descent = subset.descent(descent.candidates, wide, self.longest)
-        descent.run(SEARCH.annealing_steps, 0, lambda d: annealed(d.mixture, sizes))
-        descent.run(SEARCH.em_steps, 1e-4, em)
+        descent.run(SEARCH.annealing_steps, SEARCH.all_steps, lambda d: annealed(d.mixture, sizes))
+        descent.run(SEARCH.em_steps, SEARCH.comparable, em)
         return descent
 
     def _starts(self, parts: Array, rotations: Array) -> tuple[Candidates, NDArray[np.int64]]:
@@ -306,7 +321,7 @@ class Search:
         if earlier is not None:
             candidates, mixture = (candidates.joined(earlier.candidates), mixture.joined(earlier.mixture))
         descent = self.cloud.sample(SEARCH.fine).descent(candidates, mixture, self.longest)
-        descent.run(SEARCH.compare_steps, 1e-4, em)
+        descent.run(SEARCH.compare_steps, SEARCH.comparable, em)
         return descent
 
 
@@ -340,7 +355,7 @@ def acceptable(descent: Descent) -> NDArray[np.bool_]:
     difference, both = ((pair * (own - other) ** 2).sum(axis=1), (pair * (own**2 + other**2)).sum(axis=1))
     # of independent distances the squares of the differences sum up to those of both
     white = (pair.sum(axis=1) > ENOUGH_PAIRS) & (difference > SEARCH.pattern * both)
-    return (descent.mixture.inlier_ratio >= 0.5) & (white | (descent.mixture.sigma < SEARCH.exact))
+    return (descent.mixture.inlier_ratio >= SEARCH.majority) & (white | (descent.mixture.sigma < SEARCH.exact))
 
 
 def _ranking(descent: Descent, accepted: NDArray[np.bool_]) -> Array:
@@ -362,11 +377,11 @@ def _converged(problem: SearchProblem, start: tuple[Candidates, Mixture], others
     Of alternatives the best on the first sample continues; without a sample, the best at `near` on all points.
     """
     candidates, mixture = start
-    # most steps are made on few points; a larger sample begins near its minimum
+    # most steps are made on few points
     size = SEARCH.fine * SEARCH.growth
     while size * 2 < len(problem.points):
         descent = problem.sample(size).descent(candidates, mixture, longest)
-        descent.run(15, 1e-6, em)
+        descent.run(SEARCH.sample_steps, SEARCH.sampled, em)
         candidates, mixture = _best(descent)
         size *= SEARCH.growth
     descent = problem.descent(candidates, mixture, longest)
