@@ -11,7 +11,8 @@ The sites are all places in shapes, fitting, motion, heart, imaging and files wh
 
 Left out are checks of what is given (`if` with nothing but `raise`; functions named check, and calls of them), messages
 (what stands in `raise` and in texts), types, and what only tunes how well or how fast: the constants at the head of a
-module and numbers below 1e-6, which keep divisions from zero. Sites are drawn with a seed, each file at most twice.
+module and numbers below 1e-6, which keep divisions from zero; and the -1 of `reshape`, in whose place NumPy takes any
+negative number. Sites are drawn with a seed, each file at most twice.
 
 Prints one line for each with the test that failed first, or why no test can notice it; exits with 1 where more than two
 survive, or one without an explanation.
@@ -96,6 +97,8 @@ def is_left_out(outer: ast.AST, inner: ast.AST) -> bool:
     if isinstance(inner, ast.If) and all(isinstance(each, ast.Raise) for each in inner.body) and not inner.orelse:
         return True
     if isinstance(inner, ast.FunctionDef) and CHECK.match(inner.name):
+        return True
+    if isinstance(outer, ast.Call) and getattr(outer.func, "attr", "") == "reshape" and isinstance(inner, ast.UnaryOp):
         return True
     if isinstance(outer, ast.FunctionDef):
         return inner in outer.decorator_list or inner is outer.returns

@@ -24,6 +24,11 @@ from quadriform.shapes.splines import TimeBasis
 
 NEARBY = np.log(1e3)
 """The strength in time is sought within this factor of the last one."""
+CLOSE = 0.5
+"""To within this difference of its logarithm."""
+ROUNDING = 1e-9
+"""Eigenvalues below this share of the largest are rounding of zero; those of the penalty in time also below this
+number, for time is in spans, and of what is penalised none is below 100."""
 
 
 @dataclass(frozen=True)
@@ -79,11 +84,11 @@ class CycleEvidence:
         eigenvalues, self._in_time = eigh(basis.bending(), basis.mass())
         self._mass_time = basis.mass()
         # eigenvalues that are rounding of zero are zero, so that the null space is exact
-        tau = eigenvalues * (eigenvalues > 1e-9 * eigenvalues.max())
+        tau = eigenvalues * (eigenvalues > ROUNDING * max(eigenvalues.max(), 1.0))
         self._costs = np.repeat(energies, 3), tau
         self._mass = np.kron(self._in_space.T @ mass @ self._in_space, np.eye(3))
         kappa = np.maximum(eigh(penalty, mass, eigvals_only=True), 0)
-        self._values = kappa * (kappa > 1e-9 * kappa.max()), tau
+        self._values = kappa * (kappa > ROUNDING * kappa.max()), tau
         self.values = values @ self._in_time
         self.matrix, self.right, self.constant = self._sums(equations)
         self.measured: CycleEvidence | None = None  # the data alone, where there are penalties
@@ -177,7 +182,7 @@ class CycleEvidence:
             return gamma  # so few splines that no motion is penalised
         middle = np.log(gamma)
         found = minimize_scalar(
-            criterion, bounds=(middle - NEARBY, middle + NEARBY), method="bounded", options={"xatol": 0.5}
+            criterion, bounds=(middle - NEARBY, middle + NEARBY), method="bounded", options={"xatol": CLOSE}
         )
         return float(np.exp(found.x))
 

@@ -22,8 +22,16 @@ SKEW = 1e-8
 """Largest cosine between edges that are called orthogonal."""
 EXACT = 1e-13
 """`undeform` stops when the residual is below this share of the box's diagonal."""
-STARTS = 6
-"""Nodes of a lattice from which `undeform` starts before a point counts as missed."""
+STARTS, NODES = 6, 13
+"""Nodes of a lattice, of so many along each axis, from which `undeform` starts before a point counts as missed."""
+MARGIN = 0.2
+"""Of a second lattice beyond the box, for points without an origin inside it."""
+MET = 1e4 * EXACT
+"""Residual of an origin, in diagonals: rounding grows with the coordinates, so it is above that of the steps."""
+ON_SIDE = 1e-9
+"""Origins beyond a side of the box by less, in its lengths, are inside."""
+LEAST_DAMPING = 1e-9
+"""Below this a step does not descend: there is no solution from this start."""
 INSIDE, OUTSIDE, MISSED = 0, 1, 2
 
 
@@ -179,7 +187,7 @@ class ControlBox:
     def _invert(self, target: Array) -> Array:
         """The best of several Newton runs; lattices beyond the box only for points without any origin so far."""
         best, grade = target.copy(), np.full(len(target), MISSED)
-        for margin, solved in ((0.0, INSIDE), (0.2, OUTSIDE)):
+        for margin, solved in ((0.0, INSIDE), (MARGIN, OUTSIDE)):
             for start in self._starts(target, margin):
                 left = np.flatnonzero(grade > solved)
                 if not len(left):
@@ -193,13 +201,12 @@ class ControlBox:
     def _grade(self, origins: Array, target: Array) -> Array:
         """The grade of each origin: INSIDE the box, exact but OUTSIDE by less than its side, or MISSED."""
         outside = np.abs(self.local(origins) - 0.5).max(axis=1) - 0.5
-        # Rounding grows with the coordinates, so the tolerance is four digits above that of the steps.
-        exact = np.linalg.norm(self.deform(origins) - target, axis=1) <= 1e4 * EXACT * self._size
-        return np.where(exact & (outside < 1), np.where(outside < 1e-9, INSIDE, OUTSIDE), MISSED)
+        exact = np.linalg.norm(self.deform(origins) - target, axis=1) <= MET * self._size
+        return np.where(exact & (outside < 1), np.where(outside < ON_SIDE, INSIDE, OUTSIDE), MISSED)
 
     def _starts(self, target: Array, margin: float) -> Array:
         """The nearest origins on a lattice that overlaps the box by a margin, (STARTS, n, 3)."""
-        steps = np.linspace(-margin, 1 + margin, 13)
+        steps = np.linspace(-margin, 1 + margin, NODES)
         lattice = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), -1).reshape(-1, 3)
         origins = self.origin + lattice @ self.edges
         nearest = cKDTree(self.deform(origins)).query(target, k=STARTS)[1]
@@ -212,8 +219,7 @@ class ControlBox:
         damping = np.ones(len(target))
         for _ in range(NEWTON_STEPS):
             active = np.flatnonzero(np.linalg.norm(error, axis=1) > EXACT * self._size)
-            # A damping this small means that the step does not descend: there is no solution from this start.
-            active = active[damping[active] > 1e-9]
+            active = active[damping[active] > LEAST_DAMPING]
             if not len(active):
                 break
             # Only points that have not converged are evaluated again.
