@@ -42,6 +42,8 @@ class FoldRemoval:
     """Points along an axis of the lattice on which low determinants are sought where only the proof fails."""
     fine_grid: int = 32
     """Cells along an edge of the grids on the surfaces, in that search."""
+    around: int = 5
+    """Points along each axis of a cluster around the lowest bound of a determinant, two cells of that lattice wide."""
     strongest: float = 1e3
     """Fold removal begins at this many times the strength, where maps are nearly affine."""
     descent: int = 8
@@ -290,7 +292,7 @@ def _low_points(box: ControlBox, surfaces: Mapping[str, Superquadric]) -> Array:
     inside = [lattice_inside(box, list(surfaces.values()), FOLDS.fine_lattice)]
     fine = np.concatenate([*inside, *(surface.grid(FOLDS.fine_grid)[0] for surface in surfaces.values())])
     low = fine[box.jacobian_determinant(fine) < FOLDS.verifiable]
-    steps = np.linspace(-1, 1, 5) / FOLDS.fine_lattice
+    steps = np.linspace(-1, 1, FOLDS.around) / FOLDS.fine_lattice
     # the proof subdivides cells, so its lowest bound lies between lattice points
     cluster = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3) @ box.edges
     return np.concatenate([jacobian_bound(box, surfaces.values()).where + cluster, low])

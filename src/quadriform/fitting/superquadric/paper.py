@@ -21,6 +21,8 @@ GRADIENT_TOLERANCE = 1e-8
 """Of the mean criterion, lengths in units of the cloud's RMS radius."""
 ROUND = 1e-6
 """Semi-axes nearer to each other than this, relative to the largest, make a body round, about one axis or all."""
+LARGEST_LOG, LARGEST_LOG_HOLE, LARGEST_LOGIT = 50.0, 30.0, 500.0
+"""Unbounded parameters are clipped to these, against overflow: a descent that has diverged stays finite."""
 TO_THE_LAST_DIGITS = {"method": "lm", "xtol": 1e-14, "ftol": 1e-14, "gtol": 1e-14, "max_nfev": 300}
 
 
@@ -48,11 +50,11 @@ class _Unbounded:
         """The superquadric in the start's axes, and the derivative of each parameter by the unbounded one."""
         # lengths exp(x), exponents a + (b - a) / (1 + exp(-x)), hole radius 1 + exp(x); clipped against overflow
         p, derivative = unbounded.copy(), np.ones(len(unbounded))
-        p[:3] = derivative[:3] = np.exp(np.clip(unbounded[:3], -50, 50))
-        fraction = 1 / (1 + np.exp(-np.clip(unbounded[3:5], -500, 500)))
+        p[:3] = derivative[:3] = np.exp(np.clip(unbounded[:3], -LARGEST_LOG, LARGEST_LOG))
+        fraction = 1 / (1 + np.exp(-np.clip(unbounded[3:5], -LARGEST_LOGIT, LARGEST_LOGIT)))
         span = EXPONENTS[1] - EXPONENTS[0]
         p[3:5], derivative[3:5] = EXPONENTS[0] + span * fraction, span * fraction * (1 - fraction)
-        derivative[11:] = np.exp(np.clip(unbounded[11:], -30, 30))
+        derivative[11:] = np.exp(np.clip(unbounded[11:], -LARGEST_LOG_HOLE, LARGEST_LOG_HOLE))
         p[11:] = 1 + derivative[11:]
         return self.first.with_parameters(p), derivative
 
