@@ -93,6 +93,53 @@ def test_strips_turn_every_second_triangle():
     assert strips.tolist() == [[0, 1, 2], [2, 1, 3], [7, 8, 9]]
 
 
+def test_every_second_triangle_of_a_long_strip_is_turned():
+    strips = strip_triangles(np.arange(6), np.array([6]))
+    assert strips.tolist() == [[0, 1, 2], [2, 1, 3], [2, 3, 4], [4, 3, 5]]
+    assert strip_triangles(np.arange(0), np.array([], dtype=np.int64)).shape == (0, 3)
+    both = Polygons.with_strips(np.arange(18.0), (np.array([0, 1, 2, 3]), np.array([4])), (np.arange(4), np.array([4])))
+    assert both.corners.tolist() == [0, 1, 2, 3, 0, 1, 2, 2, 1, 3] and both.lengths.tolist() == [4, 3, 3]
+    assert both.vertices.shape == (6, 3)
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+@pytest.mark.parametrize("axis", range(3))
+def test_corners_in_a_plane_are_counter_clockwise_along_their_normal(axis, backwards):
+    outline = np.array(OUTLINES["L"], dtype=float)[:: -1 if backwards else 1] * 3 + 5
+    points = np.roll(np.column_stack([outline, np.full(len(outline), 2.0)]), axis, axis=1)
+    normal = np.roll([0.0, 0.0, -1.0 if backwards else 1.0], axis)
+    x, y = polygons._in_plane(points, normal).T
+    assert np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)) > 0
+    assert max(np.abs(x).max(), np.abs(y).max()) == 1 and abs(x.mean()) < 1e-12
+
+
+def plain_ear(points):
+    """The first convex corner whose triangle no other corner is in; else the flattest corner."""
+
+    def doubled(a, b, c):
+        return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+
+    n = len(points)
+    corners = [(points[k - 1], points[k], points[(k + 1) % n]) for k in range(n)]
+    for k, (a, b, c) in enumerate(corners):
+        others = [p for j, p in enumerate(points) if j not in ((k - 1) % n, k, (k + 1) % n)]
+        others = [p for p in others if not any((p == q).all() for q in (a, b, c))]
+        inside = [doubled(a, b, p) >= 0 and doubled(b, c, p) >= 0 and doubled(c, a, p) >= 0 for p in others]
+        if doubled(a, b, c) > 1e-12 and not any(inside):
+            return k
+    return int(np.argmin([abs(doubled(*each)) for each in corners]))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_ear_that_is_cut_has_no_corner_inside(seed):
+    rng = np.random.default_rng(seed)
+    angle, radius = np.sort(rng.uniform(0, 2 * np.pi, 12)), rng.uniform(0.2, 1, (12, 1))
+    star = radius * np.column_stack([np.cos(angle), np.sin(angle)])
+    hole = np.array(OUTLINES["a hole, joined by a cut"], dtype=float)
+    for outline in (star, star[::-1], np.roll(hole, seed, axis=0), rng.normal(size=(7, 2))):
+        assert polygons._ear(outline) == plain_ear(outline)
+
+
 def test_what_is_no_polygon():
     vertices = np.eye(3)
     with pytest.raises(FileFormatError, match="polygon 1 with 2"):

@@ -1,4 +1,4 @@
-"""Starts of a refinement: walls that are too thin, axes that rounding would choose, and plain fits beside the robust."""
+"""Starts of a refinement: walls that are too thin, axes that rounding would choose, plain fits beside robust ones."""
 
 from dataclasses import replace
 

@@ -34,6 +34,15 @@ def test_each_euler_angle_turns_about_its_axis(angles):
         np.testing.assert_allclose(np.cross(axis, rotation.T).T, wanted, atol=1e-9)
 
 
+@pytest.mark.parametrize("second", [np.pi / 2, -np.pi / 2])
+def test_at_gimbal_lock_the_first_angle_has_all_of_the_rotation(second):
+    for first in (0.0, 0.4, -2.5):
+        rotation = about("x", first) @ about("y", second) @ about("z", 0.3)
+        found = pose.euler_from_rotation(rotation)
+        assert found[2] == 0
+        np.testing.assert_allclose(pose.rotation_from_euler(found), rotation, atol=1e-12)
+
+
 def test_to_local_undoes_to_world(rng):
     points, shift = rng.normal(size=(20, 3)), np.array([5.0, -3, 1])
     posed = Superquadric(rotation=SKEW, translation=shift)
