@@ -23,6 +23,8 @@ ROUND = 1e-6
 """Semi-axes nearer to each other than this, relative to the largest, make a body round, about one axis or all."""
 LARGEST_LOG, LARGEST_LOG_HOLE, LARGEST_LOGIT = 50.0, 30.0, 500.0
 """Unbounded parameters are clipped to these, against overflow: a descent that has diverged stays finite."""
+UNCUT = 1e25
+"""Height of an open surface while its semi-axes are sought, of which that of two sheets must be below it."""
 TO_THE_LAST_DIGITS = {"method": "lm", "xtol": 1e-14, "ftol": 1e-14, "gtol": 1e-14, "max_nfev": 300}
 
 
@@ -33,7 +35,7 @@ class _Unbounded:
     """
 
     def __init__(self, first: Superquadric) -> None:
-        self.first = replace(first, rotation=np.eye(3))
+        self.first = replace(first, rotation=np.eye(3), height=None if first.height is None else UNCUT)
         self.axes = first.rotation
 
     def unbounded(self) -> Array:
