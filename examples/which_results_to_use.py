@@ -10,7 +10,7 @@ import quadriform as qf
 body = qf.Superquadric(
     semi_axes=np.array([40.0, 30.0, 20.0]), exponents=np.array([1.0, 1.0])
 )
-whole = qf.examples.noisy(body.mesh(24).vertices, sigma=0.3)
+whole = qf.examples.noisy(body.mesh(12).vertices, sigma=0.3)
 towards_camera = whole / body.semi_axes**2 @ np.array([0.5, 0.3, 0.8]) > 0
 clouds = {
     "whole body": whole,
@@ -18,7 +18,7 @@ clouds = {
     "two bodies": np.concatenate([whole, whole + np.array([120, 0, 0])]),
 }
 
-fits = {name: qf.fit(cloud) for name, cloud in clouds.items()}
+fits = {name: qf.fit(cloud, box=(3, 3, 3)) for name, cloud in clouds.items()}
 for name, fit in fits.items():
     print(f"{name}: {fit.status}, data supports {fit.supported:.0%} of the area")
     for kind, text in list(fit.warnings.items())[:1]:  # the first is enough here

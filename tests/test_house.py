@@ -105,7 +105,7 @@ def test_no_machine_paths_in_the_project():
 def test_importing_is_light():
     script = (
         "import sys, quadriform, quadriform.cli.main\n"
-        "heavy = {'matplotlib', 'skimage', 'nibabel', 'trimesh', 'scipy.ndimage'}\n"
+        "heavy = {'matplotlib', 'skimage', 'nibabel', 'trimesh', 'scipy.ndimage', 'scipy.stats', 'http.client'}\n"
         "print(sorted(heavy & set(sys.modules)))\n"
         "import quadriform; quadriform.fit\n"
         "print(sorted(heavy & set(sys.modules) - {'scipy.ndimage'}))"

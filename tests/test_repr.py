@@ -14,7 +14,7 @@ from quadriform.heart.synthetic import SyntheticVentricle
 from quadriform.point_sets import point_set
 from quadriform.shapes.wall import wall_mesh
 
-CLOUD = lumpy(200)
+CLOUD = lumpy(100)
 GUIDE_POINTS = "Index\tx\ty\tz\tcontour type\tslice\tweight\n" + "".join(
     f"{k}\t{k}\t1\t2\tSAX_LV_ENDOCARDIAL\t1\t1\n" for k in range(9)
 )

@@ -10,6 +10,8 @@ from shapes_made import lumpy
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 CLOUD = lumpy(80)
+BRIEF = ("--method", "paper", "--iterations", "1")
+"""Where the surface does not matter."""
 
 
 @pytest.fixture
@@ -52,7 +54,7 @@ def test_columns_without_names_are_named_by_the_caller(terminal, six, tmp_path):
 )
 def test_units_travel_to_the_model(terminal, tmp_path, header, words, unit):
     np.savetxt(tmp_path / "p.csv", CLOUD, delimiter=",", header=header, comments="")
-    record = fitted(terminal, tmp_path / "p.csv", tmp_path, *words)
+    record = fitted(terminal, tmp_path / "p.csv", tmp_path, *words, *BRIEF)
     assert record["unit"] == unit
     assert json.loads((tmp_path / "out" / "model.json").read_text(encoding="utf-8"))["unit"] == unit
     scale = {"um": 1e-3, "cm": 10}.get("um" if "[um]" in header else words[-1] if words else "", 1)
@@ -75,7 +77,7 @@ def test_units_that_contradict_each_other_are_refused(terminal, tmp_path):
 @pytest.mark.slow
 def test_the_order_of_napari_is_reported(terminal, tmp_path):
     np.savetxt(tmp_path / "p.csv", CLOUD[:, ::-1], delimiter=",", header="axis-0,axis-1,axis-2", comments="")
-    record = fitted(terminal, tmp_path / "p.csv", tmp_path)
+    record = fitted(terminal, tmp_path / "p.csv", tmp_path, *BRIEF)
     assert any("taken as z, y, x" in note for note in record["notes"])
 
 
@@ -92,7 +94,7 @@ def test_points_far_from_the_origin_are_warned_of_and_written(terminal, tmp_path
         header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(far)}\n"
         header += "".join(f"property float {axis}\n" for axis in "xyz") + "end_header\n"
         (tmp_path / name).write_bytes(header.encode() + far.astype("<f4").tobytes())
-    record = fitted(terminal, tmp_path / name, tmp_path)
+    record = fitted(terminal, tmp_path / name, tmp_path, *BRIEF)
     assert "float32" in record["warnings"]["PRECISION_LOSS"]
     assert b"property double x" in (tmp_path / "out" / "surface.ply").read_bytes()[:300]
     assert "PRECISION_LOSS" in terminal("info", tmp_path / name).err
@@ -103,10 +105,10 @@ def test_points_far_from_the_origin_are_warned_of_and_written(terminal, tmp_path
 @pytest.mark.parametrize("command", ["fit", "track"])
 def test_a_file_name_that_is_not_utf8(terminal, tmp_path, command):
     name = tmp_path / os.fsdecode(b"a\xff\xed\xa0\x80.xyz")
-    np.savetxt(name, lumpy(60))
-    np.savetxt(tmp_path / "b.xyz", lumpy(60))
+    np.savetxt(name, CLOUD)
+    np.savetxt(tmp_path / "b.xyz", CLOUD)
     files = [name] if command == "fit" else [name, tmp_path / "b.xyz"]
     result = terminal(command, *files, "-o", tmp_path / "out", "--box", "2,2,2", "--json")
     assert result.code == 0, result.err
-    assert json.loads(result.out)["points"] == 60 * len(files)
+    assert json.loads(result.out)["points"] == 80 * len(files)
     assert (tmp_path / "out" / "report.html").read_text(encoding="utf-8")

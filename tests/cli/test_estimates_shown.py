@@ -9,7 +9,7 @@ from shapes_made import lumpy
 
 @pytest.mark.slow
 def test_the_terminal_and_the_page_state_them(terminal, tmp_path):
-    cloud = lumpy(600)
+    cloud = lumpy(200)
     np.savetxt("cut.xyz", cloud[cloud[:, 2] < 10])
     found = terminal("fit", "cut.xyz", "-o", "cut", "--box", "3,3,3")
     assert found.code == 0

@@ -15,11 +15,12 @@ pytestmark = pytest.mark.usefixtures("blank_figures")
 
 
 def frames_written(folder, ellipsoid, count=4):
+    """Each third of the points, smaller in each frame."""
     paths = []
     for frame in range(count):
         shrink = 1 - 0.1 * np.sin(np.pi * frame / count)
         paths.append(folder / f"frame{frame}.csv")
-        np.savetxt(paths[-1], ellipsoid * shrink, delimiter=",", header="x,y,z", comments="")
+        np.savetxt(paths[-1], ellipsoid[::3] * shrink, delimiter=",", header="x,y,z", comments="")
     return paths
 
 

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from cohort_made import needs
 from scipy.linalg import subspace_angles
 from scipy.spatial.transform import Rotation
 
@@ -14,15 +15,20 @@ from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
 
-pytest.importorskip("sklearn", reason="the extra 'cohort' is not installed")
-
-from quadriform.cohort.statistics import CorrespondingShapes, shape_modes
-
+pytestmark = needs("sklearn")
 HEART = SyntheticVentricle()
 SURFACE = replace(HEART.surface("endo"), semi_axes=np.array([28.0, 22.0, 44.0]))
 BOX = ControlBox.around(SURFACE)
 BASE = BOX.with_control_points(HEART.positions(BOX.rest.reshape(-1, 3), 0.2))
 SIGMAS = (6.0, 5.0, 4.0, 3.0)
+
+
+@pytest.fixture(scope="module")
+def statistics():
+    """The module under test, imported when it is needed: scikit-learn takes a second."""
+    from quadriform.cohort import statistics
+
+    return statistics
 
 
 def fields():
@@ -66,8 +72,8 @@ def moved_anyhow(shapes):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("place", [as_they_lie, moved_a_little, pytest.param(moved_anyhow, marks=pytest.mark.slow)])
-def test_known_modes_are_found(place):
-    found = shape_modes(place([model(amounts) for amounts in draws()]))
+def test_known_modes_are_found(statistics, place):
+    found = statistics.shape_modes(place([model(amounts) for amounts in draws()]))
     steps = [found.shapes.transform([model(h * row) for h in (0.5, -0.5)]) for row in np.eye(4)]
     truth = np.array([one - other for one, other in steps])
     angles = np.degrees(subspace_angles(truth.T, found.pca.components_[:4].T))
@@ -77,20 +83,20 @@ def test_known_modes_are_found(place):
     assert found.variance_ratios[3] > 100 * found.variance_ratios[4]
 
 
-def test_rows_are_as_far_apart_as_surfaces():
+def test_rows_are_as_far_apart_as_surfaces(statistics):
     """A shape blown up about its centre: each point moves by what its distance from there is stretched by."""
     small = model(np.zeros(4))
     large = small.transformed(1.1, np.zeros(3))
-    shapes = CorrespondingShapes().fit([small])
+    shapes = statistics.CorrespondingShapes().fit([small])
     one, other = shapes.transform([small, large])
     vertices = small.mesh(resolution=8).vertices
     expected = np.sqrt(((vertices - vertices.mean(axis=0)) ** 2).sum(axis=1).mean()) * 0.1
     assert np.linalg.norm(one - other) == pytest.approx(expected, rel=0.01)
 
 
-def test_rows_become_models_again():
+def test_rows_become_models_again(statistics):
     shapes = [model(amounts) for amounts in draws(6)]
-    correspond = CorrespondingShapes().fit(shapes)
+    correspond = statistics.CorrespondingShapes().fit(shapes)
     rows = correspond.transform(shapes)
     assert rows.shape == (6, 375) and len(correspond.get_feature_names_out()) == 375
     again = correspond.inverse_transform(rows)
@@ -100,9 +106,9 @@ def test_rows_become_models_again():
     assert np.abs(correspond.transform(again) - rows).max() < 1e-3  # they lie where the transformer puts them
 
 
-def test_position_and_orientation_change_nothing():
+def test_position_and_orientation_change_nothing(statistics):
     shapes = [model(amounts) for amounts in draws(8)]
-    correspond = CorrespondingShapes().fit(shapes)
+    correspond = statistics.CorrespondingShapes().fit(shapes)
     rows = correspond.transform(shapes)
     shifted = [elsewhere(shape, np.eye(3), np.array([100.0, -50.0, 7.0])) for shape in shapes]
     assert np.abs(correspond.transform(shifted) - rows).max() < 1e-6
@@ -111,10 +117,10 @@ def test_position_and_orientation_change_nothing():
 
 
 @pytest.mark.slow
-def test_scores_and_reconstruction_from_k_modes():
+def test_scores_and_reconstruction_from_k_modes(statistics):
     amounts = draws()
     shapes = [model(row) for row in amounts]
-    found = shape_modes(shapes, modes=4)
+    found = statistics.shape_modes(shapes, modes=4)
     scores = found.scores(shapes)
     assert np.abs(scores.mean(axis=0)).max() < 1e-9 and np.allclose(scores.std(axis=0, ddof=1), 1)
     rows = found.shapes.transform(shapes)
@@ -132,7 +138,7 @@ def mirrored(shape):
     return replace(shape, box=shape.box.with_control_points(control))
 
 
-def test_the_mean_of_a_shape_and_its_mirror_image_is_symmetric():
+def test_the_mean_of_a_shape_and_its_mirror_image_is_symmetric(statistics):
     surface = Superquadric("ellipsoid", (30, 22, 45))
     box = ControlBox.around(surface)
     moved = box.control_points + 3 * np.random.default_rng(5).normal(size=box.control_points.shape)
@@ -141,13 +147,13 @@ def test_the_mean_of_a_shape_and_its_mirror_image_is_symmetric():
     vertices = shape.mesh(resolution=8).vertices * [-1, 1, 1]
     assert np.abs(image.distance(vertices)).max() < 1e-9
     assert np.abs(shape.distance(vertices)).max() > 2  # the shape itself is not symmetric
-    mean = shape_modes([shape, image]).mean
+    mean = statistics.shape_modes([shape, image]).mean
     assert np.abs(mean.distance(mean.mesh(resolution=8).vertices * [-1, 1, 1])).max() < 1e-8
 
 
-def test_two_walls_have_one_box():
+def test_two_walls_have_one_box(statistics):
     walls = [HEART.model(t) for t in np.linspace(0, 0.5, 6)]
-    found = shape_modes(walls)
+    found = statistics.shape_modes(walls)
     assert set(found.mean.surfaces) == {"endo", "epi"}
     assert found.variance_ratios[0] > 0.95  # one motion
     volumes = [[one.volume(name) for name in ("endo", "epi")] for one in found.reconstruct(found.scores(walls))]
@@ -155,26 +161,28 @@ def test_two_walls_have_one_box():
 
 
 @pytest.mark.slow
-def test_it_is_the_first_step_of_a_pipeline_and_accepts_clouds():
+def test_it_is_the_first_step_of_a_pipeline_and_accepts_clouds(statistics):
     from sklearn.decomposition import PCA
     from sklearn.pipeline import make_pipeline
 
     clouds = [model(amounts).mesh(resolution=4).vertices for amounts in draws(2)]
-    line = make_pipeline(CorrespondingShapes(box=(3, 3, 3)), PCA(1)).set_params(correspondingshapes__passes=1)
+    line = make_pipeline(statistics.CorrespondingShapes(box=(3, 3, 3)), PCA(1)).set_params(
+        correspondingshapes__passes=1
+    )
     assert line.fit_transform(clouds).shape == (2, 1)
     assert line.named_steps["pca"].n_components_ == 1
 
 
-def test_what_cannot_be_compared_is_refused():
+def test_what_cannot_be_compared_is_refused(statistics):
     one = model(np.zeros(4))
     with pytest.raises(InputError, match="two or more"):
-        shape_modes([one])
+        statistics.shape_modes([one])
     with pytest.raises(InputError, match="model 1: expected the surfaces endo"):
-        shape_modes([one, replace(one, surfaces={"epi": SURFACE})])
+        statistics.shape_modes([one, replace(one, surfaces={"epi": SURFACE})])
     toroid = Superquadric("toroid", hole_radius=2.0)
     with pytest.raises(InputError, match="'ellipsoid'"):
-        CorrespondingShapes().fit([replace(one, surfaces={"endo": toroid})])
+        statistics.CorrespondingShapes().fit([replace(one, surfaces={"endo": toroid})])
     with pytest.raises(OptionError, match="modes=9"):
-        shape_modes([one, model(np.ones(4))], modes=9)
+        statistics.shape_modes([one, model(np.ones(4))], modes=9)
     with pytest.raises(OptionError, match="fraction"):
-        shape_modes([one, model(np.ones(4))]).modes_for(1.5)
+        statistics.shape_modes([one, model(np.ones(4))]).modes_for(1.5)

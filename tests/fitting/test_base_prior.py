@@ -29,8 +29,7 @@ def distances(points: np.ndarray) -> np.ndarray:
     return np.linalg.norm(along, axis=1) - RADIUS
 
 
-@pytest.mark.parametrize("height", [15.0, 60.0])
-@pytest.mark.parametrize("sigma", [0.3, 1.0])
+@pytest.mark.parametrize(("height", "sigma"), [(15.0, 0.3), (60.0, 1.0)])
 def test_an_open_tube_closes_near_its_base(height, sigma):
     """Without the prior these reach 25 mm and more beyond the base."""
     base = (height * UP, UP)
@@ -53,7 +52,7 @@ def test_exact_points_are_followed_as_if_there_were_no_base():
 
 def test_the_prior_leaves_sigma_open():
     """What is expected was not measured: far beyond the base the reported uncertainty is that of no data."""
-    fit = qf.fit(tube(1500, 15, 0.5), base=(15 * UP, UP))
+    fit = qf.fit(tube(800, 15, 0.5), base=(15 * UP, UP), box=(4, 4, 4))
     vertices = fit.model.mesh(resolution=12).vertices
     top, wall = vertices[:, 2].argmax(), vertices[:, 2] < 0
     sigma = fit.uncertainty(vertices)
@@ -62,10 +61,10 @@ def test_the_prior_leaves_sigma_open():
 
 def test_all_points_of_a_large_cloud_keep_the_base(monkeypatch):
     """More points than are fitted at once: the base was forgotten in the rounds on all of them."""
-    small = replace(LARGE, many=2000, sample=1500)
+    small = replace(LARGE, many=1000, sample=800)
     monkeypatch.setattr("quadriform.fitting.refinement.large_clouds.LARGE", small)
-    fit = qf.fit(tube(4000, 15, 0.5), base=(15 * UP, UP))
-    assert fit.n_points == 4000
+    fit = qf.fit(tube(2000, 15, 0.5), base=(15 * UP, UP), box=(4, 4, 4))
+    assert fit.n_points == 2000
     assert fit.model.mesh(resolution=16).vertices[:, 2].max() - 15 < 10
 
 

@@ -10,7 +10,7 @@ from shapes_made import even_directions, lumpy, made, turned, two_walls
 import quadriform as qf
 from quadriform.errors import DegenerateError, OptionError, PointsError
 
-CLOUD = lumpy(300)
+CLOUD, FEWER = lumpy(300), lumpy(150)
 QUICK = {"method": "paper", "iterations": 2}
 SMALL = {"box": (3, 3, 3)}
 
@@ -228,9 +228,9 @@ def test_two_surfaces_share_a_box():
 @pytest.mark.slow
 def test_partial_and_poor_clouds_are_warned_of_by_the_papers_method_too():
     """Of the default one by the rows 25 and 30 of bad clouds."""
-    octant = made(exponents=(1, 1)).surface(np.abs(even_directions(600)))
+    octant = made(exponents=(1, 1)).surface(np.abs(even_directions(300)))
     assert "PARTIAL_COVERAGE" in qf.fit(octant, **QUICK).warnings
-    filled = lumpy(600) * np.cbrt(np.random.default_rng(0).uniform(0, 1, (600, 1)))
+    filled = lumpy(300) * np.cbrt(np.random.default_rng(0).uniform(0, 1, (300, 1)))
     poor = qf.fit(filled, **QUICK)
     assert "POOR_FIT" in poor.warnings
     with pytest.raises(qf.errors.FitError, match="POOR_FIT"):
@@ -239,7 +239,7 @@ def test_partial_and_poor_clouds_are_warned_of_by_the_papers_method_too():
 
 def test_points_in_centimetres_are_refined_in_the_unit_of_their_fit():
     """Old bug: the superquadric was in millimetres, the points stayed in centimetres, the unit was forgotten."""
-    table = np.rec.fromarrays(lumpy(400).T, names="x_cm,y_cm,z_cm")
+    table = np.rec.fromarrays(FEWER.T, names="x_cm,y_cm,z_cm")
     fit = qf.fit(table, box=(3, 3, 3))
     again = qf.refine(fit.model.surfaces["surface"], table, box=(3, 3, 3))
     assert fit.model.unit == again.model.unit == "mm"
@@ -253,7 +253,7 @@ def in_centimetres(points):
 
 def test_a_base_is_in_the_unit_of_the_points():
     """Old bug: of points in centimetres it was taken for millimetres, and lay in the middle of the points."""
-    cup = CLOUD[CLOUD[:, 2] < 10]
+    cup = FEWER[FEWER[:, 2] < 10]
     loop = np.array([[9.0, 0, 10], [-9, 9, 10], [0, -9, 10]])
     for base, smaller in (((loop[0], [0, 0, 1.0]), (loop[0] / 10, [0, 0, 1.0])), (loop, loop / 10)):
         fit = qf.fit(cup, base=base, unit="mm", **SMALL)
@@ -267,7 +267,7 @@ def test_a_base_is_in_the_unit_of_the_points():
 
 def test_a_viewpoint_and_a_support_are_in_the_unit_of_the_points():
     """Old bug: of points in centimetres both were taken for millimetres."""
-    seen, eye, plane = CLOUD[CLOUD[:, 2] > 0], np.array([0.0, 0, 500]), np.array([0.0, 0, -60])
+    seen, eye, plane = FEWER[FEWER[:, 2] > 0], np.array([0.0, 0, 500]), np.array([0.0, 0, -60])
     up = [0, 0, 1.0]
     fit = qf.fit(seen, viewpoint=eye, support=(plane, up), unit="mm", **SMALL)
     again = qf.fit(in_centimetres(seen), viewpoint=eye / 10, support=(plane / 10, up), **SMALL)
@@ -277,8 +277,10 @@ def test_a_viewpoint_and_a_support_are_in_the_unit_of_the_points():
 
 
 def test_the_largest_error_is_in_the_unit_of_the_points():
-    fit = qf.fit(in_centimetres(CLOUD), box="auto", max_error=0.3)
-    assert fit.model.box.control_points.shape == qf.fit(CLOUD, box="auto", max_error=3.0).model.box.control_points.shape
+    one, other = (
+        qf.fit(cloud, box="auto", max_error=error) for cloud, error in ((in_centimetres(FEWER), 0.3), (FEWER, 3.0))
+    )
+    assert one.model.box.control_points.shape == other.model.box.control_points.shape
 
 
 def test_lengths_beside_clouds_in_several_units_are_refused():

@@ -15,7 +15,7 @@ from quadriform.fitting.refinement import large_clouds
 from quadriform.shapes.record import InputFile, ModelRecord, together, worst
 
 SMALL = {"box": (3, 3, 3)}
-EGG = noisy_egg(400)
+EGG = noisy_egg(200)
 CAP = EGG[EGG[:, 2] > 0]
 
 
@@ -62,10 +62,10 @@ def test_coverage_is_that_of_each_surface(warned):
 
 @pytest.mark.slow
 def test_a_model_of_many_points_carries_the_warnings_of_all(monkeypatch):
-    monkeypatch.setattr(large_clouds, "LARGE", replace(large_clouds.LARGE, many=300))
+    monkeypatch.setattr(large_clouds, "LARGE", replace(large_clouds.LARGE, many=150))
     few = np.vstack([EGG, EGG[:1] * 3])
     found = qf.fit(few, **SMALL)
-    assert "400" in note_of(found, "OUTLIERS") and found.model.notes == found.notes
+    assert "200" in note_of(found, "OUTLIERS") and found.model.notes == found.notes
 
 
 @pytest.mark.slow

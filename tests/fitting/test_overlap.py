@@ -14,7 +14,7 @@ BODY = made(semi_axes=(30.0, 22.0, 18.0), exponents=(0.9, 1.1))
 
 def capsule(thickness: float) -> qf.Mesh:
     """The body's closed shell: its outer side, and its inner side wound inwards."""
-    outer = BODY.mesh(24)
+    outer = BODY.mesh(16)
     middle = outer.vertices.mean(axis=0)
     inner = middle + (1 - thickness) * (outer.vertices - middle)
     faces = np.concatenate([outer.faces, len(inner) + outer.faces[:, ::-1]])
@@ -43,7 +43,7 @@ def test_a_thin_capsule_is_unreliable():
 
 
 def test_a_body_is_not():
-    assert qf.fit(BODY.mesh(24), **QUICK).status == "ok"
+    assert qf.fit(BODY.mesh(16), **QUICK).status == "ok"
 
 
 @pytest.mark.slow
@@ -63,7 +63,7 @@ def _cup(points: np.ndarray) -> np.ndarray:
 
 
 def test_the_overlap_is_that_in_the_unit_of_the_points():
-    mesh = BODY.mesh(24)
+    mesh = BODY.mesh(16)
     cloud = point_set(mesh)
     centimetres = point_set(qf.Mesh(mesh.vertices / 10, mesh.faces))
     scaled = PointSet(centimetres.points, unit="cm", solid=centimetres.solid).in_metric_unit()

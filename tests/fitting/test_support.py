@@ -118,13 +118,13 @@ def test_a_surface_on_points_alone_is_within_any_limit():
 
 @pytest.fixture(scope="module")
 def whole():
-    return qf.fit(lumpy(800), box=(3, 3, 3))
+    return qf.fit(lumpy(400), box=(3, 3, 3))
 
 
 @pytest.mark.slow
 def test_a_fit_and_its_model_state_their_support(whole, tmp_path):
     assert whole.status == "ok" and whole.supported > 0.99
-    cut = qf.fit(lumpy(800)[lumpy(800)[:, 2] < 10], box=(3, 3, 3))
+    cut = qf.fit(lumpy(400)[lumpy(400)[:, 2] < 10], box=(3, 3, 3))
     assert cut.status == "warned" and "PARTIAL_COVERAGE" in cut.warnings
     assert cut.supported < 0.95 and cut.extends_beyond > 5
     qf.save(cut.model, tmp_path / "m.json")
@@ -135,7 +135,7 @@ def test_a_fit_and_its_model_state_their_support(whole, tmp_path):
 
 @pytest.mark.slow
 def test_several_surfaces_by_name(whole):
-    cloud = lumpy(400)
+    cloud = lumpy(300)
     found = qf.fit({"endo": 0.7 * cloud[cloud[:, 2] < 0], "epi": cloud}, box=(3, 3, 3))
     assert found.supported["epi"] > 0.99 and found.supported["endo"] < 0.9
     assert found.extends_beyond.keys() == {"endo", "epi"}
@@ -156,5 +156,5 @@ def test_slices_far_apart_leave_their_lids_unsupported():
 def test_too_few_points_for_the_box_are_uncertain():
     rng = np.random.default_rng(0)
     cloud = lumpy(60) + 2 * rng.normal(size=(60, 3))
-    found = qf.fit(cloud, strength=1e-9)
+    found = qf.fit(cloud, strength=1e-9, box=(4, 4, 4))
     assert "UNCERTAIN" in found.warnings and found.uncertainty(cloud).mean() > found.noise

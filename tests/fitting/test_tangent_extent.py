@@ -18,7 +18,7 @@ AT = BODY.translation + 8 * UP
 @pytest.fixture(scope="module")
 def cut():
     """An ellipsoid with noise, cut where a plane crosses it."""
-    points = BODY.surface(even_directions(1500))
+    points = BODY.surface(even_directions(800))
     points = points[(points - AT) @ UP < 0]
     return points + 0.3 * np.random.default_rng(1).normal(size=points.shape)
 
@@ -77,7 +77,7 @@ def test_without_data_the_surface_is_less_certain(cut, based):
     assert (np.abs(based.model.distance(whole)) < 4 * sigma).mean() > 0.95
 
 
-CLEAN = noisy_egg(400, noise=0.0)
+CLEAN = noisy_egg(300, noise=0.0)
 
 
 @pytest.fixture(scope="module")
@@ -152,7 +152,7 @@ def bent(points):
 @pytest.mark.slow
 def test_a_thick_walled_cup_unfolds():
     """Not star-shaped, bent, noise 1 % of its length: the inside is found and not closed over as noise."""
-    points, truth = bent(cup(1500, 12.0, seed=2)[0]), bent(cup(4000, 12.0)[0])
+    points, truth = bent(cup(800, 12.0, seed=2)[0]), bent(cup(2000, 12.0)[0])
     length = np.ptp(points[:, 2])
     fit = qf.fit(points + 0.01 * length * np.random.default_rng(2).normal(size=points.shape), box=(5, 5, 5))
     assert error(fit.model, truth) < 0.015 * length

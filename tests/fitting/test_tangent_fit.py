@@ -13,7 +13,7 @@ from quadriform.points import Frame
 
 NOISY = noisy_egg()
 FEW = NOISY[:500]
-CLEAN = noisy_egg(600, noise=0.0)
+CLEAN = noisy_egg(400, noise=0.0)
 BODIES = {
     "sphere": made(exponents=(1, 1), semi_axes=(5, 5, 5)),
     "ellipsoid": made(exponents=(1, 1)),
@@ -42,7 +42,7 @@ def refined(start):
 @pytest.mark.slow
 @pytest.mark.parametrize("body", BODIES)
 def test_superquadrics_are_met_exactly(body):
-    points = BODIES[body].surface(even_directions(500))
+    points = BODIES[body].surface(even_directions(300))
     fit = qf.fit(points)
     assert np.abs(fit.residuals).max() < 1e-6 * Frame.of(points).scale
     assert not fit.warnings and fit.model.min_jacobian() > 0.9

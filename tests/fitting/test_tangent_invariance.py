@@ -10,7 +10,7 @@ import quadriform as qf
 from quadriform.points import Frame
 from quadriform.shapes.superquadric import Superquadric
 
-CLOUD = noisy_egg(500)
+CLOUD = noisy_egg(300)
 BOX = {"box": (4, 4, 4)}
 QUARTER = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
 LOCAL = "slides leave foot points on their way, by different amounts in different frames: 4e-6"

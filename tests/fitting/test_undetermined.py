@@ -21,9 +21,9 @@ def voxels(inside):
 
 
 FILLED = {
-    "box": lambda x: (np.abs(x) <= (4, 6, 5)).all(axis=1),
+    "box": lambda x: (np.abs(x) <= (3, 5, 4)).all(axis=1),
     "ball": lambda x: (x**2).sum(axis=1) <= 7**2,
-    "ellipsoid": lambda x: ((x / (5.0, 6.0, 9.0)) ** 2).sum(axis=1) <= 1,
+    "ellipsoid": lambda x: ((x / (4.0, 5.0, 7.0)) ** 2).sum(axis=1) <= 1,
 }
 
 

@@ -17,7 +17,7 @@ from quadriform.points import Frame
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.fold_bound import determinant_rows, lattice_inside
 
-FEW = noisy_egg(300)
+FEW = noisy_egg(150)
 
 
 def dented(directions):
@@ -28,7 +28,7 @@ def dented(directions):
 
 
 TRUTH = dented(even_directions(1500))
-DENTED = dented(even_directions(900)) + np.random.default_rng(0).normal(0, 0.1, (900, 3))
+DENTED = dented(even_directions(500)) + np.random.default_rng(0).normal(0, 0.1, (500, 3))
 
 
 @pytest.fixture(scope="module")

@@ -106,7 +106,7 @@ UP = np.array([0.0, 0.0, 1.0])
 def open_tube(height, radius, sigma, seed):
     """Points with noise of a tube with a round apex, open at z = height."""
     random = np.random.default_rng(seed)
-    z, around = random.uniform(-1, height / radius, 600), random.uniform(0, 2 * np.pi, 600)
+    z, around = random.uniform(-1, height / radius, 300), random.uniform(0, 2 * np.pi, 300)
     wide = np.sqrt(1 - np.minimum(z, 0) ** 2)
     points = radius * np.column_stack([wide * np.cos(around), wide * np.sin(around), z])
     return points + sigma * random.normal(size=points.shape)

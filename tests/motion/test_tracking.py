@@ -21,7 +21,7 @@ def beat(points, time):
     return local * [1 - 0.2 * phase, 1 - 0.2 * phase, 1 - 0.1 * phase] @ OUTER.rotation.T + OUTER.translation
 
 
-def heart(count=150, noise=0.2, seed=0):
+def heart(count=100, noise=0.2, seed=0):
     rng, frames = np.random.default_rng(seed), []
     for time in range(FRAMES):
         clouds = {"epi": beat(OUTER.surface(even_directions(count)), time)}
@@ -43,7 +43,7 @@ def cycle():
 @pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["alone", "previous"])
 def test_each_frame_comes_near_the_truth(strategy):
-    found = qf.track(heart()[:4], strategy=strategy, box=BOX)
+    found = qf.track(heart()[:3], strategy=strategy, box=BOX)
     assert max(off(model, time) for time, model in enumerate(found.models)) < 0.2
     assert found.rms == pytest.approx(0.2, rel=0.25)
     assert (found.moving is None) == (strategy == "alone")
@@ -187,7 +187,7 @@ def test_polynomials_along_a_stack_are_no_shifts(count, followed):
         ({"strategy": "best"}, "strategy"),
         ({"strategy": "alone", "slices": [{}] * 6}, "use strategy='cycle'"),
         ({"slices": [{}] * 5}, "each of 6 frames"),
-        ({"slices": [{"epi": [1], "endo": [1]}] * 6}, "frame 0, epi: expected 150 numbers"),
+        ({"slices": [{"epi": [1], "endo": [1]}] * 6}, "frame 0, epi: expected 100 numbers"),
     ],
 )
 def test_wrong_options_are_named(options, message):

@@ -10,7 +10,7 @@ from quadriform.fitting.options import PaperOptions
 
 @pytest.fixture(scope="module")
 def cloud():
-    return ventricle(2000)
+    return ventricle(1000)
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +72,7 @@ def test_springs_to_the_letter_draw_the_box_in(superquadric, cloud):
 @pytest.mark.slow
 def test_two_walls_in_one_box_need_half_the_numbers():
     """3.4.2: 397 numbers in place of twice 386, and both walls are closer than their superellipsoids."""
-    clouds = two_walls(1200)
+    clouds = two_walls(600)
     fit = qf.fit(clouds, method="paper")
     apart = [qf.fit(cloud, method="paper").model.n_parameters for cloud in clouds.values()]
     assert fit.model.n_parameters == 397 < 0.52 * sum(apart)

@@ -80,7 +80,7 @@ def papers_loop(b, p, x, data, least=None, rows=None):
 def crossing():
     """Three crossing superquadrics with a global taper, after Fig. 3, moved a little so that nothing is symmetric."""
     arms = [Superquadric(semi_axes=np.where(np.arange(3) == k, 50.0, 30.0), exponents=(0.6, 0.7)) for k in range(3)]
-    parts = [arm.grid(14)[0] for arm in arms]
+    parts = [arm.grid(10)[0] for arm in arms]
     seen = [
         part[np.all([other.implicit(part) > 1 for other in arms if other is not arm], axis=0)]
         for arm, part in zip(arms, parts)
@@ -89,7 +89,7 @@ def crossing():
     return points + np.random.default_rng(3).normal(0, 0.1, points.shape)
 
 
-CLOUDS = {"dense": lumpy(5000), "sparse": lumpy(500), "crossing": crossing()}
+CLOUDS = {"dense": lumpy(2000), "sparse": lumpy(500), "crossing": crossing()}
 WAYS = {
     "P7": ({}, {}),
     "P8": ({"strength": 2e-2}, {"least": 2e-2}),

@@ -286,7 +286,7 @@ def test_words_for_comparisons():
 @pytest.mark.slow
 def test_the_fits_are_by_the_papers_own_algorithm(material):
     """P7 by SVD in 30 iterations, with the box that was asked for: what the two-step loop gives when told so."""
-    points = qf.examples.crossing_superquadrics(8)
+    points = qf.examples.crossing_superquadrics(5)
     found = fitted("three", SOURCE, points, BOX)
     told = qf.fit(points, method="paper", regularity="svd", iterations=30, box=BOX)
     assert np.array_equal(found.paper.model.box.control_points, told.model.box.control_points)
@@ -310,8 +310,8 @@ def test_regularities_are_p8_and_p9_as_printed(monkeypatch):
     monkeypatch.setattr(trade_off, "BENDING", (1e-4,))
     monkeypatch.setattr(trade_off, "FRACTIONS", (1.0, 0.5))
     monkeypatch.setattr(trade_off, "FOUR", (1, 0))
-    found = measure_trade_off(BOX, 6)
-    points = qf.examples.noisy(qf.examples.ventricle(6))
+    found = measure_trade_off(BOX, 5)
+    points = qf.examples.noisy(qf.examples.ventricle(5))
     strong = qf.fit(points, method="paper", regularity="springs-paper", strength=1.0, box=BOX)
     assert found.springs_paper.error[-1] == pytest.approx(strong.rms, rel=1e-9)
     assert found.springs_paper.moved[-1] == pytest.approx(moved(strong), rel=1e-9)

@@ -24,6 +24,8 @@ from quadriform.report.reports import fit_report, model_report, track_report
 from quadriform.report.slices import slices_png
 
 MOST_BYTES = 5_000_000
+BRIEF = ["--box", "3,3,3", "--method", "paper", "--iterations", "1"]
+"""Where the surface does not matter."""
 
 
 @pytest.fixture(scope="session")
@@ -204,7 +206,7 @@ def test_the_terminal_writes_the_page_of_a_model(browser, cycle, page_of_a_model
 
 
 @pytest.mark.slow
-def test_the_terminal_writes_no_page_over_another_nor_of_nothing(page_of_a_model, tmp_path, capsys):
+def test_the_terminal_writes_no_page_over_another_nor_of_nothing(page_of_a_model, blank_figures, tmp_path, capsys):
     folder, words = page_of_a_model
     assert main(words) == 5  # exists already
     assert main([*words, "--force"]) == 0
@@ -221,7 +223,7 @@ def test_the_image_is_shown_in_the_frame_that_was_asked_for(tmp_path, capsys):
     values = ((at / (9, 7, 6)) ** 2).sum(axis=-1) < 1
     nibabel.save(nibabel.Nifti1Image(values.astype(np.uint8), np.diag([2.0, 2.0, 2.0, 1.0])), tmp_path / "egg.nii")
     for space in ("LPS", "RAS"):
-        words = ["fit", str(tmp_path / "egg.nii"), "-o", str(tmp_path / space), "--space", space, "--box", "3,3,3"]
+        words = ["fit", str(tmp_path / "egg.nii"), "-o", str(tmp_path / space), "--space", space, *BRIEF]
         assert main(words) == 0
     pages = [(tmp_path / space / "report.html").read_text(encoding="utf-8") for space in ("LPS", "RAS")]
     pictures = [re.findall(r"data:image/png;base64,([^\"]+)", page) for page in pages]
@@ -265,7 +267,7 @@ def test_the_configuration_in_effect_is_on_the_page(egg, tmp_path, capsys):
 def test_a_hostile_file_name_runs_nothing(browser, egg, tmp_path, capsys):
     name = "<img src=x onerror=document.title=1><script>document.title=2<script>.xyz"
     np.savetxt(tmp_path / name, egg[1])
-    assert main(["fit", str(tmp_path / name), "-o", str(tmp_path / "out"), "--box", "3,3,3"]) == 0
+    assert main(["fit", str(tmp_path / name), "-o", str(tmp_path / "out"), *BRIEF]) == 0
     browser.open(tmp_path / "out" / "report.html")
     assert browser.driver.title == f"ready: {name}"
     assert browser.run("return [document.images.length, document.scripts.length]") == [0, 2]

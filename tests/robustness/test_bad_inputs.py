@@ -13,7 +13,7 @@ from quadriform.points import Frame
 CLOUD = lumpy(200)
 RADIUS = Frame.of(CLOUD).scale
 SPHERE = even_directions(400)
-BODY = made().surface(even_directions(1500)) - made().translation
+BODY = made().surface(even_directions(800)) - made().translation
 
 
 def fit(points, **options):
@@ -53,7 +53,7 @@ def strangers(share, others, seed=0):
 
 
 def with_strangers(share):
-    return np.vstack([lumpy(400), strangers(share, 400)])
+    return np.vstack([lumpy(200), strangers(share, 200)])
 
 
 def structured():
@@ -174,17 +174,14 @@ def test_row_13_at_worse_offsets_the_digits_that_are_gone_are_named():
     assert set(fit(CLOUD + 1e10).warnings) >= {"PRECISION_LOSS"}
 
 
-@pytest.fixture(scope="module")
-def whole():
-    """Whole numbers above zero as floating points, and their fit."""
-    points = np.round(CLOUD) + 50
-    return points, fit(points)
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", [np.int64, np.uint8])
-def test_row_17_whole_numbers_are_what_they_say(kind, whole):
-    np.testing.assert_array_equal(fit(whole[0].astype(kind)).residuals, whole[1].residuals)
+def test_row_17_whole_numbers_are_what_they_say():
+    """Those above zero, which a byte without a sign holds too."""
+    points = np.round(CLOUD) + 50
+    plain = qf.fit_superquadric(points).superquadric.parameters
+    for kind in (np.int64, np.uint8):
+        np.testing.assert_array_equal(qf.fit_superquadric(points.astype(kind)).superquadric.parameters, plain)
+    np.testing.assert_array_equal(fit(points.astype(np.uint8)).residuals, fit(points).residuals)
 
 
 def test_row_21_a_memory_map_is_never_written_to(tmp_path):
@@ -202,7 +199,7 @@ def test_row_23_one_gross_outlier_moves_nothing(plain):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("count", "share", "seed", "tolerance"), [(400, 0.1, 0, 2e-2), (2000, 0.3, 0, 5e-2)])
+@pytest.mark.parametrize(("count", "share", "seed", "tolerance"), [(400, 0.1, 0, 2e-2), (1200, 0.3, 0, 5e-2)])
 def test_row_24_outliers_change_little(count, share, seed, tolerance):
     """With 30 % of strangers 400 points are too few for the box, which is warned of: see `WARNED`."""
     cloud = lumpy(count)

@@ -121,13 +121,13 @@ def leans_on_silence(clouds):
 
 
 BROKEN = {
-    keeps_its_input: "input_is_left_alone",
-    writes_into_its_input: "input_is_left_alone",
-    draws: "twice_is_the_same",
+    keeps_its_input: "twice_is_the_same_and_the_input_is_left_alone",
+    writes_into_its_input: "twice_is_the_same_and_the_input_is_left_alone",
+    draws: "twice_is_the_same_and_the_input_is_left_alone",
     believes_the_first_point: "order_does_not_matter",
     rows_from_the_end: "order_does_not_matter",
-    prefers_an_axis: "surfaces_move_with_their_points",
-    knows_a_unit: "mirrored_and_in_another_unit",
+    prefers_an_axis: "surfaces_move_with_their_points_also_mirrored_and_in_another_unit",
+    knows_a_unit: "surfaces_move_with_their_points_also_mirrored_and_in_another_unit",
     hears_the_memory_order: "dress_does_not_matter",
     works_in_single_precision: "single_precision_is_near",
     doubles_the_ball: "surfaces_are_near_their_points",

@@ -19,7 +19,7 @@ from quadriform.errors import FileFormatError
 
 @pytest.mark.slow
 def test_mutated_files_end_as_promised():
-    each = 85
+    each = 45
     tally, faults = fuzzing.run(each * len(fuzzed_kinds.KINDS), seed=0, processes=1)
     assert faults == []
     for kind in fuzzed_kinds.KINDS:

@@ -54,9 +54,9 @@ def test_what_cannot_be_read_is_refused_with_the_name_of_the_file(tmp_path, case
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("cases", by_suffix(GOOD + BAD))
+@pytest.mark.parametrize("cases", by_suffix(GOOD[::4] + BAD))
 def test_the_terminal_shows_a_table_or_one_line(tmp_path, monkeypatch, capsys, cases):
-    """No internal error (70), no traceback; a Python warning would be an error here."""
+    """No internal error (70), no traceback; a Python warning would be an error here. Of those that are read, a part."""
     monkeypatch.chdir(tmp_path)
     good = {(suffix, name) for suffix, name, _ in GOOD}
     for suffix, name, content in cases:

@@ -18,7 +18,9 @@ import quadriform as qf
 from quadriform.cli.main import main
 from quadriform.files.atomic import write_bytes
 from quadriform.points import Frame
+from quadriform.shapes import threads
 
+CLOUD = lumpy(100)
 OLD, NEW = b"0" * 500_000, b"1" * 700_000
 WRITER = (
     "import sys; from quadriform.files.atomic import write_bytes\n"
@@ -75,6 +77,8 @@ SEVERAL = (
 )
 FIT = (
     "import sys, numpy as np, quadriform as qf\n"
+    "from quadriform.shapes import threads\n"
+    "threads.WORTH = 1000\n"
     "fit = qf.fit(np.load(sys.argv[1]), box=(2, 2, 2))\n"
     "np.save(sys.argv[2], fit.model.mesh(resolution=8).vertices)\n"
 )
@@ -97,14 +101,14 @@ def commanded(program, lines, **environment):
 
 @pytest.fixture
 def cloud(tmp_path):
-    np.savetxt(tmp_path / "cloud.xyz", lumpy(300), fmt="%.17g")
+    np.savetxt(tmp_path / "cloud.xyz", CLOUD, fmt="%.17g")
     return tmp_path / "cloud.xyz"
 
 
 @pytest.fixture
 def saved(cloud, tmp_path):
     """A model, and what was exported of it before."""
-    qf.save(qf.fit(lumpy(300), method="paper", iterations=1).model, tmp_path / "model.json")
+    qf.save(qf.fit(CLOUD, method="paper", iterations=1).model, tmp_path / "model.json")
     (tmp_path / "surfaces").mkdir()
     (tmp_path / "surfaces" / "surface.ply").write_bytes(b"old")
     return tmp_path / "model.json"
@@ -125,7 +129,7 @@ def test_row_68_what_does_not_fit_on_the_disk_leaves_the_old_files(saved, cloud,
     before = contents(tmp_path / "out")
     sizes = sorted(map(len, before.values()))
     limits = [1000, *((less + more) // 2 for less, more in pairwise(sizes))]
-    np.savetxt(cloud, lumpy(300, seed=5), fmt="%.17g")
+    np.savetxt(cloud, lumpy(100, seed=5), fmt="%.17g")
     export = ["export", str(saved), "--to", "ply", "-o", str(tmp_path / "surfaces"), "--force"]
     tries = [(1000, export), *((limit, [*fit, "--force"]) for limit in limits)]
     done = python("-c", LIMITED, json.dumps(tries))
@@ -197,9 +201,9 @@ def has_points_in_its_numbers(done):
     """Whether that is so of what a process with these commands has said."""
     assert done.returncode == 0 and done.stderr == ""
     record, end = json.JSONDecoder().raw_decode(done.stdout)
-    assert record["extent"]["lowest"] == lumpy(300).min(axis=0).tolist()
+    assert record["extent"]["lowest"] == CLOUD.min(axis=0).tolist()
     table = done.stdout[end:]
-    assert "\x1b" not in table and f"{lumpy(300)[:, 0].min():.4g}"[:5] in table
+    assert "\x1b" not in table and f"{CLOUD[:, 0].min():.4g}"[:5] in table
 
 
 @pytest.mark.slow
@@ -226,8 +230,9 @@ def test_row_71_numbers_have_a_point_where_others_write_commas(cloud, saved, tmp
 
 @pytest.mark.slow
 def test_row_72_the_number_of_threads_does_not_matter(tmp_path, monkeypatch):
-    """More points than one thread is given."""
-    points = lumpy(18_000)
+    """More points than one thread is given here: a quarter of the real number."""
+    monkeypatch.setattr(threads, "WORTH", 1000)
+    points = lumpy(4_000)
     np.save(tmp_path / "cloud.npy", points)
     done = python("-c", FIT, tmp_path / "cloud.npy", tmp_path / "8.npy", OMP_NUM_THREADS="8", OPENBLAS_NUM_THREADS="8")
     assert done.returncode == 0, done.stderr

@@ -43,10 +43,6 @@ def test_lines_stay_where_they_are():
     assert without_prose("a.py", '"""a\nb"""\nc').split("\n")[2] == "c"
 
 
-def test_the_project_keeps_to_its_list(capsys):
-    assert main() == 0, capsys.readouterr().out
-
-
 def test_a_word_on_the_list_fails(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(wording, "texts", lambda: [("a.md", "a stranger")])
     path = tmp_path / "list.toml"
