@@ -1,0 +1,151 @@
+"""The rounds of a cycle on a stand-in whose states are numbers: how many, at which strengths, and when they end."""
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from quadriform.errors import DegenerateError, OptionError
+from quadriform.motion import cycle_rounds
+from quadriform.motion.cycle_rounds import ROUNDS
+
+
+@dataclass(frozen=True)
+class State:
+    """A state that knows its number of steps."""
+
+    noise: float = 1.0
+    fraction: float = 1.0
+    steps: int = 0
+    boxes: tuple = (0, 0)
+    datasets: tuple = ()
+    shifts: tuple = ()
+    reference: str = "start"
+
+    def nearest(self):
+        return self
+
+
+class Counted:
+    """A cycle whose rounds are recorded; the noise of each is given."""
+
+    def __init__(self, noises=(), fails_at=None, verified_at=None):
+        self.noises, self.fails_at, self.verified_at = list(noises), fails_at, verified_at
+        self.log, self.searches, self.fractions, self.spaces = [], [], [], []
+
+    def step(self, state, strengths):
+        self.log.append(strengths)
+        if self.fails_at is not None and len(self.log) > self.fails_at:
+            return None
+        noise = self.noises.pop(0) if self.noises else state.noise
+        return State(noise, state.fraction, state.steps + 1, reference=state.reference)
+
+    def strength_in_space(self, state, frames, near, first=False):
+        self.spaces.append((near, first))
+        return 2.0 + len(self.spaces)
+
+    def effective_fraction(self, state, first=False):
+        self.fractions.append(first)
+        return 0.25
+
+    def evidence(self, state):
+        def best_in_time(alpha, gamma):
+            self.searches.append((alpha, gamma))
+            return 10 * gamma
+
+        return SimpleNamespace(best_in_time=best_in_time)
+
+    def checked(self, state):
+        verified = self.verified_at is not None and state.steps >= self.verified_at
+        return (True, verified), state
+
+    def result(self, state, strengths, verified):
+        return state, strengths, verified
+
+
+def report():
+    return cycle_rounds._Report(None)
+
+
+FIRST = 1 / (2 * np.pi) ** 4
+
+
+def test_strengths_fall_to_their_own_and_are_then_estimated():
+    cycle = Counted()
+    state, strengths = cycle_rounds._converged(cycle, State(), (0, 1), None, report())
+    factors = [100, 100 ** (2 / 3), 100 ** (1 / 3), 1]
+    np.testing.assert_allclose(cycle.log[:4], [(3 * f, FIRST * f) for f in factors])
+    # six rounds in which the strength in space is estimated, that in time in the first two
+    assert [near for near, _ in cycle.spaces] == [None, *np.arange(3.0, 9.0)]
+    assert [first for _, first in cycle.spaces] == [True] + [False] * 6
+    np.testing.assert_allclose(cycle.log[4:], [(4 + k, FIRST * 10 ** min(k + 1, 2)) for k in range(6)])
+    np.testing.assert_allclose(cycle.searches, [(4, FIRST), (5, 10 * FIRST)])
+    assert cycle.fractions == [True, False, False] and state.fraction == 0.25
+    np.testing.assert_allclose(strengths, (9, 100 * FIRST))
+    assert len(cycle.log) == 10 and state.steps == 10
+
+
+def test_a_given_strength_is_kept():
+    cycle = Counted()
+    _, strengths = cycle_rounds._converged(cycle, State(), (0, 1), 7.0, report())
+    assert not cycle.spaces and strengths[0] == 7 and all(alpha == 7 for alpha, _ in cycle.log[3:])
+
+
+@pytest.mark.parametrize(("change", "rounds"), [(0.0049, 6), (0.0051, 16)])
+def test_rounds_end_where_the_noise_changes_by_less_than_half_a_per_cent(change, rounds):
+    cycle = Counted(np.cumprod(np.full(30, 1 - change)))
+    cycle_rounds._converged(cycle, State(), (0, 1), 1.0, report())
+    assert len(cycle.log) == 4 + rounds
+    later = Counted([1.0] * 4 + [0.9**k for k in range(8)] + [0.9**7] * 9)
+    cycle_rounds._converged(later, State(), (0, 1), 1.0, report())
+    assert len(later.log) == 4 + 9
+
+
+@pytest.mark.parametrize("alpha", [None, 5.0])
+def test_a_round_that_leaves_control_points_undetermined_is_an_error(alpha, monkeypatch):
+    monkeypatch.setattr(cycle_rounds, "_near", lambda cycle, undeformed, start, report: State())
+    cycle = Counted(fails_at=6)
+    cycle.init, cycle.extremes = State, lambda state: (0, 1)
+    with pytest.raises(DegenerateError if alpha is None else OptionError, match="undetermined"):
+        cycle_rounds.fit_cycle(cycle, "box", alpha)
+    early = Counted(fails_at=2)  # the last state goes on
+    state, _ = cycle_rounds._converged(Counted(), State(), (0, 1), 1.0, report())
+    assert cycle_rounds._converged(early, State(), (0, 1), 1.0, report()) is None and state.steps == 10
+
+
+@pytest.mark.parametrize(("at", "tries"), [(0, 1), (3, 1), (14, 1), (15, 3)])
+def test_folds_are_removed_in_fifteen_rounds_or_at_ten_times_the_strengths(at, tries):
+    """Each try begins with the same state."""
+    cycle = Counted(verified_at=at)
+    state, strengths, verified = cycle_rounds._without_folds(cycle, State(), (2.0, 3.0))
+    assert len(cycle.log) == (at if at < 15 else 45)
+    if at < 15:
+        assert state.steps == at and strengths == (2, 3) and verified == (True, True)
+    else:
+        assert strengths == (2, 3) and state.steps == 0 and verified == (True, False)
+        assert cycle.log[::15] == [(2, 3), (20, 30), (200, 300)]
+
+
+def test_stronger_regularisation_is_tried_where_folds_cost_too_much_noise():
+    """At 1.6 times the noise, at first; then within one and a half."""
+    cycle = Counted([1.6, 1.4, 1.4], verified_at=2)
+    state, strengths, _ = cycle_rounds._without_folds(cycle, State(), (2.0, 3.0))
+    assert strengths == (20, 30) and state.noise == 1.4 and len(cycle.log) == 3
+    little = Counted([0.024, 0.024], verified_at=2)  # a fortieth of the radius is always accepted
+    assert cycle_rounds._without_folds(little, State(0.001), (2.0, 3.0))[1] == (2, 3)
+    fails = Counted(fails_at=0, verified_at=2)
+    assert cycle_rounds._without_folds(fails, State(), (2.0, 3.0))[2] == (True, False)
+
+
+def test_progress_counts_to_the_rounds_that_are_always_made():
+    seen = []
+    of = cycle_rounds._Report(lambda done, total: seen.append((done, total)))
+    for _ in range(18):
+        of.round()
+    total = ROUNDS.affine + ROUNDS.falling + ROUNDS.least
+    assert seen == [(min(k, total), total) for k in range(1, 19)] and total == 16
+
+
+def test_the_first_strength_in_time_is_that_of_a_sinusoidal_motion():
+    assert cycle_rounds._first_in_time(State(0.3)) == pytest.approx(0.09 / (2 * np.pi) ** 4)
