@@ -377,3 +377,10 @@ def test_a_section_has_its_centre_of_area():
     plane = BasePlane(SKEW @ [7.0, 8.0, 2.0], SKEW[:, 2])
     expected = (4 * np.array([2, 0.5]) + 2 * np.array([0.5, 2])) / 6
     np.testing.assert_allclose(SKEW.T @ volumes.section_centre(prism, plane), [*expected, 2], rtol=1e-9)
+
+
+def test_function_is_that_of_both_volumes():
+    rows = measure._function(np.array([120.0, 45.0]), "how", ", closed")
+    found = [tuple(vars(row).values())[:3] for row in rows]
+    expected = [("end-systolic volume", 45, "ml"), ("stroke volume", 75, "ml"), ("ejection fraction", 62.5, "%")]
+    assert found == [(f"{name}, closed", value, unit) for name, value, unit in expected]
