@@ -275,6 +275,17 @@ def test_more_points_of_the_penalty_are_those_of_low_determinants_and_around_the
     assert 0 < len(found) - 125 < len(fine)
 
 
+def test_the_misfit_is_the_weighted_sum_of_squared_distances_to_foot_points():
+    one, here = data(), box()
+    other = replace(one, points=1.1 * one.points, weights=2 * one.weights)
+    expected = sum(
+        w * ((p - q) ** 2).sum()
+        for of in (one, other)
+        for w, p, q in zip(of.weights, of.points, here.deform(of.origins))
+    )
+    assert unfolding._misfit(SimpleNamespace(datasets=(one, other), box=here)) == pytest.approx(expected)
+
+
 def test_the_accepted_noise_is_half_as_much_again_or_a_fortieth():
     assert unfolding.accepted_noise(SimpleNamespace(noise=0.1)) == pytest.approx(0.15)
     assert unfolding.accepted_noise(SimpleNamespace(noise=0.001)) == 0.025
