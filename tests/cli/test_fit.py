@@ -121,7 +121,7 @@ def test_the_noise_that_is_stated_is_used_and_shown(terminal, lump, nifti, body)
         stated["known_noise"] == "2, by --noise"
         and "2, by --noise" in terminal("fit", lump, "-o", "shown", "--box", "3,3,3", "--noise", "2").out
     )
-    mask = nifti("mask.nii", (body == 1).astype(np.uint8))
+    mask = nifti("mask.nii", (body == 1)[::2, ::2].astype(np.uint8))
     own = json.loads(terminal("fit", mask, "-o", "mask", *words).out)
     assert own["known_noise"] == "up to 0.866 mm along the edges of voxels"  # 3 mm over the root of 12
     assert "0.5 mm, by --noise" in terminal("fit", mask, "-o", "again", "--box", "3,3,3", "--noise", "0.5").out

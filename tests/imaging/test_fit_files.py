@@ -86,7 +86,7 @@ def test_one_rule_decides_the_content_of_a_file(files, capsys):
 
 
 @pytest.mark.slow
-def test_python_and_the_terminal_fit_a_file_alike(files, capsys):
+def test_python_and_the_terminal_fit_a_file_alike(files, blank_figures, capsys):
     for name in ("points.xyz", "BLOCK.STL", "ball.nii.gz"):
         assert main(["fit", name, "-o", "out", *WORDS, "--force"]) == 0
         one, two = qf.load("out/model.json"), qf.fit(name, **QUICK).model

@@ -11,7 +11,7 @@ import quadriform as qf
 from quadriform.cli.main import main
 from quadriform.shapes.control_box import ControlBox
 
-CLOUD = lumpy(400)
+CLOUD = lumpy(200)
 
 
 def cost(superquadric, points):
@@ -71,7 +71,7 @@ def test_many_inputs_at_once_are_each_alone(tmp_path, monkeypatch, capsys, blank
     """M12: in either order."""
     monkeypatch.chdir(tmp_path)
     for name, seed in (("a", 1), ("b", 2)):
-        np.savetxt(f"{name}.xyz", lumpy(200, seed), fmt="%.17g")
+        np.savetxt(f"{name}.xyz", lumpy(60, seed), fmt="%.17g")
     quick = ("--method", "paper", "--iterations", "2")
     for out, names in (("ab", ["a.xyz", "b.xyz"]), ("ba", ["b.xyz", "a.xyz"])):
         assert main(["fit", *names, "-o", out, *quick]) == 0
@@ -84,7 +84,7 @@ def test_many_inputs_at_once_are_each_alone(tmp_path, monkeypatch, capsys, blank
 @pytest.mark.slow
 def test_two_halves_of_the_data_agree_within_what_they_say_of_themselves():
     """M17: everywhere within five of their standard deviations together, which are no larger than need be."""
-    points = noisy_egg(1600)
+    points = noisy_egg(1000)
     one, other = (qf.fit(points[start::2], box=(4, 4, 4)) for start in (0, 1))
     vertices = one.model.mesh(resolution=8).vertices
     sigma = np.hypot(one.uncertainty(vertices), other.uncertainty(vertices))

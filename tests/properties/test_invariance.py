@@ -18,7 +18,7 @@ import quadriform as qf
 from quadriform.heart.wall import Wall
 from quadriform.points import Frame
 
-CLOUD = lumpy(200)
+CLOUD = lumpy(120)
 PAPERS = 1e-6
 TURN = turned(1)
 CHANGES = {
@@ -34,7 +34,7 @@ CHANGES = {
 
 
 WAYS = {
-    "tangent": ({"box": (4, 4, 4)}, 1e-7),
+    "tangent": ({"box": (3, 3, 3)}, 1e-7),
     "paper springs": ({"method": "paper", "iterations": 5, "regularity": "springs", "strength": 1e-5}, PAPERS),
     "paper svd": ({"method": "paper", "iterations": 5, "regularity": "svd", "strength": 1e-2}, PAPERS),
 }
@@ -111,9 +111,9 @@ def test_a_weight_counts_copies_and_zero_is_absent(rng):
     weights = rng.integers(0, 3, len(CLOUD)).astype(float)
     copies = np.repeat(CLOUD, weights.astype(int), axis=0)
     start = qf.fit_superquadric(CLOUD).superquadric
-    weighted = qf.refine(start, CLOUD, box=(4, 4, 4), weights=weights)
-    copied = qf.refine(start, copies, box=(4, 4, 4))
-    plain = qf.refine(start, CLOUD, box=(4, 4, 4))
+    weighted = qf.refine(start, CLOUD, box=(3, 3, 3), weights=weights)
+    copied = qf.refine(start, copies, box=(3, 3, 3))
+    plain = qf.refine(start, CLOUD, box=(3, 3, 3))
     radius = Frame.of(CLOUD).scale
     vertices = weighted.model.mesh(resolution=8).vertices
     assert np.abs(copied.model.distance(vertices)).max() < 1e-7 * radius
@@ -193,7 +193,7 @@ def test_measures_scale_by_their_dimension(wall):
 
 SCRIPT = """
 import numpy as np, quadriform as qf
-u = np.random.default_rng(7).normal(size=(400, 3))
+u = np.random.default_rng(7).normal(size=(150, 3))
 cloud = u / np.linalg.norm(u, axis=1, keepdims=True) * [3, 2, 4] + 0.1 * np.sin(3 * u)
 fit = qf.fit({"a": cloud, "b": 0.5 * cloud}, box=(3, 3, 3))
 found = [fit.covariance, fit.model.box.control_points, fit.residuals["b"]]
@@ -209,11 +209,3 @@ def test_two_processes_give_the_same_bytes(capsys):
     exec(SCRIPT, {})  # noqa: S102
     assert capsys.readouterr().out == done.stdout
     assert len(done.stdout) > 10_000
-
-
-@pytest.mark.slow
-def test_the_global_random_state_is_neither_read_nor_written():
-    state = np.random.get_state()[1].copy()
-    first = qf.fit(CLOUD, box=(3, 3, 3)).model.box.control_points
-    np.testing.assert_array_equal(np.random.get_state()[1], state)
-    np.testing.assert_array_equal(qf.fit(CLOUD, box=(3, 3, 3)).model.box.control_points, first)

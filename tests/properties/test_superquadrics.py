@@ -9,7 +9,7 @@ from shapes_made import even_directions, lumpy, turned
 import quadriform as qf
 from quadriform.points import Frame
 
-CLOUD = lumpy(150)
+CLOUD = lumpy(80)
 RADIUS = Frame.of(CLOUD).scale
 FRAMES = [np.eye(3)[list(order)] * signs for order in permutations(range(3)) for signs in product((1, -1), repeat=3)]
 TURNS = [matrix for matrix in FRAMES if np.linalg.det(matrix) > 0]
@@ -48,7 +48,7 @@ def test_clean_samples_give_their_shape_back_or_a_warning():
     for seed in range(100):
         axes, exponents = np.exp(rng.uniform(0, np.log(10), 3)), rng.uniform(0.2, 1.8, 2)
         truth = qf.Superquadric(semi_axes=axes, exponents=exponents, rotation=turned(seed), translation=axes)
-        found = qf.fit_superquadric(truth.surface(rng.normal(size=(400, 3)) * axes))
+        found = qf.fit_superquadric(truth.surface(rng.normal(size=(200, 3)) * axes))
         near = off(found.superquadric, truth.surface(even_directions(500))) < 1e-6
         assert near or found.warnings, seed
         good += near

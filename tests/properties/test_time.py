@@ -9,7 +9,7 @@ from shapes_made import gap, lumpy
 import quadriform as qf
 
 TIMES = np.arange(4)
-FRAMES = [lumpy(100, seed=t) * [1 - 0.05 * np.sin(t), 1 - 0.08 * np.sin(t), 1] for t in TIMES]
+FRAMES = [lumpy(80, seed=t) * [1 - 0.05 * np.sin(t), 1 - 0.08 * np.sin(t), 1] for t in TIMES]
 SAME = 1e-6
 
 
