@@ -117,6 +117,8 @@ def test_no_variance_of_noise_is_below_a_thousandth_of_the_largest(rng):
     normals = rng.normal(size=(3, 50))
     found = openness._covariance_of_noise(normals, normals[2] ** 2, np.ones(50))
     np.testing.assert_allclose(found, np.diag([1e-3, 1e-3, 1]), atol=1e-9)
+    hundredfold = openness._covariance_of_noise(normals, 100 * normals[2] ** 2, np.ones(50))
+    np.testing.assert_allclose(hundredfold, 100 * found, atol=1e-7)
 
 
 def test_noise_with_a_direction_moves_points_back_along_it():
