@@ -14,6 +14,7 @@ from quadriform.fitting.least_squares.regularisers import Bending
 from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.refinement.point_to_plane import SMALLEST_STEP
 from quadriform.fitting.refinement.starts import nested_ellipsoids
+from quadriform.fitting.refinement.unfolding import FOLDS
 from quadriform.motion.cycle import Cycle
 from quadriform.motion.cycle_equations import CycleEvidence
 from quadriform.motion.cycle_rounds import ROUNDS, fit_cycle
@@ -91,7 +92,7 @@ def test_what_is_not_verified_to_be_free_of_folds_is_reported_of_its_frame(monke
     found = tracked()
     assert found.warnings["FOLDING"].startswith("frame 1: the map is not verified to be free of folds")
     assert "FOLDING" not in plain.warnings
-    assert len(checks) <= ROUNDS.unfolding * (ROUNDS.retries + 1) + 1
+    assert len(checks) <= 2 * ROUNDS.unfolding + FOLDS.descent * FOLDS.rounds + 1
     # what is kept is the state before any removal, not one that penalties have moved off its points
     assert found.rms == pytest.approx(plain.rms, rel=0.05)
 

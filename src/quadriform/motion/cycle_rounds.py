@@ -10,8 +10,10 @@ import numpy as np
 
 from quadriform.errors import DegenerateError, OptionError
 from quadriform.fitting.refinement.multiresolution import SCHEDULE
+from quadriform.fitting.refinement.point_to_plane import data_rows
 from quadriform.fitting.refinement.unfolding import FOLDS
 from quadriform.fitting.result import Progress
+from quadriform.motion.affine_start import AffineMotion, fitted_motion
 from quadriform.motion.cycle import Cycle, CycleFit, CycleState
 from quadriform.shapes.control_box import ControlBox
 
@@ -34,12 +36,8 @@ class CycleRounds:
     """The largest number."""
     tolerance: float = 0.005
     """They end when the noise changes by less than this fraction from one round to the next."""
-    times_stronger: float = 10.0
-    """Where folds are not removed at strengths, this many times larger ones are tried."""
-    retries: int = 2
-    """Number of times: up to a hundred times the strengths, where maps are nearly affine."""
     unfolding: int = 15
-    """Most rounds of fold removal at each of these: a round takes seconds for a cycle of many frames."""
+    """Most rounds of fold removal at the strengths of the fit: a round takes seconds for a cycle of many frames."""
 
 
 ROUNDS = CycleRounds()
@@ -82,19 +80,36 @@ def fit_cycle(cycle: Cycle, start: ControlBox, alpha: float | None, progress: Pr
         raise OptionError(f"option strength={alpha:g} leaves control points undetermined; expected a larger one")
     if found is None:
         raise DegenerateError("frames leave control points undetermined; expected points all around the body")
-    return _without_folds(cycle, *found)
+    return _without_folds(cycle, first, *found)
 
 
 def _near(cycle: Cycle, undeformed: CycleState, start: ControlBox, report: _Report) -> CycleState:
-    """All frames as affine images of a box, found on an unweighted subsample, with the nearest foot points of all."""
-    state = cycle.all_at(undeformed, start)
-    sample = [[data.subsample(SCHEDULE.coarse_points[0], cycle.robust) for data in each] for each in state.datasets]
-    near, plain = replace(state, datasets=sample, shifts=state.shifts[:0]), replace(cycle, planes=None, robust=False)
+    """All frames as affine images of a box, found on an unweighted subsample, with the nearest foot points of all.
+
+    What is a fold there is told from the change of volume of each frame.
+    """
+    state, motion = cycle.all_at(undeformed, start), AffineMotion.identity(cycle.weights_in_time)
+    few = [[data.subsample(SCHEDULE.coarse_points[0], cycle.robust) for data in each] for each in state.datasets]
     gamma = ROUNDS.strongest * _first_in_time(state)
+    count = float(sum(len(data.points) for each in few for data in each))
     for _ in range(ROUNDS.affine):
-        near = plain.step(near.nearest(), (FOLDS.affine, gamma)) or near
+        rows = [
+            [data_rows(data.with_nearest_foot_points(box), box) for data in each]
+            for each, box in zip(few, motion.boxes(start))
+        ]
+        found = fitted_motion(rows, start, cycle.weights_in_time, cycle.basis, gamma, count)
         report.round()
-    return replace(near, datasets=state.datasets, shifts=state.shifts, reference=cycle.box).nearest()
+        if found is None:
+            break
+        motion = found
+    boxes = motion.boxes(start)
+    return replace(
+        state,
+        displacement=motion.at_knots(start.control_points.reshape(-1, 3)) - cycle.box.rest.reshape(-1, 3),
+        boxes=boxes,
+        reference=cycle.box,
+        fold_penalties=[penalty.relative_to(box) for penalty, box in zip(state.fold_penalties, boxes)],
+    ).nearest()
 
 
 def _first_in_time(state: CycleState) -> float:
@@ -132,19 +147,39 @@ def _converged(
     return state, strengths
 
 
-def _without_folds(cycle: Cycle, state: CycleState, strengths: Strengths) -> CycleFit:
-    """The fit at these strengths, or at the least larger ones that let all frames be verified to be free of folds.
+def _without_folds(cycle: Cycle, first: CycleState, state: CycleState, strengths: Strengths) -> CycleFit:
+    """The fit without folds, or where that is not reached the folded one.
 
-    Where there are none it is the folded one.
+    Fold removal starts from the fit at these strengths, and then from the first state again: its surfaces are smooth.
     """
     most = max(FOLDS.accepted * state.noise, FOLDS.negligible)
-    for retry in range(ROUNDS.retries + 1):
-        factor = ROUNDS.times_stronger**retry
-        stronger = factor * strengths[0], factor * strengths[1]
-        found = _unfolded(cycle, state, stronger, most)
-        if found is not None:
-            return cycle.result(found, stronger, (True,) * len(found.boxes))
-    return cycle.result(state, strengths, cycle.checked(state)[0])
+    found = _unfolded(cycle, state, strengths, most)
+    if found is not None:
+        return cycle.result(found, strengths, (True,) * len(found.boxes))
+    smooth = replace(first, fraction=state.fraction)
+    verified, found, strengths = _by_decreasing_strength(cycle, smooth, strengths, most) or (None, state, strengths)
+    return cycle.result(found, strengths, verified or cycle.checked(found)[0])
+
+
+def _by_decreasing_strength(
+    cycle: Cycle, state: CycleState, strengths: Strengths, most: float
+) -> tuple[tuple[bool, ...], CycleState, Strengths] | None:
+    """The last state that does not fold at strengths that decrease from ones under which nothing folds to the given.
+
+    With its strengths, and what is verified. None where no such state has a noise of at most `most`.
+    """
+    found = None
+    for factor in np.geomspace(FOLDS.strongest, 1, FOLDS.descent):
+        stronger = float(factor * strengths[0]), float(factor * strengths[1])
+        for _ in range(FOLDS.rounds):
+            state = cycle.step(state, stronger) or state
+            verified, state = cycle.checked(state)
+            if all(verified):
+                break
+        if all(verified) and state.noise <= most:
+            found = verified, state, stronger
+    at_last = _unfolded(cycle, state, strengths, most)
+    return found if at_last is None else ((True,) * len(at_last.boxes), at_last, strengths)
 
 
 def _unfolded(cycle: Cycle, state: CycleState, strengths: Strengths, most: float) -> CycleState | None:

@@ -25,9 +25,9 @@ class FoldRemoval:
     """The constants of fold removal; determinants of 1 mean no change of volume."""
 
     min_determinant: float = 0.1
-    """The penalty acts on determinants below this, well before they reach zero."""
+    """The penalty acts on determinants below this fraction of the usual one, well before they reach zero."""
     verifiable: float = 0.03
-    """A proof is only tried above this at all points of the penalty: below it, bounds seldom suffice."""
+    """A proof is only tried above this fraction at all points of the penalty: below it, bounds seldom suffice."""
     first_weight: float = 1e-3
     """The penalty of a point at first, as a fraction of all the data: too little to move the surface."""
     stronger: float = 2.0
@@ -82,15 +82,20 @@ S = TypeVar("S", bound=State)
 
 @dataclass(frozen=True)
 class JacobianPenalty:
-    """Penalty on small Jacobian determinants: weight (FOLDS.min_determinant - det)^2 over the points with less.
+    """Penalty on small Jacobian determinants: weight (least - det / usual)^2 over the points below least.
+
+    The least fraction of the usual determinant is `FOLDS.min_determinant`.
 
     Attributes:
         points: (n, 3), before deformation, where the determinant is computed.
         weight: of a point.
+        usual: determinant without local deformation: 1, or the change of volume by a large motion. The cavity of a
+            heart is emptied to a fifth, and a fifth of the volume everywhere is no fold.
     """
 
     points: Array
     weight: float
+    usual: float = 1.0
 
     @classmethod
     def of(cls, box: ControlBox, surfaces: Mapping[str, Superquadric], count: float, noise: float) -> "JacobianPenalty":
@@ -100,24 +105,31 @@ class JacobianPenalty:
         # a determinant of zero costs this fraction of the squared residuals of all data
         return cls(points, FOLDS.first_weight * count * (noise / FOLDS.min_determinant) ** 2)
 
+    def relative_to(self, box: ControlBox) -> "JacobianPenalty":
+        """The penalty with the median determinant of a box as the usual one."""
+        return replace(self, usual=float(np.median(box.jacobian_determinant(self.points))))
+
     def minimum(self, box: ControlBox) -> float:
-        """The smallest determinant at the points."""
-        return float(box.jacobian_determinant(self.points).min())
+        """The smallest determinant at the points, over the usual one."""
+        return float(self._determinants(box).min())
+
+    def _determinants(self, box: ControlBox) -> Array:
+        return box.jacobian_determinant(self.points) / self.usual
 
     def equations(self, box: ControlBox) -> NormalEquations:
         """The penalty, linear about a box, in the displacement of the control points from the undeformed box."""
-        determinants = box.jacobian_determinant(self.points)
+        determinants = self._determinants(box)
         low = determinants < FOLDS.min_determinant
-        rows = determinant_rows(box, self.points[low]) if low.any() else np.empty((0, box.control_points.size))
+        rows = np.empty((0, box.control_points.size))
+        if low.any():
+            rows = determinant_rows(box, self.points[low]) / self.usual
         # first-order in the control points about this box, then moved to displacements from the undeformed one
         target = FOLDS.min_determinant - determinants[low] + rows @ (box.control_points - box.rest).ravel()
         return NormalEquations.of_rows(rows, target, self.weight)
 
     def cost(self, box: ControlBox) -> float:
         """The value of the penalty at a box."""
-        return self.weight * float(
-            (np.maximum(FOLDS.min_determinant - box.jacobian_determinant(self.points), 0) ** 2).sum()
-        )
+        return self.weight * float((np.maximum(FOLDS.min_determinant - self._determinants(box), 0) ** 2).sum())
 
     def stronger(self) -> "JacobianPenalty":
         """The penalty with more weight."""
@@ -129,7 +141,7 @@ class JacobianPenalty:
             return False, self
         if certified(box, surfaces):
             return True, self
-        return False, replace(self, points=np.concatenate([self.points, _low_points(box, surfaces)]))
+        return False, replace(self, points=np.concatenate([self.points, _low_points(box, surfaces, self.usual)]))
 
 
 def remove_folds(
@@ -287,11 +299,11 @@ def certified(box: ControlBox, surfaces: Mapping[str, Superquadric]) -> bool:
     return never_folds(box, surfaces.values()) and not DeformableModel(dict(surfaces), box).crossings()
 
 
-def _low_points(box: ControlBox, surfaces: Mapping[str, Superquadric]) -> Array:
+def _low_points(box: ControlBox, surfaces: Mapping[str, Superquadric], usual: float) -> Array:
     """More points for the penalty: those of finer lattices with a low determinant, and some around the lowest bound."""
     inside = [lattice_inside(box, list(surfaces.values()), FOLDS.fine_lattice)]
     fine = np.concatenate([*inside, *(surface.grid(FOLDS.fine_grid)[0] for surface in surfaces.values())])
-    low = fine[box.jacobian_determinant(fine) < FOLDS.verifiable]
+    low = fine[box.jacobian_determinant(fine) < FOLDS.verifiable * usual]
     steps = np.linspace(-1, 1, FOLDS.around) / FOLDS.fine_lattice
     # the proof subdivides cells, so its lowest bound lies between lattice points
     cluster = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3) @ box.edges

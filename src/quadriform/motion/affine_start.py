@@ -1,0 +1,92 @@
+"""The first boxes of a cycle: for each frame an affine image of one deformed box, smooth in time.
+
+Most of a heart's motion is affine. The affine image T(D(x)) of a map D without folds has none, whatever its volume,
+and is itself a map of the same box: T of each control point. Minimised over the affine maps T_k at the knots is
+
+    sum_i w_i (squared distances) + gamma N  mean over t, x of |d2 T(x) / d u2|^2,
+
+the sum of `cycle_equations.py` for a motion that is affine. A frame without data follows from the others in time.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_solve
+
+from quadriform.fitting.least_squares.marginal_likelihood import cholesky_factor
+from quadriform.fitting.refinement.point_to_plane import Rows
+from quadriform.points import Array
+from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.splines import TimeBasis
+
+LEAST_VOLUME = 0.01
+"""An affine map to less than this fraction of the volume is no motion, but matches both sides of a body to one."""
+
+
+@dataclass(frozen=True)
+class AffineMotion:
+    """Affine maps at the knots of splines over time.
+
+    Attributes:
+        maps: (K, 4, 3), the images of the unit vectors and of the origin: x, y, z, 1 times a map is the image.
+        values: (F, K), the splines at the frames.
+    """
+
+    maps: Array
+    values: Array
+
+    @classmethod
+    def identity(cls, values: Array) -> "AffineMotion":
+        """No motion, as splines with these values at the frames."""
+        return cls(np.repeat(np.eye(4, 3)[None], values.shape[1], axis=0), values)
+
+    @property
+    def least_volume(self) -> float:
+        """The smallest change of volume in a frame; negative for a mirror image."""
+        return float(np.linalg.det(np.einsum("fk,kij->fij", self.values, self.maps)[:, :3]).min())
+
+    def at_knots(self, points: Array) -> Array:
+        """The images (K, n, 3) of points (n, 3) at the knots."""
+        return _homogeneous(points) @ self.maps
+
+    def boxes(self, start: ControlBox) -> list[ControlBox]:
+        """The image of a box in each frame."""
+        images = np.einsum("fk,kni->fni", self.values, self.at_knots(start.control_points.reshape(-1, 3)))
+        return [start.with_control_points(image.reshape(start.control_points.shape)) for image in images]
+
+
+def fitted_motion(
+    rows: Sequence[Sequence[Rows]], start: ControlBox, values: Array, basis: TimeBasis, gamma: float, count: float
+) -> AffineMotion | None:
+    """The affine motion of a box that fits the data of all frames; None where the data does not determine it.
+
+    Args:
+        rows: for each frame the terms of its data, with origins before deformation.
+        start: the box that moves.
+        values: (F, K), the splines at the frames.
+        basis: the splines.
+        gamma: strength in time, per data point.
+        count: number of data points of all frames.
+    """
+    knots = values.shape[1]
+    matrix, right, squares = np.zeros((knots, 12, knots, 12)), np.zeros((knots, 12)), np.zeros((4, 4))
+    for value, frame in zip(values, rows):
+        for row in frame:
+            points = _homogeneous(start.deform(row.origins))
+            normal = np.einsum("na,nij,nb->aibj", points, row.metric, points, optimize=True).reshape(12, 12)
+            image = np.einsum("na,nij,nj->ai", points, row.metric, row.targets, optimize=True).ravel()
+            matrix += np.einsum("k,l,ij->kilj", value, value, normal)
+            right += np.outer(value, image)
+            squares += points.T @ points
+    # mean over points of |d2 T(x) / d u2|^2
+    in_time = np.kron(basis.bending(), np.kron(squares / max(count, 1.0), np.eye(3)))
+    factor = cholesky_factor(matrix.reshape(12 * knots, -1) + gamma * count * in_time)
+    if factor is None:
+        return None
+    found = AffineMotion(cho_solve((factor, True), right.ravel()).reshape(knots, 4, 3), values)
+    return found if found.least_volume > LEAST_VOLUME else None
+
+
+def _homogeneous(points: Array) -> Array:
+    return np.concatenate([points, np.ones((len(points), 1))], axis=1)
