@@ -114,28 +114,46 @@ def test_a_round_that_leaves_control_points_undetermined_is_an_error(alpha, monk
     assert cycle_rounds._converged(early, State(), (0, 1), 1.0, report()) is None and state.steps == 10
 
 
-@pytest.mark.parametrize(("at", "tries"), [(0, 1), (3, 1), (14, 1), (15, 3)])
-def test_folds_are_removed_in_fifteen_rounds_or_at_ten_times_the_strengths(at, tries):
-    """Each try begins with the same state."""
+FACTORS = np.geomspace(1000, 1, 8)
+
+
+@pytest.mark.parametrize("at", [0, 3, 14])
+def test_folds_are_removed_in_fifteen_rounds_from_the_fit(at):
     cycle = Counted(verified_at=at)
-    state, strengths, verified = cycle_rounds._without_folds(cycle, State(), (2.0, 3.0))
-    assert len(cycle.log) == (at if at < 15 else 45)
-    if at < 15:
-        assert state.steps == at and strengths == (2, 3) and verified == (True, True)
-    else:
-        assert strengths == (2, 3) and state.steps == 0 and verified == (True, False)
-        assert cycle.log[::15] == [(2, 3), (20, 30), (200, 300)]
+    state, strengths, verified = cycle_rounds._without_folds(cycle, State(), State(), (2.0, 3.0))
+    assert cycle.log == [(2, 3)] * at
+    assert state.steps == at and strengths == (2, 3) and verified == (True, True)
 
 
-def test_stronger_regularisation_is_tried_where_folds_cost_too_much_noise():
-    """At 1.6 times the noise, at first; then within one and a half."""
-    cycle = Counted([1.6, 1.4, 1.4], verified_at=2)
-    state, strengths, _ = cycle_rounds._without_folds(cycle, State(), (2.0, 3.0))
-    assert strengths == (20, 30) and state.noise == 1.4 and len(cycle.log) == 3
+def test_folds_that_stay_are_removed_from_the_first_state_at_decreasing_strengths():
+    """Four rounds at each of eight strengths, one of which is enough where nothing folds; then the strengths given."""
+    first = State(reference="affine")
+    cycle = Counted(verified_at=15)
+    state, strengths, verified = cycle_rounds._without_folds(cycle, first, State(fraction=0.3), (2.0, 3.0))
+    factors = [*np.repeat(FACTORS[:3], 4), *np.repeat(FACTORS[3], 3), *FACTORS[4:]]
+    np.testing.assert_allclose(cycle.log[15:], [(2 * f, 3 * f) for f in factors])
+    assert (state.reference, state.fraction, state.steps) == ("affine", 0.3, len(factors))
+    assert strengths == (2, 3) and verified == (True, True)
+
+
+def test_the_fit_stays_where_no_strength_removes_folds():
+    cycle = Counted()
+    state, strengths, verified = cycle_rounds._without_folds(cycle, State(), State(), (2.0, 3.0))
+    assert len(cycle.log) == 15 + 8 * 4 + 15
+    assert strengths == (2, 3) and state.steps == 0 and verified == (True, False)
+
+
+def test_the_last_strength_is_kept_at_which_nothing_folds_within_one_and_a_half_times_the_noise():
+    # folds leave too much noise at the strengths themselves, but not at twice and seven times these
+    noises = [1.6, *np.full(5, 1.7), 1.4, 1.45, 1.6, 1.6]
+    cycle = Counted(noises, verified_at=1)
+    state, strengths, verified = cycle_rounds._without_folds(cycle, State(), State(steps=-1), (2.0, 3.0))
+    np.testing.assert_allclose(strengths, (2 * FACTORS[6], 3 * FACTORS[6]))
+    assert state.noise == 1.45 and verified == (True, True)
     little = Counted([0.024, 0.024], verified_at=2)  # a fortieth of the radius is always accepted
-    assert cycle_rounds._without_folds(little, State(0.001), (2.0, 3.0))[1] == (2, 3)
+    assert cycle_rounds._without_folds(little, State(), State(0.001), (2.0, 3.0))[0].steps == 2
     fails = Counted(fails_at=0, verified_at=2)
-    assert cycle_rounds._without_folds(fails, State(), (2.0, 3.0))[2] == (True, False)
+    assert cycle_rounds._without_folds(fails, State(), State(), (2.0, 3.0))[2] == (True, False)
 
 
 def test_progress_counts_to_the_rounds_that_are_always_made():
