@@ -86,16 +86,16 @@ def fit_cycle(cycle: Cycle, start: ControlBox, alpha: float | None, progress: Pr
 def _near(cycle: Cycle, undeformed: CycleState, start: ControlBox, report: _Report) -> CycleState:
     """All frames as affine images of a box, found on an unweighted subsample, with the nearest foot points of all.
 
-    What is a fold there is told from the change of volume of each frame.
+    What is a fold is relative to the change of volume of each frame.
     """
     state, motion = cycle.all_at(undeformed, start), AffineMotion.identity(cycle.weights_in_time)
-    few = [[data.subsample(SCHEDULE.coarse_points[0], cycle.robust) for data in each] for each in state.datasets]
+    sample = [[data.subsample(SCHEDULE.coarse_points[0], cycle.robust) for data in each] for each in state.datasets]
     gamma = ROUNDS.strongest * _first_in_time(state)
-    count = float(sum(len(data.points) for each in few for data in each))
+    count = float(sum(len(data.points) for each in sample for data in each))
     for _ in range(ROUNDS.affine):
         rows = [
             [data_rows(data.with_nearest_foot_points(box), box) for data in each]
-            for each, box in zip(few, motion.boxes(start))
+            for each, box in zip(sample, motion.boxes(start))
         ]
         found = fitted_motion(rows, start, cycle.weights_in_time, cycle.basis, gamma, count)
         report.round()
