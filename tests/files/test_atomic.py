@@ -117,12 +117,14 @@ def test_the_temporary_file_is_readable_by_its_owner_only(tmp_path, monkeypatch)
     seen, synced = [], os.fsync
 
     def watched(descriptor):
-        seen.append(os.fstat(descriptor).st_mode & 0o777)
+        status = os.fstat(descriptor)
+        seen.append((status.st_mode & 0o777, status.st_size))
         synced(descriptor)
 
     monkeypatch.setattr(atomic.os, "fsync", watched)
     write_bytes(tmp_path / "a", b"new")
-    assert seen[0] == 0o600
+    assert seen[0] == (0o600, 3)  # with all of its bytes, which then are on the disk
+    assert len(seen) == 2  # the folder too
 
 
 def test_what_cannot_be_created_is_refused_and_leaves_nothing(tmp_path, monkeypatch):

@@ -206,6 +206,19 @@ def test_corners_of_an_stl_that_rounding_parted_are_one_vertex():
     assert stl._rounding(far) == pytest.approx(2 * np.spacing(np.float32(1e4)))
 
 
+@pytest.mark.parametrize(("gap", "merged"), [(0.4e-6, True), (0.6e-6, False)])
+def test_corners_farther_apart_than_a_tenth_of_an_edge_stay_two(gap, merged):
+    """Of triangles with edges of five millionths of the extent, which would be put together at one millionth."""
+    tiny = 5e-6 * np.array([[0, 0, 0], [1, 0, 0], [0.5, 0.866025404, 0]])
+    shifts = [(gap * k, 0, 0) for k in range(2)] + [(1e-3 * k, 1e-3, 0) for k in range(1, 4)]
+    triangles = [tiny + np.array(shift) for shift in shifts]
+    triangles.append(np.array([[4.0, 0, 0], [0, 4, 0], [-4, -4, 0]]))
+    vertices, faces = np.concatenate(triangles), np.arange(18).reshape(6, 3)
+    assert 1e-6 < stl._rounding(vertices) < 4e-6
+    found, index = stl._merged(vertices, faces)
+    assert len(found) == (15 if merged else 18) and len(index) == 6
+
+
 def test_a_moving_surface_has_its_points_one_step_after_the_other(tmp_path):
     h5py = pytest.importorskip("h5py")
     surfaces, box = made(), ControlBox.around(made())

@@ -293,6 +293,8 @@ def test_no_frame_has_fourth_moments_farther_from_those_of_a_round_cloud(seed):
 
     found = initial.canonical_axes(np.ones(3), np.eye(3), points)
     np.testing.assert_allclose(found, initial._of_fourth_moments(points, most), atol=1e-12)
+    small = initial._of_fourth_moments(1e-3 * points, 1e-12 * most)
+    np.testing.assert_allclose(small, found, atol=1e-9)
     others = Rotation.random(300, random_state=seed).as_matrix()
     near = [found @ Rotation.from_rotvec(0.05 * v).as_matrix() for v in sphere_grid(2)[0]]
     assert strength(found) > 0.01 * most

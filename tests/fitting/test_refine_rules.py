@@ -1,0 +1,228 @@
+"""Which start, box and strength a refinement ends with, by stand-ins whose noise and folds are known."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from shapes_made import even_directions, made
+
+from quadriform.errors import OptionError
+from quadriform.fitting.refinement import refine, stages
+from quadriform.fitting.refinement.surface_data import SurfaceData
+from quadriform.shapes.control_box import ControlBox
+
+SURFACE = replace(made(exponents=(1, 1), semi_axes=(1.2, 0.9, 0.8)), translation=np.zeros(3))
+
+
+@pytest.mark.parametrize(
+    ("shape", "expected"),
+    [
+        ((3, 3, 3), [(3, 3, 3)]),
+        ((2, 2, 2), [(2, 2, 2)]),
+        ((4, 4, 4), [(3, 3, 3), (4, 4, 4)]),
+        ((5, 3, 6), [(3, 3, 3), (5, 3, 5), (5, 3, 6)]),
+        ((7, 7, 7), [(3, 3, 3), (5, 5, 5), (7, 7, 7)]),
+    ],
+)
+def test_boxes_grow_by_two_control_points_from_stage_to_stage(shape, expected):
+    assert stages.control_point_counts(ControlBox.around(SURFACE, shape)) == expected
+
+
+def trial(criterion=0.0, noise=1.0, undeformed=9.0, intersects=False, surfaces=("a",)):
+    return SimpleNamespace(
+        first=SimpleNamespace(solution=SimpleNamespace(criterion=criterion), noise=noise),
+        undeformed_noise=undeformed,
+        coarse=SimpleNamespace(self_intersecting=lambda: intersects),
+        surfaces=dict.fromkeys(surfaces),
+        problem="problem",
+        datasets=(),
+    )
+
+
+def ordered(monkeypatch, trials):
+    given = iter(trials)
+    monkeypatch.setattr(refine._Trial, "of", lambda problem, surfaces, shape: next(given))
+    return [trials.index(each) for each in refine._ordered(None, trials, None)]
+
+
+def test_starts_are_ordered_by_evidence_and_a_much_nearer_one_comes_first(monkeypatch):
+    assert ordered(monkeypatch, [trial(3.0), trial(1.0), trial(2.0)]) == [1, 2, 0]
+    assert ordered(monkeypatch, [trial(1.0), trial(2.0, undeformed=0.51), trial(3.0)]) == [0, 1, 2]
+    assert ordered(monkeypatch, [trial(1.0), trial(2.0), trial(3.0, undeformed=0.49)]) == [2, 0, 1]
+    assert ordered(monkeypatch, [trial(1.0), trial(2.0, noise=0.9, undeformed=0.46)]) == [0, 1]
+    assert ordered(monkeypatch, [trial(1.0, undeformed=0.1)]) == [0]
+    last = [trial(intersects=True), trial(), trial(intersects=True), trial()]
+    assert [last.index(each) for each in refine._self_intersecting_last(last)] == [1, 3, 0, 2]
+
+
+def certified(monkeypatch, trials, noises, unfolded, largest=None):
+    """Trials whose refinements have these noises, and those without folds; and the limits that were asked for."""
+    limits = []
+    monkeypatch.setattr(refine, "_ordered", lambda *of: trials)
+    refined = iter([SimpleNamespace(noise=noise) for noise in noises])
+    monkeypatch.setattr(refine, "fine_stage", lambda *of: next(refined))
+    each = iter(unfolded)
+
+    def without_folds(problem, found, surfaces, limit):
+        limits.append(limit)
+        return [SimpleNamespace(noise=noise) for noise in next(each)]
+
+    monkeypatch.setattr(refine, "without_folds", without_folds)
+    (first, found), best = refine._certified(None, trials, None, largest)
+    assert first is trials[0] and found.noise == noises[0]
+    return None if best is None else (trials.index(best[0]), best[1].noise), limits
+
+
+def test_the_first_start_without_folds_at_an_accepted_noise_is_taken(monkeypatch):
+    two = [trial(), trial()]
+    assert certified(monkeypatch, two, [0.1, 0.2], [[0.12], [0.05]]) == ((0, 0.12), [pytest.approx(0.15)])
+    found, limits = certified(monkeypatch, two, [0.1, 0.2], [[], [0.14]])
+    assert found == (1, 0.14) and limits == pytest.approx([0.15, 0.15])  # one and a half times that of the first
+    assert certified(monkeypatch, two, [0.1, 0.2], [[], []])[0] is None
+    assert certified(monkeypatch, two, [0.1, 0.2], [[], [0.5]], 0.6) == ((1, 0.5), [0.6, 0.6])
+
+
+def test_between_several_surfaces_a_fold_is_worse_than_noise(monkeypatch):
+    walls = [trial(surfaces=("endo", "epi")), trial(surfaces=("endo", "epi"))]
+    found, limits = certified(monkeypatch, walls, [0.1, 0.1], [[0.4, 0.3], [0.35]])
+    assert found == (0, 0.3) and limits == [np.inf, np.inf]
+    assert certified(monkeypatch, walls, [0.1, 0.1], [[0.4], [0.12]])[0] == (1, 0.12)
+
+
+@pytest.mark.parametrize(
+    ("noise", "found", "robust", "expected"),
+    [
+        (0.01, "one", True, "one"),
+        (0.06, None, True, "regularised"),
+        (0.06, None, False, "regularised"),
+        (0.04, None, True, "unweighted"),
+        (0.04, None, False, "folded"),
+    ],
+)
+def test_without_a_start_that_is_free_of_folds_others_are_tried(monkeypatch, noise, found, robust, expected):
+    """A poor fit with more regularisation, another without robust weights."""
+    calls = []
+    folded = SimpleNamespace(noise=noise, box="box")
+
+    def certified_(problem, starts, shape, largest=None):
+        calls.append(largest)
+        first = SimpleNamespace(problem="p", surfaces="s"), folded
+        return first, (("trial", found) if found else None) if len(calls) == 1 else ("trial", "unweighted")
+
+    class Local:
+        options = SimpleNamespace(robust=robust)
+
+    monkeypatch.setattr(refine, "_certified", certified_)
+    monkeypatch.setattr(refine, "least_regularised", lambda *of: "regularised")
+    monkeypatch.setattr(refine, "replace", lambda of, **more: of)
+    monkeypatch.setattr(refine, "folding", lambda model: {"FOLDING": "x"})
+    monkeypatch.setattr(refine, "DeformableModel", lambda *of: "model")
+    monkeypatch.setattr(refine, "_result", lambda trial, refined, warnings: (refined, warnings))
+    result, warnings = refine._best_start(Local, [], None)
+    assert (result if isinstance(result, str) else "folded") == expected
+    assert warnings == ({"FOLDING": "x"} if expected == "folded" else {})
+    assert calls == ([None, pytest.approx(0.06)] if expected == "unweighted" else [None])
+
+
+@pytest.mark.parametrize(
+    ("errors", "side", "poor"), [([0.1], 3, False), ([0.2, 0.1], 5, False), ([0.4, 0.3, 0.11], 7, True)]
+)
+def test_a_box_is_as_small_as_its_error_allows(monkeypatch, errors, side, poor):
+    sides, left = [], iter(errors)
+    result = SimpleNamespace(noise=0.05, warnings={})
+    monkeypatch.setattr(refine, "_best_start", lambda problem, starts, shape: sides.append(shape) or result)
+    monkeypatch.setattr(refine, "_error", lambda *of: next(left))
+    monkeypatch.setattr(refine, "replace", lambda of, warnings: warnings)
+    problem = SimpleNamespace(start=None, max_error=0.1, clouds={}, options=None)
+    found = refine.refine_tangent(problem, {}, None)
+    assert sides == [(n, n, n) for n in (3, 5, 7) if n <= side]
+    if poor:
+        assert found["POOR_FIT"].startswith("no box up to 7 control points a side reached max_error")
+        assert "1.10 times it" in found["POOR_FIT"] and "0.50 times" in found["POOR_FIT"]
+    else:
+        assert found is result
+
+
+def test_the_error_is_the_rms_distance_of_the_inliers():
+    model = SimpleNamespace(distance=lambda cloud, name: cloud[:, 0] * (2 if name == "b" else 1))
+    clouds = {"a": np.array([[1.0], [3.0]]), "b": np.array([[2.0]])}
+    result = SimpleNamespace(model=model, inliers={"a": np.array([1.0, 0.5]), "b": np.array([0.25])})
+    assert refine._error(result, clouds) == pytest.approx(np.sqrt((1 + 4.5 + 4) / 1.75))
+
+
+def data(points):
+    return SurfaceData.of(SURFACE, points, np.ones(len(points)))
+
+
+def test_foot_points_of_all_points_begin_at_those_of_the_nearest_few():
+    few = SURFACE.surface(even_directions(40))
+    part = replace(data(few), origins=SURFACE.surface(even_directions(40)[::-1]))
+    points = 1.05 * SURFACE.surface(even_directions(90))
+    found = stages._first_origins(data(points), part)
+    nearest = [int(np.linalg.norm(few - p, axis=1).argmin()) for p in points]
+    np.testing.assert_allclose(found, part.origins[nearest], atol=1e-9)
+    twice = replace(data(np.repeat(few[:20], 2, axis=0)), origins=part.origins)
+    middle = (part.origins[0] + part.origins[1]) / 2
+    tied = stages._first_origins(data(few[:20]), twice)
+    np.testing.assert_allclose(tied[0], SURFACE.project(middle[None])[0], atol=1e-9)
+
+
+@pytest.mark.parametrize(("factor", "kept"), [(1.01, False), (0.99, True)])
+def test_coarse_stages_that_lead_away_are_left_out(monkeypatch, factor, kept):
+    """Compared by the squared distances to the undeformed surface and to the deformed one."""
+    box = ControlBox.around(SURFACE, (3, 3, 3))
+    of = data(1.1 * SURFACE.surface(even_directions(50))).with_nearest_foot_points(box)
+    before = (of.distances(box) ** 2).sum()
+    monkeypatch.setattr(
+        SurfaceData, "distances", lambda self, b: np.sqrt(np.full(50, before / 50 * (1 if b is not box else factor)))
+    )
+    monkeypatch.setattr(stages, "warm_start", lambda problem, datasets, undeformed, found: "warm")
+    found = SimpleNamespace(box=box, datasets=(of,))
+    assert stages._not_worse(SimpleNamespace(box=box), found, [of]) is (found if kept else "warm")
+
+
+def test_details_are_sought_while_patches_left_out_are_predicted_better(monkeypatch):
+    strengths, runs = iter([1e-3, 1e-4, None, 1e-9]), []
+
+    class Ran:
+        def __init__(self, strength):
+            self.strength = strength
+
+        def run(self, start):
+            runs.append(self.strength)
+            return state(0.5)
+
+    def state(fraction):
+        solution = SimpleNamespace(effective_fraction=fraction)
+        return SimpleNamespace(box=None, datasets=(), solution=solution, noise=0.1, history=())
+
+    monkeypatch.setattr(stages, "better_strength", lambda problem, found: next(strengths))
+    monkeypatch.setattr(stages, "_stage", lambda problem, rounds: Ran((problem, rounds)))
+    monkeypatch.setattr(stages, "replace", lambda problem, strength: strength)
+    stages._with_details("problem", state(0.5))
+    assert runs == [(1e-3, 3), (1e-4, 3)]
+    independent = state(1)
+    assert stages._with_details("problem", independent) is independent and len(runs) == 2
+    strengths = iter([0.5, 0.4, 0.3, 0.2])
+    stages._with_details("problem", state(0.5))
+    assert len(runs) == 5  # three searches at most
+
+
+@pytest.mark.parametrize(("n", "runs"), [(3000, [(3000, 10)]), (3001, [(3000, 10), (3001, 3)])])
+def test_many_points_come_after_fewer_of_them(monkeypatch, n, runs):
+    log = []
+
+    def run(datasets, coarse, stage, start):
+        log.append((len(datasets[0].points), stage))
+        return SimpleNamespace(solution=SimpleNamespace(strength=1e-3))
+
+    sampled = lambda count, robust: SimpleNamespace(points=range(count))  # noqa: E731
+    datasets = [SimpleNamespace(points=range(n), subsample=sampled)]
+    coarse = SimpleNamespace(box=None, datasets=(), history=())
+    monkeypatch.setattr(stages, "_run_on_points", run)
+    monkeypatch.setattr(stages, "_stage", lambda problem, rounds: rounds)
+    stages.fine_stage(SimpleNamespace(strength=1e-3), datasets, coarse)
+    assert log == runs
+    with pytest.raises(OptionError, match=r"largest at 1\.0e-03"):
+        stages.fine_stage(SimpleNamespace(strength=1e-9), datasets, coarse)
