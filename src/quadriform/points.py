@@ -70,6 +70,8 @@ def _refuse_rows(array: Array, what: str) -> None:
 
 
 def _as_numbers(values: ArrayLike, what: str) -> Array:
+    if type(values) is np.ndarray and values.dtype == np.float64:
+        return values
     if isinstance(values, np.ma.MaskedArray) and np.ma.getmaskarray(values).any():
         raise PointsError(f"{what}: a masked array with masked values; drop those rows or fill them first")
     try:

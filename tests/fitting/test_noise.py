@@ -54,7 +54,7 @@ def mask_of_body() -> qf.Volume:
 @pytest.mark.slow
 def test_a_number_for_each_point_weighs_it():
     points, sigma = uneven()
-    known, plain = (qf.fit(points, noise=noise, box=(3, 3, 3)) for noise in (sigma, None))
+    known, plain = (qf.refine(BODY, points, noise=noise, box=(3, 3, 3)) for noise in (sigma, None))
     assert off(known) < 0.6 * off(plain)
 
 
@@ -66,7 +66,8 @@ def test_the_estimated_noise_is_at_least_the_known_one():
 
 def test_a_number_below_the_noise_changes_nothing_but_rounding():
     points = noisy_egg(200, noise=0.3)
-    known, plain = (qf.fit(points, noise=noise, box=(3, 3, 3)) for noise in (1e-3, None))
+    start = qf.fit_superquadric(points).superquadric
+    known, plain = (qf.refine(start, points, noise=noise, box=(3, 3, 3)) for noise in (1e-3, None))
     assert_allclose(known.residuals, plain.residuals, atol=1e-6)
 
 
@@ -97,7 +98,7 @@ def test_a_mask_of_thick_slices_is_fitted_as_its_voxels_suggest():
     found = qf.points_from_image(mask_of_body())
     edges = np.sqrt(12 * np.trace(found.noise, axis1=1, axis2=2))
     assert set(np.round(edges, 9)) == {2.0, 10.0}
-    known, plain = (qf.fit(found.points, noise=noise, box=(4, 4, 4)) for noise in (found.noise, None))
+    known, plain = (qf.refine(BODY, found.points, noise=noise, box=(4, 4, 4)) for noise in (found.noise, None))
     assert off(known) < min(0.4, 0.6 * off(plain))
 
 
@@ -193,7 +194,7 @@ def test_noise_of_a_large_cloud_counts_for_all_of_its_points(monkeypatch):
     clean = BODY.surface(even_directions(3000))
     sigma = np.where(rng.random(len(clean)) < 0.5, 3.0, 0.1)
     points = clean + sigma[:, None] * rng.normal(size=clean.shape)
-    known, plain = (qf.fit(points, noise=noise, box=(3, 3, 3)) for noise in (sigma, None))
+    known, plain = (qf.refine(BODY, points, noise=noise, box=(3, 3, 3)) for noise in (sigma, None))
     assert off(known) < 0.5 * off(plain)
 
 
