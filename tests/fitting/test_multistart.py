@@ -182,29 +182,29 @@ def test_starts_of_parts_are_annealed_on_a_sample(monkeypatch):
         return Recorded(log, self.points, candidates, replace(mixture, sigma=3 * mixture.sigma))
 
     monkeypatch.setattr(SearchProblem, "weighted_descent", recorded)
-    cloud = problem(SPHERE * [1, 2, 3])
+    cloud = replace(problem(SPHERE * [1, 2, 3]), weights=np.random.default_rng(5).uniform(0.5, 2, 300))
     parts = np.stack([np.ones(300), (np.arange(300) < 100).astype(float)])
     search = Search(cloud, 9.0)
     frames = search.frames(parts, FRAMES[:2])
     search.annealed_starts(parts, frames, 160)
     assert log == [(160, 4, 4, 0), (160, 4, 8, 0), (160, 4, 6, 1e-4)]
     (starts, weights, mixture, size), (_, all_weights, wide, _) = given
-    expected = ellipsoids(cloud.points, parts, frames)
+    expected = ellipsoids(cloud.points, parts * cloud.weights, frames)
     np.testing.assert_allclose(starts.log_axes, expected.log_axes)
     sizes = [np.sqrt((axes**2).mean()) for axes in np.exp(starts.log_axes)]
     np.testing.assert_allclose(mixture.sigma, 0.5 * np.array(sizes))
     np.testing.assert_allclose(wide.sigma, 0.5 * np.array(sizes))
     assert (mixture.inlier_ratio == 0.999).all() and size == 0
     index = cloud.thinned(160)
-    np.testing.assert_array_equal(weights, np.maximum(parts[[0, 0, 1, 1]][:, index], 1e-6))
-    np.testing.assert_array_equal(all_weights, np.ones(160))
+    np.testing.assert_array_equal(weights, np.maximum(parts[[0, 0, 1, 1]][:, index], 1e-6) * cloud.weights[index])
+    np.testing.assert_array_equal(all_weights, cloud.weights[index])
 
 
 def test_frames_are_the_principal_axes_of_each_part_or_the_fixed_rotation():
-    cloud = problem(SPHERE * [1, 2, 3] @ SKEW.T)
+    cloud = replace(problem(SPHERE * [1, 2, 3] @ SKEW.T), weights=np.random.default_rng(5).uniform(0.5, 2, 300))
     parts = np.stack([np.ones(300), np.arange(300.0)])
     found = Search(cloud, 9.0).frames(parts, FRAMES)
-    axes = principal_axes(cloud.points, parts)
+    axes = principal_axes(cloud.points, parts * cloud.weights)
     np.testing.assert_allclose(found, [[part @ frame for frame in FRAMES] for part in axes], atol=1e-12)
     fixed = problem(fixed={"rotation": turned(1)})
     np.testing.assert_array_equal(Search(fixed, 9.0).frames(parts, FRAMES), np.tile(turned(1), (2, 1, 1, 1)))

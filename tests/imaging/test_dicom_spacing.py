@@ -84,8 +84,10 @@ def test_rows_and_columns_are_at_right_angles(skew, allowed):
 def unstated(monkeypatch):
     """The spacing that a header states, here none."""
     stated = {"value": 0.0}
-    monkeypatch.setattr(dicom_spacing, "functional_group", lambda *of: None)
-    monkeypatch.setattr(dicom_spacing, "number_or_default", lambda *of: stated["value"])
+    groups = {(0, "PixelMeasuresSequence"): "of the first frame"}
+    monkeypatch.setattr(dicom_spacing, "functional_group", lambda header, frame, name: groups[frame, name])
+    found = {("of the first frame", "SpacingBetweenSlices", 0.0): stated}
+    monkeypatch.setattr(dicom_spacing, "number_or_default", lambda *of: found[of]["value"])
     return stated
 
 
