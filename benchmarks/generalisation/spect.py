@@ -51,10 +51,10 @@ def _one_surface(folder: Path, case: Case, strength: Strength) -> Row:
 def _both_walls(folder: Path, case: Case, strength: Strength) -> Row:
     found = qf.ventricle_from_perfusion(qf.read_volume(folder / f"{case[0]}.nii.gz"), region=REGION)
     fit = qf.fit(found.clouds, base=found.base)
-    each = {f"{name} mm": rms(fit.model.distance(points, name)) for name, points in found.isosurfaces.items()}
-    numbers = each | {"crossings": len(fit.model.crossings())}
+    distances = {name: fit.model.distance(points, name) for name, points in found.isosurfaces.items()}
+    numbers = {f"{name} mm": rms(each) for name, each in distances.items()} | {"crossings": len(fit.model.crossings())}
     status = status_text(fit.status, fit.warnings)
-    return _judged(max(each.values()), status, fit.model.min_jacobian(), numbers)
+    return _judged(rms(np.concatenate([*distances.values()])), status, fit.model.min_jacobian(), numbers)
 
 
 def _judged(error: float, status: str, fold: float, numbers: dict[str, float]) -> Row:

@@ -58,6 +58,11 @@ class PointSet:
     solid: Solid | None = None
     factor: float = 1.0
 
+    def with_noise(self, noise: Any) -> "PointSet":
+        """The points with a noise in the unit in which they were given, as `check_noise` takes it."""
+        known = check_noise(noise, len(self.points))
+        return replace(self, noise=None if known is None else self.factor**2 * known)
+
     def in_metric_unit(self) -> "PointSet":
         """The points in a unit that models can have: metres stay, other lengths become millimetres, with a note."""
         if self.unit in UNITS:
@@ -100,7 +105,7 @@ def point_sets(
     _check_walls(sets)
     if noise is not None:
         known = for_each(sets, noise, "noise")
-        sets = {n: replace(each, noise=check_noise(known[n], len(each.points))) for n, each in sets.items()}
+        sets = {n: each.with_noise(known[n]) for n, each in sets.items()}
     if normals is None:
         return sets
     beside = for_each(sets, normals, "normals")

@@ -112,3 +112,38 @@ def test_a_file_name_that_is_not_utf8(terminal, tmp_path, command):
     assert result.code == 0, result.err
     assert json.loads(result.out)["points"] == 80 * len(files)
     assert (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+def test_options_that_are_lengths_have_the_unit_of_the_file(terminal, tmp_path):
+    """They were taken in millimetres, into which points in centimetres are converted."""
+    below = CLOUD[CLOUD[:, 2] < np.quantile(CLOUD[:, 2], 0.9)]
+    found = []
+    for unit, factor in (("mm", 1.0), ("cm", 0.1)):
+        path, other = tmp_path / f"{unit}_1.csv", tmp_path / f"{unit}_2.csv"
+        names = ",".join(f"{axis} [{unit}]" for axis in "xyz")
+        np.savetxt(path, factor * below, header=names, delimiter=",", comments="", fmt="%.17g")
+        other.write_bytes(path.read_bytes())
+        base, noise = f"0,0,{factor * below[:, 2].max():.15g}/0,0,1", repr(factor * 0.5)
+        found.append(fitted(terminal, path, tmp_path, f"--base={base}", "--noise", noise))
+        options = [
+            "track",
+            path,
+            other,
+            "-o",
+            tmp_path / "cycle",
+            "--noise",
+            noise,
+            "--box",
+            "2,2,2",
+            "--json",
+            "--force",
+        ]
+        moving = terminal(*options)
+        assert moving.code == 0, moving.err
+        assert json.loads(moving.out)["known_noise"] == "0.5 mm, by --noise"
+    one, two = found
+    assert one["unit"] == two["unit"] == "mm" and one["known_noise"] == two["known_noise"] == "0.5 mm, by --noise"
+    for name in ("noise", "supported", "strength"):
+        assert two[name] == pytest.approx(one[name], rel=1e-6)
+    assert two["estimates"]["volume"]["value"] == pytest.approx(one["estimates"]["volume"]["value"], rel=1e-6)

@@ -195,8 +195,8 @@ def _run(job: Job, options: Mapping[str, Any], common: Common) -> Record:
         found = replace(found, notes=(*without_folders(assumed, job.files), *found.notes))
         check_strict(common.strict, found.status, found.warnings)
     volumes = {} if job.heart is None else volumes_below(found.model) | supported_volumes(found.support)
-    unit = next(iter(sources.values())).unit
-    known = known_noise([source.noise for source in sources.values()], unit, options.get("noise"))
+    first = next(iter(sources.values()))
+    known = known_noise([source.noise for source in sources.values()], first.unit, options.get("noise"), first.factor)
     record = _record(job, found, known, time.perf_counter() - begin) | volumes
     _write(job, found, _page(job, sources, found, record | fit_options(options)), common.force)
     return record

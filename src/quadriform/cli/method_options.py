@@ -88,18 +88,19 @@ def parse_noise(text: str | None) -> float | None:
     return number
 
 
-def known_noise(each: "Sequence[Array | None]", unit: str, given: float | None) -> str:
+def known_noise(each: "Sequence[Array | None]", unit: str, given: float | None, factor: float) -> str:
     """A phrase on the known noise of points: the number of `--noise`, or the errors of image points.
 
     Args:
         each: covariances (n, 3, 3) of the points of each surface, or None.
         unit: of the points.
-        given: a standard deviation.
+        given: a standard deviation, in the unit of the file.
+        factor: by which lengths in the unit of the file became lengths in `unit`.
     """
     import numpy as np
 
     if given is not None:
-        return f"{given:g}{after_number(unit)}, by --noise"
+        return f"{factor * given:g}{after_number(unit)}, by --noise"
     known = [noise for noise in each if noise is not None]
     if len(known) < len(each):
         return "nothing"

@@ -60,7 +60,8 @@ def run(
     measures = measures_of(found.models, found.times if found.moving is not None else None)
     targets = [folder / name for name in (*models, FRAMES, REPORT)]
     each = [known.get(name) for known, clouds in zip(frames.noise, frames.clouds) for name in clouds]
-    stated = known_noise(each, found.models[0].unit, options.get("noise"))
+    factor = next(iter(frames.factors[0].values()), 1.0)
+    stated = known_noise(each, found.models[0].unit, options.get("noise"), factor)
     record = _record(shown, targets, found, measures, time.perf_counter() - begin) | {"known_noise": stated}
     page = _page(found, frames, measures, title_of(shown), record | track_options(options))
     with replaced_together(folder, next(iter(models)), common.force, earlier) as staging:

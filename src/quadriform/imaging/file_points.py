@@ -135,6 +135,7 @@ class Source:
         normals: (n, 3) of a table or an array, or None.
         noise: (n, 3, 3) covariances of the points of a mask, or None.
         solid: the object of an image, or the inside of a closed mesh, or None.
+        factor: by which lengths in the unit of the file became lengths in `unit`.
     """
 
     points: Array
@@ -147,11 +148,12 @@ class Source:
     normals: Array | None = None
     noise: Array | None = None
     solid: Solid | None = None
+    factor: float = 1.0
 
     @property
     def cloud(self) -> PointSet:
         """The points with what is known of them, as an argument of `fit`."""
-        return PointSet(self.points, self.normals, noise=self.noise, solid=self.solid)
+        return PointSet(self.points, self.normals, noise=self.noise, solid=self.solid, factor=self.factor)
 
 
 def kind_of(path: Path) -> Literal["image", "mesh", "points", "model"] | None:
@@ -215,7 +217,7 @@ def _from_table(path: Path, options: ImageOptions) -> Source:
     found = _with_unit(found, options.unit, path).in_metric_unit()
     notes = tuple(f"{path}: {note}" for note in found.notes)
     warnings = precision_loss(found.number_type, found.points)
-    return Source(found.points, unit=found.unit, warnings=warnings, notes=notes, normals=found.normals)
+    return Source(found.points, "unknown", found.unit, warnings, notes, normals=found.normals, factor=found.factor)
 
 
 def in_unit(source: Source, unit: str | None, path: Path) -> Source:

@@ -47,6 +47,8 @@ class FrameSeries:
     Attributes:
         clouds: for each frame its points by surface.
         noise: covariances (n, 3, 3) of the points in the same form, without the surfaces of which nothing is known.
+        factors: by which lengths in the unit of the file of a surface became lengths in that of the frames, likewise;
+            without those of which nothing is known.
         slices: the slice number of each point, in the same form; for frames of contours and images only.
         grids: for these frames world from voxel of the image, (4, 4); None for contours.
         landmarks: of ventricles, one entry a frame; empty where none are known.
@@ -59,6 +61,7 @@ class FrameSeries:
 
     clouds: list[dict[str, Array]] = field(default_factory=list)
     noise: list[dict[str, Array]] = field(default_factory=list)
+    factors: list[dict[str, float]] = field(default_factory=list)
     slices: list[dict[str, NDArray[np.int64]]] = field(default_factory=list)
     grids: list[Array | None] = field(default_factory=list)
     landmarks: tuple[Landmarks, ...] = ()
@@ -80,13 +83,14 @@ class FrameSeries:
         self.space_and_unit = space_and_unit
         self.clouds.append(clouds)
         self.noise.append({})
+        self.factors.append({})
 
     @property
     def sets(self) -> list[dict[str, PointSet]]:
         """The points with their noise, as `track` takes them."""
         return [
-            {name: PointSet(points, noise=known.get(name)) for name, points in clouds.items()}
-            for clouds, known in zip(self.clouds, self.noise)
+            {n: PointSet(points, noise=known.get(n), factor=factors.get(n, 1.0)) for n, points in clouds.items()}
+            for clouds, known, factors in zip(self.clouds, self.noise, self.factors)
         ]
 
     def add_sources(self, sources: Mapping[str, Source]) -> None:
@@ -97,6 +101,7 @@ class FrameSeries:
         """
         self.add({name: source.points for name, source in sources.items()}, common_space_and_unit(sources))
         self.noise[-1] = {name: source.noise for name, source in sources.items() if source.noise is not None}
+        self.factors[-1] = {name: source.factor for name, source in sources.items()}
         for source in sources.values():
             self.notes += source.notes
             self.warnings = join_warnings(self.warnings, source.warnings)
