@@ -51,6 +51,8 @@ def test_clouds_share_one_frame_and_one_mean_weight(rng):
     every = np.concatenate([np.delete(points["one"], 1, axis=0), points["other"]])
     centre = every.mean(axis=0)
     scale = np.sqrt(sum((p - centre) @ (p - centre) for p in every) / 49)
+    np.testing.assert_allclose([*found.frame.centre, found.frame.scale], [*centre, scale])
+    assert found.distinct["one"].copies == 1 and found.distinct["other"].copies == 0
     np.testing.assert_allclose(found.mean_weight, (weights["one"].sum() + weights["other"].sum()) / 49, rtol=1e-12)
     for name in points:
         distinct = Distinct.of(points[name], weights[name])
@@ -72,6 +74,16 @@ def test_the_order_is_by_distance_then_by_the_first_moment_then_by_coordinates(r
     shifted = points + np.array([7, 8, 9])
     order = clouds.canonical_order(points - points.mean(axis=0))
     np.testing.assert_array_equal(clouds.evenly_chosen(shifted, len(points)), order)
+
+
+def test_the_order_of_a_lattice_is_the_same_in_any_unit_and_pose():
+    lattice = np.stack(np.meshgrid(*[np.arange(-3.0, 4)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    points = lattice[(np.linalg.norm(lattice - [0.2, 0.3, 0.1], axis=1) < 3)]
+    points = points - points.mean(axis=0)
+    order = clouds.canonical_order(points)
+    for unit in (1e-3, 1e4):
+        np.testing.assert_array_equal(clouds.canonical_order(unit * points @ turned(2).T), order)
+    assert clouds.canonical_order(points[:1]).tolist() == [0]
 
 
 @pytest.mark.parametrize(("n", "count"), [(1, 1), (5, 9), (10, 4), (10, 1), (11, 3)])

@@ -85,6 +85,21 @@ def test_distances_that_neighbours_have_in_common_are_a_pattern(common, rng):
         assert common not in (0, 1) or white == (common == 0)
 
 
+def test_pairs_of_a_lattice_count_once_for_each_point(rng):
+    """Of points with three to six nearest others; by chance some distances are a pattern and some are none."""
+    lattice = np.stack(np.meshgrid(*[np.arange(5.0)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    expected, found = [], []
+    inner = (np.abs(lattice - 2).max(axis=1) < 2).astype(float)
+    for _ in range(30):
+        distances = np.sqrt(0.5) * np.sin(lattice).sum(axis=1) * (1 + inner) + rng.normal(size=125) * rng.uniform(
+            0.5, 1.5
+        )
+        pairs, difference, both = plain_white(lattice, distances, np.ones(125), np.ones(125))
+        expected.append(pairs > 64 and difference > 0.5 * both)
+        found.append(bool(multistart.acceptable(state(distances, points=lattice))[0]))
+    assert found == expected and 3 < sum(expected) < 27
+
+
 def test_a_candidate_is_accepted_with_half_of_the_points_and_enough_pairs(rng):
     distances = rng.normal(size=(2, 300))
     assert ENOUGH_PAIRS == 64
@@ -263,3 +278,13 @@ def test_descents_from_near_starts_find_the_surface():
     found = multistart.nearby(problem(points), starts)
     np.testing.assert_allclose(found.semi_axes, body.semi_axes, rtol=1e-2)
     assert SEARCH.near == 1e-2
+
+
+def test_restarts_are_improved_on_a_sample_before_they_are_compared():
+    body = made(exponents=(1, 1), semi_axes=(1.2, 0.9, 0.7))
+    points = body.surface(even_directions(600)) - body.translation
+    one = Candidates.of([replace(body, translation=np.zeros(3))])
+    search = Search(problem(points), 9.0)
+    found, mixture = search._from_boxes(np.ones(600), one, Mixture(np.array([0.9]), np.array([0.05])))
+    assert mixture.sigma.min() < 0.05
+    np.testing.assert_allclose(np.sort(np.exp(found.log_axes[mixture.sigma.argmin()])), [0.7, 0.9, 1.2], rtol=0.05)

@@ -10,6 +10,7 @@ from shapes_made import even_directions, made
 from quadriform.fitting.mixture import Mixture
 from quadriform.fitting.superquadric import multistart
 from quadriform.fitting.superquadric.candidates import Candidates
+from quadriform.fitting.superquadric.initial import bound_of_axes
 from quadriform.fitting.superquadric.multistart import Search
 from quadriform.fitting.superquadric.problem import SearchProblem
 
@@ -39,8 +40,12 @@ def searched(monkeypatch, narrow, wide=None, exact=None, kind="ellipsoid"):
     def note(name, result):
         return lambda *of, **more: log.append(name) or result
 
-    monkeypatch.setattr(Search, "frames", lambda self, parts, rotations: None)
-    monkeypatch.setattr(Search, "annealed_starts", lambda self, parts, frames, most: log.append((len(parts), most)))
+    parts = np.stack([np.arange(60) < 50, np.arange(60) < 9]).astype(float)
+    monkeypatch.setattr(multistart, "dense_parts", lambda points: parts)
+    monkeypatch.setattr(Search, "frames", lambda self, parts, rotations: (len(parts), len(rotations), self.longest))
+    monkeypatch.setattr(
+        Search, "annealed_starts", lambda self, parts, frames, most: log.append((len(parts), most, frames))
+    )
     monkeypatch.setattr(Search, "compared", lambda self, starts, kept, earlier: log.append((kept, earlier)) or narrow)
     monkeypatch.setattr(Search, "wider", lambda self, parts, earlier: log.append(("wider", len(parts))) or wide)
     monkeypatch.setattr(Search, "through_all_points", note("exact", exact))
@@ -54,7 +59,9 @@ def searched(monkeypatch, narrow, wide=None, exact=None, kind="ellipsoid"):
     return multistart.solve(problem(kind)), log
 
 
-NARROW = [(2, 160), (4, None)]
+ORDERED = POINTS[problem().thinned(60)]
+NARROW = [(2, 160, (2, 6, bound_of_axes(ORDERED[:50]))), (4, None)]
+"""Starts in the frames of two parts, no axis longer than those of the first part allow."""
 
 
 def test_an_accepted_surface_of_all_points_needs_no_more():

@@ -156,8 +156,8 @@ def canonical_order(points: Array) -> NDArray[np.int64]:
     # rounded, so that equal distances compare as equal on every processor
     keys = np.round([*points.T, points @ moment, far], EQUAL.decimals)
     order = np.argsort(keys[-1], kind="stable")
-    same = np.diff(keys[-1, order], prepend=-1.0, append=2.0) == 0
-    tied = same[1:] | same[:-1]  # few, but on a lattice: only they need the other keys
+    same = np.diff(keys[-1, order]) == 0
+    tied = np.append(same, False) | np.append(False, same)  # few, but on a lattice: only they need the other keys
     rows = np.sort(order[tied])
     order[tied] = rows[np.lexsort(keys[:, rows])]
     return order
