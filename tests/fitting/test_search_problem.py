@@ -232,3 +232,19 @@ def test_a_fit_changes_its_unit_in_lengths_alone():
     assert found.noise == 5 and found.superquadric.hole_radius == body.hole_radius
     np.testing.assert_allclose(found.superquadric.semi_axes, 10 * body.semi_axes)
     np.testing.assert_allclose(in_frame(found, frame).covariance, root @ root.T)
+
+
+@pytest.mark.parametrize("flat", [False, True])
+def test_rank_and_condition_are_those_of_the_derivatives_in_the_own_axes(flat):
+    """Points on a plane through the middle leave parameters open, in whatever pose and unit."""
+    body = made(exponents=(1, 1))
+    points = body.surface(even_directions(60))
+    if flat:
+        points = body.surface(np.column_stack([even_directions(60)[:, :2], np.zeros(60)]) @ body.rotation.T)
+    upright = Superquadric("ellipsoid", body.semi_axes, body.exponents)
+    local = (points - body.translation) @ body.rotation
+    singular = np.linalg.svd(upright.parameter_derivatives(local)[1], compute_uv=False)
+    rank, condition = paper.determinacy(body, points)
+    expected = sum(value > 1e-10 * singular.max() for value in singular)
+    assert rank == expected and (rank < 11) == flat
+    assert condition == pytest.approx(singular.max() / singular.min(), rel=1e-6) or (flat and condition > 1e12)
