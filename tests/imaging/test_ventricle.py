@@ -16,6 +16,8 @@ from quadriform.imaging.segments import Segment
 from quadriform.imaging.ventricle import ventricle_from_labels, ventricle_from_perfusion
 from quadriform.imaging.ventricle_files import PerfusionHeart, labelled_heart, read_ventricle
 from quadriform.imaging.volume import Volume
+from quadriform.shapes.mesh import Mesh
+from quadriform.shapes.superquadric import Superquadric
 
 BLOOD, MUSCLE = Labels((1,)), Labels((2,))
 SPACING = np.array([1.5, 1.5, 2.0])
@@ -241,6 +243,21 @@ def test_points_of_a_label_file_have_the_noise_of_their_voxels_and_those_of_a_gr
             noise = sources[name].noise
             assert noise is None if found.noise is None else np.array_equal(noise, found.noise[name])
         assert (found.noise is None) == isinstance(heart, PerfusionHeart)
+
+
+def test_the_cavity_of_a_label_file_goes_with_its_points(tmp_path):
+    """In its own place: its surface has its volume below the base, and one moved by 6 mm overlaps less."""
+    image = labelled(open_at=10.0)
+    nibabel.save(nibabel.Nifti1Image(image.values, image.world_from_voxel), tmp_path / "heart.nii.gz")
+    heart = labelled_heart(["endo=label:1", "epi=label:1+2"])
+    found = read_ventricle(tmp_path / "heart.nii.gz", heart, ImageOptions(), None)
+    solid, base = found.surfaces["endo"].solid, found.landmarks.base
+    assert found.surfaces["epi"].solid is None
+    shape = Superquadric("ellipsoid", (14.2, 13.1, 22.3), (1, 1)).mesh(48)
+    beside = Mesh(shape.vertices + np.array([6.0, 0, 0]), shape.faces)
+    own, moved = solid.overlap(shape, base), solid.overlap(beside, base)
+    assert own.dice > 0.97 and abs(own.larger) < 0.03 and moved.dice < 0.85
+    assert solid.overlap(shape, None).larger > 0.15  # beyond the base there are no labels
 
 
 def test_voxels_apart_from_the_cavity_are_counted():

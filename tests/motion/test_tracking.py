@@ -8,6 +8,8 @@ import quadriform as qf
 from quadriform.errors import OptionError, PointsError
 from quadriform.motion.slice_shifts import SHIFTING, SlicePlanes
 from quadriform.motion.tracking import STACK
+from quadriform.point_sets import PointSet
+from quadriform.shapes.solid import Solid
 
 FRAMES, BOX = 6, (3, 3, 3)
 OUTER = made(exponents=(1, 1), semi_axes=(20, 18, 30))
@@ -64,6 +66,19 @@ def test_the_moving_model_knows_the_times_of_its_frames():
     found = qf.track([one, one], times=[1, 4], period=8, box=BOX, strength=1e-4)
     assert np.array_equal(found.moving.basis.knots, [1, 5])
     assert np.array_equal(found.moving.frame_times, [1, 4])
+
+
+def test_a_frame_that_encloses_another_body_than_its_mask_is_named():
+    cloud, body = heart()[0]["endo"], INNER.mesh(16)
+    larger = qf.Mesh(OUTER.translation + 1.2 * (body.vertices - OUTER.translation), body.faces)
+    own, other = (PointSet(cloud, solid=Solid.of_mesh(mesh)) for mesh in (body, larger))
+    options = dict(times=[1, 4], period=8, box=BOX, strength=1e-4)
+    assert qf.track([own, own], **options).status == "ok"
+    found = qf.track([own, other], **options)
+    assert found.status == "unreliable" and found.warnings["LOW_OVERLAP"].startswith("frame 1: ")
+    # a body without a place: that of slices which are shifted
+    slices = [np.arange(len(cloud)) % 5] * 2
+    assert "LOW_OVERLAP" not in qf.track([own, other], slices=slices, **options).warnings
 
 
 def test_between_the_frames_it_is_near_the_truth_too(cycle):

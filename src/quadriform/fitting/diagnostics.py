@@ -11,8 +11,11 @@ from quadriform.fitting.elements import Elements
 from quadriform.fitting.least_squares.marginal_likelihood import Solution
 from quadriform.fitting.result import HalfSpace, Result, SuperquadricFit, rms
 from quadriform.fitting.support import ONE, Sampled, Support
+from quadriform.point_sets import PointSet
 from quadriform.points import Array
 from quadriform.shapes.kinds import KINDS
+from quadriform.shapes.landmarks import BasePlane
+from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.record import OBSERVED
 from quadriform.shapes.solid import Solid
@@ -29,9 +32,10 @@ POOR, POOR_SUPERQUADRIC = 0.05, 0.1
 more, because the shape of most bodies is not one."""
 SCATTER = 2.0
 """Standard deviations of the mean square of a known noise that are put down to chance."""
-LEAST_OVERLAP, OVERLAP_RESOLUTION = 0.97, 48
-"""Dice of a fitted body and the mask or closed mesh that it was fitted to, by a mesh of this resolution. Below, volumes
-can be wrong by several per cent. Voxel centres are inside or not, so that smooth bodies reach 0.99 by any voxels."""
+OVERLAP_RESOLUTION = 48
+"""Of the mesh of a fitted body that is compared with the mask or closed mesh that it was fitted to."""
+SAME_VOLUME = 0.05
+"""Largest difference of their volumes, as a fraction: that of what must count as observed."""
 COVERED = 0.85
 """Of a covered superquadric at least this fraction of the directions from its centre has points."""
 MOSTLY_SUPPORTED = 0.5
@@ -137,24 +141,31 @@ def not_one_surface(found: Sampled, is_closed: bool) -> Warnings:
     return warnings
 
 
-def low_overlap(model: DeformableModel, solids: Mapping[str, Solid]) -> Warnings:
+def low_overlap(model: DeformableModel, sets: Mapping[str, PointSet], base: BasePlane | None) -> Warnings:
     """LOW_OVERLAP where the inside of a surface is not that of the mask or closed mesh that it was fitted to.
 
-    Args:
-        model: in the world.
-        solids: by surface, those that are known.
+    Nothing is compared beyond a base; the model is in the world, and the bodies are those of the point sets.
     """
-    found = dict[str, Warnings]()
-    for name in model.surfaces:
-        if name in solids and KINDS[model.surfaces[name].kind].cut_axis is None:
-            overlap = solids[name].dice(model.mesh(name, OVERLAP_RESOLUTION), model.landmarks.base)
-            text = (
-                f"the surface encloses another body than that of the data: they overlap by a Dice of {overlap:.2f}, "
-                f"expected {LEAST_OVERLAP} or more; a wall or a capsule has two sides, each a surface of its own, and "
-                "branches or thin parts may need a larger box"
-            )
-            found[name] = {WarningKind.LOW_OVERLAP: text} if overlap < LEAST_OVERLAP else {}
-    return named_texts(found)
+    return named_texts(
+        {
+            name: _low_overlap(model.mesh(name, OVERLAP_RESOLUTION), each.solid, base)
+            for name, each in sets.items()
+            if each.solid is not None and KINDS[model.surfaces[name].kind].cut_axis is None
+        }
+    )
+
+
+def _low_overlap(mesh: Mesh, solid: Solid, base: BasePlane | None) -> Warnings:
+    found = solid.overlap(mesh, base)
+    if found.dice >= solid.least_dice and abs(found.larger) <= SAME_VOLUME + found.uncertain:
+        return {}
+    text = (
+        f"the surface encloses another body than that of the data: they overlap by a Dice of {found.dice:.2f}, "
+        f"expected {solid.least_dice} or more, and its volume is {abs(found.larger):.0%} "
+        f"{'larger' if found.larger > 0 else 'smaller'}; a wall or a capsule has two sides, each a surface of its own, "
+        "and branches or thin parts may need a larger box"
+    )
+    return {WarningKind.LOW_OVERLAP: text}
 
 
 def unsupported(found: Support, open_deviation: float = np.inf) -> Warnings:
@@ -166,7 +177,7 @@ def unsupported(found: Support, open_deviation: float = np.inf) -> Warnings:
     """
     distance, width = found.reach.distance, found.reach.width
     text = (
-        f"{100 * (1 - found.within):.0f} % of the area is farther than {found.limit:.3g} from all data, and the "
+        f"{100 * (1 - found.within):.0f} % of the surface is farther than {found.limit:.3g} from all data, and the "
         f"surface reaches {distance:.3g} beyond it; there the surface is extrapolated"
     )
     is_covered = found.within >= OBSERVED and distance <= found.limit

@@ -27,7 +27,7 @@ from quadriform.fitting.diagnostics import (
 )
 from quadriform.fitting.extrapolation import open_deviations
 from quadriform.fitting.least_squares.regularisers import Regulariser
-from quadriform.fitting.noise import KnownNoise, partial_notes, variances_along
+from quadriform.fitting.noise import KnownNoise, partial_notes, sampling_step, variances_along
 from quadriform.fitting.options import METHODS, PaperOptions, TangentOptions, lengths_of, options_for
 from quadriform.fitting.other_bodies import Masks, of_others, spread
 from quadriform.fitting.paper.two_step import two_step
@@ -230,7 +230,7 @@ def _checked(sets: Mapping[str, PointSet], weights: Weights, noise: Noise, metho
 def _with_notes_of_points(sets: Mapping[str, PointSet], found: Fit) -> Fit:
     """The fit with warnings and notes about the points, and about the solids whose surfaces they are."""
     of_sets = tuple(dict.fromkeys(note for each in sets.values() for note in each.notes))
-    overlap = low_overlap(found.model, {name: each.solid for name, each in sets.items() if each.solid is not None})
+    overlap = low_overlap(found.model, sets, found.model.landmarks.base)
     return replace(found, warnings=precision_warnings(sets) | overlap | found.warnings, notes=of_sets + found.notes)
 
 
@@ -321,8 +321,8 @@ def _in_world(result: Result, clouds: Mapping[str, Array], frame: Frame, noise: 
         name: covered_fraction(model.surfaces[name], cloud[inliers[name] >= INLIER], result.half_space)
         for name, cloud in local.items()
     }
-    support = _support(result, local, after, inliers, sigma)
     known = {name: each / frame.scale**2 for name, each in noise.items()}
+    support = _support(result, local, after, inliers, sigma, known)
     qualities = _qualities(result, after, inliers, support, local, known)
     record = ModelRecord(coverage={name: each for name, each in covered.items() if model.surfaces[name].is_radial})
     sha256 = points_sha256(clouds.values())
@@ -346,14 +346,15 @@ def _support(
     clouds: Mapping[str, Array],
     feet: Mapping[str, FootPoints],
     inliers: Mapping[str, Array],
-    noise: float,
+    sigma: float,
+    noise: Mapping[str, Array],
 ) -> dict[str, Support]:
-    """How far the inliers of each cloud support its surface."""
-    base = None if result.half_space is None else BasePlane(*result.half_space)
-    found = {}
+    """How far the inliers of each cloud, of standard deviation `sigma`, support its surface."""
+    base, found = None if result.half_space is None else BasePlane(*result.half_space), dict[str, Support]()
     for name, cloud in clouds.items():
         kept, mesh = inliers[name] >= INLIER, result.model.mesh(name, LIMITS.resolution)
-        found[name] = support_of(mesh, cloud[kept], feet[name].points[kept], noise, base)
+        step = sampling_step(noise.get(name))
+        found[name] = support_of(mesh, cloud[kept], feet[name].points[kept], sigma, base, step)
     return found
 
 

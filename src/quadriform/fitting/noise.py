@@ -11,6 +11,8 @@ from quadriform.words import first_of
 
 LEAST_VARIANCE = 0.01
 """Variance along any normal, as a fraction of the sum over all three axes: a tenth of the standard deviation."""
+LONG = 0.9
+"""Quantile of the errors of points by which the distance of their samples is known."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,18 @@ def variances_along(covariances: Array, normals: Array) -> Array:
     """
     along = np.einsum("ni,nij,nj->n", normals, covariances, normals)
     return along + LEAST_VARIANCE * np.trace(covariances, axis1=1, axis2=2)
+
+
+def sampling_step(covariances: Array | None) -> float:
+    """The distance at which points with covariances (n, 3, 3) sample their surface; 0 where nothing is known.
+
+    The error along the edge of a voxel is uniform, and its standard deviation the length of the edge over the root of
+    12. Across thick slices that is their distance.
+    """
+    if covariances is None or not len(covariances):
+        return 0.0
+    largest = np.linalg.eigvalsh(covariances)[:, -1]
+    return float(np.sqrt(12 * np.quantile(largest, LONG)))
 
 
 def mean_variance(covariances: Mapping[str, Array], clouds: Mapping[str, Array]) -> float:

@@ -11,6 +11,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from quadriform.fitting.interpolation import interpolated
 from quadriform.points import Array, unit_vectors
 from quadriform.shapes.directions import sphere_grid
 from quadriform.shapes.landmarks import BasePlane
@@ -22,19 +23,16 @@ from quadriform.shapes.superquadric import Superquadric
 class Limits:
     """The constants of support."""
 
-    medians: float = 3.0
-    """A part is supported where its distance from data is at most this many medians of the distances of all supported
-    parts. Between slices the median is a quarter of their distance, so a surface is supported up to three quarters of
-    it beyond the last slice. Of random points on a surface one part in 500 is farther from all of them."""
-    first: float = 2.0
-    """Medians of the distances between neighbouring points within which a part is supported in the first round."""
-    rounds: int = 60
-    """Most rounds; the limit grows by half at most in each, and dense slices need most of them."""
     widest: float = 0.5
     """Largest limit, in RMS radii of the points. Gaps of more than two thirds of a radius are not interpolated: the
     shape there is unknown, and so few slices do not show their usual distance."""
     noise: float = 3.0
     """Standard deviations of the noise within which a point can be from the part of the surface that it measures."""
+    at_base: float = 2.0
+    """Standard deviations of the noise within which a surface that closes at its base is not distinguished from it."""
+    others: int = 2
+    """A point with fewer others within the limit is no data: an outlier whose place no other confirms. Of random points
+    on a surface one in 5,000 has fewer."""
     resolution: int = 32
     """Of the mesh whose triangles are the parts."""
     directions: int = 12
@@ -73,7 +71,8 @@ class Support:
         area: share [0, 1] of its area that is supported.
         volume: share [0, 1] of the volume, seen from the centre of the data, that lies below supported area.
         below: the same of the volume below the base, seen from a point of it; that of all without a base.
-        within: the share of the area on this side of the base; that of all without a base.
+        within: the share of the area on this side of the base, or of the volume there where that is less; the share of
+            all of the area without a base.
         limit: distance from data up to which a part is supported, in the unit of the points.
         extends_beyond: how far the surface reaches beyond the data in the direction where that is farthest, likewise.
         reach: the same of the part on this side of the base.
@@ -93,7 +92,9 @@ class Support:
         return replace(self, limit=scale * self.limit, extends_beyond=scale * self.extends_beyond, reach=reach)
 
 
-def support_of(mesh: Mesh, points: Array, feet: Array, noise: float, base: BasePlane | None) -> Support:
+def support_of(
+    mesh: Mesh, points: Array, feet: Array, noise: float, base: BasePlane | None, step: float = 0.0
+) -> Support:
     """The support of a surface by its data.
 
     Args:
@@ -103,59 +104,48 @@ def support_of(mesh: Mesh, points: Array, feet: Array, noise: float, base: BaseP
             other side of a thin bowl, has no support.
         noise: standard deviation of the points.
         base: the plane beyond which no data is expected, or None.
+        step: distance at which the measurement samples, where it is known, as that of slices; else 0.
     """
-    corners, areas = mesh.vertices[mesh.faces], np.linalg.norm(mesh.area_vectors(), axis=1)
-    middles = corners.mean(axis=1)
+    corners, across = mesh.vertices[mesh.faces], mesh.area_vectors()
+    middles, areas = corners.mean(axis=1), np.linalg.norm(across, axis=1)
+    connected, distances, limit = _data(points, feet, middles, areas, max(LIMITS.noise * noise, step))
+    points = points[connected]
     if not len(points):
         far = float(np.linalg.norm(mesh.vertices - mesh.vertices.mean(axis=0), axis=1).max())
         return Support(0.0, 0.0, 0.0, 0.0, 0.0, far, Reach(far, 0.0))
-    distances = cKDTree(feet).query(middles)[0]
-    limit = max(interpolated(distances, areas, feet), LIMITS.noise * noise)
-    limit = min(limit, LIMITS.widest * _radius(points))
-    supported, before = distances <= limit, np.ones(len(areas), dtype=np.bool_)
+    supported = distances <= limit
     volumes = below = _cones(corners, points.mean(axis=0))
-    extends = within = Reach.of(mesh.vertices, points)
+    extends = reach = Reach.of(mesh.vertices, points)
+    area = within = _fraction(areas, supported)
     if base is not None:
-        before = base.heights(middles) <= 0
-        below = np.where(before, _cones(corners, base.point), 0.0)
-        within = Reach.of(mesh.vertices[base.heights(mesh.vertices) <= 0], points)
-    return Support(
-        area=_fraction(areas, supported),
-        volume=_fraction(volumes, supported),
-        below=_fraction(below, supported),
-        within=_fraction(np.where(before, areas, 0.0), supported),
-        limit=limit,
-        extends_beyond=extends.distance,
-        reach=within,
-    )
+        heights = base.heights(middles)
+        below = np.where(heights <= 0, _cones(corners, base.point), 0.0)
+        # where it closes below the base for want of data, all of the space up to the base is extrapolated
+        lid = ~supported & (heights <= 0) & (across @ base.direction > 0)
+        below[lid] = -heights[lid] * (across[lid] @ base.direction)
+        before = np.where(heights <= -LIMITS.at_base * noise, areas, 0.0)
+        within = min(_fraction(before, supported), _fraction(below, supported))
+        reach = Reach.of(mesh.vertices[base.heights(mesh.vertices) <= 0], points)
+    fractions = area, _fraction(volumes, supported), _fraction(below, supported), within
+    return Support(*fractions, limit, extends.distance, reach)
 
 
-def interpolated(distances: Array, areas: Array, feet: Array) -> float:
-    """The distance from data up to which a surface is interpolated, by the distance between slices, not within them.
-
-    The median of the distances of the supported parts grows until the gaps between points and between slices are
-    filled; parts that are farther have no data around them. It starts from below, because the median over all parts
-    would be that of extrapolated ones where most of the surface has no data.
-
-    Args:
-        distances: (m,) from the parts of the surface to the nearest data.
-        areas: (m,), of the parts.
-        feet: (n, 3), the data on the surface.
-    """
-    distinct = np.unique(feet, axis=0)
-    between = cKDTree(distinct).query(distinct, k=[min(2, len(distinct))])[0]
-    order = np.argsort(distances)
-    ordered, total = distances[order], np.cumsum(areas[order])
-    limit = first = LIMITS.first * float(np.median(between))
-    for _ in range(LIMITS.rounds):
-        count = int(np.searchsorted(ordered, limit, side="right"))
-        if count == 0:
-            return limit
-        median = ordered[np.searchsorted(total, total[count - 1] / 2)]
-        before, limit = limit, max(first, LIMITS.medians * float(median))
-        if limit == before:
-            break
-    return limit
+def _data(
+    points: Array, feet: Array, middles: Array, areas: Array, least: float
+) -> tuple[NDArray[np.bool_], Array, float]:
+    """Which points (n,) are data, the distances (m,) from it of the parts of a surface, and the limit of support."""
+    distinct, number = np.unique(feet, axis=0, return_inverse=True)
+    if len(distinct) <= LIMITS.others:
+        return np.zeros(len(points), dtype=np.bool_), np.full(len(middles), np.inf), 0.0
+    tree = cKDTree(distinct)
+    neighbours = tree.query(distinct, k=[2, 1 + LIMITS.others])[0]
+    distances, nearest = tree.query(middles)
+    limit = max(interpolated(distances, nearest, areas, float(np.median(neighbours[:, 0]))), least)
+    limit = min(limit, LIMITS.widest * _radius(points))
+    connected = neighbours[:, 1] <= limit
+    if connected.any() and not connected.all():
+        distances = cKDTree(distinct[connected]).query(middles)[0]
+    return connected[number.reshape(-1)], distances, limit
 
 
 def _farthest(points: Array, directions: Array) -> Array:
@@ -212,9 +202,9 @@ class OneSurface:
 
     asked: int = 2000
     """Points of an even sample, of which all near pairs are considered."""
-    distant: float = 3.0
+    distant: float = 2.25
     """Points farther from all others than this many limits of support are of another cluster: far above the distance
-    between slices, which is four thirds of that limit."""
+    between slices, which is that limit."""
     least: float = 0.1
     """Least fraction of the points in a cluster that is a body."""
     fewest: int = 100

@@ -26,6 +26,7 @@ from quadriform.imaging.file_points import (
 from quadriform.point_sets import ALONE, PointSet
 from quadriform.points import Array
 from quadriform.shapes.landmarks import Landmarks
+from quadriform.shapes.solid import Solid
 
 if TYPE_CHECKING:
     from quadriform.imaging.labels import Preset
@@ -49,6 +50,7 @@ class FrameSeries:
         noise: covariances (n, 3, 3) of the points in the same form, without the surfaces of which nothing is known.
         factors: by which lengths in the unit of the file of a surface became lengths in that of the frames, likewise;
             without those of which nothing is known.
+        solids: the bodies of a frame by surface, where their inside is known.
         slices: the slice number of each point, in the same form; for frames of contours and images only.
         grids: for these frames world from voxel of the image, (4, 4); None for contours.
         landmarks: of ventricles, one entry a frame; empty where none are known.
@@ -62,6 +64,7 @@ class FrameSeries:
     clouds: list[dict[str, Array]] = field(default_factory=list)
     noise: list[dict[str, Array]] = field(default_factory=list)
     factors: list[dict[str, float]] = field(default_factory=list)
+    solids: list[dict[str, Solid]] = field(default_factory=list)
     slices: list[dict[str, NDArray[np.int64]]] = field(default_factory=list)
     grids: list[Array | None] = field(default_factory=list)
     landmarks: tuple[Landmarks, ...] = ()
@@ -84,14 +87,20 @@ class FrameSeries:
         self.clouds.append(clouds)
         self.noise.append({})
         self.factors.append({})
+        self.solids.append({})
 
     @property
     def sets(self) -> list[dict[str, PointSet]]:
-        """The points with their noise, as `track` takes them."""
+        """The points with their noise and bodies, as `track` takes them."""
         return [
-            {n: PointSet(points, noise=known.get(n), factor=factors.get(n, 1.0)) for n, points in clouds.items()}
-            for clouds, known, factors in zip(self.clouds, self.noise, self.factors)
+            {name: self._set(number, name, points) for name, points in clouds.items()}
+            for number, clouds in enumerate(self.clouds)
         ]
+
+    def _set(self, number: int, name: str, points: Array) -> PointSet:
+        """The points of a surface of a frame, by its number."""
+        noise, solid = self.noise[number].get(name), self.solids[number].get(name)
+        return PointSet(points, noise=noise, solid=solid, factor=self.factors[number].get(name, 1.0))
 
     def add_sources(self, sources: Mapping[str, Source]) -> None:
         """Append a frame with a file for each surface, or an image for all; warnings of one kind are joined.
@@ -102,6 +111,7 @@ class FrameSeries:
         self.add({name: source.points for name, source in sources.items()}, common_space_and_unit(sources))
         self.noise[-1] = {name: source.noise for name, source in sources.items() if source.noise is not None}
         self.factors[-1] = {name: source.factor for name, source in sources.items()}
+        self.solids[-1] = {name: source.solid for name, source in sources.items() if source.solid is not None}
         for source in sources.values():
             self.notes += source.notes
             self.warnings = join_warnings(self.warnings, source.warnings)

@@ -14,6 +14,7 @@ from quadriform.imaging.object_choice import Labels, Percentile, Select
 from quadriform.imaging.open_cavity import base_of_open_cavity, fill_open_cavity
 from quadriform.imaging.segmentation import Component, Mask, Segmentation, segment
 from quadriform.imaging.stack_end import End, closed_but_for, flat_end, open_face, region_up_to
+from quadriform.imaging.thinning import default_spacing, thinned
 from quadriform.imaging.volume import Region, Volume, slices
 from quadriform.imaging.voxel_faces import (
     BACKGROUND,
@@ -27,6 +28,7 @@ from quadriform.imaging.voxel_faces import (
 )
 from quadriform.points import Array, check_number, check_points, unit_vectors
 from quadriform.shapes.landmarks import GIVEN_BASE, BasePlane, Landmarks, check_base
+from quadriform.shapes.solid import DISPLACED, Solid
 from quadriform.words import short_repr
 
 Plane = tuple[Array, Array]
@@ -35,10 +37,6 @@ Plane = tuple[Array, Array]
 HALF = Percentile(0.5, 99.9)
 OFF_CENTRE = 1e-5
 """No vertex is nearer to the centre of a voxel than this, in voxels: `isosurface.MIN_HEIGHT` has them farther away."""
-MIN_POINTS = 750
-"""Least number of points where voxels give so many, two for each unknown of the default box. Where there are hardly
-more than unknowns the surface can follow the voxel steps, and the residuals show neither these nor their correlation.
-"""
 ON_PLANE = 1e-9
 """Points beyond a plane by less than this fraction of the extent are on it."""
 BELOW_FACE = 0.49
@@ -48,8 +46,6 @@ OUTERMOST = 0.75
 """From the face of the outermost slice down to just below its points, in voxels: these are at 0.5, the next at 1."""
 FACE, OPENING = "the outer face of the last slice with labels", "the opening of the wall"
 """The names of a base that was found in an image."""
-OFFSET = np.array([0.31830989, 0.36787944, 0.41421356])
-"""Corner of a cube, in sides of a cube: off every voxel grid, so that no point lies on a face between two cubes."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -65,6 +61,7 @@ class VentriclePoints:
         warnings: of reading and segmentation, BORDER_CUT, OPEN_BASE, OPEN_WALL.
         record: number of voxels of cavity and wall, number of points beyond the base by surface, spacing of the points;
             of labels also the number of voxels of the cavity outside its largest component, which are left out.
+        cavity: the body that "endo" encloses on this side of the base, with which a fit is compared.
         noise: covariances (n, 3, 3) of the points of a label image by name, the `noise` of `fit`; None of a grey image.
         base_from: the name of the base, as in "below the outer face of ..."; empty without one.
     """
@@ -76,6 +73,7 @@ class VentriclePoints:
     base: Plane | None
     warnings: Warnings
     record: dict[str, Any]
+    cavity: Solid
     noise: dict[str, Array] | None = None
     base_from: str = ""
 
@@ -358,7 +356,7 @@ def _finish(
     for name, points in kept.items():
         if not len(points):
             raise MaskError(f"{name}: all {len(surfaces[name])} points lie beyond the base plane")
-    side = _default_spacing(kept, cropped) if spacing is None else check_number(spacing, "spacing", 0.0)
+    side = default_spacing(kept, cropped.spacing) if spacing is None else check_number(spacing, "spacing", 0.0)
     record = {
         "cavity_voxels": int((tissue == CAVITY).sum()),
         "wall_voxels": int((tissue == WALL).sum()),
@@ -366,32 +364,8 @@ def _finish(
         "spacing": side,
     }
     clouds = {name: thinned(points, side) for name, points in kept.items()}
-    return VentriclePoints(clouds, kept, plane, warnings, record)
-
-
-def _default_spacing(surfaces: dict[str, Array], image: Volume) -> float:
-    side, least = float(image.spacing.max()), float(image.spacing.min())
-    # with a smaller side than the shortest of a voxel some voxels would have several points, and others one
-    while side / 2 >= least and min(len(thinned(points, side)) for points in surfaces.values()) < MIN_POINTS:
-        side /= 2
-    return side
-
-
-def thinned(points: Array, side: float) -> Array:
-    """Return of the points (n, 3) in each cube of this side the one nearest to its centre, in their order.
-
-    The cubes are fixed in the world, so the result does not depend on the order of the points, nor on the axes of the
-    image. A side of 0 keeps all points.
-    """
-    if side == 0 or not len(points):
-        return points
-    scaled = points / side + OFFSET
-    cube = np.floor(scaled)
-    off_centre = np.linalg.norm(scaled - cube - 0.5, axis=1)
-    # sorted by cube, in each cube by distance from its centre: the first of each cube is kept
-    order = np.lexsort((off_centre, *cube.T))
-    first = np.unique(cube[order], axis=0, return_index=True)[1]
-    return np.asarray(points[np.sort(order[first])])
+    cavity = Solid(tissue == CAVITY, cropped.world_from_voxel, least_dice=DISPLACED)
+    return VentriclePoints(clouds, kept, plane, warnings, record, cavity)
 
 
 def _cut_off(points: Array, plane: Plane) -> Mask:

@@ -213,11 +213,12 @@ def _source(path: Path, volume: Volume, found: VentriclePoints, heart: Heart, un
     warnings = {kind: text for kind, text in found.warnings.items() if kind not in noted}
     notes = tuple(f"{path}: {text}" for text in _notes(found, noted))
     common = Source(np.empty((0, 3)), volume.space, volume.unit, warnings, notes, image=volume)
-    noise = found.noise or dict.fromkeys(found.clouds)
+    noise, solids = found.noise or dict.fromkeys(found.clouds), {"endo": found.cavity}
     sources = {}
     for name, points in found.clouds.items():
         slices = slice_numbers(volume, points)
-        sources[name] = in_unit(replace(common, points=points, noise=noise[name], slices=slices), unit, path)
+        known = replace(common, points=points, noise=noise[name], slices=slices, solid=solids.get(name))
+        sources[name] = in_unit(known, unit, path)
     return VentricleSource(sources, found.landmarks)
 
 

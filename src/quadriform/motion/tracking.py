@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quadriform.errors import WarningKind, Warnings, choose, known_options
-from quadriform.fitting.diagnostics import INLIER, folding, named_texts, outliers, poor_fit
+from quadriform.fitting.diagnostics import INLIER, folding, low_overlap, named_texts, outliers, poor_fit
 from quadriform.fitting.fit import fit, precision_warnings, refine
 from quadriform.fitting.noise import KnownNoise, partial_notes
 from quadriform.fitting.options import Base, check_box, check_strength
@@ -185,6 +185,9 @@ def track(
     bases = planes_of_frames(base, sets)
     found = STRATEGIES[strategy](_Task(clouds, covariances(sets), bases, at, basis, numbers, options, progress))
     warnings = found.warnings | _by_frame([precision_warnings(frame) for frame in sets])
+    if slices is None:  # shifted slices are not where the bodies of the data have them
+        overlaps = [low_overlap(model, frame, plane) for model, frame, plane in zip(found.models, sets, bases)]
+        warnings |= _by_frame(overlaps)
     assumed = dict.fromkeys(note for frame in sets for each in frame.values() for note in each.notes)
     every = {named(n, name): each for n, frame in enumerate(sets) for name, each in frame.items()}
     notes = (*assumed, *partial_notes({name: each.noise for name, each in every.items()}), *found.notes)

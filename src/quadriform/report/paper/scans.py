@@ -11,7 +11,8 @@ from quadriform.imaging.image_points import ImagePoints, points_from_image
 from quadriform.imaging.object_choice import Select
 from quadriform.imaging.reading import example_volume, read_volume
 from quadriform.imaging.segmentation import Mask
-from quadriform.imaging.ventricle import HALF, thinned
+from quadriform.imaging.thinning import thinned
+from quadriform.imaging.ventricle import HALF
 from quadriform.imaging.volume import Region, Volume
 from quadriform.report.paper import clouds
 from quadriform.report.paper.remake import text
