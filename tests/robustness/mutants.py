@@ -87,8 +87,8 @@ MUTANTS = [
     Mutant(
         "surface without data",
         "fitting/support.py",
-        "supported, before = distances <= limit,",
-        "supported, before = distances < np.inf,",
+        "supported = distances <= limit",
+        "supported = distances < np.inf",
         "fitting/test_support.py",
     ),
     Mutant(
