@@ -163,9 +163,9 @@ def _radius(points: Array) -> float:
 
 
 def _cones(corners: Array, apex: Array) -> Array:
-    """Six times the absolute volumes (m,) of the tetrahedra of triangles (m, 3, 3) and an apex."""
+    """Absolute volumes (m,) of the tetrahedra of triangles (m, 3, 3) and an apex."""
     a, b, c = (corners - apex).transpose(1, 0, 2)
-    return np.abs(np.einsum("ij,ij->i", a, np.cross(b, c)))
+    return np.abs(np.einsum("ij,ij->i", a, np.cross(b, c))) / 6
 
 
 def _fraction(values: Array, supported: NDArray[np.bool_]) -> float:
