@@ -260,3 +260,10 @@ def test_inlier_weights_of_the_size_are_those_of_the_points():
     candidates, mixture = of.picked(np.array([1]))
     np.testing.assert_array_equal(candidates.log_axes[0], of.candidates.log_axes[1])
     assert mixture.sigma.tolist() == [0.3]
+
+
+def test_the_prior_on_exponents_is_normal_around_one():
+    """Its deviation is that of numbers anywhere between 0.01 and 2."""
+    bodies_of = Candidates.of([made(exponents=(1.0, 1.0)), made(exponents=(0.3, 1.8))])
+    spread = 1.99 / np.sqrt(12)
+    np.testing.assert_allclose(levenberg_marquardt._log_prior(bodies_of), [0, -(0.7**2 + 0.8**2) / (2 * spread**2)])

@@ -42,6 +42,8 @@ BESIDE = 0.12
 """A coordinate below this fraction of the largest lies beside its plane."""
 LEFT_OUT = 0.03
 """Foot points farther than the nearest by more than this fraction of the box's diagonal are no starts."""
+ANY_SHAPE = (np.ones(2), 2.0, 2.0)
+"""Exponents, hole radius and cut of a grid of which the numbers of the vertices alone count."""
 ASYMMETRIC = np.array([1.0, 0.618, 0.271])
 """A direction that no symmetry of a superquadric leaves unchanged."""
 
@@ -301,7 +303,7 @@ class CandidateIndex:
 @lru_cache(maxsize=len(KINDS))
 def _neighbours(kind: str) -> Index:
     """For each of n vertices the others of its cells, (k, n), padded with itself; alike for all surfaces of a kind."""
-    vertices, quads = KINDS[kind].grid(RESOLUTION, np.ones(2), 2.0, 2.0)
+    vertices, quads = KINDS[kind].grid(RESOLUTION, *ANY_SHAPE)
     n = len(vertices)
     pairs = np.concatenate([quads[:, [i, j]] for i in range(4) for j in range(4) if i != j])
     one, other = np.divmod(sorted_unique(pairs[:, 0] * n + pairs[:, 1]), n)
