@@ -198,6 +198,8 @@ def test_directions_that_nothing_determines_have_a_huge_variance():
     mixture = Mixture(np.array([0.9]), np.array([0.01]))
     of = Descent(ball, points, np.ones(n), mixture, 9.0, np.zeros(11, dtype=bool), np.zeros(n), np.ones(n))
     variances = np.diag(openness.remaining_covariance(of))
+    largest = np.linalg.eigvalsh(openness._linear(of)).max()
+    np.testing.assert_allclose(variances[5:8] * largest, 1e16, rtol=0.5)
     assert (variances[5:8] > 1).all() and (variances[[0, 1, 2, 8, 9, 10]] < 1e-3).all()
 
 
