@@ -42,7 +42,7 @@ def test_points_of_two_bodies_two_layers_or_a_volume_are_not_of_one_surface():
 def test_the_area_without_data_is_stated_in_per_cent():
     part = replace(GOOD, within=0.4, limit=0.25, reach=Reach(1.25, 0.5))
     found = diagnostics.unsupported(part, 0.123)
-    assert found["PARTIAL_COVERAGE"].startswith("60 % of the area is farther than 0.25 from all data")
+    assert found["PARTIAL_COVERAGE"].startswith("60 % of the surface is farther than 0.25 from all data")
     assert "reaches 1.25 beyond it" in found["PARTIAL_COVERAGE"]
     assert (
         found["UNSUPPORTED"]

@@ -82,7 +82,7 @@ def test_points_without_weight_are_of_no_surface():
     counted = np.arange(len(LOCAL)) % 2 == 0
     of = result(counted={"surface": counted})
     feet = {"surface": closest_on(SURFACE, of.model.box, LOCAL)}
-    support = {"surface": fits._support(of, {"surface": LOCAL}, feet, {"surface": INLIERS}, 0.01)["surface"]}
+    support = {"surface": fits._support(of, {"surface": LOCAL}, feet, {"surface": INLIERS}, 0.01, {})["surface"]}
     found = fits._sampled(of, {"surface": LOCAL}, feet, support)["surface"]
     each = (LOCAL[counted], feet["surface"].points[counted], feet["surface"].signed[counted])
     assert found == Sampled.of(of.model.mesh("surface", 32), *each, support["surface"].limit)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from shapes_made import even_directions, made, turned
 
+from quadriform.fitting import interpolation
 from quadriform.fitting import support as supports
 from quadriform.fitting.support import LIMITS, ONE, Reach, Sampled, Support
 from quadriform.shapes.directions import sphere_grid
@@ -23,41 +24,6 @@ def part_of_the_surface(n=150, seed=3):
     )
     gaps = np.linalg.norm(points[:, None] - MESH.vertices, axis=2)
     return points, MESH.vertices[gaps.argmin(axis=1)]
-
-
-def share(values, chosen):
-    return sum(v for v, c in zip(values, chosen) if c) / sum(values)
-
-
-@pytest.mark.parametrize("base", [None, BASE], ids=["whole", "below a base"])
-@pytest.mark.parametrize("noise", [0.0, 0.3, 100.0])
-def test_support_is_the_share_of_the_triangles_near_feet(noise, base):
-    points, feet = part_of_the_surface()
-    found = supports.support_of(MESH, points, feet, noise, base)
-    middles, areas, cones, under, cones_below = [], [], [], [], []
-    for a, b, c in MESH.vertices[MESH.faces]:
-        middles.append((a + b + c) / 3)
-        areas.append(np.linalg.norm(np.cross(b - a, c - a)) / 2)
-        apex = points.mean(axis=0)
-        cones.append(abs(np.linalg.det([a - apex, b - apex, c - apex])) / 6)
-        under.append(base is None or (middles[-1] - BASE.point) @ BASE.direction <= 0)
-        apex = apex if base is None else BASE.point
-        cones_below.append(abs(np.linalg.det([a - apex, b - apex, c - apex])) / 6 * under[-1])
-    distances = np.array([np.linalg.norm(feet - middle, axis=1).min() for middle in middles])
-    radius = np.sqrt(np.mean([(p - points.mean(axis=0)) @ (p - points.mean(axis=0)) for p in points]))
-    limit = min(max(supports.interpolated(distances, np.array(areas), feet), 3 * noise), 0.5 * radius)
-    np.testing.assert_allclose(found.limit, limit, rtol=1e-9)
-    near = distances <= limit
-    np.testing.assert_allclose(found.area, share(areas, near), rtol=1e-9)
-    np.testing.assert_allclose(found.volume, share(cones, near), rtol=1e-9)
-    np.testing.assert_allclose(found.below, share(cones_below, near), rtol=1e-9)
-    np.testing.assert_allclose(found.within, share([a * u for a, u in zip(areas, under)], near), rtol=1e-9)
-    beyond = Reach.of(MESH.vertices, points)
-    assert found.extends_beyond == beyond.distance > 0
-    if base is not None:
-        vertices = MESH.vertices[(MESH.vertices - base.point) @ base.direction <= 0]
-        beyond = Reach.of(vertices, points)
-    assert found.reach == beyond
 
 
 def test_reach_is_the_largest_over_even_directions(monkeypatch):
@@ -104,23 +70,34 @@ def plain_limit(distances, areas, first):
 @pytest.mark.parametrize("seed", range(6))
 def test_the_limit_grows_with_the_median_of_what_it_supports(seed):
     rng = np.random.default_rng(seed)
-    feet = np.arange(8.0)[:, None] ** 1.3 * [0.3, 0, 0]
     distances, areas = rng.gamma(1 + seed, size=40), rng.uniform(0.5, 2, 40)
-    gaps = np.diff(feet[:, 0])
-    first = 2 * np.median(np.minimum(np.append(np.inf, gaps), np.append(gaps, np.inf)))
-    found = supports.interpolated(distances, areas, np.concatenate([feet, feet[:3]]))
-    np.testing.assert_allclose(found, plain_limit(distances, areas, first), rtol=1e-9)
+    for first in (0.01, 1.0, 3.0):
+        expected = plain_limit(distances, areas, first)
+        np.testing.assert_allclose(interpolation._grown(distances, areas, first), expected, rtol=1e-9)
 
 
 def test_growing_limits_end_after_sixty_rounds():
     """Each round supports one more part, of half the area again, three halves as far."""
-    distances = 0.5 * 1.5 ** np.arange(200)
-    found = supports.interpolated(
-        distances, 1e3 ** np.arange(200.0 / 2).repeat(2)[:200], np.array([[0.0, 0, 0], [0.5, 0, 0]])
-    )
-    expected = plain_limit(distances, 1e3 ** np.arange(100.0).repeat(2), 1.0)
-    np.testing.assert_allclose(found, expected, rtol=1e-9)
+    distances, areas = 0.5 * 1.5 ** np.arange(200), 1e3 ** np.arange(100.0).repeat(2)
+    found = interpolation._grown(distances, areas, 1.0)
+    np.testing.assert_allclose(found, plain_limit(distances, areas, 1.0), rtol=1e-9)
     assert found < distances[-1]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_surface_is_interpolated_to_four_medians_of_what_lies_between_data(seed):
+    """Parts nearest to the same points as those beyond the grown limit do not lie between data."""
+    rng = np.random.default_rng(seed)
+    distances = np.concatenate([rng.uniform(0, 1, 60), [50.0, 60, 70]])
+    areas, nearest = rng.uniform(0.5, 2, 63), rng.integers(0, 12, 63)
+    grown, beyond = plain_limit(distances, areas, 0.6), {nearest[k] for k in range(60, 63)}
+    between = sorted((d, a) for d, a, n in zip(distances, areas, nearest) if d <= grown and n not in beyond)
+    total = np.cumsum([a for _, a in between])
+    median = next(d for (d, _), below in zip(between, total) if below >= total[-1] / 2)
+    assert total[-1] > 0.1 * areas.sum()
+    found = interpolation.interpolated(distances, nearest, areas, 0.3)
+    np.testing.assert_allclose(found, max(0.6, 4 * median), rtol=1e-9)
+    assert interpolation.interpolated(distances, np.zeros(63, dtype=int), areas, 0.3) == pytest.approx(grown)
 
 
 @pytest.mark.parametrize("n", [0, 40, 191, 192, 400, 800, 3000, 5000])
@@ -149,7 +126,7 @@ def test_a_surface_that_is_not_around_its_centre_is_covered_and_one_beyond_a_pla
 
 def test_clusters_that_are_closed_bodies_are_counted():
     ball, aside = even_directions(150), np.array([1.0, 0, 0])
-    gap = 3 * 0.3
+    gap = ONE.distant * 0.3
     near, far = ball + (2 + 0.9 * gap) * aside, ball + (2 + 1.3 * gap) * aside
     assert supports.bodies(np.concatenate([ball, near]), 0.3) == 1
     assert supports.bodies(np.concatenate([ball, far]), 0.3) == 2

@@ -21,6 +21,7 @@ CLOUD = np.arange(18.0).reshape(6, 3)
 
 def source(**more):
     made = {"points": CLOUD, "noise": None, "slices": None, "image": None, "notes": (), "warnings": {}}
+    made |= {"solid": None, "factor": 1.0}
     return SimpleNamespace(**(made | {"space": "LPS", "unit": "mm"} | more))
 
 
@@ -69,7 +70,7 @@ def test_frames_of_other_units_are_refused_and_sources_bring_what_they_know(monk
     frames, image = FrameSeries(), SimpleNamespace(world_from_voxel=GRID)
     noise = np.tile(np.eye(3), (6, 1, 1))
     with_all = source(noise=noise, slices=NUMBERS, image=image, notes=("one",), warnings={"BORDER_CUT": "x"})
-    frames.add_sources({"epi": with_all, "endo": source(notes=("two",))})
+    frames.add_sources({"epi": with_all, "endo": source(notes=("two",), factor=10.0)})
     assert frames.notes == ["one", "two"] and frames.warnings == {"BORDER_CUT": "x"}
     assert list(frames.noise[0]) == ["epi"] and list(frames.slices[0]) == ["epi"]
     assert frames.grids[0] is GRID
@@ -79,6 +80,7 @@ def test_frames_of_other_units_are_refused_and_sources_bring_what_they_know(monk
     assert len(frames.slices) == 2 and len(frames.clouds) == 3
     (first, *_), known = frames.sets, frames.noise[0]
     assert first["epi"].noise is known["epi"] and first["endo"].noise is None
+    assert (first["epi"].factor, first["endo"].factor) == (1, 10)
     with pytest.raises(InputError, match="first is in LPS mm, another in RAS mm"):
         frames.add({"epi": CLOUD}, ("RAS", "mm"))
 

@@ -6,7 +6,8 @@ import pytest
 from quadriform.errors import MaskError, OptionError
 from quadriform.imaging import ventricle
 from quadriform.imaging.segmentation import Labels
-from quadriform.imaging.ventricle import thinned, ventricle_from_labels, ventricle_from_perfusion
+from quadriform.imaging.thinning import default_spacing, thinned
+from quadriform.imaging.ventricle import ventricle_from_labels, ventricle_from_perfusion
 from quadriform.imaging.volume import Volume
 from quadriform.imaging.voxel_faces import BACKGROUND, CAVITY, WALL
 from quadriform.shapes.landmarks import GIVEN_BASE
@@ -36,12 +37,12 @@ def test_the_spacing_is_halved_while_points_are_few_and_voxels_allow_it(rng):
     image = Volume(np.zeros((2, 2, 2)), AFFINE)
     few, many = rng.uniform(-9, 9, (900, 3)), rng.uniform(-90, 90, (900, 3))
     assert len(thinned(few, 4.0)) < 750 <= len(thinned(many, 4.0))
-    assert ventricle._default_spacing({"endo": many}, image) == 4
-    assert ventricle._default_spacing({"endo": many, "epi": few}, image) == 2  # a half of it is below 1.5
+    assert default_spacing({"endo": many}, image.spacing) == 4
+    assert default_spacing({"endo": many, "epi": few}, image.spacing) == 2  # a half of it is below 1.5
     finer = Volume(np.zeros((2, 2, 2)), np.diag([0.5, 2.0, 4.0, 1.0]))
-    assert ventricle._default_spacing({"endo": few[:700]}, finer) == 0.5
+    assert default_spacing({"endo": few[:700]}, finer.spacing) == 0.5
     least = next(side for side in (4.0, 2.0, 1.0, 0.5) if len(thinned(few, side)) >= 750 or side == 0.5)
-    assert ventricle._default_spacing({"endo": few}, finer) == least
+    assert default_spacing({"endo": few}, finer.spacing) == least
 
 
 def test_points_beyond_a_plane_are_cut_off_and_those_on_it_stay():

@@ -194,8 +194,7 @@ def read_ventricle_frames(path: Path, heart: LabelledHeart, affine: str | None) 
     """
     _check_image(path, heart)
     with naming(path):
-        count = frame_count(path)
-        volumes = [read_volume(path, number if count > 1 else None, affine) for number in range(count)]
+        volumes = [read_volume(path, number, affine) for number in range(frame_count(path))]
         found = heart.points_of_frames(volumes)
     return [_source(path, volume, each, heart, None) for volume, each in zip(volumes, found)]
 
