@@ -26,6 +26,39 @@ def part_of_the_surface(n=150, seed=3):
     return points, MESH.vertices[gaps.argmin(axis=1)]
 
 
+@pytest.mark.parametrize("base", [None, BASE], ids=["whole", "below a base"])
+@pytest.mark.parametrize("step", [0.0, 0.3])
+def test_support_is_the_share_of_the_triangles_within_the_limit(step, base):
+    """Of cones to the middle of the data or the base; of columns up to the base where the surface closes below it."""
+    points, feet = part_of_the_surface()
+    noise = 0.02
+    triangles = MESH.vertices[MESH.faces]
+    middles = np.array([(a + b + c) / 3 for a, b, c in triangles])
+    areas = np.array([np.linalg.norm(np.cross(b - a, c - a)) / 2 for a, b, c in triangles])
+    data, distances, limit = supports._data(points, feet, middles, areas, max(3 * noise, step))
+    found, near = supports.support_of(MESH, points, feet, noise, base, step), distances <= limit
+    middle = points[data].mean(axis=0)
+    apex = middle if base is None else base.point
+    cones, below, within = [], [], []
+    for (a, b, c), m, supported, area in zip(triangles, middles, near, areas):
+        cones.append(abs(np.linalg.det([a - middle, b - middle, c - middle])) / 6)
+        below.append(abs(np.linalg.det([a - apex, b - apex, c - apex])) / 6)
+        height = -1.0 if base is None else (m - base.point) @ base.direction
+        below[-1] *= height <= 0
+        within.append(area * (base is None or height <= -2 * noise))
+        up = 0.0 if base is None else np.cross(b - a, c - a) @ base.direction / 2
+        if up > 0 >= height and not supported:
+            below[-1] = -height * up
+    shares = [sum(np.array(of)[near]) / sum(of) for of in (areas, cones, below, within)]
+    if base is not None:
+        shares[3] = min(shares[2:])
+    np.testing.assert_allclose([found.area, found.volume, found.below, found.within], shares, rtol=1e-9)
+    assert found.limit == limit and 0 < min(shares) < max(shares) < 1
+    vertices = MESH.vertices if base is None else MESH.vertices[base.heights(MESH.vertices) <= 0]
+    assert found.reach == Reach.of(vertices, points[data])
+    assert found.extends_beyond == Reach.of(MESH.vertices, points[data]).distance
+
+
 def test_reach_is_the_largest_over_even_directions(monkeypatch):
     points, _ = part_of_the_surface()
     rows = []
