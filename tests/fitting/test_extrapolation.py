@@ -8,7 +8,7 @@ from clouds_made import seen
 from shapes_made import even_directions, lumpy, single
 
 import quadriform as qf
-from quadriform.fitting.extrapolation import open_deviations
+from quadriform.fitting.extrapolation import open_deviations, open_surfaces
 from quadriform.fitting.result import Result
 from quadriform.fitting.superquadric.candidates import AXES, SHIFT
 from quadriform.fitting.superquadric.fit import in_frame, in_world
@@ -63,6 +63,34 @@ def test_what_the_refinement_changed_without_data_is_open():
     low = -np.cos(np.arccos(-0.2) + 2 * np.arcsin(SUPPORT.limit / 2))
     mean_square = (1 - low**3) / (3 * (1 - low))
     assert found["surface"] == pytest.approx(np.hypot(DEVIATION, 0.1 * np.sqrt(mean_square)), rel=0.05)
+
+
+def test_beside_data_a_surface_is_known_as_the_refinement_tells():
+    points, frame = even_directions(4000), Frame(np.array([1.0, 2, 3]), 10.0)
+    data = points[points[:, 2] > 0]
+    found = open_surfaces(refined(starts={"surface": start(SHIFT)}), {"surface": SUPPORT}, {"surface": data}, frame)
+    moved = points * [1, 1, 1.1]
+    far = points[:, 2] < -SUPPORT.limit
+    near = points[:, 2] > 0
+    variances = found["surface"].variances(frame.to_world(moved))
+    signed, of_ball = surface_at(BALL, start(SHIFT).covariance, moved)
+    np.testing.assert_allclose(variances[far], 100 * (of_ball + signed**2)[far], rtol=1e-9)
+    assert not variances[near].any() and found["surface"].is_open(frame.to_world(moved))[far].all()
+    without = open_surfaces(refined(starts={}), {"surface": SUPPORT}, {"surface": data}, frame)
+    assert not without
+
+
+@pytest.mark.slow
+def test_the_uncertainty_covers_the_error_where_half_a_body_has_no_data():
+    """Once it was that of the control points alone, which takes the superquadric as known."""
+    truth = lumpy(1000)
+    height = truth @ [0.6, 0.7, 0.4]
+    found = qf.fit(truth[height > -4])
+    alone, error = replace(found, extrapolations={}), np.abs(found.model.distance(truth[height < -8]))
+    both, before = (each.uncertainty(truth[height < -8]) for each in (found, alone))
+    assert (error < 2 * both).mean() > 0.8 > 0.7 > (error < 2 * before).mean()
+    beside = truth[height > 0]
+    np.testing.assert_array_equal(found.uncertainty(beside), alone.uncertainty(beside))
 
 
 def test_beyond_a_base_nothing_is_asked():

@@ -7,6 +7,7 @@ import pytest
 from shapes_made import even_directions, made, single
 
 from quadriform.fitting import fit as fits
+from quadriform.fitting import quality
 from quadriform.fitting.cloud import Distinct, effective_fraction
 from quadriform.fitting.fit import _Clouds
 from quadriform.fitting.noise import variances_along
@@ -69,12 +70,12 @@ def test_known_noise_counts_along_the_normals_with_its_independent_errors():
     feet = closest_on(SURFACE, ControlBox.around(SURFACE), LOCAL)
     root = 0.01 * np.random.default_rng(2).normal(size=(len(LOCAL), 3, 3))
     noise = root @ np.swapaxes(root, 1, 2)
-    known, independent = fits._known(noise, feet, INLIERS)
+    known, independent = quality._known(noise, feet, INLIERS)
     np.testing.assert_allclose(known, variances_along(noise, feet.normals))
     fraction = effective_fraction(feet.points, feet.signed / np.sqrt(known), INLIERS)
     assert independent == pytest.approx(INLIERS.sum() * fraction)
     for missing in (None, noise):
-        zeros, many = fits._known(missing, feet, np.zeros(len(LOCAL)) if missing is not None else INLIERS)
+        zeros, many = quality._known(missing, feet, np.zeros(len(LOCAL)) if missing is not None else INLIERS)
         assert not zeros.any() and many == np.inf
 
 
@@ -82,8 +83,7 @@ def test_points_without_weight_are_of_no_surface():
     counted = np.arange(len(LOCAL)) % 2 == 0
     of = result(counted={"surface": counted})
     feet = {"surface": closest_on(SURFACE, of.model.box, LOCAL)}
-    support = {"surface": fits._support(of, {"surface": LOCAL}, feet, {"surface": INLIERS}, 0.01, {})["surface"]}
-    found = fits._sampled(of, {"surface": LOCAL}, feet, support)["surface"]
+    support = quality.support_of_each(of, {"surface": LOCAL}, feet, {"surface": INLIERS}, 0.01, {})
     each = (LOCAL[counted], feet["surface"].points[counted], feet["surface"].signed[counted])
     assert found == Sampled.of(of.model.mesh("surface", 32), *each, support["surface"].limit)
 

@@ -6,6 +6,7 @@ the better extrapolation: their squared distance counts as a variance.
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,35 +17,69 @@ from quadriform.fitting.elements import Elements
 from quadriform.fitting.result import Result, SuperquadricFit
 from quadriform.fitting.superquadric.identifiability import surface_at
 from quadriform.fitting.support import Support
-from quadriform.points import Array
-from quadriform.shapes.model import DeformableModel
+from quadriform.points import Array, Frame
 
 
-def open_deviations(result: Result, support: Mapping[str, Support], feet: Mapping[str, Array]) -> dict[str, float]:
-    """Name -> standard deviation of the part of a surface without data, as RMS over its area.
+@dataclass(frozen=True)
+class OpenSurface:
+    """What is known of a surface where it has no data.
 
-    Surfaces with data on most of their area have none.
+    Attributes:
+        start: the superquadric of which it is a refinement.
+        feet: (n, 3), the points of the surface nearest to its inliers, in the same frame.
+        limit: distance from these up to which the surface has data, likewise.
+        frame: of all these, in the unit and frame of the points.
+    """
+
+    start: SuperquadricFit
+    feet: Array
+    limit: float
+    frame: Frame
+
+    def is_open(self, points: Array) -> NDArray[np.bool_]:
+        """Which points (m, 3) of the surface have no data near them."""
+        return np.asarray(cKDTree(self.feet).query(self.frame.to_local(points))[0] > self.limit)
+
+    def variances(self, points: Array) -> Array:
+        """Variances (m,) at points (m, 3) of the surface by the superquadric and its refinement: zero beside data."""
+        found, is_open = np.zeros(len(points)), self.is_open(points)
+        if is_open.any():
+            local = self.frame.to_local(points[is_open])
+            distances, variances = surface_at(self.start.superquadric, self.start.covariance, local)
+            found[is_open] = self.frame.scale**2 * (variances + distances**2)
+        return found
+
+
+def open_surfaces(
+    result: Result, support: Mapping[str, Support], feet: Mapping[str, Array], frame: Frame
+) -> dict[str, OpenSurface]:
+    """Name -> what is known of a surface without data; none where the superquadric's covariance is not known.
 
     Args:
         result: of the refinement.
         support: name -> of the surfaces by their data.
         feet: name -> (n, 3), the points of the surfaces nearest to their inliers.
+        frame: of all these.
     """
-    covariance, found = result.covariance, dict[str, float]()
-    for name, start in result.starts.items():
-        if covariance is not None and support[name].within < MOSTLY_SUPPORTED and len(feet[name]):
+    return {
+        name: OpenSurface(start, feet[name], support[name].limit, frame)
+        for name, start in result.starts.items()
+        if result.covariance is not None and len(feet[name])
+    }
+
+
+def open_deviations(result: Result, support: Mapping[str, Support], feet: Mapping[str, Array]) -> dict[str, float]:
+    """Name -> standard deviation of the part of a surface without data, as RMS over its area.
+
+    Surfaces with data on most of their area have none. Arguments as in `open_surfaces`.
+    """
+    found, covariance = dict[str, float](), result.covariance
+    for name, surface in open_surfaces(result, support, feet, Frame(np.zeros(3), 1.0)).items():
+        if support[name].within < MOSTLY_SUPPORTED and covariance is not None:
             elements = Elements.of(result.model, name)
-            is_open = cKDTree(feet[name]).query(elements.points)[0] > support[name].limit
+            areas = elements.areas * surface.is_open(elements.points)
             if result.half_space is not None:
-                is_open &= (elements.points - result.half_space[0]) @ result.half_space[1] <= 0
-            found[name] = _deviation(result.model, elements, covariance, start, is_open)
+                areas *= (elements.points - result.half_space[0]) @ result.half_space[1] <= 0
+            squares = elements.variances(result.model, covariance) + surface.variances(elements.points)
+            found[name] = float(np.sqrt(areas @ squares / areas.sum())) if areas.any() else 0.0
     return found
-
-
-def _deviation(
-    model: DeformableModel, elements: Elements, covariance: Array, start: SuperquadricFit, is_open: NDArray[np.bool_]
-) -> float:
-    distances, variances = surface_at(start.superquadric, start.covariance, elements.points)
-    squares = elements.variances(model, covariance) + variances + distances**2
-    total = float(elements.areas @ is_open)
-    return float(np.sqrt((elements.areas * is_open) @ squares / total)) if total else 0.0

@@ -14,10 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from quadriform.columns import Chosen
 from quadriform.errors import OptionError, Warnings, choose, known_options
-from quadriform.fitting.cloud import Centred, Distinct, effective_fraction
+from quadriform.fitting.cloud import Centred, Distinct
 from quadriform.fitting.diagnostics import (
     INLIER,
-    SurfaceQuality,
     duplicates,
     far_control_points,
     low_overlap,
@@ -25,25 +24,26 @@ from quadriform.fitting.diagnostics import (
     named_texts,
     start_notes,
 )
-from quadriform.fitting.extrapolation import open_deviations
+from quadriform.fitting.extrapolation import open_surfaces
 from quadriform.fitting.least_squares.regularisers import Regulariser
-from quadriform.fitting.noise import KnownNoise, partial_notes, sampling_step, variances_along
+from quadriform.fitting.noise import KnownNoise, partial_notes
 from quadriform.fitting.options import METHODS, PaperOptions, TangentOptions, lengths_of, options_for
 from quadriform.fitting.other_bodies import Masks, of_others, spread
 from quadriform.fitting.paper.two_step import two_step
+from quadriform.fitting.quality import qualities, support_of_each
 from quadriform.fitting.refinement.large_clouds import on_all, sample_of_large
 from quadriform.fitting.refinement.refine import LocalProblem, refine_tangent
 from quadriform.fitting.result import Fit, Progress, Result, SuperquadricFit, rms, unnamed
 from quadriform.fitting.superquadric.around import Around, Plane, Viewpoint, around_each
 from quadriform.fitting.superquadric.fit import fit_by_paper, fit_robust, in_frame
-from quadriform.fitting.support import LIMITS, Sampled, Support, covered_fraction, support_of
+from quadriform.fitting.support import covered_fraction
 from quadriform.fitting.threads import one_blas_thread
 from quadriform.point_sets import ALONE, Given, PointSet, common_unit, point_sets, points_sha256, precision_loss
 from quadriform.points import Array, Frame, check_spread, check_weights, for_each
-from quadriform.shapes.closest import FootPoints, closest_on
+from quadriform.shapes.closest import closest_on
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.kinds import KINDS
-from quadriform.shapes.landmarks import GIVEN_BASE, NONE_KNOWN, BasePlane, Landmarks
+from quadriform.shapes.landmarks import GIVEN_BASE, NONE_KNOWN, Landmarks
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.record import ModelRecord
 from quadriform.shapes.spaces import SPACES
@@ -322,13 +322,14 @@ def _in_world(result: Result, clouds: Mapping[str, Array], frame: Frame, noise: 
         for name, cloud in local.items()
     }
     known = {name: each / frame.scale**2 for name, each in noise.items()}
-    support = _support(result, local, after, inliers, sigma, known)
-    qualities = _qualities(result, after, inliers, support, local, known)
+    support = support_of_each(result, local, after, inliers, sigma, known)
+    feet = {name: after[name].points[inliers[name] >= INLIER] for name in local}
+    warnings = model_warnings(result, qualities(result, after, inliers, support, local, known), frame.scale)
     record = ModelRecord(coverage={name: each for name, each in covered.items() if model.surfaces[name].is_radial})
     sha256 = points_sha256(clouds.values())
     return Fit(
         model=replace(frame.shape_to_world(model), input_sha256=sha256, record=record),
-        warnings=model_warnings(result, qualities, frame.scale),
+        warnings=warnings,
         residuals=unnamed({name: frame.scale * values for name, values in residuals.items()}),
         superquadric_residuals=unnamed({name: frame.scale * feet.signed for name, feet in before.items()}),
         history=tuple(entry.scaled(frame.scale) for entry in result.history),
@@ -336,65 +337,7 @@ def _in_world(result: Result, clouds: Mapping[str, Array], frame: Frame, noise: 
         noise=frame.scale * sigma,
         inliers=unnamed(inliers),
         support={name: each.scaled(frame.scale) for name, each in support.items()},
+        extrapolations=open_surfaces(result, support, feet, frame),
         covariance=None if result.covariance is None else frame.scale**2 * result.covariance,
         enriched=None if result.enriched is None else replace(result.enriched, scale=frame.scale),
     )
-
-
-def _support(
-    result: Result,
-    clouds: Mapping[str, Array],
-    feet: Mapping[str, FootPoints],
-    inliers: Mapping[str, Array],
-    sigma: float,
-    noise: Mapping[str, Array],
-) -> dict[str, Support]:
-    """How far the inliers of each cloud, of standard deviation `sigma`, support its surface."""
-    base, found = None if result.half_space is None else BasePlane(*result.half_space), dict[str, Support]()
-    for name, cloud in clouds.items():
-        kept, mesh = inliers[name] >= INLIER, result.model.mesh(name, LIMITS.resolution)
-        step = sampling_step(noise.get(name))
-        found[name] = support_of(mesh, cloud[kept], feet[name].points[kept], sigma, base, step)
-    return found
-
-
-def _qualities(
-    result: Result,
-    feet: Mapping[str, FootPoints],
-    inliers: Mapping[str, Array],
-    support: Mapping[str, Support],
-    clouds: Mapping[str, Array],
-    noise: Mapping[str, Array],
-) -> dict[str, SurfaceQuality]:
-    """The quality of each surface, from which warnings about it are taken."""
-    sampled = _sampled(result, clouds, feet, support)
-    deviations = open_deviations(result, support, {n: each.points[inliers[n] >= INLIER] for n, each in feet.items()})
-    found = {}
-    for name, each in feet.items():
-        known, deviation = _known(noise.get(name), each, inliers[name]), deviations.get(name, np.inf)
-        found[name] = SurfaceQuality(each.signed, inliers[name], support[name], sampled[name], *known, deviation)
-    return found
-
-
-def _known(noise: Array | None, feet: FootPoints, inliers: Array) -> tuple[Array, float]:
-    """Variances (n,) of points along the normals that are known, or zeros, and how many errors are independent."""
-    if noise is None or not inliers.any():
-        return np.zeros(len(inliers)), np.inf
-    known = variances_along(noise, feet.normals)
-    return known, float(inliers.sum()) * effective_fraction(feet.points, feet.signed / np.sqrt(known), inliers)
-
-
-def _sampled(
-    result: Result,
-    clouds: Mapping[str, Array],
-    feet: Mapping[str, FootPoints],
-    support: Mapping[str, Support],
-) -> dict[str, Sampled]:
-    """Whether the points of each cloud that have a weight are of one surface."""
-    found = {}
-    for name, cloud in clouds.items():
-        counted = np.ones(len(cloud), dtype=np.bool_) if result.counted is None else result.counted[name]
-        points, nearest, signed = cloud[counted], feet[name].points[counted], feet[name].signed[counted]
-        mesh = result.model.mesh(name, LIMITS.resolution)
-        found[name] = Sampled.of(mesh, points, nearest, signed, support[name].limit)
-    return found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -107,6 +107,13 @@ class SuperquadricFit(Warned):
         return summary(f"SuperquadricFit: {self.status}", fitted, points, *self._texts, *self.notes)
 
 
+class Extrapolation(Protocol):
+    """What is known of a surface without data."""
+
+    def variances(self, points: Array) -> Array:
+        """Variances (n,) at points (n, 3) of the surface, zero where there is data nearby."""
+
+
 @dataclass(frozen=True, repr=False)
 class Fit(Warned):
     """A fitted deformable model.
@@ -126,6 +133,7 @@ class Fit(Warned):
         enriched: the same data with more control points, for `uncertainty`; None for the paper's method.
         notes: remarks that leave the status "ok", one sentence each.
         support: surface -> the shares of its area and volume that data supports, and its extent beyond the data.
+        extrapolations: surface -> what is known of it without data, for `uncertainty`; none by `refine`.
     """
 
     model: DeformableModel
@@ -140,6 +148,7 @@ class Fit(Warned):
     enriched: EnrichedBox | None = None
     notes: tuple[str, ...] = ()
     support: Mapping[str, Support] = field(default_factory=dict)
+    extrapolations: Mapping[str, Extrapolation] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         numbers = f"RMS distance {self.rms:.4g}, noise {self.noise:.4g}, strength {self.strength:.2g}"
@@ -161,7 +170,9 @@ class Fit(Warned):
     def uncertainty(self, points: ArrayLike, surface: str | None = None) -> Array:
         """One standard deviation (n,) of the surface along its normal, at the surface points nearest to (n, 3) points.
 
-        It covers the noise of the data, missing data, and too few control points; in the unit of the data.
+        It covers the noise of the data, missing data, and too few control points; and where there is no data nearby,
+        how well the superquadric is known and how far the refinement moved the surface from it. In the unit of the
+        data.
 
         Raises:
             OptionError: the fit has no covariance (method="paper").
@@ -169,7 +180,11 @@ class Fit(Warned):
         if self.enriched is None:
             raise OptionError("uncertainty: method='paper' estimates none; use method='tangent'")
         foot = self.model.foot_points(points, surface)
-        return self.enriched.deviation(self.model.box, foot.origins, foot.normals)
+        deviation = self.enriched.deviation(self.model.box, foot.origins, foot.normals)
+        extrapolation = self.extrapolations.get(self._named(surface))
+        return (
+            deviation if extrapolation is None else np.hypot(deviation, np.sqrt(extrapolation.variances(foot.points)))
+        )
 
     @property
     def supported(self) -> float | dict[str, float]:
@@ -212,7 +227,10 @@ class Fit(Warned):
         return Estimate(self.model.area(surface), self._power(2), None if supported is None else supported.area)
 
     def _support_of(self, surface: str | None) -> Support | None:
-        return self.support.get(next(iter(self.model.surfaces)) if surface is None else surface)
+        return self.support.get(self._named(surface))
+
+    def _named(self, surface: str | None) -> str:
+        return next(iter(self.model.surfaces)) if surface is None else surface
 
     def _power(self, exponent: int) -> str:
         """The unit of areas or volumes; empty where that of the points is not known."""

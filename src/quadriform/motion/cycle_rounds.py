@@ -166,7 +166,8 @@ def _by_decreasing_strength(
 ) -> tuple[tuple[bool, ...], CycleState, Strengths] | None:
     """The last state that does not fold at strengths that decrease from ones under which nothing folds to the given.
 
-    With its strengths, and what is verified. None where no such state has a noise of at most `most`.
+    With its strengths, and what is verified. Any noise is accepted at stronger ones: a map that folds must not be used,
+    and whether a surface is far from its points is reported apart. None where all states fold.
     """
     found = None
     for factor in np.geomspace(FOLDS.strongest, 1, FOLDS.descent):
@@ -176,7 +177,7 @@ def _by_decreasing_strength(
             verified, state = cycle.checked(state)
             if all(verified):
                 break
-        if all(verified) and state.noise <= most:
+        if all(verified):
             found = verified, state, stronger
     at_last = _unfolded(cycle, state, strengths, most)
     return found if at_last is None else ((True,) * len(at_last.boxes), at_last, strengths)
