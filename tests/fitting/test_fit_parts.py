@@ -84,6 +84,7 @@ def test_points_without_weight_are_of_no_surface():
     of = result(counted={"surface": counted})
     feet = {"surface": closest_on(SURFACE, of.model.box, LOCAL)}
     support = quality.support_of_each(of, {"surface": LOCAL}, feet, {"surface": INLIERS}, 0.01, {})
+    found = quality._sampled(of, {"surface": LOCAL}, feet, support)["surface"]
     each = (LOCAL[counted], feet["surface"].points[counted], feet["surface"].signed[counted])
     assert found == Sampled.of(of.model.mesh("surface", 32), *each, support["surface"].limit)
 
