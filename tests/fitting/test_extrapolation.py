@@ -65,7 +65,7 @@ def test_what_the_refinement_changed_without_data_is_open():
     assert found["surface"] == pytest.approx(np.hypot(DEVIATION, 0.1 * np.sqrt(mean_square)), rel=0.05)
 
 
-def test_beside_data_a_surface_is_known_as_the_refinement_tells():
+def test_beside_data_nothing_is_added():
     points, frame = even_directions(4000), Frame(np.array([1.0, 2, 3]), 10.0)
     data = points[points[:, 2] > 0]
     found = open_surfaces(refined(starts={"surface": start(SHIFT)}), {"surface": SUPPORT}, {"surface": data}, frame)
