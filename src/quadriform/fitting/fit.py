@@ -310,10 +310,8 @@ def _in_frame(surfaces: Mapping[str, Superquadric], frame: Frame) -> dict[str, S
 def _in_world(result: Result, clouds: Mapping[str, Array], frame: Frame, noise: Mapping[str, Array]) -> Fit:
     """The fit in the unit and frame of the points, with distances and warnings; covariances are in their unit."""
     local, model = {name: frame.to_local(cloud) for name, cloud in clouds.items()}, result.model
-    after, before = (
-        {name: closest_on(model.surfaces[name], box, cloud) for name, cloud in local.items()}
-        for box in (model.box, model.box.with_control_points(model.box.rest))
-    )
+    boxes = model.box, model.box.with_control_points(model.box.rest)
+    after, before = ({n: closest_on(model.surfaces[n], box, cloud) for n, cloud in local.items()} for box in boxes)
     residuals = {name: feet.signed for name, feet in after.items()}
     inliers = result.inliers or {name: np.ones(len(cloud)) for name, cloud in local.items()}
     sigma = result.noise if result.noise is not None else rms(residuals)
