@@ -13,6 +13,8 @@ from quadriform.shapes.superquadric import Superquadric
 
 MESH = made(exponents=(1, 1)).mesh(8)
 BASE = BasePlane(np.array([1.2, -1.8, 0.4]), np.array([0.6, 0.0, 0.8]))
+ABOVE = BasePlane(MESH.vertices.mean(axis=0) + 4 * BASE.direction, BASE.direction)
+"""The surface closes below it, in part without data."""
 
 
 def part_of_the_surface(n=150, seed=3):
@@ -26,7 +28,7 @@ def part_of_the_surface(n=150, seed=3):
     return points, MESH.vertices[gaps.argmin(axis=1)]
 
 
-@pytest.mark.parametrize("base", [None, BASE], ids=["whole", "below a base"])
+@pytest.mark.parametrize("base", [None, BASE, ABOVE], ids=["whole", "cut by a base", "below a base"])
 @pytest.mark.parametrize("step", [0.0, 0.3])
 def test_support_is_the_share_of_the_triangles_within_the_limit(step, base):
     """Of cones to the middle of the data or the base; of columns up to the base where the surface closes below it."""
