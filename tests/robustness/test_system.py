@@ -108,7 +108,7 @@ def cloud(tmp_path):
 @pytest.fixture
 def saved(cloud, tmp_path):
     """A model, and what was exported of it before."""
-    qf.save(qf.fit(CLOUD, method="paper", iterations=1).model, tmp_path / "model.json")
+    qf.save(qf.fit(CLOUD).model, tmp_path / "model.json")
     (tmp_path / "surfaces").mkdir()
     (tmp_path / "surfaces" / "surface.ply").write_bytes(b"old")
     return tmp_path / "model.json"
