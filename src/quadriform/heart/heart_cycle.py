@@ -74,7 +74,8 @@ def check_cycle(models: Sequence[DeformableModel] | DeformableModel, times: Arra
     if not material:
         warnings[WarningKind.SEPARATE_FRAMES] = (
             "the frames have superquadrics or boxes of their own, so no point of one is known in another: no "
-            "thickening, twist or strain; refine all frames from one superquadric, or track them together"
+            "thickening, twist or strain of the wall, only that of the length of contours; refine all frames from one "
+            "superquadric, or track them together"
         )
     checked = _check_times(times, len(given))
     return HeartCycle(given, checked, cavity, wall, material, MILLIMETRES.get(first.unit, 1.0), warnings)
@@ -87,7 +88,9 @@ def _names(model: DeformableModel, warnings: Warnings) -> tuple[str, str | None]
     if cavity is None:
         raise OptionError(f"models: expected a surface 'endo' around the cavity, found {', '.join(names)}")
     if "epi" not in names:
-        warnings[WarningKind.MISSING_SURFACE] = "there is no surface 'epi': no mass, wall thickness, twist or strain"
+        warnings[WarningKind.MISSING_SURFACE] = (
+            "there is no surface 'epi': no mass, wall thickness, twist or strain of the wall"
+        )
         return cavity, None
     for name in ("endo", "epi"):
         if not model.surfaces[name].is_radial:
