@@ -3,7 +3,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from quadriform.errors import DegenerateError, MaskError, OptionError
-from quadriform.imaging.segmentation import Labels, Percentile, segment
+from quadriform.imaging.segmentation import Labels, Percentile, _describe, segment
 from quadriform.imaging.volume import Volume
 
 
@@ -258,3 +258,8 @@ def test_the_object_stays_in_its_place(box, oblique):
     shown = found.object_volume()
     assert_array_equal(shown.values, box[2:10, 2:11, 3:9])
     assert_array_equal(shown.points_world([[0, 0, 0]]), image(box, oblique).points_world([[2, 2, 3]]))
+
+
+def test_up_to_twenty_values_are_counted_and_more_are_a_range():
+    assert _describe(np.repeat(np.arange(20), 2)).startswith("values and voxels: 0: 2, 1: 2, ")
+    assert _describe(np.arange(21)) == "the values run from 0 to 20"

@@ -18,7 +18,7 @@ import quadriform as qf
 from quadriform.heart.wall import Wall
 from quadriform.points import Frame
 
-CLOUD = lumpy(120)
+CLOUD = lumpy(200)
 PAPERS = 1e-6
 TURN = turned(1)
 CHANGES = {

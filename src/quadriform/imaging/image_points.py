@@ -129,8 +129,7 @@ def points_from_image(
     warnings = segmentation.warnings | result.warnings | _hollow(segmentation, result.mesh, fill_holes)
     record = options | _results(segmentation)
     points = result.mesh.vertices
-    interpolated = surface == "grey" and segmentation.threshold is not None
-    noise = None if interpolated else edge_noise(volume, points)
+    noise = None if surface == "grey" else edge_noise(volume, points)
     return ImagePoints(points, result.on_border, result.mesh, segmentation, warnings, record, noise)
 
 
