@@ -11,6 +11,7 @@ from quadriform.errors import WarningKind
 from quadriform.fitting import diagnostics
 from quadriform.fitting.elements import Elements
 from quadriform.fitting.result import Result
+from quadriform.fitting.superquadric import diagnostics as of_superquadric
 from quadriform.fitting.support import Reach, Sampled, Support
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superquadric import Superquadric
@@ -114,15 +115,17 @@ def test_a_poor_fit_is_one_beyond_the_limit_and_the_known_noise():
 
 
 def test_what_a_superquadric_did_not_reach_is_stated():
-    assert diagnostics.not_converged(True, 40) == {}
-    assert diagnostics.not_converged(False, 40) == {
+    assert of_superquadric.not_converged(True, 40) == {}
+    assert of_superquadric.not_converged(False, 40) == {
         "MAX_ITERATIONS": "the superquadric fit did not converge in 40 steps"
     }
-    assert diagnostics.undetermined(11, 1e4, 11) == {}
-    assert "determine 10 of 11" in diagnostics.undetermined(10, 1.01e4, 11)["ILL_CONDITIONED"]
-    assert diagnostics.near_symmetric(False) == {} and list(diagnostics.near_symmetric(True)) == ["NEAR_SYMMETRIC"]
-    assert diagnostics.multiple_minima(0) == {}
-    assert diagnostics.multiple_minima(2)["MULTIPLE_MINIMA"].startswith("2 other surface")
+    assert of_superquadric.undetermined(11, 1e4, 11) == {}
+    assert "determine 10 of 11" in of_superquadric.undetermined(10, 1.01e4, 11)["ILL_CONDITIONED"]
+    assert of_superquadric.near_symmetric(False) == {} and list(of_superquadric.near_symmetric(True)) == [
+        "NEAR_SYMMETRIC"
+    ]
+    assert of_superquadric.multiple_minima(0) == {}
+    assert of_superquadric.multiple_minima(2)["MULTIPLE_MINIMA"].startswith("2 other surface")
     assert "up to 9 control points" in diagnostics.max_error_missed(9, 1.234, 0.5)["POOR_FIT"]
 
 
@@ -138,16 +141,16 @@ def test_what_a_superquadric_did_not_reach_is_stated():
     ],
 )
 def test_parameters_within_a_thousandth_of_their_bounds_are_at_them(exponents, semi_axes, expected):
-    found = diagnostics.at_bound(Superquadric("ellipsoid", semi_axes, exponents), 3.0)
+    found = of_superquadric.at_bound(Superquadric("ellipsoid", semi_axes, exponents), 3.0)
     assert bool(found) == bool(expected)
     for word in ("exponents", "semi-axis"):
         assert (word in found.get("AT_BOUND", "")) == (word in expected)
 
 
 def test_directions_without_inliers_are_not_covered():
-    assert diagnostics.partial_coverage(0.85, np.array([0.5])) == {}
-    assert diagnostics.partial_coverage(0.84, np.ones(3))["PARTIAL_COVERAGE"].startswith("points cover 84 %")
-    assert diagnostics.partial_coverage(1.0, np.array([0.49]))["PARTIAL_COVERAGE"] == "no point is near the surface"
+    assert of_superquadric.partial_coverage(0.85, np.array([0.5])) == {}
+    assert of_superquadric.partial_coverage(0.84, np.ones(3))["PARTIAL_COVERAGE"].startswith("points cover 84 %")
+    assert of_superquadric.partial_coverage(1.0, np.array([0.49]))["PARTIAL_COVERAGE"] == "no point is near the surface"
 
 
 def test_surface_beyond_the_box_is_stated_in_per_cent():

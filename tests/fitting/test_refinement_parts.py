@@ -287,8 +287,8 @@ def test_the_misfit_is_the_weighted_sum_of_squared_distances_to_foot_points():
 
 
 def test_the_accepted_noise_is_half_as_much_again_or_a_fortieth():
-    assert unfolding.accepted_noise(SimpleNamespace(noise=0.1)) == pytest.approx(0.15)
-    assert unfolding.accepted_noise(SimpleNamespace(noise=0.001)) == 0.025
+    assert unfolding.accepted_noise(0.1) == pytest.approx(0.15)
+    assert unfolding.accepted_noise(0.001) == 0.025
 
 
 @pytest.mark.parametrize("count", [2, 5])

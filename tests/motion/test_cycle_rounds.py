@@ -60,7 +60,8 @@ class Counted:
         verified = self.verified_at is not None and state.steps >= self.verified_at
         return (True, verified), state
 
-    def result(self, state, strengths, verified):
+    def result(self, state, strengths, verified, before=None):
+        self.before = before
         return state, strengths, verified
 
 
@@ -122,7 +123,7 @@ def test_folds_are_removed_in_fifteen_rounds_from_the_fit(at):
     cycle = Counted(verified_at=at)
     state, strengths, verified = cycle_rounds._without_folds(cycle, State(), State(), (2.0, 3.0))
     assert cycle.log == [(2, 3)] * at
-    assert state.steps == at and strengths == (2, 3) and verified == (True, True)
+    assert state.steps == at and strengths == (2, 3) and verified == (True, True) and cycle.before is None
 
 
 def test_folds_that_stay_are_removed_from_the_first_state_at_decreasing_strengths():
@@ -149,11 +150,25 @@ def test_the_last_strength_is_kept_at_which_nothing_folds():
     cycle = Counted(noises, verified_at=1)
     state, strengths, verified = cycle_rounds._without_folds(cycle, State(), State(steps=-1), (2.0, 3.0))
     np.testing.assert_allclose(strengths, (2, 3))
-    assert state.noise == 1.6 and verified == (True, True)
+    assert state.noise == 1.6 and verified == (True, True) and cycle.before == 1
     little = Counted([0.024, 0.024], verified_at=2)  # a fortieth of the radius is always accepted
     assert cycle_rounds._without_folds(little, State(), State(0.001), (2.0, 3.0))[0].steps == 2
     fails = Counted(fails_at=0, verified_at=2)
     assert cycle_rounds._without_folds(fails, State(), State(), (2.0, 3.0))[2] == (True, False)
+
+
+def test_where_nothing_folds_at_larger_strengths_only_the_last_of_them_is_kept():
+    """Folds come back at the third of the eight strengths, and stay."""
+
+    class Folds(Counted):
+        def checked(self, state):
+            return (True, self.log[-1][0] > 2 * FACTORS[2] * 1.001), state
+
+    cycle = Folds()
+    first, folded = State(reference="affine"), State(0.3)
+    state, strengths, verified = cycle_rounds._without_folds(cycle, first, folded, (2.0, 3.0))
+    np.testing.assert_allclose(strengths, (2 * FACTORS[1], 3 * FACTORS[1]))
+    assert verified == (True, True) and (state.reference, cycle.before) == ("affine", 0.3)
 
 
 def test_progress_counts_to_the_rounds_that_are_always_made():

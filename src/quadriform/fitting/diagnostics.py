@@ -19,7 +19,7 @@ from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.record import OBSERVED
 from quadriform.shapes.solid import Solid
-from quadriform.shapes.superquadric import EXPONENTS, Superquadric
+from quadriform.shapes.superquadric import Superquadric
 
 INLIER = 0.5
 """A point of at least this probability belongs to the surface."""
@@ -27,17 +27,14 @@ MANY = 0.25
 """Where more than this fraction of the points are outliers, much of what was measured is not the surface."""
 NAMED = 5
 """How many outliers are named by index."""
-POOR, POOR_SUPERQUADRIC = 0.05, 0.1
-"""An RMS distance above this fraction of the cloud's RMS radius is that of a poor fit; a superquadric alone is allowed
-more, because the shape of most bodies is not one."""
+POOR = 0.05
+"""An RMS distance above this fraction of the cloud's RMS radius is that of a poor fit."""
 SCATTER = 2.0
 """Standard deviations of the mean square of a known noise that are put down to chance."""
 OVERLAP_RESOLUTION = 48
 """Of the mesh of a fitted body that is compared with the mask or closed mesh that it was fitted to."""
 SAME_VOLUME = 0.05
 """Largest difference of their volumes, as a fraction: that of what must count as observed."""
-COVERED = 0.85
-"""Of a covered superquadric at least this fraction of the directions from its centre has points."""
 MOSTLY_SUPPORTED = 0.5
 """Of the area; where data supports less, a result must not be used unless the rest is known better than the surface of
 a poor fit, as that of a superquadric seen from one side. It is "ok" only where nearly all is observed."""
@@ -47,10 +44,6 @@ of the data in the same direction. Half a body that is extrapolated from the oth
 SURE = 0.005
 """Of the cloud's RMS radius. A surface is uncertain where its standard deviation, as RMS over its area, is above that
 of a single point by more than this, which is what models of exact points are allowed."""
-UNDETERMINED = 1e4
-"""Condition of the derivatives by the parameters of a superquadric above which some of them are not determined."""
-NEAR_BOUND = 1e-3
-"""A parameter this near to its bound, relative to its range for a semi-axis, lies at it."""
 ROUNDING_MOVES = 5e9
 """Condition above which rounding, 2e-16 for each unit of it, may move the surface by a millionth of the RMS radius."""
 THIN = 0.25
@@ -282,54 +275,24 @@ def max_error_missed(side: int, error: float, noise: float) -> Warnings:
     return {WarningKind.POOR_FIT: text}
 
 
-def not_converged(converged: bool, steps: int) -> Warnings:
-    """MAX_ITERATIONS of a superquadric fit that did not converge."""
-    return {} if converged else {WarningKind.MAX_ITERATIONS: f"the superquadric fit did not converge in {steps} steps"}
-
-
-def undetermined(rank: int, condition: float, parameters: int) -> Warnings:
-    """ILL_CONDITIONED where points do not determine a superquadric."""
-    text = f"the points determine {rank} of {parameters} superquadric parameters, condition {condition:.1e}"
-    return {WarningKind.ILL_CONDITIONED: text} if condition > UNDETERMINED else {}
-
-
-def near_symmetric(symmetric: bool) -> Warnings:
-    """NEAR_SYMMETRIC of a surface of revolution, or nearly one."""
-    text = "the surface looks the same when rotated: its axes are not determined"
-    return {WarningKind.NEAR_SYMMETRIC: text} if symmetric else {}
-
-
-def multiple_minima(others: int) -> Warnings:
-    """MULTIPLE_MINIMA where other surfaces explain the points as well."""
-    return {WarningKind.MULTIPLE_MINIMA: f"{others} other surface(s) explain the points as well"} if others else {}
-
-
-def at_bound(found: Superquadric, longest: float) -> Warnings:
-    """AT_BOUND where exponents are at the ends of their range, or a semi-axis is at the `longest` allowed."""
-    parts, exponents = [], found.exponents
-    if (exponents < EXPONENTS[0] + NEAR_BOUND).any() or (exponents > EXPONENTS[1] - NEAR_BOUND).any():
-        parts.append(f"exponents {exponents.round(3).tolist()} at {EXPONENTS}")
-    if (found.semi_axes > longest * (1 - NEAR_BOUND)).any():
-        parts.append("a semi-axis at twice the extent of the data")
-    return {WarningKind.AT_BOUND: " and ".join(parts) + ": the data does not determine them"} if parts else {}
-
-
-def partial_coverage(covered: float, inliers: Array) -> Warnings:
-    """PARTIAL_COVERAGE where too small a fraction of the directions from the centre is covered by inliers (n,)."""
-    if not (inliers >= INLIER).any():
-        return {WarningKind.PARTIAL_COVERAGE: "no point is near the surface"}
-    if covered >= COVERED:
-        return {}
-    text = (
-        f"points cover {100 * covered:.0f} % of the directions from the centre; elsewhere the surface is extrapolated"
-    )
-    return {WarningKind.PARTIAL_COVERAGE: text}
-
-
 def _outside_lattice(model: DeformableModel, surface: Superquadric) -> Warnings:
     local = model.box.local(surface.grid(12)[0])
     outside = float(((local < -1e-9) | (local > 1 + 1e-9)).any(axis=1).mean())
     return {WarningKind.OUTSIDE_LATTICE: f"{100 * outside:.0f} % of the surface is beyond the box"} if outside else {}
+
+
+def smoother_than_data(noise: float, before: float) -> Warnings:
+    """POOR_FIT of a cycle without folds whose surfaces are much farther from the points than those that folded.
+
+    Args:
+        noise: standard deviation of the inliers' residuals, in RMS radii of the cloud.
+        before: the same before folds were removed.
+    """
+    text = (
+        f"folds were removed by a smoother motion, {noise / before:.1f} times as far from the points as before: "
+        f"{100 * noise:.1f} % of the cloud's RMS radius; a larger box may follow them"
+    )
+    return {WarningKind.POOR_FIT: text}
 
 
 def folding(model: DeformableModel) -> Warnings:

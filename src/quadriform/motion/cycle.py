@@ -51,6 +51,7 @@ class CycleFit:
         strengths: alpha in space, gamma in time, both per data point.
         shifts: (S, 2), of the slices in their planes; none without slice numbers.
         verified: whether each frame is verified to be free of folds.
+        noise_before: the noise before folds were removed; None where none were.
     """
 
     control_points: Array
@@ -60,6 +61,7 @@ class CycleFit:
     strengths: tuple[float, float]
     shifts: Array
     verified: tuple[bool, ...]
+    noise_before: float | None = None
 
 
 @dataclass(frozen=True)
@@ -202,11 +204,18 @@ class Cycle:
         displacement = np.repeat(of_box, len(state.displacement), axis=0)
         return replace(state, displacement=displacement, boxes=[box] * len(state.boxes), reference=box)
 
-    def result(self, state: CycleState, strengths: tuple[float, float], verified: tuple[bool, ...]) -> CycleFit:
-        """The fit with the results of a state."""
+    def result(
+        self,
+        state: CycleState,
+        strengths: tuple[float, float],
+        verified: tuple[bool, ...],
+        noise_before: float | None = None,
+    ) -> CycleFit:
+        """The fit with the results of a state, and the noise before folds were removed."""
         control = state.displacement.reshape(-1, *self.shape, 3) + self.box.rest
         datasets = tuple(dict(zip(frame, each)) for frame, each in zip(self.frames, state.datasets))
-        return CycleFit(control, datasets, state.noise, self.known_noise.least, strengths, state.shifts, verified)
+        least, shifts = self.known_noise.least, state.shifts
+        return CycleFit(control, datasets, state.noise, least, strengths, shifts, verified, noise_before)
 
     def step(self, state: CycleState, strengths: tuple[float, float]) -> CycleState | None:
         """The state after a round: foot points, inlier probabilities, and a step to the solution of the linear problem.

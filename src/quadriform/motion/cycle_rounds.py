@@ -11,7 +11,7 @@ import numpy as np
 from quadriform.errors import DegenerateError, OptionError
 from quadriform.fitting.refinement.multiresolution import SCHEDULE
 from quadriform.fitting.refinement.point_to_plane import data_rows
-from quadriform.fitting.refinement.unfolding import FOLDS
+from quadriform.fitting.refinement.unfolding import FOLDS, accepted_noise
 from quadriform.fitting.result import Progress
 from quadriform.motion.affine_start import AffineMotion, fitted_motion
 from quadriform.motion.cycle import Cycle, CycleFit, CycleState
@@ -152,13 +152,13 @@ def _without_folds(cycle: Cycle, first: CycleState, state: CycleState, strengths
 
     Fold removal starts from the fit at these strengths, and then from the first state again: its surfaces are smooth.
     """
-    most = max(FOLDS.accepted * state.noise, FOLDS.negligible)
+    most, before = accepted_noise(state.noise), state.noise
     found = _unfolded(cycle, state, strengths, most)
     if found is not None:
         return cycle.result(found, strengths, (True,) * len(found.boxes))
     smooth = replace(first, fraction=state.fraction)
     verified, found, strengths = _by_decreasing_strength(cycle, smooth, strengths, most) or (None, state, strengths)
-    return cycle.result(found, strengths, verified or cycle.checked(found)[0])
+    return cycle.result(found, strengths, verified or cycle.checked(found)[0], before)
 
 
 def _by_decreasing_strength(

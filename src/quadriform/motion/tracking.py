@@ -14,12 +14,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quadriform.errors import WarningKind, Warnings, choose, known_options
-from quadriform.fitting.diagnostics import INLIER, folding, low_overlap, named_texts, outliers, poor_fit
+from quadriform.fitting.diagnostics import (
+    INLIER,
+    folding,
+    low_overlap,
+    named_texts,
+    outliers,
+    poor_fit,
+    smoother_than_data,
+)
 from quadriform.fitting.fit import fit, precision_warnings, refine
 from quadriform.fitting.noise import KnownNoise, partial_notes
 from quadriform.fitting.options import Base, check_box, check_strength
 from quadriform.fitting.refinement.starts import nested_ellipsoids
 from quadriform.fitting.refinement.surface_data import SurfaceData
+from quadriform.fitting.refinement.unfolding import accepted_noise
 from quadriform.fitting.result import Fit, HalfSpace, Progress, Warned, flat
 from quadriform.fitting.threads import one_blas_thread
 from quadriform.motion.cycle import Cycle, CycleFit, named
@@ -345,7 +354,7 @@ def _cycle_in_world(task: _Task, frame: Frame, moving: MovingModel, found: Cycle
         residuals=tuple({name: each.signed for name, each in nearest.items()} for nearest in feet),
         noise=frame.scale * found.noise,
         strengths=found.strengths,
-        warnings=_by_frame(_cycle_warnings(models, feet, found, frame.scale)),
+        warnings=_without_folds(found) | _by_frame(_cycle_warnings(models, feet, found, frame.scale)),
     )
 
 
@@ -361,6 +370,12 @@ def _cycle_warnings(
         each = {n: outliers(data.inliers) | _poor_fit(data, nearest[n], found, unit) for n, data in datasets.items()}
         result.append(named_texts(each) | ({} if verified else folding(model)))
     return result
+
+
+def _without_folds(found: CycleFit) -> Warnings:
+    before = found.noise_before
+    is_close = before is None or found.noise <= accepted_noise(before)
+    return {} if is_close else smoother_than_data(found.noise, before)
 
 
 def _poor_fit(data: SurfaceData, nearest: FootPoints, found: CycleFit, unit: float) -> Warnings:

@@ -123,7 +123,7 @@ def _best_start(
         found = None if regularised is None else (trial, regularised)
     elif found is None and problem.options.robust:
         unweighted = replace(problem, options=replace(problem.options, robust=False))
-        found = _certified(unweighted, starts, shape, accepted_noise(folded))[1]
+        found = _certified(unweighted, starts, shape, accepted_noise(folded.noise))[1]
     if found is None:
         return _result(*first, folding(DeformableModel(trial.surfaces, folded.box)))
     return _result(*found, {})

@@ -175,9 +175,9 @@ def remove_folds(
     return None
 
 
-def accepted_noise(refined: Refined) -> float:
-    """The noise above which a fold is kept."""
-    return max(FOLDS.accepted * refined.noise, FOLDS.negligible)
+def accepted_noise(before: float) -> float:
+    """The noise, in RMS radii, above which the removal of a fold is no success; `before` is that of the folded fit."""
+    return max(FOLDS.accepted * before, FOLDS.negligible)
 
 
 def least_regularised(problem: Problem, refined: Refined, surfaces: dict[str, Superquadric]) -> Refined | None:

@@ -10,23 +10,20 @@ from numpy.typing import ArrayLike
 
 from quadriform.errors import OptionError, choose, known_options
 from quadriform.fitting.cloud import Centred
-from quadriform.fitting.diagnostics import (
-    INLIER,
-    POOR_SUPERQUADRIC,
-    at_bound,
-    duplicates,
-    multiple_minima,
-    near_symmetric,
-    not_converged,
-    outliers,
-    partial_coverage,
-    poor_fit,
-    undetermined,
-)
+from quadriform.fitting.diagnostics import INLIER, duplicates, outliers, poor_fit
 from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.result import SuperquadricFit
 from quadriform.fitting.superquadric.around import Around, Plane
 from quadriform.fitting.superquadric.candidates import AXES, SHIFT
+from quadriform.fitting.superquadric.diagnostics import (
+    POOR_SUPERQUADRIC,
+    at_bound,
+    multiple_minima,
+    near_symmetric,
+    not_converged,
+    partial_coverage,
+    undetermined,
+)
 from quadriform.fitting.superquadric.identifiability import determined
 from quadriform.fitting.superquadric.initial import cut_to, ellipsoid_by_moments
 from quadriform.fitting.superquadric.multistart import SEARCH, SearchResult, nearby, solve

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from quadriform.fitting.diagnostics import UNDETERMINED
 from quadriform.fitting.superquadric.candidates import AXES, HOLE, POWERS, ROTATION, SHIFT, Candidates
+from quadriform.fitting.superquadric.diagnostics import UNDETERMINED
 from quadriform.fitting.superquadric.levenberg_marquardt import EXPONENT_SPREAD, distances
 from quadriform.points import Array
 from quadriform.shapes.superellipse import quiet

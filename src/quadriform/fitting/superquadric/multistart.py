@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from quadriform.fitting.cloud import best_first, nearest
 from quadriform.fitting.connected import unconnected
-from quadriform.fitting.diagnostics import COVERED, INLIER
+from quadriform.fitting.diagnostics import INLIER
 from quadriform.fitting.mixture import LARGEST_RATIO, Mixture, all_inliers, annealed, density_odds, estimated
 from quadriform.fitting.superquadric.candidates import Candidates
+from quadriform.fitting.superquadric.diagnostics import COVERED
 from quadriform.fitting.superquadric.initial import (
     FRAMES,
     bound_of_axes,

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.fitting.cloud import evenly_chosen
-from quadriform.fitting.diagnostics import UNDETERMINED
 from quadriform.fitting.superquadric.candidates import AXES, HOLE, POWERS, SHIFT, Candidates
+from quadriform.fitting.superquadric.diagnostics import UNDETERMINED
 from quadriform.fitting.superquadric.levenberg_marquardt import EXPONENT_SPREAD, Descent, distances
 from quadriform.points import Array
 from quadriform.shapes.superellipse import quiet

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares, minimize
 
-from quadriform.fitting.diagnostics import at_bound, not_converged, undetermined
 from quadriform.fitting.mixture import LEAST_SIGMA
 from quadriform.fitting.result import SuperquadricFit
 from quadriform.fitting.superquadric.candidates import ROTATION, Candidates
+from quadriform.fitting.superquadric.diagnostics import at_bound, not_converged, undetermined
 from quadriform.fitting.superquadric.identifiability import determined
 from quadriform.fitting.superquadric.initial import STARTS, cut_to
 from quadriform.fitting.superquadric.levenberg_marquardt import distances
