@@ -103,26 +103,36 @@ def test_between_several_surfaces_a_fold_is_worse_than_noise(monkeypatch):
 def test_without_a_start_that_is_free_of_folds_others_are_tried(monkeypatch, noise, found, robust, expected):
     """A poor fit with more regularisation, another without robust weights."""
     calls = []
-    folded = SimpleNamespace(noise=noise, box="box")
+    folded, found = SimpleNamespace(noise=noise, box="box"), found and SimpleNamespace(name=found, noise=1.5 * noise)
+    others = {name: SimpleNamespace(name=name, noise=noise) for name in ("regularised", "unweighted")}
 
     def certified_(problem, starts, shape, largest=None):
         calls.append(largest)
         first = SimpleNamespace(problem="p", surfaces="s"), folded
-        return first, (("trial", found) if found else None) if len(calls) == 1 else ("trial", "unweighted")
+        return first, (("trial", found) if found else None) if len(calls) == 1 else ("trial", others["unweighted"])
 
     class Local:
         options = SimpleNamespace(robust=robust)
 
     monkeypatch.setattr(refine, "_certified", certified_)
-    monkeypatch.setattr(refine, "least_regularised", lambda *of: "regularised")
+    monkeypatch.setattr(refine, "least_regularised", lambda *of: others["regularised"])
     monkeypatch.setattr(refine, "replace", lambda of, **more: of)
     monkeypatch.setattr(refine, "folding", lambda model: {"FOLDING": "x"})
     monkeypatch.setattr(refine, "DeformableModel", lambda *of: "model")
     monkeypatch.setattr(refine, "_result", lambda trial, refined, warnings: (refined, warnings))
     result, warnings = refine._best_start(Local, [], None)
-    assert (result if isinstance(result, str) else "folded") == expected
+    assert getattr(result, "name", "folded") == expected
     assert warnings == ({"FOLDING": "x"} if expected == "folded" else {})
     assert calls == ([None, pytest.approx(0.06)] if expected == "unweighted" else [None])
+
+
+@pytest.mark.parametrize(("noise", "is_poor"), [(0.06, False), (0.0601, True)])
+def test_surfaces_without_folds_much_farther_from_the_points_are_a_poor_fit(monkeypatch, noise, is_poor):
+    """Of several surfaces at half as much noise again: any noise is accepted for them."""
+    first = SimpleNamespace(problem="p", surfaces="s"), SimpleNamespace(noise=0.04)
+    monkeypatch.setattr(refine, "_certified", lambda *of: (first, ("trial", SimpleNamespace(noise=noise))))
+    monkeypatch.setattr(refine, "_result", lambda trial, refined, warnings: warnings)
+    assert ("POOR_FIT" in refine._best_start(None, [], None)) == is_poor
 
 
 @pytest.mark.parametrize(

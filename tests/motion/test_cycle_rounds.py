@@ -162,7 +162,7 @@ def test_where_nothing_folds_at_larger_strengths_only_the_last_of_them_is_kept()
 
     class Folds(Counted):
         def checked(self, state):
-            return (True, self.log[-1][0] > 2 * FACTORS[2] * 1.001), state
+            return (True, bool(self.log) and self.log[-1][0] > 2.001 * FACTORS[2]), state
 
     cycle = Folds()
     first, folded = State(reference="affine"), State(0.3)

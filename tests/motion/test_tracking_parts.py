@@ -160,4 +160,4 @@ def test_a_motion_much_farther_from_the_points_than_the_folded_one_is_a_poor_fit
 
     assert found(0.5, None) == found(0.0449, 0.03) == found(0.0249, 0.001) == {}
     assert list(found(0.0451, 0.03)) == list(found(0.0251, 0.001)) == ["POOR_FIT"]
-    assert "2.0 times as far from the points as before: 6.0 %" in found(0.06, 0.03)["POOR_FIT"]
+    assert "2.0 times as far from the points: 6.0 %" in found(0.06, 0.03)["POOR_FIT"]

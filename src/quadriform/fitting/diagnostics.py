@@ -282,15 +282,15 @@ def _outside_lattice(model: DeformableModel, surface: Superquadric) -> Warnings:
 
 
 def smoother_than_data(noise: float, before: float) -> Warnings:
-    """POOR_FIT of a cycle without folds whose surfaces are much farther from the points than those that folded.
+    """POOR_FIT of surfaces that are much farther from the points than those of the map before its folds were removed.
 
     Args:
         noise: standard deviation of the inliers' residuals, in RMS radii of the cloud.
-        before: the same before folds were removed.
+        before: that of the map that folds.
     """
     text = (
-        f"folds were removed by a smoother motion, {noise / before:.1f} times as far from the points as before: "
-        f"{100 * noise:.1f} % of the cloud's RMS radius; a larger box may follow them"
+        f"folds were removed by a smoother map, whose surfaces are {noise / before:.1f} times as far from the points: "
+        f"{100 * noise:.1f} % of the cloud's RMS radius; a larger box may follow the points"
     )
     return {WarningKind.POOR_FIT: text}
 

@@ -374,8 +374,9 @@ def _cycle_warnings(
 
 def _without_folds(found: CycleFit) -> Warnings:
     before = found.noise_before
-    is_close = before is None or found.noise <= accepted_noise(before)
-    return {} if is_close else smoother_than_data(found.noise, before)
+    if before is None or found.noise <= accepted_noise(before):
+        return {}
+    return smoother_than_data(found.noise, before)
 
 
 def _poor_fit(data: SurfaceData, nearest: FootPoints, found: CycleFit, unit: float) -> Warnings:

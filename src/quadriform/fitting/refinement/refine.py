@@ -8,7 +8,7 @@ import numpy as np
 
 from quadriform.errors import Warnings
 from quadriform.fitting.cloud import best_first
-from quadriform.fitting.diagnostics import POOR, folding, ill_conditioned, max_error_missed
+from quadriform.fitting.diagnostics import POOR, folding, ill_conditioned, max_error_missed, smoother_than_data
 from quadriform.fitting.least_squares.uncertainty import EnrichedBox
 from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.options import TangentOptions, check_box, check_strength
@@ -126,7 +126,8 @@ def _best_start(
         found = _certified(unweighted, starts, shape, accepted_noise(folded.noise))[1]
     if found is None:
         return _result(*first, folding(DeformableModel(trial.surfaces, folded.box)))
-    return _result(*found, {})
+    is_close = found[1].noise <= accepted_noise(folded.noise)
+    return _result(*found, {} if is_close else smoother_than_data(found[1].noise, folded.noise))
 
 
 def _certified(
@@ -150,7 +151,7 @@ def _certified(
     for trial in _self_intersecting_last(_ordered(problem, starts, shape)):
         refined = fine_stage(trial.problem, trial.datasets, trial.coarse)
         tried.append((trial, refined))
-        accepted = accepted_noise(tried[0][1]) if largest_noise is None else largest_noise
+        accepted = accepted_noise(tried[0][1].noise) if largest_noise is None else largest_noise
         # between several surfaces a fold is worse than noise
         limit = np.inf if len(trial.surfaces) > 1 else accepted
         for found in without_folds(trial.problem, refined, trial.surfaces, limit):
