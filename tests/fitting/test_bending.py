@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from quadriform.fitting.least_squares.regularisers import Bending, Springs, penalty_matrix
+from quadriform.fitting.least_squares.regularisers import Bending, Springs, regulariser_matrix
 from quadriform.shapes import bernstein
 
 SHAPES = [(2, 2, 2), (3, 3, 3), (5, 5, 5), (3, 5, 4), (2, 4, 7)]
@@ -83,5 +83,5 @@ def test_springs_are_free_for_one_displacement_a_coordinate(shape):
 
 
 def test_the_names_mean_these(rng):
-    np.testing.assert_array_equal(penalty_matrix("bending", (3, 4, 3)), Bending().matrix((3, 4, 3)))
-    np.testing.assert_array_equal(penalty_matrix("springs", (3, 4, 3)), Springs().matrix((3, 4, 3)))
+    np.testing.assert_array_equal(regulariser_matrix("bending", (3, 4, 3)), Bending().matrix((3, 4, 3)))
+    np.testing.assert_array_equal(regulariser_matrix("springs", (3, 4, 3)), Springs().matrix((3, 4, 3)))

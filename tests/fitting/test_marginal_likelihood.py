@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from quadriform.fitting.least_squares import marginal_likelihood as likelihood
-from quadriform.fitting.least_squares.marginal_likelihood import SELECTION, Evidence, Solution
+from quadriform.fitting.least_squares.factorisation import cholesky_factor, spectrum
+from quadriform.fitting.least_squares.marginal_likelihood import SELECTION, LinearProblem, Minimum, Solution
 from quadriform.fitting.least_squares.normal_equations import NormalEquations
 
 
 def searched(derivative):
-    """What `Evidence._root` finds for a derivative of the criterion, and where the derivative was evaluated."""
+    """What `LinearProblem._root` finds for a derivative of the criterion, and where the derivative was evaluated."""
     at = []
 
     def recorded(x):
@@ -20,7 +21,7 @@ def searched(derivative):
 
     def root(*arguments):
         at.clear()
-        return Evidence._root(SimpleNamespace(_derivative=recorded), *arguments)
+        return LinearProblem._root(SimpleNamespace(_derivative=recorded), *arguments)
 
     return root, at
 
@@ -30,9 +31,9 @@ WIDE = (-100.0, 100.0)
 
 def test_secant_steps_find_the_root_of_a_line_at_once():
     root, at = searched(lambda x: 3 * (x - 2))
-    assert root(0.0, 0.1, WIDE, 1e-6) == pytest.approx((2, 3))
+    assert root(0.0, 0.1, WIDE, 1e-6) == pytest.approx((2, 3, False))
     assert at == pytest.approx([0, 0.1, 2])
-    assert root(0.0, 0.1, WIDE, 1e-6, -6.0) == pytest.approx((2, 3))
+    assert root(0.0, 0.1, WIDE, 1e-6, -6.0) == pytest.approx((2, 3, False))
     assert at == pytest.approx([0.1, 2])
 
 
@@ -50,7 +51,7 @@ def test_secant_steps_follow_the_last_two_points_until_a_step_is_short():
             points.append(points[-1] - derivative(points[-1]) / curvature)
             if abs(points[-1] - points[-2]) < tolerance:
                 break
-        assert found == pytest.approx((points[-1], curvature), rel=1e-12)
+        assert found == pytest.approx((points[-1], curvature, False), rel=1e-12)
         assert at == pytest.approx(points[:-1], rel=1e-12)
 
 
@@ -77,51 +78,51 @@ def test_at_most_eight_steps_are_made():
 def test_where_both_derivatives_are_small_the_criterion_is_flat():
     for size, flat in ((0.019, True), (0.021, False)):
         root, _ = searched(lambda x, size=size: size if x else -0.01)
-        assert (root(0.0, 0.1, WIDE, 1e-6) == (0.0, 0.0)) == flat
+        assert (root(0.0, 0.1, WIDE, 1e-6) == (0.0, 0.0, True)) == flat
         other, _ = searched(lambda x, size=size: -size if not x else 0.01)
-        assert (other(0.0, 0.1, WIDE, 1e-6) == (0.0, 0.0)) == flat
+        assert (other(0.0, 0.1, WIDE, 1e-6) == (0.0, 0.0, True)) == flat
 
 
 @pytest.mark.parametrize(("strength", "low", "high"), [(1.0, 1 / 30, 30), (1e-12, 1e-13, 3e-11), (1e5, 1e5 / 30, 3e4)])
 def test_a_later_search_stays_within_a_factor_of_30_and_the_range(strength, low, high):
-    assert np.exp(likelihood._nearby(strength)) == pytest.approx([low, high])
+    assert np.exp(likelihood._search_range(strength)) == pytest.approx([low, high])
 
 
-def evidence(criterion, derivative=lambda x: None, **methods):
+def stand_in(criterion, derivative=lambda x: None, **methods):
     """A stand-in with a criterion and a derivative by the logarithm of the strength, solved everywhere."""
     made = SimpleNamespace(
         _criterion=lambda strength: criterion(np.log(strength)),
         _derivative=derivative,
-        _determined=lambda x, curvature: (x, curvature),
+        _determined=lambda minimum: minimum[:2],
         **methods,
     )
     for name in ("_root", "_first", "_by_values", "best", "after"):
         if not hasattr(made, name):
-            setattr(made, name, getattr(Evidence, name).__get__(made))
+            setattr(made, name, getattr(LinearProblem, name).__get__(made))
     return made
 
 
 def test_the_first_search_begins_at_the_least_of_the_best_decades():
     decades = np.arange(-13, 4)
     for best in (-13, -4, 3):
-        found = evidence(lambda x, best=best: abs(x - np.log(10.0) * best))._first()
+        found = stand_in(lambda x, best=best: abs(x - np.log(10.0) * best))._first()
         assert found == pytest.approx(10.0**best)
     values = np.where(decades >= -2, 5.0, 9.0)
     values[decades == -5] = 5.0099
-    flat = evidence(lambda x: values[np.abs(decades - x / np.log(10)).argmin()])
+    flat = stand_in(lambda x: values[np.abs(decades - x / np.log(10)).argmin()])
     assert flat._first() == pytest.approx(1e-5)
     values[decades == -5] = 5.0101
     assert flat._first() == pytest.approx(1e-2)
 
 
 def test_without_derivatives_the_minimum_is_found_to_a_tenth():
-    made = evidence(lambda x: (x + 3) ** 2 if x > -4 else np.inf)
+    made = stand_in(lambda x: (x + 3) ** 2 if x > -4 else np.inf)
     assert made._by_values(-9.0, 5.0) == pytest.approx(-3, abs=0.1)
     assert made._by_values(-2.0, 5.0) == pytest.approx(-2, abs=0.2)
 
 
 def test_the_best_strength_is_the_root_of_the_derivative():
-    made = evidence(lambda x: (x + 3) ** 2, lambda x: 2 * (x + 3))
+    made = stand_in(lambda x: (x + 3) ** 2, lambda x: 2 * (x + 3))
     assert made.best() == pytest.approx((-3, 2))
     assert made.best(np.exp(-2.0)) == pytest.approx((-3, 2))
     # farther than thirty times: the end of the range near the strength, by values
@@ -130,9 +131,9 @@ def test_the_best_strength_is_the_root_of_the_derivative():
 
 
 def test_where_the_derivative_is_flat_the_whole_range_is_searched_and_then_it_is_taken():
-    made = evidence(lambda x: 0.0 if x > 0 else x**2, lambda x: 0.0 if x > 0 else 2 * x)
+    made = stand_in(lambda x: 0.0 if x > 0 else x**2, lambda x: 0.0 if x > 0 else 2 * x)
     assert made.best(np.exp(2.0))[0] == pytest.approx(np.log(made._first()), abs=0.5)
-    everywhere = evidence(lambda x: 0.0, lambda x: 0.0)
+    everywhere = stand_in(lambda x: 0.0, lambda x: 0.0)
     assert everywhere.best() == pytest.approx((np.log(1e-13), 0))
 
 
@@ -142,9 +143,9 @@ def test_where_steps_fail_values_lead_near_and_steps_are_tried_again_from_there(
 
     def root(x, other, bounds, tolerance):
         calls.append((x, other, bounds, tolerance))
-        return None if len(calls) == 1 else (-2.9, 1.5)
+        return None if len(calls) == 1 else Minimum(-2.9, 1.5)
 
-    made = evidence(lambda x: (x + 3) ** 2, _root=root)
+    made = stand_in(lambda x: (x + 3) ** 2, _root=root)
     assert made.best(np.exp(-2.0)) == (-2.9, 1.5)
     (_, _, _, _), (x, other, bounds, tolerance) = calls
     assert x == pytest.approx(-3, abs=0.1) and other == pytest.approx(x + 0.1)
@@ -157,7 +158,7 @@ def test_where_steps_fail_values_lead_near_and_steps_are_tried_again_from_there(
 
 def test_the_second_point_of_a_search_stays_in_the_range():
     calls = []
-    made = evidence(lambda x: 0.0, _root=lambda *of: calls.append(of) or (0.0, 1.0))
+    made = stand_in(lambda x: 0.0, _root=lambda *of: calls.append(of) or Minimum(0.0, 1.0))
     made.best(3e4)
     assert calls[0][:2] == pytest.approx([np.log(3e4)] * 2)
     assert calls[0][2] == pytest.approx((np.log(1e3), np.log(3e4)))
@@ -170,13 +171,13 @@ def before(strength, curvature):
 
 
 def test_a_later_round_takes_one_newton_step_with_the_curvature_before():
-    line = evidence(lambda x: 0.0, lambda x: 2 * (x - 1))
+    line = stand_in(lambda x: 0.0, lambda x: 2 * (x - 1))
     assert line.after(before(np.exp(1.01), 2.0)) == pytest.approx((1, 2))  # a short step: taken
     assert line.after(before(np.exp(1.029), 2.0)) == pytest.approx((1, 2))
     assert line.after(before(np.exp(1.01), 1.0)) == pytest.approx((0.99, 1))
     # a step of more than 0.03 is followed by those of a search, from the derivative that is known
     calls = []
-    line._root = lambda *of: calls.append(of) or (0.5, 3.0)
+    line._root = lambda *of: calls.append(of) or Minimum(0.5, 3.0)
     assert line.after(before(np.exp(1.031), 2.0)) == (0.5, 3)
     x, step, bounds, tolerance, derivative = calls[0]
     assert (x, step, derivative) == pytest.approx((1.031, 1, 0.062))
@@ -200,7 +201,7 @@ def test_an_undetermined_strength_is_raised_until_it_determines_the_control_poin
 
     for tries, factor in ((0, 1.0), (1, 10.0), (16, 1e16)):
         asked.clear()
-        found = Evidence._determined(SimpleNamespace(solve=solve), np.log(2.0), 7.0)
+        found = LinearProblem._determined(SimpleNamespace(solve=solve), Minimum(np.log(2.0), 7.0))
         assert found.strength == pytest.approx(2 * factor)
         assert found.curvature == (0 if tries else 7)
     np.testing.assert_allclose(np.diff(np.log10(asked[1:])), 1)
@@ -234,23 +235,23 @@ def test_the_condition_number_is_that_of_the_matrix_with_unit_diagonal(rng):
 
 
 def test_a_pivot_that_is_lost_in_rounding_is_no_factor():
-    assert likelihood.cholesky_factor(np.array([[4.0, 2.0], [2.0, 5.0]])).tolist() == [[2, 0], [1, 2]]
-    assert likelihood.cholesky_factor(np.array([[1.0, 2.0], [2.0, 1.0]])) is None
+    assert cholesky_factor(np.array([[4.0, 2.0], [2.0, 5.0]])).tolist() == [[2, 0], [1, 2]]
+    assert cholesky_factor(np.array([[1.0, 2.0], [2.0, 1.0]])) is None
     eps = np.finfo(float).eps
     for left, is_found in ((8 * eps, True), (1.0 * eps, False)):
         matrix = 9 * np.array([[1.0, 1.0], [1.0, 1.0 + left]])
-        assert (likelihood.cholesky_factor(matrix) is not None) == is_found
+        assert (cholesky_factor(matrix) is not None) == is_found
 
 
 def test_eigenvalues_below_rounding_cost_nothing():
-    values, vectors = likelihood.spectrum(np.diag([0.9e-10, 1.1e-10, 1.0]).tobytes())
+    values, vectors = spectrum(np.diag([0.9e-10, 1.1e-10, 1.0]).tobytes())
     np.testing.assert_allclose(values, [0, 1.1e-10, 1])
     np.testing.assert_allclose(np.abs(vectors), np.eye(3))
-    assert likelihood.spectrum(np.diag([-0.9e-10, 0.5, 1.0]).tobytes())[0].tolist() == [0, 0.5, 1]
+    assert spectrum(np.diag([-0.9e-10, 0.5, 1.0]).tobytes())[0].tolist() == [0, 0.5, 1]
 
 
 def stacked_problem(rng, **known):
     """Rows of random data over three control points, of which one combination costs nothing."""
     rows, heights = rng.normal(size=(40, 9)), rng.normal(size=40)
     chain = np.array([[1.0, -1, 0], [-1, 2, -1], [0, -1, 1]])
-    return Evidence(NormalEquations.of_rows(rows, heights, 1.0), chain, 40, **known)
+    return LinearProblem(NormalEquations.of_rows(rows, heights, 1.0), chain, 40, **known)

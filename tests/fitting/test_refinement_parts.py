@@ -347,8 +347,8 @@ def test_priors_of_a_large_cloud_weigh_as_the_inliers_of_all_its_points():
     here, of = box(), data(half_space=PLANE)
     surface = SimpleNamespace(data=of, weights=np.full(500, 2.0))
     added = []
-    evidence = SimpleNamespace(plus=lambda equations: added.append(equations) or evidence)
-    large_clouds._All.with_priors(SimpleNamespace(surfaces=[surface]), evidence, here)
+    linear = SimpleNamespace(with_extra_terms=lambda equations: added.append(equations) or linear)
+    large_clouds._All.with_priors(SimpleNamespace(surfaces=[surface]), linear, here)
     count = of.count / of.weights.sum() * 1000
     (prior,) = base_prior.base_prior(of, here, count)
     np.testing.assert_allclose(added[0].matrix, prior.equations(here).matrix, rtol=1e-12)

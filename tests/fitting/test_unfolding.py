@@ -8,9 +8,9 @@ from clouds_made import noisy_egg
 from shapes_made import even_directions, made, turned
 
 import quadriform as qf
-from quadriform.fitting.least_squares.marginal_likelihood import Evidence
+from quadriform.fitting.least_squares.marginal_likelihood import LinearProblem
 from quadriform.fitting.least_squares.normal_equations import NormalEquations, normal_equations
-from quadriform.fitting.least_squares.regularisers import penalty_matrix
+from quadriform.fitting.least_squares.regularisers import regulariser_matrix
 from quadriform.fitting.refinement import refine as refinement
 from quadriform.fitting.refinement.unfolding import certified, without_folds
 from quadriform.points import Frame
@@ -161,8 +161,8 @@ def test_the_noise_after_fold_removal_is_that_of_the_data_alone():
     local = np.random.default_rng(0).random((500, 3))
     wanted = np.random.default_rng(1).normal(0, 0.1, (500, 3))
     data = normal_equations(local, np.tile(np.eye(3), (500, 1, 1)), wanted, box.degrees)
-    evidence = Evidence(data, penalty_matrix("bending", (3, 3, 3)), 500)
+    linear = LinearProblem(data, regulariser_matrix("bending", (3, 3, 3)), 500)
     row = np.ones((1, 81))
-    found = evidence.plus(NormalEquations.of_rows(row, np.array([3.0]), 1e3)).solve(1e-9)
+    found = linear.with_extra_terms(NormalEquations.of_rows(row, np.array([3.0]), 1e3)).solve(1e-9)
     left = wanted - box.matrix(box.origin + local @ box.edges) @ found.displacement
     assert found.noise == pytest.approx(np.sqrt((left**2).sum() / (500 - 12)), rel=1e-6)

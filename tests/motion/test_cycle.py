@@ -16,7 +16,7 @@ from quadriform.fitting.refinement.point_to_plane import SMALLEST_STEP
 from quadriform.fitting.refinement.starts import nested_ellipsoids
 from quadriform.fitting.refinement.unfolding import FOLDS
 from quadriform.motion.cycle import Cycle
-from quadriform.motion.cycle_equations import CycleEvidence
+from quadriform.motion.cycle_equations import LinearCycleProblem
 from quadriform.motion.cycle_rounds import ROUNDS, fit_cycle
 from quadriform.motion.slice_shifts import SHIFTING
 from quadriform.points import Frame
@@ -152,13 +152,13 @@ def test_a_slice_may_be_missing_in_a_frame():
 
 
 def test_strengths_of_nothing_leave_control_points_undetermined(cycle):
-    assert cycle.evidence(cycle.init()).solve(0.0, 0.0) is None
+    assert cycle.linear_problem(cycle.init()).solve(0.0, 0.0) is None
     with pytest.raises(OptionError, match=r"option strength=1e-300 leaves control points undetermined"):
         fit_cycle(cycle, cycle.box, 1e-300)
 
 
 def test_rounds_without_a_solution_change_nothing(monkeypatch, cycle):
-    monkeypatch.setattr(CycleEvidence, "solve", lambda *words: None)
+    monkeypatch.setattr(LinearCycleProblem, "solve", lambda *words: None)
     assert cycle.step(cycle.init(), (1e-4, 1e-4)) is None
     with pytest.raises(DegenerateError, match="frames leave control points undetermined"):
         fit_cycle(cycle, cycle.box, None)
@@ -167,7 +167,7 @@ def test_rounds_without_a_solution_change_nothing(monkeypatch, cycle):
 @pytest.mark.parametrize("strength", [1e3, 1e9, 1e15])
 def test_very_strong_regularisation_leaves_motions_without_bending(cycle, strength):
     """Old bug: what costs nothing drowned in the rounding of what costs much, and the factorisation failed."""
-    solution = cycle.evidence(cycle.init()).solve(strength, strength)
+    solution = cycle.linear_problem(cycle.init()).solve(strength, strength)
     assert np.abs(solution.displacement).max() > 1e-3
     bent = np.einsum("kl,alc->akc", Bending().matrix(cycle.shape), solution.displacement)
     assert np.abs(bent).max() < 1e-9 * max(1, 1e6 / strength)
@@ -175,21 +175,21 @@ def test_very_strong_regularisation_leaves_motions_without_bending(cycle, streng
 
 def test_no_strength_in_time_is_found_where_none_in_space_holds(cycle):
     """Criteria that are infinite are no reason to fail: the search ends at a strength all the same."""
-    assert np.isfinite(cycle.evidence(cycle.init()).best_in_time(0.0, 1e-300))
+    assert np.isfinite(cycle.linear_problem(cycle.init()).best_in_time(0.0, 1e-300))
 
 
 @pytest.mark.parametrize("too_far", [1.0, 4.0, -1.0], ids=["right", "too far", "uphill"])
 def test_no_step_goes_far_up(monkeypatch, cycle, too_far):
     """A step too far is cut rather than left out; where the direction itself leads up next to nothing is gone."""
     start = cycle.init()
-    steps, sums, solve, total = [], [], CycleEvidence.solve, Cycle.total
+    steps, sums, solve, total = [], [], LinearCycleProblem.solve, Cycle.total
 
     def proposed(self, alpha, gamma):
         solution = solve(self, alpha, gamma)
         steps.append(too_far * (solution.displacement - start.displacement))
         return replace(solution, displacement=start.displacement + steps[-1])
 
-    monkeypatch.setattr(CycleEvidence, "solve", proposed)
+    monkeypatch.setattr(LinearCycleProblem, "solve", proposed)
     monkeypatch.setattr(Cycle, "total", lambda *words: sums.append(total(*words)) or sums[-1])
     moved = cycle.step(start, (1e-4, 1e-4)).displacement
     if too_far > 0:

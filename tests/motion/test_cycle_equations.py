@@ -6,7 +6,7 @@ import pytest
 from quadriform.fitting.least_squares.marginal_likelihood import SELECTION
 from quadriform.fitting.least_squares.normal_equations import NormalEquations
 from quadriform.fitting.least_squares.regularisers import Bending
-from quadriform.motion.cycle_equations import CycleEvidence
+from quadriform.motion.cycle_equations import LinearCycleProblem
 from quadriform.shapes.bernstein import gram
 from quadriform.shapes.splines import TimeBasis
 
@@ -30,7 +30,7 @@ EACH = [equations(seed) for seed in range(FRAMES)]
 
 def problem(**more):
     count = more.pop("count", 360.0)
-    return CycleEvidence(more.pop("each", EACH), VALUES, BASIS, PENALTY, SHAPE, count, **more)
+    return LinearCycleProblem(more.pop("each", EACH), VALUES, BASIS, PENALTY, SHAPE, count, **more)
 
 
 def dense(alpha, gamma, each=EACH, count=360.0):
@@ -72,7 +72,7 @@ def test_the_solution_is_that_of_the_dense_problem(pair):
 
 
 def plain_criterion(alpha, gamma, fraction=1.0):
-    """Minus twice the log evidence but for the determinant of the change of basis."""
+    """Minus twice the log marginal likelihood but for the determinant of the change of basis."""
     matrix, right, constant = dense(alpha, gamma)
     penalty = dense(alpha, gamma, [NormalEquations(0 * e.matrix, 0 * e.right, 0.0) for e in EACH])[0]
     in_time, in_space = np.linalg.inv(np.linalg.cholesky(BASIS.mass())), np.linalg.inv(np.linalg.cholesky(MASS))
@@ -117,13 +117,13 @@ def test_fewer_rows_than_what_costs_nothing_leave_one_degree_of_freedom():
 def test_penalties_move_the_solution_and_are_no_part_of_the_noise():
     extra = [equations(50 + seed, 5) for seed in range(FRAMES)]
     both = [one + other for one, other in zip(EACH, extra)]
-    of = problem().plus(extra)
+    of = problem().with_extra_terms(extra)
     found = of.solve(*PAIR)
     matrix, right, _ = dense(*PAIR, both)
     np.testing.assert_allclose(found.displacement.ravel(), np.linalg.solve(matrix, right), rtol=1e-7, atol=1e-10)
     cost = problem().cost(found.displacement, found.shifts, *PAIR)
     assert found.noise == pytest.approx(np.sqrt(cost / (360 - 36)))
-    again = of.plus(extra).solve(*PAIR)
+    again = of.with_extra_terms(extra).solve(*PAIR)
     cost = problem().cost(again.displacement, again.shifts, *PAIR)
     assert again.noise == pytest.approx(np.sqrt(cost / (360 - 36)))
     assert problem().cost(found.displacement, found.shifts, *PAIR) < of.cost(found.displacement, found.shifts, *PAIR)
@@ -159,5 +159,5 @@ def test_the_strength_in_time_is_the_best_within_a_factor_of_a_thousand():
 def test_without_motion_that_is_penalised_the_strength_stays():
     """Of three splines of a period none is beyond the mean and the first harmonic. Old bug: rounding was penalised."""
     basis = TimeBasis(np.arange(3.0), 3.0)
-    of = CycleEvidence(EACH, basis.values(np.linspace(0, 2.9, FRAMES)), basis, PENALTY, SHAPE, 360.0)
+    of = LinearCycleProblem(EACH, basis.values(np.linspace(0, 2.9, FRAMES)), basis, PENALTY, SHAPE, 360.0)
     assert of.best_in_time(1e-3, 0.123) == 0.123

@@ -7,8 +7,8 @@ from shapes_made import gap, lumpy
 import quadriform as qf
 from quadriform.errors import OptionError, PointsError
 from quadriform.fitting.least_squares.normal_equations import normal_equations
-from quadriform.fitting.least_squares.regularisers import penalty_matrix
-from quadriform.motion.cycle_equations import CycleEvidence
+from quadriform.fitting.least_squares.regularisers import regulariser_matrix
+from quadriform.motion.cycle_equations import LinearCycleProblem
 from quadriform.point_sets import PointSet
 from quadriform.shapes.bernstein import basis, gram, kronecker
 from quadriform.shapes.splines import TimeBasis
@@ -140,7 +140,7 @@ def test_a_base_that_is_none_is_named(base, message):
 
 DEGREES, TIMES = (2, 2, 2), np.array([0.0, 0.3, 0.5, 0.8, 1.0])
 BASIS = TimeBasis(np.array([0.0, 0.35, 0.7, 1.0]))
-PENALTY = penalty_matrix("bending", (3, 3, 3))
+PENALTY = regulariser_matrix("bending", (3, 3, 3))
 
 
 def observed(count):
@@ -149,7 +149,7 @@ def observed(count):
     local, targets = random.uniform(0, 1, (5, count, 3)), random.normal(size=(5, count, 3))
     metric = np.broadcast_to(np.eye(3), (count, 3, 3))
     equations = [normal_equations(x, metric, y, DEGREES) for x, y in zip(local, targets)]
-    problem = CycleEvidence(equations, BASIS.values(TIMES), BASIS, PENALTY, (3, 3, 3), count=15.0 * count)
+    problem = LinearCycleProblem(equations, BASIS.values(TIMES), BASIS, PENALTY, (3, 3, 3), total_weight=15.0 * count)
     return local, targets, problem
 
 

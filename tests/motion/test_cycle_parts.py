@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from shapes_made import lumpy
 
-from quadriform.fitting.least_squares.marginal_likelihood import Evidence
+from quadriform.fitting.least_squares.marginal_likelihood import LinearProblem
 from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.refinement.base_prior import base_priors
 from quadriform.fitting.refinement.multiresolution import Correlated
@@ -85,7 +85,7 @@ def test_the_strength_in_space_is_the_smallest_of_its_frames(monkeypatch):
         given.append((self.effective_fraction, before))
         return type("S", (), {"strength": [3.0, 1.0, 2.0][len(given) - 1]})
 
-    monkeypatch.setattr(Evidence, "select", select)
+    monkeypatch.setattr(LinearProblem, "select", select)
     assert of.strength_in_space(state, (0, 2, 1), 0.5) == 1
     rule = Correlated(81.0)
     expected = [rule.fraction(state.boxes[k], tuple(state.datasets[k]), False) for k in (0, 2, 1)]
@@ -110,8 +110,8 @@ def test_independent_points_are_a_mean_over_frames():
 def test_the_linear_problem_is_the_sum_over_the_points_of_all_frames(planes, rng):
     of = cycle(sliced() if planes else None)
     state = moved(of)
-    evidence = of.evidence(state)
-    assert evidence.count == pytest.approx(sum(d.count for each in state.datasets for d in each))
+    linear = of.linear_problem(state)
+    assert linear.total_weight == pytest.approx(sum(d.count for each in state.datasets for d in each))
     displacement = 0.05 * rng.normal(size=(3, 27, 3))
     shifts = 0.01 * rng.normal(size=(3, 2)) if planes else np.zeros((0, 2))
     expected = 0.0
@@ -126,19 +126,19 @@ def test_the_linear_problem_is_the_sum_over_the_points_of_all_frames(planes, rng
     if planes:
         prior = of.planes[0].bordered_block([[] for _ in LOCAL], state.boxes, state.noise / np.sqrt(state.fraction))[1]
         expected += shifts.ravel() @ prior @ shifts.ravel()
-    assert evidence.cost(displacement, shifts.ravel(), 0.0, 0.0) == pytest.approx(expected, rel=1e-6)
+    assert linear.cost(displacement, shifts.ravel(), 0.0, 0.0) == pytest.approx(expected, rel=1e-6)
 
 
 def test_the_sum_that_a_round_lowers_has_the_penalties_of_every_frame(rng):
     of = cycle(bases=(None, PLANE, PLANE))
     state = moved(of)
-    evidence, penalties = of.evidence(state), cycles._penalties(state)
+    linear, penalties = of.linear_problem(state), cycles._penalties(state)
     displacement = state.displacement + 0.05 * rng.normal(size=state.displacement.shape)
-    expected = evidence.cost(displacement, np.zeros(0), 1e-3, 1e-4)
+    expected = linear.cost(displacement, np.zeros(0), 1e-3, 1e-4)
     for box, before, each, folds in zip(of._boxes(displacement), state.boxes, state.datasets, state.fold_penalties):
         expected += folds.cost(box) + sum(prior.cost(box) for prior in base_priors(each, before))
     assert [len(each) for each in penalties] == [1, 2, 2]
-    assert of.total(state, evidence, penalties, displacement, np.zeros(0), (1e-3, 1e-4)) == pytest.approx(expected)
+    assert of.total(state, linear, penalties, displacement, np.zeros(0), (1e-3, 1e-4)) == pytest.approx(expected)
 
 
 def test_points_move_by_the_shifts_of_their_slices(rng):

@@ -49,7 +49,7 @@ class Counted:
         self.fractions.append(first)
         return 0.25
 
-    def evidence(self, state):
+    def linear_problem(self, state):
         def best_in_time(alpha, gamma):
             self.searches.append((alpha, gamma))
             return 10 * gamma

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_solve
 
-from quadriform.fitting.least_squares.marginal_likelihood import cholesky_factor
+from quadriform.fitting.least_squares.factorisation import cholesky_factor
 from quadriform.fitting.refinement.point_to_plane import Rows
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox

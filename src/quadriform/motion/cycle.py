@@ -12,15 +12,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from quadriform.fitting.least_squares.normal_equations import NormalEquations, normal_equations
-from quadriform.fitting.least_squares.regularisers import Regulariser, penalty_matrix
+from quadriform.fitting.least_squares.regularisers import Regulariser, regulariser_matrix
 from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.refinement.base_prior import base_priors
 from quadriform.fitting.refinement.multiresolution import MAD_TO_SIGMA, Correlated, Penalty
-from quadriform.fitting.refinement.point_to_plane import data_rows, evidence_of, step_length
+from quadriform.fitting.refinement.point_to_plane import data_rows, linear_problem_of, step_length
 from quadriform.fitting.refinement.surface_data import SurfaceData
 from quadriform.fitting.refinement.unfolding import JacobianPenalty
 from quadriform.fitting.result import HalfSpace
-from quadriform.motion.cycle_equations import CycleEvidence
+from quadriform.motion.cycle_equations import LinearCycleProblem
 from quadriform.motion.slice_shifts import SliceNumbers, SlicePlanes
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
@@ -183,8 +183,8 @@ class Cycle:
         for frame in frames:
             box, datasets = state.boxes[frame], state.datasets[frame]
             fraction = rule.fraction(box, tuple(datasets), first)
-            evidence = evidence_of(datasets, none, box, self.regularity, fraction, self.known_noise.least)
-            found.append(evidence.select(None, near).strength)
+            linear = linear_problem_of(datasets, none, box, self.regularity, fraction, self.known_noise.least)
+            found.append(linear.select(None, near).strength)
         return min(found)
 
     def effective_fraction(self, state: CycleState, first: bool = False) -> float:
@@ -223,9 +223,9 @@ class Cycle:
         The step is shortened until `total` decreases. None where the linear problem is singular.
         """
         state = replace(state, datasets=self._updated(state))
-        evidence, penalties, before = self.evidence(state), _penalties(state), state.reference_displacement
-        equations = [_sum(each, box).about(before) for each, box in zip(penalties, state.boxes)]
-        solution = evidence.plus(equations).solve(*strengths)
+        linear, penalties, before = self.linear_problem(state), _penalties(state), state.reference_displacement
+        equations = [_sum(each, box).recentred_at(before) for each, box in zip(penalties, state.boxes)]
+        solution = linear.with_extra_terms(equations).solve(*strengths)
         if solution is None:
             return None
         # displacements of the solution, as of the equations, are from the reference
@@ -236,7 +236,7 @@ class Cycle:
             return state.displacement + length * direction, state.shifts.ravel() + length * shifted
 
         def total(length: float) -> float:
-            return self.total(state, evidence, penalties, *at(length), strengths)
+            return self.total(state, linear, penalties, *at(length), strengths)
 
         displacement, shifts = at(step_length(total))
         boxes, shifts = self._boxes(displacement), shifts.reshape(-1, 2)
@@ -252,7 +252,7 @@ class Cycle:
     def total(
         self,
         state: CycleState,
-        evidence: CycleEvidence,
+        linear: LinearCycleProblem,
         penalties: Sequence[Sequence[Penalty]],
         displacement: Array,
         shifts: Array,
@@ -260,7 +260,7 @@ class Cycle:
     ) -> float:
         """The sum that a round lowers: squared distances, regularisation, and the penalties of each frame."""
         costs = [each.cost(box) for of, box in zip(penalties, self._boxes(displacement)) for each in of]
-        return evidence.cost(displacement - state.reference_displacement, shifts, *strengths) + sum(costs)
+        return linear.cost(displacement - state.reference_displacement, shifts, *strengths) + sum(costs)
 
     def _boxes(self, displacement: Array) -> list[ControlBox]:
         rest = self.box.rest
@@ -287,7 +287,7 @@ class Cycle:
             result.append([replace(data, points=points) for data, points in zip(each, clouds)])
         return result
 
-    def evidence(self, state: CycleState) -> CycleEvidence:
+    def linear_problem(self, state: CycleState) -> LinearCycleProblem:
         """The linear problem of a round as a function of the strengths."""
         equations, rows, count = [], [], 0.0
         for frame, (box, datasets) in enumerate(zip(state.boxes, state.datasets)):
@@ -309,11 +309,11 @@ class Cycle:
             else None
         )
         regulariser, weights, least = (
-            penalty_matrix(self.regularity, self.shape),
+            regulariser_matrix(self.regularity, self.shape),
             self.weights_in_time,
             self.known_noise.least,
         )
-        return CycleEvidence(
+        return LinearCycleProblem(
             equations, weights, self.basis, regulariser, self.shape, count, bordered, state.fraction, least
         )
 

@@ -1,11 +1,17 @@
-"""The whole cycle as one linear problem: control points at the knots of a spline over time, and shifts of slices.
+"""The whole cycle as one linear problem: control points that are splines over time, and shifts of slices.
 
-With d(x, t) the displacement field, u time in spans and N data points, minimised over the control points is
+The displacement of each control point is a sum of K cardinal splines in time; the unknowns are their coefficients, the
+displacements at the K knots. With d(x, t) the displacement field, u time in units of the spans of the splines and N the
+sum of the weights of all data points, they minimise
 
     sum_i w_i (squared distances) + alpha N  mean over t of E(d)  +  gamma N  mean over t, x of |d2 d / d u2|^2.
 
-E is the bending energy of a single fit. gamma has the largest evidence (REML), alpha that of single frames. All is
-solved in the eigenbases of both penalties, so that the data's part on their null spaces is not lost in rounding.
+E is the bending energy of a single fit. Of the two strengths, gamma has the largest marginal likelihood of the whole
+cycle (REML), and alpha is given: it is chosen on single frames.
+
+All is solved in the eigenbases of both regularisers, in space and in time, so that the data's part on their null spaces
+is not lost in rounding. With S the matrix of E and M the mass matrix of the Bernstein polynomials of the box, the block
+of one eigenvector in time, of eigenvalue tau, has the regulariser N (alpha S + gamma tau M).
 """
 
 from collections.abc import Sequence
@@ -16,19 +22,20 @@ import numpy as np
 from scipy.linalg import cho_solve, eigh
 from scipy.optimize import minimize_scalar
 
-from quadriform.fitting.least_squares.marginal_likelihood import SELECTION, cholesky_factor, spectrum
+from quadriform.fitting.least_squares.factorisation import cholesky_factor, spectrum
+from quadriform.fitting.least_squares.marginal_likelihood import SELECTION
 from quadriform.fitting.least_squares.normal_equations import NormalEquations
 from quadriform.points import Array
 from quadriform.shapes.bernstein import gram, kronecker
 from quadriform.shapes.splines import TimeBasis
 
-NEARBY = np.log(1e3)
-"""The strength in time is sought within this factor of the last one."""
-CLOSE = 0.5
-"""To within this difference of its logarithm."""
+LOG_SEARCH_RADIUS = np.log(1e3)
+"""The logarithm of the strength in time is sought within this distance of the last one."""
+LOG_TOLERANCE = 0.5
+"""And to within this tolerance."""
 ROUNDING = 1e-9
-"""Eigenvalues below this share of the largest are rounding of zero; those of the penalty in time also below this
-number, for time is in spans, and of what is penalised none is below 100."""
+"""Eigenvalues below this fraction of the largest are rounding of zero. Those of the regulariser in time also where they
+are below this number itself: of motions that it penalises, with time in spans, none is below 100."""
 
 
 @dataclass(frozen=True)
@@ -36,10 +43,10 @@ class CycleSolution:
     """Displacements of the control points under one pair of strengths.
 
     Attributes:
-        displacement: (K, k, 3), from the undeformed box, at the knots.
+        displacement: (K, k, 3), from the undeformed box, at the knots: the coefficients of the K splines.
         shifts: (m,), the further unknowns.
         noise: standard deviation of the data along the normal.
-        criterion: minus twice the log evidence, up to a constant.
+        criterion: minus twice the log marginal likelihood, up to a constant.
     """
 
     displacement: Array
@@ -48,75 +55,77 @@ class CycleSolution:
     criterion: float
 
 
-class CycleEvidence:
-    """The linear problem of one round as a function of its strengths.
+class LinearCycleProblem:
+    """The linear problem of one round as a function of its strengths, which are arguments of its methods.
 
     Args:
-        equations: one for each frame.
-        values: (F, K), the splines at the frames.
+        equations: of the data, one for each frame.
+        splines: (F, K), the values of the splines at the frames.
         basis: the splines.
-        penalty: (k, k), the regulariser in space.
+        regulariser_matrix: (k, k), of the regulariser in space.
         shape: control points along each axis.
-        count: number of residual rows, the sum of the weights of all frames.
+        total_weight: N, the sum of the weights of all frames.
         bordered_block: for each of m further unknowns its coupling to the control points of each frame, (m, F, 3 k);
             their own matrix (m, m) and right side (m,).
-        effective_fraction: number of independent rows over that of all rows.
+        effective_fraction: number of independent residuals over that of all.
         least_noise: lower bound of the noise.
     """
 
     def __init__(
         self,
         equations: Sequence[NormalEquations],
-        values: Array,
+        splines: Array,
         basis: TimeBasis,
-        penalty: Array,
+        regulariser_matrix: Array,
         shape: tuple[int, int, int],
-        count: float,
+        total_weight: float,
         bordered_block: tuple[Array, Array, Array] | None = None,
         effective_fraction: float = 1.0,
         least_noise: float = 0.0,
     ) -> None:
         self.effective_fraction, self.least_noise = effective_fraction, least_noise
-        self.count, self.knots, self.size = count, values.shape[1], 3 * len(penalty)
+        self.total_weight, self.n_splines, self.size = total_weight, splines.shape[1], 3 * len(regulariser_matrix)
         mass = kronecker(gram(shape[0] - 1), gram(shape[1] - 1), gram(shape[2] - 1))
-        energies, self._in_space = spectrum(penalty.tobytes())
-        # generalised eigenvectors V of the penalty in time, V' M V = 1: it couples no two of them
-        eigenvalues, self._in_time = eigh(basis.bending(), basis.mass())
-        self._mass_time = basis.mass()
+        # two spectra of S: in its orthonormal eigenbasis S is diagonal and M full, as the solution needs it;
+        energies, self._space_vectors = spectrum(regulariser_matrix.tobytes())
+        self._energies = np.repeat(energies, 3)
+        self._mass = np.kron(self._space_vectors.T @ mass @ self._space_vectors, np.eye(3))
+        # the eigenvalues kappa relative to M give the determinant of alpha S + gamma tau M, up to that of M
+        kappa = np.maximum(eigh(regulariser_matrix, mass, eigvals_only=True), 0)
+        self._kappa = kappa * (kappa > ROUNDING * kappa.max())
+        # generalised eigenvectors V of the regulariser in time, V' M V = 1 with its mass: it couples no two of them
+        tau, self._time_vectors = eigh(basis.bending(), basis.mass())
         # eigenvalues that are rounding of zero are zero, so that the null space is exact
-        tau = eigenvalues * (eigenvalues > ROUNDING * max(eigenvalues.max(), 1.0))
-        self._costs = np.repeat(energies, 3), tau
-        self._mass = np.kron(self._in_space.T @ mass @ self._in_space, np.eye(3))
-        kappa = np.maximum(eigh(penalty, mass, eigvals_only=True), 0)
-        self._values = kappa * (kappa > ROUNDING * kappa.max()), tau
-        self.values = values @ self._in_time
+        self._tau = tau * (tau > ROUNDING * max(tau.max(), 1.0))
+        self._time_mass = basis.mass()
+        self._rotated_splines = splines @ self._time_vectors
         self.matrix, self.right, self.constant = self._sums(equations)
-        self.measured: CycleEvidence | None = None  # the data alone, where there are penalties
+        self._without_extra_terms: LinearCycleProblem | None = None  # None where there are none
         if bordered_block is not None:
             self._add_bordered_block(*bordered_block)
 
     def _sums(self, equations: Sequence[NormalEquations]) -> tuple[Array, Array, float]:
         """Matrix (K 3 k, K 3 k), right side and constant of all frames in both eigenbases."""
         # space first: each frame has the same basis
-        rotated = [equation.between(self._in_space) for equation in equations]
-        matrix = _in_time(self.values, np.stack([equation.matrix for equation in rotated]))
-        right = (self.values.T @ np.stack([equation.right for equation in rotated])).ravel()
+        rotated = [equation.in_basis(self._space_vectors) for equation in equations]
+        matrix = _sum_over_frames(self._rotated_splines, np.stack([equation.matrix for equation in rotated]))
+        right = (self._rotated_splines.T @ np.stack([equation.right for equation in rotated])).ravel()
         return matrix, right, sum(equation.constant for equation in equations)
 
     def _add_bordered_block(self, coupling: Array, own: Array, right: Array) -> None:
         """Append the further unknowns to matrix and right side."""
-        by_point = coupling.reshape(*coupling.shape[:2], len(self._in_space), 3)
-        rotated = np.einsum("mfki,kj->mfji", by_point, self._in_space)
+        by_point = coupling.reshape(*coupling.shape[:2], len(self._space_vectors), 3)
+        rotated = np.einsum("mfki,kj->mfji", by_point, self._space_vectors)
         # coupling of the shifts with the control points, in the same two bases
-        across = np.einsum("fa,mfji->ajim", self.values, rotated).reshape(len(self.matrix), -1)
+        across = np.einsum("fa,mfji->ajim", self._rotated_splines, rotated).reshape(len(self.matrix), -1)
         self.matrix = np.block([[self.matrix, across], [across.T, own]])
         self.right = np.concatenate([self.right, right])
 
-    def plus(self, equations: Sequence[NormalEquations]) -> "CycleEvidence":
-        """The problem with further normal equations in each frame, of penalties that are no part of the noise."""
+    def with_extra_terms(self, equations: Sequence[NormalEquations]) -> "LinearCycleProblem":
+        """The problem with the equations of extra terms added to each frame, which are no part of the noise."""
         matrix, right, constant = self._sums(equations)
         other, size = copy(self), len(right)
-        other.measured = self.measured or self
+        other._without_extra_terms = self._without_extra_terms or self
         other.matrix, other.right = self.matrix.copy(), self.right.copy()
         other.matrix[:size, :size] += matrix
         other.right[:size] += right
@@ -124,74 +133,72 @@ class CycleEvidence:
         return other
 
     def cost(self, displacement: Array, shifts: Array, alpha: float, gamma: float) -> float:
-        """The penalised sum of squares at displacements (K, k, 3) and shifts (m,)."""
-        rotated = np.einsum("jk,aki->aji", self._in_space.T, displacement.reshape(self.knots, -1, 3))
+        """The regularised sum of squares, with extra terms, at displacements (K, k, 3) and shifts (m,)."""
+        rotated = np.einsum("jk,aki->aji", self._space_vectors.T, displacement.reshape(self.n_splines, -1, 3))
         # coefficients in both eigenbases; V' M is the inverse of V
-        p = self._in_time.T @ self._mass_time @ rotated.reshape(self.knots, -1)
-        energies, tau = self._costs
-        penalties = alpha * np.sum(p**2 @ energies) + gamma * tau @ np.sum((p @ self._mass) * p, axis=1)
+        p = self._time_vectors.T @ self._time_mass @ rotated.reshape(self.n_splines, -1)
+        energy = alpha * np.sum(p**2 @ self._energies) + gamma * self._tau @ np.sum((p @ self._mass) * p, axis=1)
         q = np.concatenate([p.ravel(), shifts])
-        return float(q @ (self.matrix @ q) - 2 * self.right @ q + self.constant + self.count * penalties)
+        return float(q @ (self.matrix @ q) - 2 * self.right @ q + self.constant + self.total_weight * energy)
 
     def solve(self, alpha: float, gamma: float) -> CycleSolution | None:
         """The displacement at one pair of strengths; None where they leave control points undetermined."""
-        factor = cholesky_factor(self._penalised(alpha, gamma))
+        factor = cholesky_factor(self._regularised(alpha, gamma))
         if factor is None:
             return None
         found = cho_solve((factor, True), self.right, check_finite=False)
-        penalties = self.count * (alpha * self._values[0][:, None] + gamma * self._values[1])
-        ranked = penalties[penalties > 0]
-        null_dimension = 3 * float((penalties <= 0).sum())
-        rows = max(self.count - null_dimension, 1.0)
-        size = self.knots * self.size
-        rotated = self._in_time @ found[:size].reshape(self.knots, -1)
-        displacement = np.einsum("kj,aji->aki", self._in_space, rotated.reshape(self.knots, -1, 3))
-        # the minimum of the sum over the degrees of freedom, without what penalties add
-        least = self.constant - float(self.right @ found)
-        misfit = (self.measured.cost(displacement, found[size:], alpha, gamma) if self.measured else least) / rows
-        variance = max(misfit, self.least_noise**2, SELECTION.noise_floor**2)
-        independent = max(self.effective_fraction * self.count - null_dimension, 1.0)
-        # minus twice the log evidence (REML): the penalties enter by the sum of logarithms of their eigenvalues
+        size = self.n_splines * self.size
+        rotated = self._time_vectors @ found[:size].reshape(self.n_splines, -1)
+        displacement = np.einsum("kj,aji->aki", self._space_vectors, rotated.reshape(self.n_splines, -1, 3))
+        eigenvalues = self.total_weight * (alpha * self._kappa[:, None] + gamma * self._tau)
+        null_dimension = 3 * float((eigenvalues <= 0).sum())
+        # the regularised sum of squares of the data over the residual degrees of freedom
+        least, data = self.constant - float(self.right @ found), self._without_extra_terms
+        least = data.cost(displacement, found[size:], alpha, gamma) if data else least
+        estimate = least / max(self.total_weight - null_dimension, 1.0)
+        variance = max(estimate, self.least_noise**2, SELECTION.noise_floor**2)
+        effective_dof = max(self.effective_fraction * self.total_weight - null_dimension, 1.0)
+        # minus twice the log marginal likelihood (REML). Extra terms are left out of the variance here, and count as
+        # data in that of a single fit, whose search needs the derivative; this one is minimised without extra terms
         criterion = (
-            independent * (np.log(variance) + misfit / variance)
+            effective_dof * (np.log(variance) + estimate / variance)
             + 2 * np.log(np.diag(factor)).sum()
-            - 3 * np.log(ranked).sum()
+            - 3 * np.log(eigenvalues[eigenvalues > 0]).sum()
         )
         return CycleSolution(displacement, found[size:], float(np.sqrt(variance)), float(criterion))
 
-    def _penalised(self, alpha: float, gamma: float) -> Array:
-        """The matrix plus N (alpha E + gamma tau mass) for each eigenvector in time, of eigenvalue tau."""
-        penalties = self.matrix.copy()
-        for knot, tau in enumerate(self._costs[1]):
-            block = slice(knot * self.size, (knot + 1) * self.size)
-            penalties[block, block] += self.count * (alpha * np.diag(self._costs[0]) + gamma * tau * self._mass)
-        return penalties
+    def _regularised(self, alpha: float, gamma: float) -> Array:
+        """The matrix plus N (alpha S + gamma tau M) for each eigenvector in time, of eigenvalue tau."""
+        matrix = self.matrix.copy()
+        for index, tau in enumerate(self._tau):
+            block = slice(index * self.size, (index + 1) * self.size)
+            matrix[block, block] += self.total_weight * (alpha * np.diag(self._energies) + gamma * tau * self._mass)
+        return matrix
 
     def best_in_time(self, alpha: float, gamma: float) -> float:
-        """The strength in time with the largest evidence, near a given one.
+        """The strength in time with the largest marginal likelihood, near a given one.
 
         The strength in space stays that of single frames: over a whole cycle smoothness in time could replace it on the
         surface, but would not regularise the space inside.
         """
 
-        def criterion(log: float) -> float:
-            solution = self.solve(alpha, float(np.exp(log)))
+        def criterion(log_gamma: float) -> float:
+            solution = self.solve(alpha, float(np.exp(log_gamma)))
             return np.inf if solution is None else solution.criterion
 
-        if not self._costs[1].any():
+        if not self._tau.any():
             return gamma  # so few splines that no motion is penalised
         middle = np.log(gamma)
-        found = minimize_scalar(
-            criterion, bounds=(middle - NEARBY, middle + NEARBY), method="bounded", options={"xatol": CLOSE}
-        )
+        bounds = middle - LOG_SEARCH_RADIUS, middle + LOG_SEARCH_RADIUS
+        found = minimize_scalar(criterion, bounds=bounds, method="bounded", options={"xatol": LOG_TOLERANCE})
         return float(np.exp(found.x))
 
 
-def _in_time(values: Array, matrices: Array) -> Array:
-    """sum_f (v_f v_f') kron A_f, of frames' matrices (F, n, n): (K n, K n)."""
-    frames, knots = values.shape
+def _sum_over_frames(splines: Array, matrices: Array) -> Array:
+    """sum_f (v_f v_f') kron A_f, of splines v (F, K) and frames' matrices A (F, n, n): (K n, K n)."""
+    frames, n_splines = splines.shape
     n = matrices.shape[1]
     # frames enter by products of two splines, so the sum over frames is one product of matrices
-    pairs = (values[:, :, None] * values[:, None, :]).reshape(frames, -1)
-    blocks = (pairs.T @ matrices.reshape(frames, -1)).reshape(knots, knots, n, n)
-    return blocks.transpose(0, 2, 1, 3).reshape(knots * n, knots * n)
+    pairs = (splines[:, :, None] * splines[:, None, :]).reshape(frames, -1)
+    blocks = (pairs.T @ matrices.reshape(frames, -1)).reshape(n_splines, n_splines, n, n)
+    return blocks.transpose(0, 2, 1, 3).reshape(n_splines * n, n_splines * n)

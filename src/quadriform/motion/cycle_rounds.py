@@ -136,7 +136,7 @@ def _converged(
             strengths = alpha or cycle.strength_in_space(state, frames, strengths[0]), strengths[1]
         if done < ROUNDS.searches:
             state = replace(state, fraction=cycle.effective_fraction(state))
-            strengths = strengths[0], cycle.evidence(state).best_in_time(*strengths)
+            strengths = strengths[0], cycle.linear_problem(state).best_in_time(*strengths)
         before, after = state, cycle.step(state, strengths)
         report.round()
         if after is None:

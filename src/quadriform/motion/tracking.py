@@ -171,8 +171,8 @@ def track(
             heart. Only for "cycle".
         box: control points along each axis.
         regularity: "bending", "springs" or a regulariser of one's own.
-        strength: of the regularisation in space, alpha per data point; "auto": that of the evidence of single
-            frames, in which points with correlated errors count by their effective number.
+        strength: of the regularisation in space, alpha per data point; "auto": that of single frames, in
+            which points with correlated errors count by their effective number.
         robust: whether outliers are detected and down-weighted.
         noise: what is known of the error of the points, as in `fit`: a standard deviation in their unit, or for each
             frame an entry in the form of `frames`. It is the metric of the distances and the least noise that is
@@ -324,7 +324,7 @@ def _start(
     base: HalfSpace | None,
     options: Mapping[str, Any],
 ) -> ControlBox:
-    """The box of one frame fitted alone, where all frames begin; its strength is that of its own evidence."""
+    """The box of one frame fitted alone, where all frames begin; its strength is its own best one."""
     alone = {name: options[name] for name in ("box", "regularity", "robust")}
     return refine(surfaces, points, base=base, **alone).model.box
 

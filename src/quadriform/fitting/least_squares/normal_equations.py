@@ -19,7 +19,7 @@ PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 @dataclass(frozen=True)
 class NormalEquations:
-    """sum_i (r_i - B_i p)' M_i (r_i - B_i p) as p' A p - 2 b' p + c.
+    """The sum of squares sum_i (r_i - B_i p)' M_i (r_i - B_i p) over the displacements p, as p' A p - 2 b' p + c.
 
     Attributes:
         matrix: (3 k, 3 k), A; the coordinates of a control point stand together.
@@ -47,13 +47,13 @@ class NormalEquations:
         p = displacement.ravel()
         return float(p @ (self.matrix @ p) - 2 * self.right @ p + self.constant)
 
-    def about(self, displacement: Array) -> "NormalEquations":
-        """The equations whose unknowns are added to displacements (k, 3)."""
+    def recentred_at(self, displacement: Array) -> "NormalEquations":
+        """The equations of the same sum in the difference of the displacements from given ones (k, 3)."""
         p = displacement.ravel()
         return NormalEquations(self.matrix, self.right - self.matrix @ p, self.squares(p))
 
-    def between(self, vectors: Array) -> "NormalEquations":
-        """The equations in an orthonormal basis of the control points, the columns of `vectors` (k, k)."""
+    def in_basis(self, vectors: Array) -> "NormalEquations":
+        """The equations in the coefficients of an orthonormal basis, the columns of `vectors` (k, k)."""
         size = len(vectors)
         # one side at a time: the basis acts on control points and leaves coordinates alone
         half = (vectors.T @ self.matrix.reshape(size, -1)).reshape(3 * size, size, 3).transpose(0, 2, 1) @ vectors
@@ -61,16 +61,16 @@ class NormalEquations:
         return NormalEquations(matrix, (vectors.T @ self.right.reshape(size, 3)).ravel(), self.constant)
 
 
-def normal_equations(local: Array, metric: Array, residual: Array, degrees: tuple[int, int, int]) -> NormalEquations:
+def normal_equations(local: Array, metric: Array, target: Array, degrees: tuple[int, int, int]) -> NormalEquations:
     """The normal equations of n points.
 
     Args:
         local: (n, 3) local coordinates of the points in the box.
         metric: (n, 3, 3) symmetric weights M_i.
-        residual: (n, 3) what the displacement of each should be.
+        target: (n, 3), r_i, what the displacement of each should be.
         degrees: of the box.
     """
-    weighted = np.einsum("nij,nj->ni", metric, residual)
+    weighted = np.einsum("nij,nj->ni", metric, target)
     weights = np.stack([metric[:, a, b] for a, b in PAIRS], axis=1)
     # B_i B_j = factor_ij B_(i+j) with polynomials of twice the degree, so k^2 entries are multiples of few moments
     doubled = (2 * degrees[0], 2 * degrees[1], 2 * degrees[2])
@@ -82,11 +82,11 @@ def normal_equations(local: Array, metric: Array, residual: Array, degrees: tupl
     for pair, (a, b) in enumerate(PAIRS):
         matrix[:, a, :, b] = moments[index, pair] * factor
         matrix[:, b, :, a] = matrix[:, a, :, b]
-    return NormalEquations(matrix.reshape(3 * k, 3 * k), right, float(np.einsum("ni,ni->", residual, weighted)))
+    return NormalEquations(matrix.reshape(3 * k, 3 * k), right, float(np.einsum("ni,ni->", target, weighted)))
 
 
 def right_side(local: Array, weighted: Array, degrees: tuple[int, int, int]) -> Array:
-    """The right side (3 k,) alone, of residuals times their metric, M_i r_i (n, 3)."""
+    """The right side (3 k,) alone, from the targets times their weights, M_i r_i (n, 3)."""
     return _sums(local, weighted, degrees).reshape(-1)
 
 

@@ -64,7 +64,7 @@ class Bending:
         return result
 
 
-def penalty_matrix(regularity: str | Regulariser, shape: tuple[int, int, int]) -> Array:
+def regulariser_matrix(regularity: str | Regulariser, shape: tuple[int, int, int]) -> Array:
     """The matrix (k, k) of "springs", "springs-paper", "bending" or of a user's own regulariser, checked.
 
     Raises:

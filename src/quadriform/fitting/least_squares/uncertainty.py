@@ -1,8 +1,8 @@
 """Standard deviation of the surface: from noise, from missing data, and from too few control points.
 
 The covariance of the control points contains the noise only. A box with two more control points a side, with the same
-regulariser at its own strength of largest evidence, represents details that the smaller one smooths away. The shift
-between both surfaces estimates the bias, and the expected square of the error is bias squared plus variance.
+regulariser at its own best strength, represents details that the smaller one smooths away. The shift between both
+surfaces estimates the bias, and the expected square of the error is bias squared plus variance.
 """
 
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from quadriform.fitting.least_squares.marginal_likelihood import Evidence, Solution
+from quadriform.fitting.least_squares.marginal_likelihood import LinearProblem, Solution
 from quadriform.fitting.threads import one_blas_thread
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
@@ -22,19 +22,19 @@ class EnrichedBox:
 
     Attributes:
         box: the fitted one elevated to higher degrees, in the centred, scaled frame.
-        evidence: of the data about it.
-        near: the strength of the fitted box.
+        linear: the linear problem of the data in it.
+        strength: of the regularisation of the fitted box, near which its own is sought.
         scale: RMS radius of the data, which the frame has as its unit.
     """
 
     box: ControlBox
-    evidence: Evidence
-    near: float
+    linear: LinearProblem
+    strength: float
     scale: float = 1.0
 
     @cached_property
     def _solution(self) -> Solution:
-        return one_blas_thread(self.evidence.best)(self.near)
+        return one_blas_thread(self.linear.best)(self.strength)
 
     @property
     def degrees(self) -> tuple[int, int, int]:
@@ -48,7 +48,7 @@ class EnrichedBox:
 
     @property
     def noise(self) -> float:
-        """Standard deviation of the data, as estimated in the enriched box."""
+        """Standard deviation of the data, as estimated in the enriched box, corrected for correlated residuals."""
         return self.scale * self._solution.independent_noise
 
     def deviation(self, box: ControlBox, origins: Array, normals: Array) -> Array:

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.linalg import qr, solve_triangular
 
 from quadriform.errors import OptionError
-from quadriform.fitting.least_squares.regularisers import Regulariser, penalty_matrix
+from quadriform.fitting.least_squares.regularisers import Regulariser, regulariser_matrix
 from quadriform.points import Array, check_number
 
 SPRINGS_STRENGTH = 1e-7
@@ -98,4 +98,6 @@ def step_for(
     if regularity == "svd-position":
         return svd_position_step(b, given)
     alpha = SPRINGS_STRENGTH if given is None else given
-    return penalised_step(b, penalty_matrix(regularity, shape), alpha, on_displacement=regularity != "springs-paper")
+    return penalised_step(
+        b, regulariser_matrix(regularity, shape), alpha, on_displacement=regularity != "springs-paper"
+    )

@@ -16,14 +16,14 @@ from scipy.spatial import cKDTree
 from quadriform.errors import WarningKind, Warnings
 from quadriform.fitting.cloud import Centred
 from quadriform.fitting.diagnostics import duplicates, named_texts, outliers
-from quadriform.fitting.least_squares.marginal_likelihood import Evidence, Solution
+from quadriform.fitting.least_squares.marginal_likelihood import LinearProblem, Solution
 from quadriform.fitting.least_squares.normal_equations import NormalEquations
 from quadriform.fitting.least_squares.regularisers import Regulariser
 from quadriform.fitting.least_squares.uncertainty import EnrichedBox
 from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.options import TangentOptions, check_strength
 from quadriform.fitting.refinement.base_prior import base_prior
-from quadriform.fitting.refinement.point_to_plane import data_rows, displaced, evidence_from, probes, record
+from quadriform.fitting.refinement.point_to_plane import data_rows, displaced, linear_problem_from, probes, record
 from quadriform.fitting.refinement.surface_data import SurfaceData
 from quadriform.fitting.refinement.unfolding import JacobianPenalty, remove_folds
 from quadriform.fitting.result import Fit, unnamed
@@ -162,14 +162,14 @@ class _All:
             total, count = total + equations, count + weight
         return total, count
 
-    def with_priors(self, evidence: Evidence, box: ControlBox) -> Evidence:
+    def with_priors(self, linear: LinearProblem, box: ControlBox) -> LinearProblem:
         """The problem with the priors of the surfaces that have a base."""
         for surface in self.surfaces:
             # as many inliers as the sample has
             ratio = surface.data.count / float(surface.data.weights.sum())
             for prior in base_prior(surface.data, box, ratio * float(surface.weights.sum())):
-                evidence = evidence.plus(prior.equations(box))
-        return evidence
+                linear = linear.with_extra_terms(prior.equations(box))
+        return linear
 
     def updated(self, box: ControlBox, noise: float) -> "_All":
         """All surfaces with foot points and inlier ratios of their samples updated to another box."""
@@ -224,16 +224,16 @@ def _rounds(
     """
     strength, scale = check_strength(options.strength), points.frame.scale
     noise, history = found.noise / scale, list(found.history)
-    effective_fraction = enriched.evidence.effective_fraction
+    effective_fraction = enriched.linear.effective_fraction
     solutions = list[Solution]()
     measured = probes(surface.data.superquadric for surface in points.surfaces)
     for _ in range(LARGE.rounds):
         points = points.updated(box, noise)
         equations, count = points.sums(box, box, noise)
-        evidence = evidence_from(equations, box, options.regularity, count, effective_fraction, points.least_noise)
-        evidence = points.with_priors(evidence, box)
-        first = evidence.select(strength, solutions[-1] if solutions else found.strength)
-        after = _unfolded(points, evidence, box, first) if strength in (None, first.strength) else None
+        linear = linear_problem_from(equations, box, options.regularity, count, effective_fraction, points.least_noise)
+        linear = points.with_priors(linear, box)
+        first = linear.select(strength, solutions[-1] if solutions else found.strength)
+        after = _unfolded(points, linear, box, first) if strength in (None, first.strength) else None
         if after is None:
             return points, found
         before, box, solution = box, after.box, after.solution
@@ -261,18 +261,18 @@ class _Solved:
     solution: Solution
 
 
-def _unfolded(points: _All, evidence: Evidence, box: ControlBox, solution: Solution) -> _Solved | None:
+def _unfolded(points: _All, linear: LinearProblem, box: ControlBox, solution: Solution) -> _Solved | None:
     """The box moved by a solution, without folds; regularised more strongly where that would cost too much noise."""
     surfaces = {surface.name: surface.data.superquadric for surface in points.surfaces}
-    penalty = JacobianPenalty.of(box, surfaces, evidence.count, solution.noise)
+    penalty = JacobianPenalty.of(box, surfaces, linear.total_weight, solution.noise)
 
     def penalised(state: _Solved, penalty: JacobianPenalty, strength: float) -> _Solved | None:
         # the penalty is linear about the state's box; the sums over all points are not taken anew
-        found = evidence.plus(penalty.equations(state.box)).solve(strength)
+        found = linear.with_extra_terms(penalty.equations(state.box)).solve(strength)
         return None if found is None else _Solved(displaced(state.box, found), found)
 
     for factor in LARGE.stronger:
-        first = solution if factor == 1 else evidence.solve(factor * solution.strength)
+        first = solution if factor == 1 else linear.solve(factor * solution.strength)
         if first is None:
             continue
         state = _Solved(displaced(box, first), first)
@@ -290,8 +290,8 @@ def _enriched(
     points = points.updated(box, noise)
     equations, count = points.sums(box, elevated, noise)
     fraction = solution.effective_fraction
-    evidence = evidence_from(equations, elevated, regularity, count, fraction, points.least_noise)
-    return EnrichedBox(elevated, evidence, solution.strength, points.frame.scale)
+    linear = linear_problem_from(equations, elevated, regularity, count, fraction, points.least_noise)
+    return EnrichedBox(elevated, linear, solution.strength, points.frame.scale)
 
 
 def _with_arrays(points: _All, fit: Fit) -> Fit:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from quadriform.fitting.cloud import EQUAL, canonical_order
-from quadriform.fitting.least_squares.marginal_likelihood import Evidence
+from quadriform.fitting.least_squares.marginal_likelihood import LinearProblem
 from quadriform.fitting.least_squares.normal_equations import NormalEquations, normal_equations
 from quadriform.fitting.refinement.multiresolution import Problem, Refined
 from quadriform.fitting.refinement.point_to_plane import data_rows
@@ -76,7 +76,7 @@ def signed_rank_p_value(differences: Array) -> float:
 class _Patch:
     """The equations of all points but those of a patch, and of these alone."""
 
-    others: Evidence
+    others: LinearProblem
     own: NormalEquations
 
 
@@ -91,8 +91,8 @@ def _patches(problem: Problem, state: Refined) -> list[_Patch]:
     """All patches of all surfaces; the evidence without a patch is that of the whole less the patch's equations."""
     each = max(LEFT_OUT.patches // len(state.datasets), 2)
     parts = [part for data in state.datasets for part in _equations(data, state.box, each)]
-    whole = problem.evidence(state.datasets, (None,) * len(state.datasets), state.box, 1.0)
-    return [_Patch(whole.without(own, count), own) for own, count in parts if count > 0]
+    whole = problem.linear_problem(state.datasets, (None,) * len(state.datasets), state.box, 1.0)
+    return [_Patch(whole.without_points(own, count), own) for own, count in parts if count > 0]
 
 
 def _equations(data: SurfaceData, box: ControlBox, count: int) -> list[tuple[NormalEquations, float]]:

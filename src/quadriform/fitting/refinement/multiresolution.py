@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from quadriform.fitting.least_squares.marginal_likelihood import Evidence, Solution
+from quadriform.fitting.least_squares.marginal_likelihood import LinearProblem, Solution
 from quadriform.fitting.least_squares.normal_equations import NormalEquations
 from quadriform.fitting.least_squares.regularisers import Regulariser
 from quadriform.fitting.refinement.base_prior import base_priors
@@ -19,8 +19,8 @@ from quadriform.fitting.refinement.correspondence import Correspondence
 from quadriform.fitting.refinement.point_to_plane import (
     Attraction,
     displaced,
-    evidence_of,
     fraction_of,
+    linear_problem_of,
     record,
     step_length,
 )
@@ -303,13 +303,13 @@ class Problem:
         """The rule for the inlier probabilities in the fine stage; coarse stages keep those of their data."""
         return MixtureWeights() if self.robust else FixedWeights()
 
-    def evidence(
+    def linear_problem(
         self, datasets: Datasets, attractions: Attractions, box: ControlBox, effective_fraction: float
-    ) -> Evidence:
+    ) -> LinearProblem:
         """The linear problem of a round as a function of the strength."""
-        found = evidence_of(datasets, attractions, box, self.regularity, effective_fraction, self.least_noise)
+        found = linear_problem_of(datasets, attractions, box, self.regularity, effective_fraction, self.least_noise)
         for prior in base_priors(datasets, box):
-            found = found.plus(prior.equations(box))
+            found = found.with_extra_terms(prior.equations(box))
         return found
 
     def weighted(self, state: Refined) -> Refined:
@@ -329,8 +329,8 @@ class Problem:
         shortest step (`step_length`). None where the control points are undetermined.
         """
         box, (datasets, no_attractions) = state.box, TangentialSteps().update(state.box, state.datasets)
-        evidence = self.evidence(datasets, no_attractions, box, state.solution.effective_fraction)
-        solution = evidence.plus(penalty.equations(box)).solve(strength)
+        linear = self.linear_problem(datasets, no_attractions, box, state.solution.effective_fraction)
+        solution = linear.with_extra_terms(penalty.equations(box)).solve(strength)
         if solution is None:
             return None
         whole, penalties = displaced(box, solution), (penalty, *base_priors(datasets, box))
@@ -342,7 +342,7 @@ class Problem:
 
         def total(length: float) -> float:
             trial = at(length)
-            cost = evidence.cost(trial.control_points - trial.rest, solution.strength)
+            cost = linear.cost(trial.control_points - trial.rest, solution.strength)
             return cost + sum(each.cost(trial) for each in penalties)
 
         after = at(step_length(total))
@@ -372,8 +372,8 @@ class Stage:
         datasets, attractions = self.foot_points.update(state.box, state.datasets)
         datasets = self.kernel.weighted(state.box, datasets, state.noise)
         fraction = self.independence.fraction(state.box, datasets, state.solution is None)
-        evidence = self.problem.evidence(datasets, attractions, state.box, fraction)
-        solution = evidence.select(self.problem.strength, state.solution)
+        linear = self.problem.linear_problem(datasets, attractions, state.box, fraction)
+        solution = linear.select(self.problem.strength, state.solution)
         after = Refined(displaced(state.box, solution), datasets, solution, state.history)
         return self.problem.recorded(state.box, after)
 

@@ -5,8 +5,8 @@ For all surfaces at once, with r_i from the surface to a data point and n_i the 
     sum_i w_i [ (n_i . r_i)^2 + epsilon |r_i - (n_i . r_i) n_i|^2 ] + alpha N E(P - P0)
 
 is minimised over the control points. w_i is the probability to be an inlier, E the regulariser and alpha the strength
-of the largest evidence. epsilon is small: the part of r_i along the surface is no error of the data, across a contour
-as little as along it, so more points on the same contours do not hold the surface more firmly.
+of the largest marginal likelihood. epsilon is small: the part of r_i along the surface is no error of the data, across
+a contour as little as along it, so more points on the same contours do not hold the surface more firmly.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadriform.fitting.cloud import effective_fraction
-from quadriform.fitting.least_squares.marginal_likelihood import Evidence, Solution
+from quadriform.fitting.least_squares.marginal_likelihood import LinearProblem, Solution
 from quadriform.fitting.least_squares.normal_equations import NormalEquations, normal_equations
-from quadriform.fitting.least_squares.regularisers import Regulariser, penalty_matrix
+from quadriform.fitting.least_squares.regularisers import Regulariser, regulariser_matrix
 from quadriform.fitting.refinement.surface_data import SurfaceData
 from quadriform.fitting.result import Iteration
 from quadriform.points import Array, outer_squares, rms_length
@@ -85,14 +85,14 @@ def _tangential(squares: Array) -> Array:
     return LEAST_TANGENTIAL * np.eye(3) + (1 - LEAST_TANGENTIAL) * squares
 
 
-def evidence_of(
+def linear_problem_of(
     datasets: Sequence[SurfaceData],
     attractions: Sequence[Attraction | None],
     box: ControlBox,
     regularity: str | Regulariser,
     effective_fraction: float = 1.0,
     least_noise: float = 0.0,
-) -> Evidence:
+) -> LinearProblem:
     """The linear problem of one round as a function of the strength, if a fraction of the points are independent."""
     rows = [data_rows(data, box) for data in datasets]
     rows += [
@@ -100,22 +100,24 @@ def evidence_of(
     ]
     origins, targets = np.concatenate([r.origins for r in rows]), np.concatenate([r.targets for r in rows])
     metric = np.concatenate([r.metric for r in rows])
-    count = sum(data.count for data in datasets)
+    total_weight = sum(data.count for data in datasets)
     equations = Rows(origins, targets, metric).equations(box)
-    return evidence_from(equations, box, regularity, count, effective_fraction, least_noise)
+    return linear_problem_from(equations, box, regularity, total_weight, effective_fraction, least_noise)
 
 
-def evidence_from(
+def linear_problem_from(
     equations: NormalEquations,
     box: ControlBox,
     regularity: str | Regulariser,
-    count: float,
+    total_weight: float,
     effective_fraction: float,
     least_noise: float = 0.0,
-) -> Evidence:
-    """The evidence of accumulated normal equations, of rows whose weights sum up to `count`."""
+) -> LinearProblem:
+    """The linear problem of accumulated normal equations, of rows whose weights sum up to `total_weight`."""
     l, m, n, _ = box.control_points.shape
-    return Evidence(equations, penalty_matrix(regularity, (l, m, n)), count, effective_fraction, least_noise)
+    return LinearProblem(
+        equations, regulariser_matrix(regularity, (l, m, n)), total_weight, effective_fraction, least_noise
+    )
 
 
 def fraction_of(datasets: Sequence[SurfaceData], box: ControlBox) -> float:

@@ -13,7 +13,7 @@ from quadriform.fitting.least_squares.uncertainty import EnrichedBox
 from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.options import TangentOptions, check_box, check_strength
 from quadriform.fitting.refinement.multiresolution import SCHEDULE, Problem, Refined, Report
-from quadriform.fitting.refinement.point_to_plane import evidence_of, probes
+from quadriform.fitting.refinement.point_to_plane import linear_problem_of, probes
 from quadriform.fitting.refinement.stages import (
     all_coarse_stages,
     control_point_counts,
@@ -259,5 +259,5 @@ def _enriched(problem: Problem, refined: Refined) -> EnrichedBox:
     enriched = refined.box.elevate((l + MORE, m + MORE, n + MORE))
     none, fraction = (None,) * len(refined.datasets), refined.solution.effective_fraction
     # of the data alone: the prior beyond a base is no measurement
-    evidence = evidence_of(refined.datasets, none, enriched, problem.regularity, fraction, problem.least_noise)
-    return EnrichedBox(enriched, evidence, refined.solution.strength)
+    linear = linear_problem_of(refined.datasets, none, enriched, problem.regularity, fraction, problem.least_noise)
+    return EnrichedBox(enriched, linear, refined.solution.strength)
