@@ -31,9 +31,9 @@ def test_distinct_points_of_a_cloud_with_copies_and_weights_of_zero(rng):
     np.testing.assert_array_equal(found.points[found.index], points[counted])
     firsts = [next(i for i in counted if tuple(points[i]) == each) for each in expected]
     np.testing.assert_array_equal(found.of_distinct(np.arange(40)), firsts)
-    spread = found.spread(np.arange(1.0, len(expected) + 1))
+    expanded = found.expand_to_duplicates(np.arange(1.0, len(expected) + 1))
     for i in range(40):
-        assert spread[i] == (1 + expected.index(tuple(points[i])) if weights[i] > 0 else 0)
+        assert expanded[i] == (1 + expected.index(tuple(points[i])) if weights[i] > 0 else 0)
 
 
 def test_two_points_of_one_x_are_distinct_and_keep_the_order_of_their_rows():

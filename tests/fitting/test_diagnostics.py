@@ -12,7 +12,7 @@ from quadriform.fitting import diagnostics
 from quadriform.fitting.elements import Elements
 from quadriform.fitting.result import Result
 from quadriform.fitting.superquadric import diagnostics as of_superquadric
-from quadriform.fitting.support import Reach, Sampled, Support
+from quadriform.fitting.support import Arrangement, Reach, Support
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superquadric import Superquadric
 
@@ -29,14 +29,14 @@ def test_texts_of_several_surfaces_bear_their_names():
 
 def test_points_of_two_bodies_two_layers_or_a_volume_are_not_of_one_surface():
     def kinds(bodies, layered, filled, closed=True):
-        return list(diagnostics.not_one_surface(Sampled(bodies, layered, filled), closed))
+        return list(diagnostics.not_one_surface(Arrangement(bodies, layered, filled), closed))
 
     assert kinds(1, 0.5, 0.1) == [] == kinds(0, 0.0, 0.0)
     assert kinds(2, 0.0, 0.0) == ["SEVERAL_BODIES"]
     assert kinds(1, 0.51, 0.9) == ["DOUBLE_WALL"]
     assert kinds(1, 0.5, 0.11) == ["FILLED_VOLUME"] and kinds(1, 0.5, 0.11, closed=False) == []
     assert kinds(3, 0.6, 0.0, closed=False) == ["SEVERAL_BODIES", "DOUBLE_WALL"]
-    text = diagnostics.not_one_surface(Sampled(3, 0.0, 0.234), True)
+    text = diagnostics.not_one_surface(Arrangement(3, 0.0, 0.234), True)
     assert "of 3 closed bodies" in text["SEVERAL_BODIES"] and text["FILLED_VOLUME"].startswith("23 % of the points")
 
 
@@ -286,8 +286,9 @@ def test_warnings_of_a_model_are_those_of_its_surfaces_and_of_the_whole():
     result = replace(refined(0.0, 0.1), counted={"surface": np.arange(40) < 20})
     inliers = np.ones(40)
     inliers[[2, 30]] = 0.0
+    support, arrangement = replace(GOOD, within=0.9), Arrangement(1, 0.0, 0.2)
     quality = diagnostics.SurfaceQuality(
-        np.where(inliers > 0, 0.06, 9.0), inliers, replace(GOOD, within=0.9), Sampled(1, 0.0, 0.2), np.zeros(40), 40.0
+        np.where(inliers > 0, 0.06, 9.0), inliers, support, arrangement, np.zeros(40), 40.0
     )
     found = diagnostics.model_warnings(result, {"surface": quality}, 10.0)
     assert set(found) == {"OUTLIERS", "POOR_FIT", "FILLED_VOLUME", "PARTIAL_COVERAGE", "UNCERTAIN"}

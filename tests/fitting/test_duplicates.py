@@ -17,7 +17,7 @@ def test_weights_of_copies_add():
 
 def test_what_is_found_of_a_point_holds_for_its_copies():
     found = Distinct.of(ROWS, np.array([2.0, 1, 0.5, 0, 4]))
-    assert found.spread(np.array([0.25, 0.75])).tolist() == [0.25, 0.75, 0.25, 0, 0.25]
+    assert found.expand_to_duplicates(np.array([0.25, 0.75])).tolist() == [0.25, 0.75, 0.25, 0, 0.25]
     assert duplicates(found.copies, len(ROWS))[WarningKind.DUPLICATES].startswith("2 of 5 points")
 
 

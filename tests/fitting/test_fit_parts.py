@@ -13,7 +13,7 @@ from quadriform.fitting.fit import _Clouds
 from quadriform.fitting.noise import variances_along
 from quadriform.fitting.result import Iteration, Result
 from quadriform.fitting.superquadric.around import Around
-from quadriform.fitting.support import Sampled, covered_fraction, support_of
+from quadriform.fitting.support import Arrangement, covered_fraction, support_of
 from quadriform.points import Frame
 from quadriform.shapes.closest import closest_on
 from quadriform.shapes.control_box import ControlBox
@@ -70,12 +70,12 @@ def test_known_noise_counts_along_the_normals_with_its_independent_errors():
     feet = closest_on(SURFACE, ControlBox.around(SURFACE), LOCAL)
     root = 0.01 * np.random.default_rng(2).normal(size=(len(LOCAL), 3, 3))
     noise = root @ np.swapaxes(root, 1, 2)
-    known, independent = quality._known(noise, feet, INLIERS)
+    known, independent = quality._known_variances(noise, feet, INLIERS)
     np.testing.assert_allclose(known, variances_along(noise, feet.normals))
     fraction = effective_fraction(feet.points, feet.signed / np.sqrt(known), INLIERS)
     assert independent == pytest.approx(INLIERS.sum() * fraction)
     for missing in (None, noise):
-        zeros, many = quality._known(missing, feet, np.zeros(len(LOCAL)) if missing is not None else INLIERS)
+        zeros, many = quality._known_variances(missing, feet, np.zeros(len(LOCAL)) if missing is not None else INLIERS)
         assert not zeros.any() and many == np.inf
 
 
@@ -83,34 +83,35 @@ def test_points_without_weight_are_of_no_surface():
     counted = np.arange(len(LOCAL)) % 2 == 0
     of = result(counted={"surface": counted})
     feet = {"surface": closest_on(SURFACE, of.model.box, LOCAL)}
-    support = quality.support_of_each(of, {"surface": LOCAL}, feet, {"surface": INLIERS}, 0.01, {})
-    found = quality._sampled(of, {"surface": LOCAL}, feet, support)["surface"]
+    inliers = {"surface": INLIERS}
+    support = quality.support_of_each(of, {"surface": LOCAL}, feet, inliers, 0.01, {})
+    found = quality.qualities(of, feet, inliers, support, {"surface": LOCAL}, {})["surface"].arrangement
     each = (LOCAL[counted], feet["surface"].points[counted], feet["surface"].signed[counted])
-    assert found == Sampled.of(of.model.mesh("surface", 32), *each, support["surface"].limit)
+    assert found == Arrangement.of(of.model.mesh("surface", 32), *each, support["surface"].limit)
 
 
-def clouds(aside=None):
+def clouds(others=None):
     n = np.arange(6.0)
     noise = n[:, None, None] * np.eye(3)
     points, normals = np.arange(18.0).reshape(6, 3), np.arange(18.0).reshape(6, 3) + 1
     eyes = Around(np.arange(18.0).reshape(6, 3) + 2, None)
-    masks = {} if aside is None else {"a": aside}
+    masks = {} if others is None else {"a": others}
     return _Clouds({"a": points}, {"a": n + 1}, {"a": normals}, {"a": noise}, ("note",), masks, {"a": eyes})
 
 
 def test_a_sample_of_clouds_has_all_that_is_known_of_its_points():
-    aside, index = np.arange(6) > 3, np.array([5, 0, 3])
-    of = clouds(aside)
+    others, index = np.arange(6) > 3, np.array([5, 0, 3])
+    of = clouds(others)
     found = of.take({"a": index})
-    for name in ("points", "weights", "normals", "noise", "aside"):
+    for name in ("points", "weights", "normals", "noise", "others"):
         np.testing.assert_array_equal(getattr(found, name)["a"], getattr(of, name)["a"][index])
     np.testing.assert_array_equal(found.around["a"].viewpoints, of.around["a"].viewpoints[index])
     assert found.notes == ("note",) and of.take(None) is of
 
 
 def test_points_of_other_bodies_have_no_weight():
-    np.testing.assert_array_equal(clouds(np.arange(6) > 3).of_body["a"], [1, 2, 3, 4, 0, 0])
-    np.testing.assert_array_equal(clouds().of_body["a"], np.arange(6) + 1)
+    np.testing.assert_array_equal(clouds(np.arange(6) > 3).weights_of_body["a"], [1, 2, 3, 4, 0, 0])
+    np.testing.assert_array_equal(clouds().weights_of_body["a"], np.arange(6) + 1)
 
 
 def test_probabilities_are_those_of_all_copies():

@@ -7,12 +7,12 @@ import pytest
 from shapes_made import even_directions, ventricle
 
 from quadriform import fit, fit_superquadric
-from quadriform.fitting.other_bodies import of_others, spread
+from quadriform.fitting.other_bodies import extended_to_clouds, points_of_others
 
 
 def left_out(points):
     """Which points (n,) are found to be of something else."""
-    return of_others({"": points}, {"": fit_superquadric(points)})[""]
+    return points_of_others({"": points}, {"": fit_superquadric(points)})[""]
 
 
 def tube(one, other, radius, count, rng):
@@ -56,10 +56,10 @@ def test_slices_that_the_superquadric_leaves_aside_stay(rng):
     slices = [np.column_stack([np.cos(around), np.sin(around), np.full(120, 1.6 * z)]) for z in heights]
     points = np.concatenate(slices)
     start, inliers = fit_superquadric(points), np.r_[np.zeros(120), np.ones(len(points) - 120)]
-    assert not of_others({"": points}, {"": replace(start, inliers=inliers)})[""].any()
+    assert not points_of_others({"": points}, {"": replace(start, inliers=inliers)})[""].any()
 
 
 def test_of_a_sample_each_point_is_as_the_nearest_of_it():
     cloud, index = np.arange(10.0)[:, None] * [1, 0, 0], np.array([1, 8])
-    found = spread({"": np.array([False, True])}, {"": cloud}, {"": index})[""]
+    found = extended_to_clouds({"": np.array([False, True])}, {"": cloud}, {"": index})[""]
     assert found.tolist() == [False] * 5 + [True] * 5

@@ -6,7 +6,7 @@ from shapes_made import even_directions, made, turned
 
 from quadriform.fitting import interpolation
 from quadriform.fitting import support as supports
-from quadriform.fitting.support import LIMITS, ONE, Reach, Sampled, Support
+from quadriform.fitting.support import LIMITS, ONE, Arrangement, Reach, Support
 from quadriform.shapes.directions import sphere_grid
 from quadriform.shapes.landmarks import BasePlane
 from quadriform.shapes.superquadric import Superquadric
@@ -248,9 +248,9 @@ def test_whether_points_are_of_one_surface_by_all_three_tests():
     ball = Superquadric().mesh(16)
     points = even_directions(200)
     signed = np.where(np.arange(200) % 4 == 0, -0.215, -0.235)
-    found = Sampled.of(ball, points, points, signed, 0.3)
+    found = Arrangement.of(ball, points, points, signed, 0.3)
     assert found.bodies == 1 and found.layered == 0 and found.filled == 0.75
     thick = np.where(np.arange(200) % 2, 0.0, 0.12)
-    assert Sampled.of(ball, points, points, thick, 0.3).layered > 0.9
-    assert Sampled.of(ball, 2 * points, points, thick, 0.3).layered == 0
+    assert Arrangement.of(ball, points, points, thick, 0.3).layered > 0.9
+    assert Arrangement.of(ball, 2 * points, points, thick, 0.3).layered == 0
     assert ONE.most == 0.1

@@ -103,7 +103,7 @@ class Distinct:
         first[self.index[::-1]] = np.flatnonzero(self.counted)[::-1]
         return values[first]
 
-    def spread(self, values: Array) -> Array:
+    def expand_to_duplicates(self, values: Array) -> Array:
         """Values (m,) of the distinct points for the whole cloud (n,), zero where a point does not count."""
         result = np.zeros(len(self.counted))
         result[self.counted] = values[self.index]

@@ -10,7 +10,7 @@ from quadriform.errors import WarningKind, Warnings
 from quadriform.fitting.elements import Elements
 from quadriform.fitting.least_squares.marginal_likelihood import Solution
 from quadriform.fitting.result import HalfSpace, Result, SuperquadricFit, rms
-from quadriform.fitting.support import ONE, Sampled, Support
+from quadriform.fitting.support import ONE, Arrangement, Support
 from quadriform.point_sets import PointSet
 from quadriform.points import Array
 from quadriform.shapes.kinds import KINDS
@@ -76,7 +76,7 @@ class SurfaceQuality:
         residuals: (n,), signed distances of the points.
         inliers: (n,), probabilities.
         support: of the surface by its inliers.
-        sampled: whether the points are of one surface.
+        arrangement: of the points: whether they are of one surface.
         known: (n,), variances along the normals that are known of the measurement; zero where nothing is.
         independent: effective number of points.
         open_deviation: standard deviation of the part without data, as RMS over its area; infinite where not known.
@@ -85,22 +85,22 @@ class SurfaceQuality:
     residuals: Array
     inliers: Array
     support: Support
-    sampled: Sampled
+    arrangement: Arrangement
     known: Array
     independent: float
     open_deviation: float = np.inf
 
 
-def model_warnings(result: Result, evidence: Mapping[str, SurfaceQuality], unit: float) -> Warnings:
+def model_warnings(result: Result, quality: Mapping[str, SurfaceQuality], unit: float) -> Warnings:
     """Warnings about a model in the centred, scaled frame.
 
     Args:
         result: with the model.
-        evidence: by surface.
+        quality: by surface.
         unit: the length of one in this frame, in the unit of the points.
     """
-    found = {name: _of_surface(result, name, each, unit) for name, each in evidence.items()}
-    return named_texts(found) | base_not_observed(result, evidence) | uncertain(result, unit) | result.warnings
+    found = {name: _of_surface(result, name, each, unit) for name, each in quality.items()}
+    return named_texts(found) | base_not_observed(result, quality) | uncertain(result, unit) | result.warnings
 
 
 def _of_surface(result: Result, name: str, found: SurfaceQuality, unit: float) -> Warnings:
@@ -109,13 +109,13 @@ def _of_surface(result: Result, name: str, found: SurfaceQuality, unit: float) -
     return (
         outliers(found.inliers, counted)
         | poor_fit(found.residuals[kept], known=found.known[kept], independent=found.independent)
-        | not_one_surface(found.sampled, KINDS[surface.kind].cut_axis is None)
+        | not_one_surface(found.arrangement, KINDS[surface.kind].cut_axis is None)
         | unsupported(found.support.scaled(unit), found.open_deviation)
         | _outside_lattice(result.model, surface)
     )
 
 
-def not_one_surface(found: Sampled, is_closed: bool) -> Warnings:
+def not_one_surface(found: Arrangement, is_closed: bool) -> Warnings:
     """SEVERAL_BODIES, DOUBLE_WALL or FILLED_VOLUME where points are not of one surface, which may have no inside."""
     warnings: Warnings = {}
     if found.bodies > 1:

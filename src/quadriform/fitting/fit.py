@@ -1,7 +1,9 @@
 """The entry points: points in, a model out, in one call or in two steps.
 
-Points that are `aside` are of other bodies. `support` is measured from a surface to its data, `covered` by directions
-from the centre of a superquadric; `sampled` is whether the points are of one surface.
+`fit` takes arrays and meshes; `quadriform.fit` of `imaging/fit_files.py`, which also takes files, passes them on to it
+and describes its options. In both, the option `support` is a plane that the body does not pass, such as a table, and
+`Fit.supported` the share of the surface that data supports. `noise` is what is known of the errors of the points.
+Points that are `counted` were given a weight above zero.
 """
 
 from __future__ import annotations
@@ -16,11 +18,9 @@ from quadriform.columns import Chosen
 from quadriform.errors import OptionError, Warnings, choose, known_options
 from quadriform.fitting.cloud import Centred, Distinct
 from quadriform.fitting.diagnostics import (
-    INLIER,
     duplicates,
     far_control_points,
     low_overlap,
-    model_warnings,
     named_texts,
     start_notes,
 )
@@ -28,19 +28,17 @@ from quadriform.fitting.extrapolation import open_surfaces
 from quadriform.fitting.least_squares.regularisers import Regulariser
 from quadriform.fitting.noise import KnownNoise, partial_notes
 from quadriform.fitting.options import METHODS, PaperOptions, TangentOptions, lengths_of, options_for
-from quadriform.fitting.other_bodies import Masks, of_others, spread
+from quadriform.fitting.other_bodies import Masks, extended_to_clouds, points_of_others
 from quadriform.fitting.paper.two_step import two_step
-from quadriform.fitting.quality import qualities, support_of_each
+from quadriform.fitting.quality import Assessment
 from quadriform.fitting.refinement.large_clouds import on_all, sample_of_large
 from quadriform.fitting.refinement.refine import LocalProblem, refine_tangent
-from quadriform.fitting.result import Fit, Progress, Result, SuperquadricFit, rms, unnamed
+from quadriform.fitting.result import Fit, Progress, Result, SuperquadricFit, unnamed
 from quadriform.fitting.superquadric.around import Around, Plane, Viewpoint, around_each
 from quadriform.fitting.superquadric.fit import fit_by_paper, fit_robust, in_frame
-from quadriform.fitting.support import covered_fraction
 from quadriform.fitting.threads import one_blas_thread
 from quadriform.point_sets import ALONE, Given, PointSet, common_unit, point_sets, points_sha256, precision_loss
 from quadriform.points import Array, Frame, check_spread, check_weights, for_each
-from quadriform.shapes.closest import closest_on
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.landmarks import GIVEN_BASE, NONE_KNOWN, Landmarks
@@ -82,7 +80,7 @@ def fit(
 ) -> Fit:
     """The fit of a superquadric to points, refined by a free-form deformation.
 
-    `quadriform.fit`, of `imaging/fit_files.py`, describes the options; here `points` are arrays or meshes in memory.
+    The options are those of `quadriform.fit` (`imaging/fit_files.py`); here `points` are arrays or meshes in memory.
     More than 50,000 points are fitted to a sample first, then to all of them, a part at a time.
 
     Raises:
@@ -113,9 +111,10 @@ def _fitted(clouds: _Clouds, kind: str, options: PaperOptions | TangentOptions, 
         for name, cloud in sample.points.items()
     }
     if options.robust:
-        clouds = replace(clouds, aside=spread(of_others(sample.points, starts), clouds.points, index))
-    surfaces = {name: each.superquadric for name, each in starts.items()}
-    found = _refine_tangent(surfaces, clouds, index, options, progress, kind, fitted=starts)
+        others = points_of_others(sample.points, starts)
+        clouds = replace(clouds, others=extended_to_clouds(others, clouds.points, index))
+    superquadrics = {name: each.superquadric for name, each in starts.items()}
+    found = _refine_tangent(superquadrics, clouds, index, options, progress, kind_of_other_starts=kind, fitted=starts)
     # warnings are those of the model; of a start that did not converge, which rounding may change, there is a note
     return replace(found, notes=(*found.notes, *start_notes(starts, found.model)))
 
@@ -157,15 +156,15 @@ def refine(
     """
     sets, unit = _in_metric_unit(point_sets(points, weights=weights, noise=noise))
     named = {ALONE: superquadric} if isinstance(superquadric, Superquadric) else superquadric
-    surfaces: dict[str, Superquadric] = for_each(sets, named, "surfaces")
+    superquadrics: dict[str, Superquadric] = for_each(sets, named, "surfaces")
     clouds = _checked(sets, weights, noise, method)
     options = dict(box=box, regularity=regularity, strength=strength, robust=robust) | lengths_of(sets, base, max_error)
     chosen = options_for(method, options | dict(matching=matching, iterations=iterations, tolerance=tolerance))
     if isinstance(chosen, TangentOptions):
         index = sample_of_large(clouds.points, clouds.weights)
-        found = _refine_tangent(surfaces, clouds, index, chosen, progress, start=start)
+        found = _refine_tangent(superquadrics, clouds, index, chosen, progress, start=start)
     elif start is None:
-        found = _refine_paper(surfaces, clouds, chosen, progress)
+        found = _refine_paper(superquadrics, clouds, chosen, progress)
     else:
         raise OptionError("option start is not one of method='paper'; use method='tangent'")
     return _with_notes_of_points(sets, replace(found, model=replace(found.model, unit=unit)))
@@ -181,8 +180,8 @@ def _in_metric_unit(sets: Mapping[str, PointSet], unit: str | None = None) -> tu
 class _Clouds:
     """Checked points (n, 3) by name, with weights (n,), normals (n, 3) if there are any, and notes on the noise.
 
-    Covariances (n, 3, 3) are of all clouds or of none; `aside` (n,) has the points of other bodies, once known;
-    `around` is what is known beside the points.
+    `noise`, covariances (n, 3, 3), is of all clouds or of none; `others` (n,) are masks of the points of other bodies,
+    once known; `around` is what is known beside the points: viewpoints, and the plane on which the body stands.
     """
 
     points: dict[str, Array]
@@ -190,13 +189,13 @@ class _Clouds:
     normals: dict[str, Array]
     noise: dict[str, Array]
     notes: tuple[str, ...]
-    aside: Masks = field(default_factory=dict)
+    others: Masks = field(default_factory=dict)
     around: dict[str, Around] = field(default_factory=dict)
 
     @property
-    def of_body(self) -> dict[str, Array]:
+    def weights_of_body(self) -> dict[str, Array]:
         """The weights, zero for points of other bodies."""
-        return {name: np.where(self.aside.get(name, False), 0.0, each) for name, each in self.weights.items()}
+        return {name: np.where(self.others.get(name, False), 0.0, each) for name, each in self.weights.items()}
 
     def take(self, index: Mapping[str, NDArray[np.int64]] | None) -> _Clouds:
         """Some of the points; without an index all."""
@@ -204,9 +203,9 @@ class _Clouds:
             return self
         parts = (self.points, self.weights, self.normals, self.noise)
         points, weights, normals, noise = ({name: each[index[name]] for name, each in p.items()} for p in parts)
-        aside = {name: each[index[name]] for name, each in self.aside.items()}
+        others = {name: each[index[name]] for name, each in self.others.items()}
         around = {name: each.take(index[name]) for name, each in self.around.items()}
-        return _Clouds(points, weights, normals, noise, self.notes, aside, around)
+        return _Clouds(points, weights, normals, noise, self.notes, others, around)
 
 
 def _checked(sets: Mapping[str, PointSet], weights: Weights, noise: Noise, method: str) -> _Clouds:
@@ -240,34 +239,42 @@ def precision_warnings(sets: Mapping[str, PointSet]) -> Warnings:
 
 
 def _refine_paper(
-    surfaces: Mapping[str, Superquadric], clouds: _Clouds, options: PaperOptions, progress: Progress | None
+    superquadrics: Mapping[str, Superquadric], clouds: _Clouds, options: PaperOptions, progress: Progress | None
 ) -> Fit:
     """The fit by the paper's method: centred and scaled, refined, and back in the unit of the points."""
     frame = Frame.of(np.concatenate(list(clouds.points.values())))  # the paper counts copies as points
     local = {name: frame.to_local(cloud) for name, cloud in clouds.points.items()}
-    superquadrics = _in_frame(surfaces, frame)
-    box, history, strength = two_step(superquadrics, local, options, progress)
-    model = DeformableModel(superquadrics, box)
+    starts = _in_frame(superquadrics, frame)
+    box, history, strength = two_step(starts, local, options, progress)
+    model = DeformableModel(starts, box)
     return _in_world(Result(model, history, strength, warnings=far_control_points(model)), clouds.points, frame, {})
 
 
 def _refine_tangent(
-    surfaces: Mapping[str, Superquadric],
+    superquadrics: Mapping[str, Superquadric],
     clouds: _Clouds,
     index: Mapping[str, NDArray[np.int64]] | None,
     options: TangentOptions,
     progress: Progress | None,
-    kind: str | None = None,
+    kind_of_other_starts: str | None = None,
     start: ControlBox | None = None,
     fitted: Mapping[str, SuperquadricFit] | None = None,
 ) -> Fit:
     """The fit by the default method, to a sample by index, then to all points.
 
-    With a `kind` other superquadrics are tried as starts too. The covariances of those that were `fitted` show how well
-    the surface is known where it has no data.
+    Args:
+        superquadrics: name -> superquadric to start from.
+        clouds: all points.
+        index: name -> indices of the sample; None if that is all points.
+        options: of the refinement.
+        progress: called after each round.
+        kind_of_other_starts: of superquadrics that are tried as starts too; None to try only the given ones.
+        start: a deformed box to go on from, or None.
+        fitted: name -> the fits of the superquadrics, whose covariances show how well the surface is known where it has
+            no data; None where the superquadrics were given.
     """
     sample = clouds.take(index)
-    centred = Centred.of(sample.points, sample.of_body)
+    centred = Centred.of(sample.points, sample.weights_of_body)
     frame, distinct = centred.frame, centred.distinct
     known, base = KnownNoise.of(sample.noise, centred), options.base_plane(sample.points)
     problem = LocalProblem(
@@ -282,16 +289,19 @@ def _refine_tangent(
         progress=progress,
     )
     starts = {name: in_frame(each, frame) for name, each in (fitted or {}).items()}
-    result = replace(refine_tangent(problem, _in_frame(surfaces, frame), kind), starts=starts)
+    refined = refine_tangent(problem, _in_frame(superquadrics, frame), kind_of_other_starts)
+    result = replace(refined, starts=starts)
     found = _in_world(_of_all_points(result, distinct, sample), sample.points, frame, sample.noise)
     copies = named_texts({name: duplicates(each.copies, len(each.counted)) for name, each in distinct.items()})
     landmarks = NONE_KNOWN if base is None else Landmarks(base, GIVEN_BASE)
     model = replace(found.model, landmarks=landmarks)
     found = replace(found, model=model, warnings=copies | found.warnings, notes=(*clouds.notes, *found.notes))
+    # this method always has an enriched box: the same data with more control points, for `Fit.uncertainty`
     if index is None or found.enriched is None:
         return found
     counted = {name: each > 0 for name, each in clouds.weights.items()}
-    return on_all(found, found.enriched, clouds.points, clouds.of_body, counted, clouds.noise, centred, known, options)
+    weights = clouds.weights_of_body
+    return on_all(found, found.enriched, clouds.points, weights, counted, clouds.noise, centred, known, options)
 
 
 def _of_all_points(result: Result, distinct: Mapping[str, Distinct], clouds: _Clouds) -> Result:
@@ -299,43 +309,32 @@ def _of_all_points(result: Result, distinct: Mapping[str, Distinct], clouds: _Cl
 
     Points of other bodies are outliers like others, and counted.
     """
-    inliers = {name: distinct[name].spread(found) for name, found in (result.inliers or {}).items()}
+    inliers = {name: distinct[name].expand_to_duplicates(found) for name, found in (result.inliers or {}).items()}
     return replace(result, inliers=inliers, counted={name: each > 0 for name, each in clouds.weights.items()})
 
 
-def _in_frame(surfaces: Mapping[str, Superquadric], frame: Frame) -> dict[str, Superquadric]:
-    return {name: frame.shape_to_local(surface) for name, surface in surfaces.items()}
+def _in_frame(superquadrics: Mapping[str, Superquadric], frame: Frame) -> dict[str, Superquadric]:
+    return {name: frame.shape_to_local(each) for name, each in superquadrics.items()}
 
 
 def _in_world(result: Result, clouds: Mapping[str, Array], frame: Frame, noise: Mapping[str, Array]) -> Fit:
-    """The fit in the unit and frame of the points, with distances and warnings; covariances are in their unit."""
-    local, model = {name: frame.to_local(cloud) for name, cloud in clouds.items()}, result.model
-    boxes = model.box, model.box.with_control_points(model.box.rest)
-    after, before = ({n: closest_on(model.surfaces[n], box, cloud) for n, cloud in local.items()} for box in boxes)
-    residuals = {name: feet.signed for name, feet in after.items()}
-    inliers = result.inliers or {name: np.ones(len(cloud)) for name, cloud in local.items()}
-    sigma = result.noise if result.noise is not None else rms(residuals)
-    covered = {
-        name: covered_fraction(model.surfaces[name], cloud[inliers[name] >= INLIER], result.half_space)
-        for name, cloud in local.items()
-    }
+    """The assessed fit in the unit and frame of the points, as are the clouds and the covariances of their noise."""
+    local = {name: frame.to_local(cloud) for name, cloud in clouds.items()}
     known = {name: each / frame.scale**2 for name, each in noise.items()}
-    support = support_of_each(result, local, after, inliers, sigma, known)
-    feet = {name: after[name].points[inliers[name] >= INLIER] for name in local}
-    warnings = model_warnings(result, qualities(result, after, inliers, support, local, known), frame.scale)
-    record = ModelRecord(coverage={name: each for name, each in covered.items() if model.surfaces[name].is_radial})
+    found = Assessment.of(result, local, known, frame.scale)
+    record = ModelRecord(coverage=found.coverage)
     sha256 = points_sha256(clouds.values())
     return Fit(
-        model=replace(frame.shape_to_world(model), input_sha256=sha256, record=record),
-        warnings=warnings,
-        residuals=unnamed({name: frame.scale * values for name, values in residuals.items()}),
-        superquadric_residuals=unnamed({name: frame.scale * feet.signed for name, feet in before.items()}),
+        model=replace(frame.shape_to_world(result.model), input_sha256=sha256, record=record),
+        warnings=found.warnings,
+        residuals=unnamed({name: frame.scale * values for name, values in found.residuals.items()}),
+        superquadric_residuals=unnamed({n: frame.scale * each for n, each in found.superquadric_residuals.items()}),
         history=tuple(entry.scaled(frame.scale) for entry in result.history),
         strength=result.strength,
-        noise=frame.scale * sigma,
-        inliers=unnamed(inliers),
-        support={name: each.scaled(frame.scale) for name, each in support.items()},
-        extrapolations=open_surfaces(result, support, feet, frame),
+        noise=frame.scale * found.sigma,
+        inliers=unnamed(found.inliers),
+        support={name: each.scaled(frame.scale) for name, each in found.support.items()},
+        extrapolations=open_surfaces(result, found.support, found.feet_of_inliers, frame),
         covariance=None if result.covariance is None else frame.scale**2 * result.covariance,
         enriched=None if result.enriched is None else replace(result.enriched, scale=frame.scale),
     )

@@ -31,16 +31,21 @@ class OtherBodySettings:
 OTHERS = OtherBodySettings()
 
 
-def of_others(clouds: Mapping[str, Array], starts: Mapping[str, SuperquadricFit]) -> Masks:
+def points_of_others(clouds: Mapping[str, Array], starts: Mapping[str, SuperquadricFit]) -> Masks:
     """Name -> (n,) whether each point of a cloud is an outlier of its superquadric that belongs to something else."""
     return {name: _of_one(name, clouds, starts) for name in clouds}
 
 
-def spread(found: Masks, clouds: Mapping[str, Array], index: Mapping[str, NDArray[np.int64]] | None) -> Masks:
-    """Name -> (n,) masks for whole clouds from those of a sample, given by index: that of the nearest sampled point."""
+def extended_to_clouds(
+    sampled: Masks, clouds: Mapping[str, Array], index: Mapping[str, NDArray[np.int64]] | None
+) -> Masks:
+    """Name -> (n,) masks of whole clouds from those of a sample, given by index: each point has that of the nearest.
+
+    Without an index the sample is the whole cloud.
+    """
     if index is None:
-        return found
-    return {name: of[cKDTree(clouds[name][index[name]]).query(clouds[name])[1]] for name, of in found.items()}
+        return sampled
+    return {name: mask[cKDTree(clouds[name][index[name]]).query(clouds[name])[1]] for name, mask in sampled.items()}
 
 
 def _of_one(name: str, clouds: Mapping[str, Array], starts: Mapping[str, SuperquadricFit]) -> NDArray[np.bool_]:

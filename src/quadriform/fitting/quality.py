@@ -1,18 +1,80 @@
-"""Quality of the surfaces of a refinement: what supports them, and from what warnings about them are taken."""
+"""Assessment of a refinement: distances of the points, how far they support each surface, and the warnings that follow.
+
+All is in the centred, scaled frame and by the name of the surface. `inliers` are probabilities (n,): points of at least
+`INLIER` count as inliers. `noise` are the covariances (n, 3, 3) of points whose errors are known; `sigma` is the
+estimated standard deviation of the points along the normal.
+"""
+
+from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from quadriform.errors import Warnings
 from quadriform.fitting.cloud import effective_fraction
-from quadriform.fitting.diagnostics import INLIER, SurfaceQuality
+from quadriform.fitting.diagnostics import INLIER, SurfaceQuality, model_warnings
 from quadriform.fitting.extrapolation import open_deviations
 from quadriform.fitting.noise import sampling_step, variances_along
-from quadriform.fitting.result import Result
-from quadriform.fitting.support import LIMITS, Sampled, Support, support_of
+from quadriform.fitting.result import Result, rms
+from quadriform.fitting.support import LIMITS, Arrangement, Support, covered_fraction, support_of
 from quadriform.points import Array
-from quadriform.shapes.closest import FootPoints
+from quadriform.shapes.closest import FootPoints, closest_on
 from quadriform.shapes.landmarks import BasePlane
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """The assessment of a refinement by its points.
+
+    Attributes:
+        feet: the points of the surfaces nearest to all points.
+        superquadric_residuals: (n,), signed distances to the superquadrics before refinement.
+        inliers: (n,), one where none were estimated.
+        sigma: the RMS distance where none was estimated.
+        support: how far inliers support the surface.
+        coverage: fraction of the directions from the centre with inliers, of surfaces around their centre.
+        warnings: about the model, with lengths in the unit of the points.
+    """
+
+    feet: dict[str, FootPoints]
+    superquadric_residuals: dict[str, Array]
+    inliers: dict[str, Array]
+    sigma: float
+    support: dict[str, Support]
+    coverage: dict[str, float]
+    warnings: Warnings
+
+    @classmethod
+    def of(cls, result: Result, clouds: Mapping[str, Array], noise: Mapping[str, Array], unit: float) -> Assessment:
+        """From points (n, 3) and covariances (n, 3, 3) by name; `unit` is the length of one in that of the points."""
+        model = result.model
+        boxes = model.box, model.box.with_control_points(model.box.rest)
+        feet, before = ({n: closest_on(model.surfaces[n], box, cloud) for n, cloud in clouds.items()} for box in boxes)
+        inliers = result.inliers or {name: np.ones(len(cloud)) for name, cloud in clouds.items()}
+        sigma = result.noise if result.noise is not None else rms({name: each.signed for name, each in feet.items()})
+        support = support_of_each(result, clouds, feet, inliers, sigma, noise)
+        quality = qualities(result, feet, inliers, support, clouds, noise)
+        coverage = {
+            name: covered_fraction(model.surfaces[name], cloud[inliers[name] >= INLIER], result.half_space)
+            for name, cloud in clouds.items()
+            if model.surfaces[name].is_radial
+        }
+        before_refinement = {name: each.signed for name, each in before.items()}
+        warnings = model_warnings(result, quality, unit)
+        return cls(feet, before_refinement, inliers, sigma, support, coverage, warnings)
+
+    @property
+    def residuals(self) -> dict[str, Array]:
+        """Signed distances (n,) of the points to the surfaces, negative inside."""
+        return {name: each.signed for name, each in self.feet.items()}
+
+    @property
+    def feet_of_inliers(self) -> dict[str, Array]:
+        """The points (k, 3) of the surfaces nearest to inliers."""
+        return _feet_of_inliers(self.feet, self.inliers)
 
 
 def support_of_each(
@@ -23,7 +85,7 @@ def support_of_each(
     sigma: float,
     noise: Mapping[str, Array],
 ) -> dict[str, Support]:
-    """How far the inliers of each cloud, of standard deviation `sigma`, support its surface."""
+    """How far the inliers of each cloud support its surface."""
     base, found = None if result.half_space is None else BasePlane(*result.half_space), dict[str, Support]()
     for name, cloud in clouds.items():
         kept, mesh = inliers[name] >= INLIER, result.model.mesh(name, LIMITS.resolution)
@@ -41,34 +103,31 @@ def qualities(
     noise: Mapping[str, Array],
 ) -> dict[str, SurfaceQuality]:
     """The quality of each surface, from which warnings about it are taken."""
-    sampled = _sampled(result, clouds, feet, support)
-    deviations = open_deviations(result, support, {n: each.points[inliers[n] >= INLIER] for n, each in feet.items()})
-    found = {}
+    deviations, found = open_deviations(result, support, _feet_of_inliers(feet, inliers)), dict[str, SurfaceQuality]()
     for name, each in feet.items():
-        known, deviation = _known(noise.get(name), each, inliers[name]), deviations.get(name, np.inf)
-        found[name] = SurfaceQuality(each.signed, inliers[name], support[name], sampled[name], *known, deviation)
+        counted = np.ones(len(each.signed), dtype=np.bool_) if result.counted is None else result.counted[name]
+        arrangement = _arrangement(result, name, clouds[name], counted, each, support[name].limit)
+        known = _known_variances(noise.get(name), each, inliers[name])
+        deviation = deviations.get(name, np.inf)
+        found[name] = SurfaceQuality(each.signed, inliers[name], support[name], arrangement, *known, deviation)
     return found
 
 
-def _known(noise: Array | None, feet: FootPoints, inliers: Array) -> tuple[Array, float]:
-    """Variances (n,) of points along the normals that are known, or zeros, and how many errors are independent."""
+def _feet_of_inliers(feet: Mapping[str, FootPoints], inliers: Mapping[str, Array]) -> dict[str, Array]:
+    return {name: each.points[inliers[name] >= INLIER] for name, each in feet.items()}
+
+
+def _known_variances(noise: Array | None, feet: FootPoints, inliers: Array) -> tuple[Array, float]:
+    """Known variances (n,) of points along the normals, zero where none are; and how many errors are independent."""
     if noise is None or not inliers.any():
         return np.zeros(len(inliers)), np.inf
     known = variances_along(noise, feet.normals)
     return known, float(inliers.sum()) * effective_fraction(feet.points, feet.signed / np.sqrt(known), inliers)
 
 
-def _sampled(
-    result: Result,
-    clouds: Mapping[str, Array],
-    feet: Mapping[str, FootPoints],
-    support: Mapping[str, Support],
-) -> dict[str, Sampled]:
-    """Whether the points of each cloud that have a weight are of one surface."""
-    found = {}
-    for name, cloud in clouds.items():
-        counted = np.ones(len(cloud), dtype=np.bool_) if result.counted is None else result.counted[name]
-        points, nearest, signed = cloud[counted], feet[name].points[counted], feet[name].signed[counted]
-        mesh = result.model.mesh(name, LIMITS.resolution)
-        found[name] = Sampled.of(mesh, points, nearest, signed, support[name].limit)
-    return found
+def _arrangement(
+    result: Result, name: str, cloud: Array, counted: NDArray[np.bool_], feet: FootPoints, limit: float
+) -> Arrangement:
+    """How those points of a cloud are arranged that have a weight, outliers among them."""
+    mesh = result.model.mesh(name, LIMITS.resolution)
+    return Arrangement.of(mesh, cloud[counted], feet.points[counted], feet.signed[counted], limit)

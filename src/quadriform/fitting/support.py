@@ -1,6 +1,6 @@
-"""Support of a fitted surface by its data, measured from each part of the surface; whether points are of one surface.
+"""How far data supports a fitted surface, measured from each part of it; whether points are of one surface.
 
-`diagnostics.py` derives warnings from these measures.
+`diagnostics.py` derives warnings from these measures. The option `support` is something else: a plane such as a table.
 """
 
 from dataclasses import dataclass, replace
@@ -236,8 +236,8 @@ ONE = OneSurface()
 
 
 @dataclass(frozen=True)
-class Sampled:
-    """Whether points are of one surface: not of several bodies, both sides of a wall, or the inside of a volume.
+class Arrangement:
+    """How points are arranged: by it they are of one surface, or of several bodies, a double wall, or a filled volume.
 
     Attributes:
         bodies: how many closed bodies the points are of, far from each other; 0 where no cluster of them is closed.
@@ -250,7 +250,7 @@ class Sampled:
     filled: float
 
     @classmethod
-    def of(cls, mesh: Mesh, points: Array, feet: Array, signed: Array, limit: float) -> "Sampled":
+    def of(cls, mesh: Mesh, points: Array, feet: Array, signed: Array, limit: float) -> "Arrangement":
         """From a surface and its data.
 
         Args:

@@ -130,7 +130,7 @@ def fit_robust(
         problem = replace(problem, surroundings=around.surroundings(local, distinct, frame))
     with np.errstate(all="ignore"):
         solution = solve(problem)
-    inliers = distinct.spread(solution.descent.inliers[0])
+    inliers = distinct.expand_to_duplicates(solution.descent.inliers[0])
     fit = in_world(_outcome(solution, frame.to_local(world), inliers, known.least), frame)
     return replace(fit, warnings=fit.warnings | duplicates(distinct.copies, len(world)))
 
