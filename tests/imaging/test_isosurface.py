@@ -4,7 +4,7 @@ import trimesh
 from numpy.testing import assert_allclose, assert_array_equal
 
 from quadriform.errors import MaskError, OptionError
-from quadriform.imaging.isosurface import height_of, isosurface
+from quadriform.imaging.isosurface import grey_of_object, isosurface
 from quadriform.imaging.volume import Volume
 
 MIRROR = np.diag([-1.0, 1.0, 1.0, 1.0])
@@ -114,7 +114,7 @@ def test_a_grey_image_is_mirrored_at_the_level_where_the_mask_disagrees(ball, ob
     mask = mask_of(height)
     other = np.roll(height.values, 15, axis=0)
     grey = Volume(np.maximum(height.values, other) + 100, oblique)
-    shown = height_of(mask, grey, 100.0)
+    shown = grey_of_object(mask, grey, 100.0)
     assert_array_equal(shown.values > 100, mask.values > 0)
     away = other < -4  # far from the other ball nothing changed
     assert_allclose(shown.values[away], grey.values[away], rtol=1e-13)

@@ -1,4 +1,13 @@
-"""The plane at the base of the ventricle, given by one of five rules."""
+"""The plane at the base of the ventricle, below which a closed surface is measured.
+
+It is given as `base` in one of five ways:
+
+1. None: the plane that each model was stored with, as by fits of images; if any has none, the whole surfaces count.
+2. A number in (0, 1]: this fraction of the long axis, from the apex, is below the plane; in every frame.
+3. A tuple (point, direction): the same plane in all frames, the direction leading to the side that is cut off.
+4. Mitral points (n, 3): their least squares plane, the same in all frames.
+5. A list of such points, one set a frame: each frame has its own plane.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,19 +22,18 @@ from quadriform.shapes.landmarks import plane_through as plane_through
 from quadriform.shapes.model import DeformableModel
 
 Base = float | ArrayLike | tuple[ArrayLike, ArrayLike] | Sequence[ArrayLike] | None
-"""None (what the models know), a fraction of the long axis, (point, direction), mitral points (n, 3), or such points
-for every frame."""
+"""One of the five in the text of this module."""
 
 
 @dataclass(frozen=True)
 class BaseRule:
-    """The rule for the base in every frame; at most one of the four is given.
+    """The rule for the base in every frame: at most one of the first four; without any the whole surface counts.
 
     Attributes:
-        fraction: of the long axis, from the apex, that is kept.
-        fixed: one plane for all frames.
-        mitral_points: (n, 3), one set a frame.
-        planes: one a frame, which the models were stored with.
+        fraction: of the long axis, from the apex, that is kept (2).
+        fixed: one plane for all frames (3).
+        mitral_points: (n, 3), one set a frame (5), or the same for all (4).
+        planes: one a frame, which the models were stored with (1).
         description: for the table of measures.
     """
 
@@ -40,10 +48,7 @@ def base_rule(base: Base, models: Sequence[DeformableModel], warnings: Warnings)
     """Return the rule of the option `base`.
 
     Args:
-        base: None: the base that each model was stored with; of models without one the closed surface as it is. A
-            number in (0, 1]: this fraction of the long axis from the apex, in every frame. A tuple (point, direction):
-            this plane in all frames, the direction leading to the side that is cut off. Points (n, 3): the least
-            squares plane of these mitral points in all frames. A list of point sets, one a frame: each frame's own.
+        base: one of the five in the text of this module.
         models: one a frame.
         warnings: BASE_MISSES is added where some models have a base and others have none.
 

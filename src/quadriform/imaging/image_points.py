@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.errors import MaskError, OptionError, WarningKind, Warnings, choose
-from quadriform.imaging.isosurface import Border, edge_noise, height_of, isosurface
+from quadriform.imaging.isosurface import Border, edge_noise, grey_of_object, isosurface
 from quadriform.imaging.object_choice import Labels, Percentile, Select, choose_object
 from quadriform.imaging.open_cavity import fill_open_cavity
 from quadriform.imaging.segmentation import Component, Segmentation, segment
@@ -118,7 +118,7 @@ def points_from_image(
         raise OptionError("option surface='grey' needs a threshold, and labels have none; use surface='mask'")
     morphology: dict[str, Any] = {"connectivity": connectivity, "closing": closing, "fill_holes": fill_holes}
     segmentation = segment(volume, select=select, region=region, component=component, **morphology)
-    height, level = _height(segmentation, surface)
+    height, level = _image_and_level(segmentation, surface)
     border = border or ("close" if isinstance(select, Labels) else "open")
     result = isosurface(height, level, border=border)
     chosen = {
@@ -172,7 +172,7 @@ def outer_side(found: ImagePoints) -> ImagePoints:
     whole = np.zeros_like(found.segmentation.mask)
     whole[slices(found.segmentation.region)] = tissue != BACKGROUND
     segmentation = replace(found.segmentation, mask=whole)
-    height, level = _height(segmentation, "grey")
+    height, level = _image_and_level(segmentation, "grey")
     result = isosurface(height, level, border=found.record["border"])
     noise = edge_noise(segmentation.volume, result.mesh.vertices) if segmentation.threshold is None else None
     text = (
@@ -198,12 +198,12 @@ def _fraction_facing_centre(mesh: Mesh) -> float:
     return float(sizes[inward].sum() / sizes.sum())
 
 
-def _height(found: Segmentation, surface: str) -> tuple[Volume, float]:
+def _image_and_level(found: Segmentation, surface: str) -> tuple[Volume, float]:
     """The image whose isosurface is taken, and its level."""
     mask = found.object_volume()
     if surface == "mask" or found.threshold is None:
         return mask, 0.5
-    return height_of(mask, found.volume.crop(found.region), found.threshold), found.threshold
+    return grey_of_object(mask, found.volume.crop(found.region), found.threshold), found.threshold
 
 
 def _results(segmentation: Segmentation) -> dict[str, Any]:

@@ -14,8 +14,9 @@ from quadriform.shapes.mesh import Mesh
 
 Border = Literal["open", "close"]
 
-MIN_HEIGHT = 1e-4
-"""No voxel is nearer to the level than this fraction of the farthest: else vertices coincide at voxel centres."""
+LEAST_EXCESS = 1e-4
+"""The excess of a voxel is its value minus the level. None is smaller in size than this fraction of the largest: else
+vertices coincide at voxel centres."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,8 @@ class Isosurface:
 def isosurface(volume: Volume, level: float = 0.5, *, border: Border = "open") -> Isosurface:
     """Return the isosurface of an image by marching cubes; inside is above `level`.
 
-    Vertices lie between voxel centres: exactly halfway for a mask, where the height is zero for a grey image.
+    Vertices lie between voxel centres: exactly halfway for a mask; for a grey image where the values, interpolated
+    linearly, equal `level`.
 
     Args:
         volume: a mask of 0 and 1, or a grey image.
@@ -49,16 +51,16 @@ def isosurface(volume: Volume, level: float = 0.5, *, border: Border = "open") -
         OptionError: an option is unknown or out of its range.
     """
     choose(border, ("open", "close"), "border")
-    height = volume.values.astype(np.float64) - check_number(level, "level", -np.inf)
-    inside = height > 0
+    excess = volume.values.astype(np.float64) - check_number(level, "level", -np.inf)
+    inside = excess > 0
     if not inside.any() or inside.all():
         which = "no voxel is" if not inside.any() else "all voxels are"
         low, high = volume.values.min(), volume.values.max()
         raise MaskError(f"{which} above the level {level:g}; the values run from {low:g} to {high:g}")
-    least = MIN_HEIGHT * np.abs(height).max()
-    height = np.where(inside, np.maximum(height, least), np.minimum(height, -least))
+    least = LEAST_EXCESS * np.abs(excess).max()
+    excess = np.where(inside, np.maximum(excess, least), np.minimum(excess, -least))
     padding = 1 if border == "close" else 0
-    vertices, faces = _marching_cubes(_padded(height) if padding else height)  # section 5
+    vertices, faces = _marching_cubes(_padded(excess) if padding else excess)  # section 5
     voxels = vertices - padding
     on_border: NDArray[np.bool_] = np.any((voxels < 0) | (voxels > np.array(inside.shape) - 1), axis=1)
     # a left-handed grid mirrors the mesh, which reverses the order of its corners
@@ -88,32 +90,32 @@ def edge_noise(volume: Volume, points: Array) -> Array:
     return edges[:, :, None] * edges[:, None, :] / 12
 
 
-def height_of(mask: Volume, grey: Volume, level: float) -> Volume:
+def grey_of_object(mask: Volume, grey: Volume, level: float) -> Volume:
     """Return the grey image, mirrored at `level` in each voxel where a mask and the level differ about the inside.
 
     Its isosurface at `level` is that of the grey image, but of the masked object only: other bright objects are moved
     below the level, and voxels that the mask adds above it.
     """
-    height = grey.values.astype(np.float64) - level
-    return replace(grey, values=level + np.where(mask.values > 0, np.abs(height), -np.abs(height)))
+    excess = grey.values.astype(np.float64) - level
+    return replace(grey, values=level + np.where(mask.values > 0, np.abs(excess), -np.abs(excess)))
 
 
-def _padded(height: Array) -> Array:
+def _padded(excess: Array) -> Array:
     """One more layer on each side, as far below zero as the border is above it: zero is half a voxel outside."""
-    padded = -np.abs(np.pad(height, 1, mode="edge"))
-    padded[1:-1, 1:-1, 1:-1] = height
+    padded = -np.abs(np.pad(excess, 1, mode="edge"))
+    padded[1:-1, 1:-1, 1:-1] = excess
     return padded
 
 
-def _marching_cubes(height: Array) -> tuple[Array, NDArray[np.int64]]:
+def _marching_cubes(excess: Array) -> tuple[Array, NDArray[np.int64]]:
     from skimage.measure import marching_cubes
 
     # skimage orders the corners clockwise: its "ascent" gives counter-clockwise faces seen from outside
-    vertices, faces, _, _ = marching_cubes(height, 0.0, gradient_direction="ascent")
-    return _in_double(vertices.astype(np.float64), height), faces.astype(np.int64)
+    vertices, faces, _, _ = marching_cubes(excess, 0.0, gradient_direction="ascent")
+    return _in_double(vertices.astype(np.float64), excess), faces.astype(np.int64)
 
 
-def _in_double(vertices: Array, height: Array) -> Array:
+def _in_double(vertices: Array, excess: Array) -> Array:
     """Vertices on edges between two voxels, recomputed in double precision: those of skimage have single precision."""
     below = np.floor(vertices).astype(np.int64)
     between = vertices != below  # a vertex on an edge has one coordinate that is no integer
@@ -121,6 +123,6 @@ def _in_double(vertices: Array, height: Array) -> Array:
     axis = between[on_edge].argmax(axis=1)
     start = below[on_edge]
     # zero of the linear interpolation between the ends of the edge
-    low, high = height[tuple(start.T)], height[tuple((start + np.eye(3, dtype=np.int64)[axis]).T)]
+    low, high = excess[tuple(start.T)], excess[tuple((start + np.eye(3, dtype=np.int64)[axis]).T)]
     vertices[on_edge, axis] = start[np.arange(len(start)), axis] + low / (low - high)
     return vertices

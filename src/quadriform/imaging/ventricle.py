@@ -9,7 +9,7 @@ from warnings import warn
 import numpy as np
 
 from quadriform.errors import MaskError, OptionError, WarningKind, Warnings
-from quadriform.imaging.isosurface import edge_noise, height_of, isosurface
+from quadriform.imaging.isosurface import edge_noise, grey_of_object, isosurface
 from quadriform.imaging.object_choice import Labels, Percentile, Select
 from quadriform.imaging.open_cavity import base_of_open_cavity, fill_open_cavity
 from quadriform.imaging.segmentation import Component, Mask, Segmentation, segment
@@ -36,7 +36,7 @@ Plane = tuple[Array, Array]
 
 HALF = Percentile(0.5, 99.9)
 OFF_CENTRE = 1e-5
-"""No vertex is nearer to the centre of a voxel than this, in voxels: `isosurface.MIN_HEIGHT` has them farther away."""
+"""No vertex is nearer to the centre of a voxel than this, in voxels: `isosurface.LEAST_EXCESS` has them farther off."""
 ON_PLANE = 1e-9
 """Points beyond a plane by less than this fraction of the extent are on it."""
 BELOW_FACE = 0.49
@@ -238,7 +238,7 @@ def ventricle_from_perfusion(
     shown, level = found.object_volume(), 0.5
     if found.threshold is not None:
         level = found.threshold
-        shown = height_of(shown, cropped, level)
+        shown = grey_of_object(shown, cropped, level)
     points, ends = _vertices(shown, level, tissue)
     is_endo = ends.max(axis=1) == CAVITY
     is_epi = (ends == BACKGROUND).any(axis=1) & ~is_endo  # a dark spot within the wall is neither
