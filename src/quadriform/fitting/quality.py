@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from quadriform.errors import Warnings
 from quadriform.fitting.cloud import effective_fraction
@@ -105,8 +104,7 @@ def qualities(
     """The quality of each surface, from which warnings about it are taken."""
     deviations, found = open_deviations(result, support, _feet_of_inliers(feet, inliers)), dict[str, SurfaceQuality]()
     for name, each in feet.items():
-        counted = np.ones(len(each.signed), dtype=np.bool_) if result.counted is None else result.counted[name]
-        arrangement = _arrangement(result, name, clouds[name], counted, each, support[name].limit)
+        arrangement = _arrangement(result, name, clouds, each, support[name].limit)
         known = _known_variances(noise.get(name), each, inliers[name])
         deviation = deviations.get(name, np.inf)
         found[name] = SurfaceQuality(each.signed, inliers[name], support[name], arrangement, *known, deviation)
@@ -125,9 +123,8 @@ def _known_variances(noise: Array | None, feet: FootPoints, inliers: Array) -> t
     return known, float(inliers.sum()) * effective_fraction(feet.points, feet.signed / np.sqrt(known), inliers)
 
 
-def _arrangement(
-    result: Result, name: str, cloud: Array, counted: NDArray[np.bool_], feet: FootPoints, limit: float
-) -> Arrangement:
-    """How those points of a cloud are arranged that have a weight, outliers among them."""
-    mesh = result.model.mesh(name, LIMITS.resolution)
+def _arrangement(result: Result, name: str, clouds: Mapping[str, Array], feet: FootPoints, limit: float) -> Arrangement:
+    """How those points of one cloud are arranged that have a weight, outliers among them."""
+    mesh, cloud = result.model.mesh(name, LIMITS.resolution), clouds[name]
+    counted = np.ones(len(cloud), dtype=np.bool_) if result.counted is None else result.counted[name]
     return Arrangement.of(mesh, cloud[counted], feet.points[counted], feet.signed[counted], limit)
