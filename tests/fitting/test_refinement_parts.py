@@ -270,7 +270,7 @@ def test_more_points_of_the_penalty_are_those_of_low_determinants_and_around_the
         tuple(np.round(where + np.array([i, j, k]) / 9 @ here.edges, 9)) for i in steps for j in steps for k in steps
     }
     assert {tuple(np.round(p, 9)) for p in found[:125]} == cluster
-    fine = np.concatenate([unfolding.lattice_inside(here, [SURFACE], 9), SURFACE.grid(4)[0]])
+    fine = np.concatenate([unfolding.grid_inside(here, [SURFACE], 9), SURFACE.grid(4)[0]])
     np.testing.assert_array_equal(found[125:], fine[np.linalg.det(here.jacobian(fine)) < 0.55])
     assert 0 < len(found) - 125 < len(fine)
 

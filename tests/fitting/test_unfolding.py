@@ -15,7 +15,7 @@ from quadriform.fitting.refinement import refine as refinement
 from quadriform.fitting.refinement.unfolding import certified, without_folds
 from quadriform.points import Frame
 from quadriform.shapes.control_box import ControlBox
-from quadriform.shapes.fold_bound import determinant_rows, lattice_inside
+from quadriform.shapes.fold_bound import determinant_rows, grid_inside
 
 FEW = noisy_egg(150)
 
@@ -70,7 +70,7 @@ def test_the_matrix_gradient_gives_the_jacobian(box, rng):
 
 def test_lattice_points_lie_inside():
     surface = made()
-    points = lattice_inside(ControlBox.around(surface), [surface], 15)
+    points = grid_inside(ControlBox.around(surface), [surface], 15)
     assert (surface.implicit(points) < 1 + 1e-8).all()
     assert len(points) == pytest.approx(15**3 * surface.volume() / (8 * surface.semi_axes.prod()), rel=0.2)
 
@@ -79,7 +79,7 @@ def test_lattice_points_lie_inside():
 def test_lattice_points_that_touch_the_surface_are_inside_whatever_rounding_says(seed):
     """Six do where the box touches it; without one of them a cure went another way."""
     surface = replace(made(), rotation=turned(seed))
-    points = lattice_inside(ControlBox.around(surface), [surface], 15)
+    points = grid_inside(ControlBox.around(surface), [surface], 15)
     assert (np.abs(surface.implicit(points) - 1) < 1e-12).sum() == 6
 
 

@@ -64,7 +64,6 @@ KNOWN: dict[str, str] = {
     "shapes/mesh_points.py: _unit_corners: `2` -> `3`": (
         "another unit of length, in which nothing but the cells of the curve that orders triangles is measured"
     ),
-    "motion/cycle_equations.py: solve: `1` -> `2`": "NumPy computes the size that is given as any negative number",
     "imaging/object_choice.py: choose_object: `0.5` -> `0.55`": "an image of zeros is empty above any threshold",
     "shapes/comparison.py: _sampled: `0.5` -> `0.55`": "other samples of the same steps of the area, as even as those",
     "files/stl.py: _merged: `1` -> `2`": "rolled by two corners of three, the same edges start at their other ends",
@@ -72,7 +71,8 @@ KNOWN: dict[str, str] = {
     "shapes/ridges.py: _octants: `own[index] * mirror` -> `own[index] / mirror`": "both are 1 or -1",
     "shapes/ridges.py: least: `gain > 0` -> `gain >= 0`": "of two places at the same distance either is as near",
     "shapes/closest.py: _extreme: `1` -> `2`": "one more place in an array, which nothing reads",
-    "shapes/fold_bound.py: folds: `box.jacobian_determinant(points) <= 0` -> `box.jacobian_determinant(points) < 0`": (
+    "shapes/fold_bound.py: possible_folds: "
+    "`box.jacobian_determinant(points) <= 0` -> `box.jacobian_determinant(points) < 0`": (
         "no determinant is zero to the last bit"
     ),
     "fitting/superquadric/initial.py: sides: `points - centre` -> `points + centre`": (

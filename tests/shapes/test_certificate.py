@@ -9,7 +9,7 @@ from shapes_made import SKEW, made, single
 
 from quadriform.shapes import bernstein
 from quadriform.shapes.control_box import ControlBox
-from quadriform.shapes.fold_bound import LOOSE, jacobian_bound, least_determinant
+from quadriform.shapes.fold_bound import SIGN_ONLY, determinant_lower_bound, jacobian_bound
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
 
@@ -127,10 +127,10 @@ def test_a_search_that_runs_out_of_leaves_does_not_deny_what_a_loose_one_proves(
     surface, contradictions = made(exponents=(0.6, 1.2)), 0
     for seed, budget in product(range(4), (100, 350, 1000)):
         box = shaken(surface, 0.9, seed, (3, 4, 3))
-        proven = jacobian_bound(box, [surface], LOOSE, budget).lower
+        proven = jacobian_bound(box, [surface], SIGN_ONLY, budget).lower
         close = jacobian_bound(box, [surface], budget=budget).lower
         contradictions += close <= 0 < proven
-        assert least_determinant(box, [surface], budget) == max(proven, close)
+        assert determinant_lower_bound(box, [surface], budget) == max(proven, close)
     assert contradictions  # or this test shows nothing
 
 

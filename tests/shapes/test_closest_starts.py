@@ -173,9 +173,9 @@ def test_near_a_focal_point_the_search_starts_again_on_both_sides(monkeypatch):
     index = CandidateIndex.of(surface, box)
     distance = np.linalg.norm(target - found.points, axis=1)
     best = int(distance.argmin())
-    assert found.least[best] < closest.SHALLOW
+    assert found.curvature[best] < closest.SHALLOW
     vertex = int(np.linalg.norm(index.origins - first[best], axis=1).argmin())
-    shift = found.weak[best] * index.cell[vertex]
+    shift = found.direction[best] * index.cell[vertex]
     expected = surface.project(np.array([found.origins[best] + k * shift for k in (-2, -1, 1, 2)]))
     np.testing.assert_allclose(again, expected, rtol=1e-9)
     np.testing.assert_array_equal(targets, np.repeat(target, 4, axis=0))

@@ -146,7 +146,7 @@ def test_lattice_points_inside_are_those_of_a_plain_loop():
         point = box.origin + (low + np.array(steps) / 8 * (high - low)) @ box.edges
         if surface.implicit(point[None])[0] <= 1 + SLACK:
             expected.append(point)
-    found = fold_bound.lattice_inside(box, [surface], 9)
+    found = fold_bound.grid_inside(box, [surface], 9)
     np.testing.assert_allclose(found, expected, atol=1e-12)
     assert 20 < len(found) < 200
 
@@ -225,10 +225,10 @@ def test_folds_are_the_lowest_sample_and_the_folded_points_of_a_lattice():
     points = box.control_points.copy()
     points[2, ..., 0] += 3
     box = box.with_control_points(points)
-    found = fold_bound.folds(box, [surface])
-    bound = fold_bound.jacobian_bound(box, [surface], fold_bound.LOOSE)
+    found = fold_bound.possible_folds(box, [surface])
+    bound = fold_bound.jacobian_bound(box, [surface], fold_bound.SIGN_ONLY)
     np.testing.assert_array_equal(found[0], bound.where)
-    lattice = fold_bound.lattice_inside(box, [surface], 25)
+    lattice = fold_bound.grid_inside(box, [surface], 25)
     determinants = np.linalg.det(box.jacobian(lattice))
     np.testing.assert_array_equal(found[1:], lattice[determinants <= 0])
 

@@ -78,9 +78,9 @@ def test_converged_foot_points(surface, rng):
     assert same.mean() > 0.97
     lengths = [np.linalg.norm(targets - found, axis=1)[same] for found in (ours.points, points)]
     np.testing.assert_allclose(*lengths, atol=1e-9)
-    np.testing.assert_allclose(ours.least[same], least[same], atol=1e-3)
+    np.testing.assert_allclose(ours.curvature[same], least[same], atol=1e-3)
     sharp = same & (np.abs(least - 1) > 1e-2)
-    assert np.quantile(np.abs(np.einsum("ni,ni->n", ours.weak, weak))[sharp], 0.05) > 0.99
+    assert np.quantile(np.abs(np.einsum("ni,ni->n", ours.direction, weak))[sharp], 0.05) > 0.99
 
 
 @pytest.mark.parametrize("kind", ["ellipsoid", "toroid", "hyperboloid1", "hyperboloid2"])

@@ -2,7 +2,8 @@
 
 A foot point is kept as its origin on the undeformed superquadric. A step lies in the tangent plane there, and is
 followed by the projection back onto the surface, so there is no chart and no pole. The starts that lead to the nearest
-of several local minima are vertices of a grid over the surface, with bounds on what lies between.
+of several local minima are vertices of a grid over the surface, with bounds on what lies between. A target may have
+several starts; `owner` is the index of the target that each of them, or the foot point it led to, belongs to.
 """
 
 from dataclasses import dataclass
@@ -26,7 +27,7 @@ MAX_STEPS = 60
 SHALLOW = 0.3
 """Below this curvature of the squared distance (1 on a plane) a second minimum may be hidden within a cell."""
 EQUAL, SAME_POINT = 1e-10, 1e-6
-"""Distances are equal, and points are the same, but for rounding: below these shares of the box's diagonal."""
+"""Distances are equal, and points are the same, but for rounding: below these fractions of the box's diagonal."""
 RESOLUTION = 32
 """Of the grid over the surface that a search starts from."""
 NEAREST = 20
@@ -82,9 +83,9 @@ def closest_on(superquadric: Superquadric, box: ControlBox, targets: Array) -> F
     owners, origins = [owner], [found.origins]
     best = _nearest(superquadric, box, owner, targets[owner], found.points)
     # Near a focal point the distance is flat, and a second minimum may lie within the same cell.
-    flat = best[found.least[best] < SHALLOW]
+    flat = best[found.curvature[best] < SHALLOW]
     if len(flat):
-        shifts = found.weak[flat] * candidates.cell[vertex[flat]][:, None]
+        shifts = found.direction[flat] * candidates.cell[vertex[flat]][:, None]
         owners.append(np.tile(owner[flat], 4))
         again = np.tile(found.origins[flat], (4, 1)) + np.concatenate([k * shifts for k in (-2, -1, 1, 2)])
         origins.append(_converge(superquadric, box, targets[owners[-1]], superquadric.project(again)).origins)
@@ -117,12 +118,19 @@ def update_foot_points(
 
 @dataclass(frozen=True)
 class _Converged:
-    """Foot points at local minima: least curvature of half the squared distance, and its undeformed direction."""
+    """Foot points at local minima of the distance.
+
+    Attributes:
+        origins: (n, 3), on the undeformed superquadric.
+        points: (n, 3), the same after deformation.
+        curvature: (n,), the least one of half the squared distance over the surface.
+        direction: (n, 3), in which it is least, before deformation.
+    """
 
     origins: Array
     points: Array
-    least: Array
-    weak: Array
+    curvature: Array
+    direction: Array
 
 
 def _converge(superquadric: Superquadric, box: ControlBox, targets: Array, origins: Array) -> _Converged:
@@ -132,14 +140,14 @@ def _converge(superquadric: Superquadric, box: ControlBox, targets: Array, origi
     operator being the difference of two nearby normals. Directions in which the distance is at a maximum are
     followed downhill; a step that would lead away is rejected and shortened, so a foot point never gets worse.
     """
-    moved, points, weak = np.array(origins, order="C"), np.empty_like(origins), np.empty_like(origins)
-    least, threads = np.empty(len(origins)), threads_for(len(origins))
+    moved, points, direction = np.array(origins, order="C"), np.empty_like(origins), np.empty_like(origins)
+    curvature, threads = np.empty(len(origins)), threads_for(len(origins))
     given, diagonal = np.ascontiguousarray(targets), _diagonal(box)
     surface = superquadric.compiled()
     _kernel.converge_foot_points(
-        box.compiled(), surface, diagonal, given, moved, points, least, weak, MAX_STEPS, threads
+        box.compiled(), surface, diagonal, given, moved, points, curvature, direction, MAX_STEPS, threads
     )
-    return _Converged(moved, points, least, weak)
+    return _Converged(moved, points, curvature, direction)
 
 
 def _diagonal(box: ControlBox) -> float:
@@ -161,7 +169,7 @@ def _nearest(superquadric: Superquadric, box: ControlBox, owner: Index, targets:
 
 
 def _extreme(least_or_most: np.ufunc, owner: Index, values: Array) -> Array:
-    """The least or the largest of the values (n,) of each one's owner, (n,)."""
+    """For each of n values the least or the largest among those of the same owner, (n,)."""
     found = np.empty(owner.max(initial=-1) + 1)
     found[owner] = values
     least_or_most.at(found, owner, values)
@@ -244,23 +252,26 @@ class CandidateIndex:
         return cls(origins, points, around, 1.1 * np.sqrt(squared.max(axis=0)) / 2, SAFETY * curvature)
 
     @property
-    def _slack(self) -> Array:
-        """The distance (n,) by which a vertex may be farther than the nearest one.
+    def _coefficient(self) -> Array:
+        """The coefficient c (n,) in the bound of the squared distance from a target x to a vertex v.
 
-        Where its cell holds the nearest point, at distance d, its squared distance is at most
-        d^2 + cell^2 + d slack; to second order with the curvature, to first order at most.
+        Where the cell of v holds the surface point nearest to x, at distance d,
+
+            |x - v|^2 <= d^2 + cell^2 + c d
+
+        with c = cell^2 curvature by the second order of the surface, and c = 2 cell by the triangle inequality.
         """
         return np.minimum(self.cell**2 * self.curvature, 2 * self.cell)
 
     def starts(self, targets: Array) -> tuple[Index, Index]:
         """Pairs (target, vertex) to search from, sorted; the nearest vertex of each target is among them."""
-        n, slack = len(self.points), self._slack
+        n, coefficient = len(self.points), self._coefficient
         distance, vertex = cKDTree(self.points).query(targets, k=NEAREST, workers=threads_for(len(targets)))
         nearest = distance[:, :1]
-        # A vertex qualifies where its cell may come nearer than the nearest vertex (see `_slack`).
+        # A vertex qualifies where its cell may come nearer than the nearest vertex (see `_coefficient`).
         room = distance**2 - nearest**2
-        owner, column = np.nonzero(room <= self.cell[vertex] ** 2 + nearest * slack[vertex])
-        ambiguous = np.flatnonzero(room[:, -1] <= self.cell.max() ** 2 + nearest[:, 0] * slack.max())
+        owner, column = np.nonzero(room <= self.cell[vertex] ** 2 + nearest * coefficient[vertex])
+        ambiguous = np.flatnonzero(room[:, -1] <= self.cell.max() ** 2 + nearest[:, 0] * coefficient.max())
         codes = [owner * n + vertex[owner, column], *self._among_all(ambiguous, targets, nearest[:, 0])]
         return self._local_minima(targets, *np.divmod(sorted_unique(np.concatenate(codes)), n))
 
@@ -268,13 +279,13 @@ class CandidateIndex:
         """For ambiguous targets all vertices that qualify, as target * n + vertex."""
         centre, n = self.points.mean(axis=0), len(self.points)
         points = self.points - centre
-        columns = np.column_stack([-2 * points, -self._slack]).T
+        columns = np.column_stack([-2 * points, -self._coefficient]).T
         fixed = (points**2).sum(axis=1) - self.cell**2
         codes = []
         for start in range(0, len(ambiguous), BLOCK):
             part = ambiguous[start : start + BLOCK]
             x, d = targets[part] - centre, nearest[part]
-            # |x - p|^2 - cell^2 - d slack for all vertices at once, as one matrix product.
+            # |x - v|^2 - cell^2 - c d for all vertices at once, as one matrix product.
             excess = np.column_stack([x, d]) @ columns
             excess += fixed
             row, vertex = np.nonzero(excess <= (d**2 - (x**2).sum(axis=1) * (1 - 1e-14))[:, None])

@@ -20,16 +20,17 @@ from quadriform.words import short_repr
 NEWTON_STEPS = 60
 SKEW = 1e-8
 """Largest cosine between edges that are called orthogonal."""
-EXACT = 1e-13
-"""`undeform` stops when the residual is below this share of the box's diagonal."""
+NEWTON_TOLERANCE = 1e-13
+"""`undeform` stops when the residual is below this fraction of the box's diagonal."""
 STARTS, NODES = 6, 13
-"""Nodes of a lattice, of so many along each axis, from which `undeform` starts before a point counts as missed."""
+"""Nodes of a grid, of so many along each axis, from which `undeform` starts before a point counts as missed."""
 MARGIN = 0.2
-"""Of a second lattice beyond the box, for points without an origin inside it."""
-MET = 1e4 * EXACT
-"""Residual of an origin, in diagonals: rounding grows with the coordinates, so it is above that of the steps."""
+"""Of a second grid beyond the box, for points without a preimage inside it."""
+ACCEPT_TOLERANCE = 1e4 * NEWTON_TOLERANCE
+"""Largest residual of a preimage, in diagonals: rounding grows with the coordinates, so it is above that of the
+steps."""
 ON_SIDE = 1e-9
-"""Origins beyond a side of the box by less, in its lengths, are inside."""
+"""Preimages beyond a side of the box by less, in its lengths, are inside."""
 LEAST_DAMPING = 1e-9
 """Below this a step does not descend: there is no solution from this start."""
 INSIDE, OUTSIDE, MISSED = 0, 1, 2
@@ -37,10 +38,11 @@ INSIDE, OUTSIDE, MISSED = 0, 1, 2
 
 @dataclass(frozen=True, repr=False)
 class ControlBox:
-    """A parallelepiped with (l+1)(m+1)(n+1) control points, which deform the space inside it.
+    """A rectangular box with a lattice of (l+1)(m+1)(n+1) control points, which deform the space inside it.
 
     Attributes:
-        origin: (3,), the corner X0 of the undeformed box, in the world.
+        origin: (3,), the corner X0 of the undeformed box, in the world; no relation to the `origins` of surface
+            points elsewhere, which are these points before deformation.
         edges: (3, 3), rows S, T, U, orthogonal to each other and not zero: the local coordinates (P15, P16) are
             projections onto each of them.
         control_points: (l+1, m+1, n+1, 3); index i runs along S, j along T, k along U, all upwards.
@@ -80,7 +82,7 @@ class ControlBox:
     @classmethod
     def undeformed(cls, origin: Array, edges: Array, shape: tuple[int, int, int]) -> ControlBox:
         """The undeformed box: its control points are at even positions, and `deform` is the identity."""
-        return cls(origin, edges, origin + _lattice(*shape) @ edges)  # P17
+        return cls(origin, edges, origin + _lattice(shape) @ edges)  # P17
 
     def transformed(self, scale: float, offset: Array) -> ControlBox:
         """The same deformation after `scale` x + `offset`: from a centred, scaled frame back to the world."""
@@ -93,14 +95,19 @@ class ControlBox:
     @property
     def degrees(self) -> tuple[int, int, int]:
         """The degrees (l, m, n): one less than the control points along each axis."""
-        l, m, n = (count - 1 for count in self.control_points.shape[:3])
-        return l, m, n
+        along_s, along_t, along_u = self._counts
+        return along_s - 1, along_t - 1, along_u - 1
+
+    @property
+    def _counts(self) -> tuple[int, int, int]:
+        """The number of control points along each axis: one more than the degrees."""
+        along_s, along_t, along_u = self.control_points.shape[:3]
+        return along_s, along_t, along_u
 
     @property
     def rest(self) -> Array:
         """The control points of the undeformed box, (l+1, m+1, n+1, 3)."""
-        l, m, n = self.control_points.shape[:3]
-        return ControlBox.undeformed(self.origin, self.edges, (l, m, n)).control_points
+        return ControlBox.undeformed(self.origin, self.edges, self._counts).control_points
 
     def with_control_points(self, control_points: Array) -> ControlBox:
         """The box with other control points, given as an array of the same size."""
@@ -159,11 +166,11 @@ class ControlBox:
     def undeform(self, points: ArrayLike) -> Array:
         """The points (n, 3) before deformation: the inverse of `deform`, by damped Newton steps.
 
-        Starts from the nearest of a lattice of deformed points. Beyond the box the polynomials soon fold, so an origin
+        Starts from the nearest of a grid of deformed points. Beyond the box the polynomials soon fold, so a preimage
         inside it is preferred to one outside.
 
         Raises:
-            PointsError: points that no point in or near the box is deformed to.
+            PointsError: points without a preimage in or near the box.
         """
         target = check_points(points)
         result = np.empty_like(target)
@@ -175,7 +182,7 @@ class ControlBox:
         if missed.any():
             first = int(missed.argmax())
             raise PointsError(
-                f"undeform: {int(missed.sum())} of {len(target)} points have no origin near the box, the first at "
+                f"undeform: {int(missed.sum())} of {len(target)} points have no preimage near the box, the first at "
                 f"index {first} ({target[first]}); expected points inside the deformed box"
             )
         return result
@@ -185,7 +192,7 @@ class ControlBox:
         return float(np.linalg.norm(self.edges))
 
     def _invert(self, target: Array) -> Array:
-        """The best of several Newton runs; lattices beyond the box only for points without any origin so far."""
+        """The best of several Newton runs; grids beyond the box only for points without any preimage so far."""
         best, grade = target.copy(), np.full(len(target), MISSED)
         for margin, solved in ((0.0, INSIDE), (MARGIN, OUTSIDE)):
             for start in self._starts(target, margin):
@@ -198,27 +205,27 @@ class ControlBox:
                 best[left[better]], grade[left[better]] = trial[better], found[better]
         return best
 
-    def _grade(self, origins: Array, target: Array) -> Array:
-        """The grade of each origin: INSIDE the box, exact but OUTSIDE by less than its side, or MISSED."""
-        outside = np.abs(self.local(origins) - 0.5).max(axis=1) - 0.5
-        exact = np.linalg.norm(self.deform(origins) - target, axis=1) <= MET * self._size
+    def _grade(self, preimages: Array, target: Array) -> Array:
+        """The grade of each preimage: INSIDE the box, exact but OUTSIDE by less than its side, or MISSED."""
+        outside = np.abs(self.local(preimages) - 0.5).max(axis=1) - 0.5
+        exact = np.linalg.norm(self.deform(preimages) - target, axis=1) <= ACCEPT_TOLERANCE * self._size
         return np.where(exact & (outside < 1), np.where(outside < ON_SIDE, INSIDE, OUTSIDE), MISSED)
 
     def _starts(self, target: Array, margin: float) -> Array:
-        """The nearest origins on a lattice that overlaps the box by a margin, (STARTS, n, 3)."""
+        """The nodes of a grid, wider than the box by a margin, with images nearest to each target, (STARTS, n, 3)."""
         steps = np.linspace(-margin, 1 + margin, NODES)
-        lattice = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), -1).reshape(-1, 3)
-        origins = self.origin + lattice @ self.edges
-        nearest = cKDTree(self.deform(origins)).query(target, k=STARTS)[1]
-        return origins[nearest.T]
+        grid = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), -1).reshape(-1, 3)
+        nodes = self.origin + grid @ self.edges
+        nearest = cKDTree(self.deform(nodes)).query(target, k=STARTS)[1]
+        return nodes[nearest.T]
 
     def _newton(self, target: Array, start: Array) -> Array:
-        """The origins (n, 3) that damped Newton steps x - (df / dx)^-1 (f(x) - target) reach from their starts."""
+        """The preimages (n, 3) that damped Newton steps x - (df / dx)^-1 (f(x) - target) reach from their starts."""
         point = start.copy()
         error = self.deform(point) - target
         damping = np.ones(len(target))
         for _ in range(NEWTON_STEPS):
-            active = np.flatnonzero(np.linalg.norm(error, axis=1) > EXACT * self._size)
+            active = np.flatnonzero(np.linalg.norm(error, axis=1) > NEWTON_TOLERANCE * self._size)
             active = active[damping[active] > LEAST_DAMPING]
             if not len(active):
                 break
@@ -290,9 +297,9 @@ def _check_edges(edges: Array) -> None:
 
 
 @lru_cache(maxsize=16)
-def _lattice(l: int, m: int, n: int) -> Array:
-    """Even positions (l, m, n, 3) in the unit cube; cached, for every iteration of a fit compares with them."""
-    steps = [np.linspace(0, 1, count) for count in (l, m, n)]
+def _lattice(counts: tuple[int, int, int]) -> Array:
+    """Even positions in the unit cube, (*counts, 3); cached, for every iteration of a fit compares with them."""
+    steps = [np.linspace(0, 1, count) for count in counts]
     lattice = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1)
     lattice.setflags(write=False)
     return lattice

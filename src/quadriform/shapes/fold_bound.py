@@ -1,14 +1,15 @@
-"""A proof that the box does not fold: a lower bound of the Jacobian's determinant over a whole region.
+"""A proof that the deformation does not fold: a lower bound of the Jacobian's determinant over a whole region.
 
 The determinant of a Bernstein map is a Bernstein polynomial itself, and its least coefficient is a lower bound of it
 everywhere, not only at samples. Halving the region (an octree) makes the bound as tight as required; the leaves of the
-lowest bound are split first, and leaves that lie outside the surfaces are dropped.
+lowest bound are split first, and leaves that lie outside the surfaces are dropped. "Box" is the undeformed control box;
+low corners and sides of leaves are in its coordinates, from 0 to 1.
 """
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import product as every
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,10 +27,10 @@ BATCH = 32
 """Leaves of the lowest bound that are split at once, or a quarter of all if that is more."""
 SLACK = 1e-9
 """Fraction of its size by which a surface is enlarged, so that rounding drops no leaf or point that touches it."""
-CLOSE, LOOSE = 0.02, 0.5
+TIGHT, SIGN_ONLY = 0.02, 0.5
 """Relative tolerances of a bound: where it is reported, and where only its sign is used."""
-LATTICE = 25
-"""Points along each axis of the lattice on which `folds` evaluates the determinant."""
+SAMPLES = 25
+"""Points along each axis of the grid on which `possible_folds` evaluates the determinant."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,8 @@ class _Leaves:
 
     def corners(self) -> tuple[Array, Array]:
         """Box coordinates (n, 8, 3) of the corners and the values there (n, 8), which are coefficients."""
-        ends = np.array(list(every((0, 1), repeat=3)))
+        ends = np.array(list(product((0, 1), repeat=3)))
+        # along each axis the coefficient of index 0 is the value at the low end, and that of index -1 at the high end
         values = self.coefficients[:, -ends[:, 0], -ends[:, 1], -ends[:, 2]]
         return self.low[:, None] + ends * self.side[:, None], values
 
@@ -90,30 +92,30 @@ def _halves(degree: int) -> tuple[Array, Array]:
 
 
 def jacobian_bound(
-    box: ControlBox, used: Iterable[Superquadric] = (), tolerance: float = CLOSE, budget: int = BUDGET
+    box: ControlBox, surfaces: Iterable[Superquadric] = (), tolerance: float = TIGHT, budget: int = BUDGET
 ) -> Bound:
     """A lower bound of det(d deformed / d point) over the inside of surfaces, or over the whole box.
 
     Args:
         box: the deformation.
-        used: undeformed surfaces; the region is the union of their insides (of hyperboloids: of the box that holds
-            them); without any it is the box.
-        tolerance: the search ends when `lower` is within this share of |`sampled`|, apart from rounding.
+        surfaces: undeformed; the region is the union of their insides (of hyperboloids: of their bounding cuboids);
+            without any it is the box.
+        tolerance: the search ends when `lower` is within this fraction of |`sampled`|, apart from rounding.
         budget: the search ends, with a looser bound, when it has made this many leaves.
     """
-    surfaces = tuple(used)
+    surfaces = tuple(surfaces)
     root, rounding = _root(box, surfaces)
     sampled, where = _first_sample(box, surfaces)
-    leaves, closed, rounds, made = root, np.inf, 0, 1
+    leaves, finished_bound, rounds, made = root, np.inf, 0, 1
     while True:
         # A leaf without a point of the body cannot contain its minimum.
         leaves = leaves.at(~_outside_all(box, surfaces, leaves))
         sampled, where = _sample(box, surfaces, leaves, sampled, where)
         lowest = leaves.lowest()
-        # Leaves whose bound is close enough to a determinant that occurs need no further halving.
-        close = lowest >= sampled - tolerance * abs(sampled)
-        closed = min(closed, lowest[close].min(initial=np.inf))
-        leaves, lowest = leaves.at(~close), lowest[~close]
+        # Leaves whose bound is near enough to a determinant that occurs need no further halving.
+        finished = lowest >= sampled - tolerance * abs(sampled)
+        finished_bound = min(finished_bound, lowest[finished].min(initial=np.inf))
+        leaves, lowest = leaves.at(~finished), lowest[~finished]
         if not len(lowest) or made >= budget:
             break
         order = np.argsort(lowest, kind="stable")
@@ -121,47 +123,48 @@ def jacobian_bound(
         leaves = leaves.at(order[batch:]).joined(leaves.at(order[:batch]).halved())
         rounds, made = rounds + 1, made + 8 * batch
     # Every halving rounds the coefficients once more.
-    lower = min(closed, lowest.min(initial=np.inf), sampled)
+    lower = min(finished_bound, lowest.min(initial=np.inf), sampled)
     return Bound(float(lower - rounding * (1 + rounds)), float(sampled), where)
 
 
-def never_folds(box: ControlBox, used: Iterable[Superquadric]) -> bool:
+def never_folds(box: ControlBox, surfaces: Iterable[Superquadric]) -> bool:
     """Whether the determinant is provably positive all over the inside of surfaces."""
-    return jacobian_bound(box, used, tolerance=LOOSE).lower > 0
+    return jacobian_bound(box, surfaces, tolerance=SIGN_ONLY).lower > 0
 
 
-def least_determinant(box: ControlBox, used: Iterable[Superquadric], budget: int = BUDGET) -> float:
+def determinant_lower_bound(box: ControlBox, surfaces: Iterable[Superquadric], budget: int = BUDGET) -> float:
     """The largest proven lower bound of the determinant over the inside of surfaces; positive where none folds.
 
-    The search of a close bound spends its budget on more leaves and can end below a loose one, such as that of
+    The search of a tight bound spends its budget on more leaves and can end below a loose one, such as that of
     `never_folds`.
     """
-    surfaces = tuple(used)
-    return max(jacobian_bound(box, surfaces, tolerance, budget).lower for tolerance in (LOOSE, CLOSE))
+    surfaces = tuple(surfaces)
+    return max(jacobian_bound(box, surfaces, tolerance, budget).lower for tolerance in (SIGN_ONLY, TIGHT))
 
 
-def folds(box: ControlBox, used: Iterable[Superquadric]) -> Array:
-    """Points (n, 3) before deformation, inside the surfaces, where the determinant is not positive.
+def possible_folds(box: ControlBox, surfaces: Iterable[Superquadric]) -> Array:
+    """Points (n, 3) before deformation, inside the surfaces, where the map folds or is not proven not to fold.
 
     Returns:
         An empty array when the bound proves the determinant positive. Otherwise the sampled point of the lowest
-        determinant, which may be positive where the proof did not succeed, and the folded points of a lattice.
+        determinant, and then the folded points of a grid. The determinant at the first may be positive: then no fold
+        was found, but the proof did not succeed either.
     """
-    surfaces = tuple(used)
-    bound = jacobian_bound(box, surfaces, tolerance=LOOSE)
+    surfaces = tuple(surfaces)
+    bound = jacobian_bound(box, surfaces, tolerance=SIGN_ONLY)
     if bound.lower > 0:
         return np.empty((0, 3))
-    points = lattice_inside(box, surfaces)
+    points = grid_inside(box, surfaces)
     folded = points[box.jacobian_determinant(points) <= 0] if len(points) else points
     return np.concatenate([bound.where[None], folded])
 
 
-def lattice_inside(box: ControlBox, surfaces: Sequence[Superquadric], count: int = LATTICE) -> Array:
-    """Points (n, 3) before deformation inside the surfaces, of a lattice with `count` along each axis."""
+def grid_inside(box: ControlBox, surfaces: Sequence[Superquadric], count: int = SAMPLES) -> Array:
+    """Points (n, 3) before deformation inside the surfaces, of a grid with `count` along each axis."""
     low, high = _range(box, tuple(surfaces))
     steps = np.linspace(0, 1, count)
-    lattice = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
-    points = box.origin + (low + lattice * (high - low)) @ box.edges
+    grid = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
+    points = box.origin + (low + grid * (high - low)) @ box.edges
     return points[_inside_any(tuple(surfaces), points)]
 
 
@@ -178,8 +181,10 @@ def determinant_rows(box: ControlBox, points: Array) -> Array:
 def _root(box: ControlBox, surfaces: tuple[Superquadric, ...]) -> tuple[_Leaves, float]:
     """The whole region as one leaf, and a bound of the rounding error of a coefficient, there and in each halving.
 
-    A sum of k products errs by at most k eps times the sum of their magnitudes; two products and three halvings are
-    such sums, of at most as many terms as counted here.
+    A sum of k products errs by at most k eps times the sum of their magnitudes, and the k of nested sums add up. With N
+    control points, an inner sum in `_triple` has at most 2 N terms and an outer one 3 N; counted are 6 N for both. The
+    restrictions of the three derivatives, and one halving, sum over each axis at most as many terms as the result has
+    coefficients along it; with the entries of their matrices, which are sums too, ten times as many are counted.
     """
     low, high = _range(box, surfaces)
     derivatives, sizes = [], []
@@ -214,10 +219,11 @@ def _range(box: ControlBox, surfaces: tuple[Superquadric, ...]) -> tuple[Array, 
     """Box coordinates that the surfaces lie between; all of the box without surfaces."""
     if not surfaces:
         return np.zeros(3), np.ones(3)
-    signs = np.array(list(every((-1, 1), repeat=3)))
+    signs = np.array(list(product((-1, 1), repeat=3)))
     corners = []
     for surface in surfaces:
-        # The box around the surface in its own frame: its corners bound the region, also where the box is rotated.
+        # The bounding cuboid of the surface in its own frame: its corners bound the region, however the box is rotated.
+        # An even grid has the surface's points on its axes and its cuts, where each coordinate is largest.
         half = np.abs(surface.to_local(surface.grid(16)[0])).max(axis=0)
         corners.append(box.local(surface.to_world(signs * half)))
     local = np.concatenate(corners)
@@ -266,7 +272,7 @@ def _outside(surface: Superquadric, centres: Array, halves: Array) -> NDArray[np
     """Which parallelepipeds, centres (n, 3) and half edges (n, 3, 3), lie wholly outside a closed surface.
 
     F grows with |x|, |y| and |z| of the surface's frame, so F at the smallest of each bounds it from below; exact
-    where the box has the surface's axes.
+    where the edges have the directions of the surface's axes.
     """
     if KINDS[surface.kind].cut_axis is not None:
         return np.zeros(len(centres), dtype=bool)

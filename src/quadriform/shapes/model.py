@@ -133,7 +133,7 @@ class DeformableModel(Recorded):
 
     def min_jacobian(self) -> float:
         """A proven lower bound of det(d deformed / d point) over the inside of the surfaces; positive: no fold."""
-        return fold_bound.least_determinant(self.box, self.surfaces.values())
+        return fold_bound.determinant_lower_bound(self.box, self.surfaces.values())
 
     def folds(self) -> Array:
         """Points (n, 3) of the inside, before deformation, where det(d deformed / d point) is not positive.
@@ -143,7 +143,7 @@ class DeformableModel(Recorded):
             that was found; where neither a proof nor a fold was found it is the only one, and its determinant is
             positive.
         """
-        return fold_bound.folds(self.box, self.surfaces.values())
+        return fold_bound.possible_folds(self.box, self.surfaces.values())
 
     def crossings(self, resolution: int = 24) -> dict[tuple[str, str], Array]:
         """Points (n, 3) where surfaces cross themselves, (a, a), or each other, (a, b); empty when none does.

@@ -15,7 +15,7 @@ from quadriform.fitting.least_squares.normal_equations import NormalEquations
 from quadriform.fitting.refinement.multiresolution import MixtureWeights, Problem, Refined
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
-from quadriform.shapes.fold_bound import determinant_rows, jacobian_bound, lattice_inside, never_folds
+from quadriform.shapes.fold_bound import determinant_rows, grid_inside, jacobian_bound, never_folds
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
 
@@ -101,7 +101,7 @@ class JacobianPenalty:
     def of(cls, box: ControlBox, surfaces: Mapping[str, Superquadric], count: float, noise: float) -> "JacobianPenalty":
         """The penalty on a lattice inside the surfaces and on their grids, for data of `count` points with a noise."""
         grids = [surface.grid(FOLDS.grid)[0] for surface in surfaces.values()]
-        points = np.concatenate([lattice_inside(box, list(surfaces.values()), FOLDS.lattice), *grids])
+        points = np.concatenate([grid_inside(box, list(surfaces.values()), FOLDS.lattice), *grids])
         # a determinant of zero costs this fraction of the squared residuals of all data
         return cls(points, FOLDS.first_weight * count * (noise / FOLDS.min_determinant) ** 2)
 
@@ -301,7 +301,7 @@ def certified(box: ControlBox, surfaces: Mapping[str, Superquadric]) -> bool:
 
 def _low_points(box: ControlBox, surfaces: Mapping[str, Superquadric], usual: float) -> Array:
     """More points for the penalty: those of finer lattices with a low determinant, and some around the lowest bound."""
-    inside = [lattice_inside(box, list(surfaces.values()), FOLDS.fine_lattice)]
+    inside = [grid_inside(box, list(surfaces.values()), FOLDS.fine_lattice)]
     fine = np.concatenate([*inside, *(surface.grid(FOLDS.fine_grid)[0] for surface in surfaces.values())])
     low = fine[box.jacobian_determinant(fine) < FOLDS.verifiable * usual]
     steps = np.linspace(-1, 1, FOLDS.around) / FOLDS.fine_lattice
