@@ -47,13 +47,10 @@ def shared() -> Path:
 
 @pytest.fixture
 def blank_figures(monkeypatch):
-    """Half of what a small fit takes on the terminal is the drawing of its page's charts."""
-    from matplotlib.figure import Figure
+    """Pages without their drawings."""
+    from undrawn import draw_nothing
 
-    def blank(figure, stream, format, **how):
-        stream.write("<svg></svg>" if format == "svg" else b"")
-
-    monkeypatch.setattr(Figure, "savefig", blank)
+    draw_nothing(monkeypatch)
 
 
 @pytest.fixture

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 from shapes_made import even_directions
+from undrawn import draw_nothing
 
 import quadriform as qf
 from quadriform.cli.main import main
@@ -37,11 +37,7 @@ def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("warned")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        patch.setattr(
-            Figure,
-            "savefig",
-            lambda _figure, stream, format, **_: stream.write("<svg></svg>" if format == "svg" else b""),
-        )
+        draw_nothing(patch)
         for phase, size in (("ed", 1.0), ("es", 0.7)):
             for name in AXES:
                 np.savetxt(f"{phase}_{name}.xyz", cup(name, size))
@@ -58,9 +54,6 @@ def call(made, terminal, monkeypatch, tmp_path):
     monkeypatch.chdir(made)
     monkeypatch.setattr(comparison, "SAMPLES", 500)  # quicker
     monkeypatch.setattr(comparison, "RESOLUTION", 8)
-    monkeypatch.setattr(
-        Figure, "savefig", lambda _figure, stream, format, **_: stream.write("<svg></svg>" if format == "svg" else b"")
-    )
     return terminal
 
 

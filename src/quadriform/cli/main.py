@@ -1,10 +1,12 @@
 """The entry point: the subcommands, and one line on stderr for each error."""
 
 import sys
-from collections.abc import Sequence
-from typing import Annotated
+from collections.abc import Callable, Sequence
+from functools import cache
+from typing import Annotated, Any
 
 import typer
+from typer.main import get_command
 
 from quadriform import __version__
 from quadriform.cli import cohort, compare, deform, demo, export, fit, info, measure, paper, report, segment, track
@@ -57,6 +59,12 @@ def _with_level(argument: str) -> str:
     return f"--strict={UNRELIABLE}" if argument == "--strict" else argument
 
 
+@cache
+def _command() -> Callable[..., Any]:
+    """The command with all its options, put together once for any number of calls."""
+    return get_command(app)
+
+
 def run() -> None:
     """Run the installed command, and leave the process with its exit code."""
     for stream in (sys.stdout, sys.stderr):
@@ -73,7 +81,8 @@ def main(arguments: Sequence[str]) -> int:
     """
     try:
         # not standalone: errors and exit codes are ours
-        result = app([*map(_with_level, arguments)] or ["--help"], prog_name="quadriform", standalone_mode=False)
+        words = [*map(_with_level, arguments)] or ["--help"]
+        result = _command()(words, prog_name="quadriform", standalone_mode=False)
         code = result if isinstance(result, int) else 0
         return error_line("interrupted", code) if code == INTERRUPTED else code  # typer catches the key itself
     except UsageProblem as problem:
