@@ -91,6 +91,12 @@ def unit_vectors(vectors: NDArray[Any]) -> Array:
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300), dtype=np.float64)
 
 
+def lengths(vectors: Array) -> Array:
+    """Lengths (n,) of vectors (n, 3), by columns: along rows of three NumPy's sums take several times as long."""
+    x, y, z = vectors.T
+    return np.sqrt(x * x + y * y + z * z)
+
+
 def outer_squares(vectors: Array) -> Array:
     """The matrices v v' (n, 3, 3) of vectors (n, 3)."""
     return vectors[:, :, None] * vectors[:, None, :]

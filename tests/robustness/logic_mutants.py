@@ -128,7 +128,7 @@ def variants(node: ast.AST) -> list[ast.AST | None]:
     """What a node may be changed to; None is a statement left out."""
     if not isinstance(node, ast.BinOp | ast.AugAssign | ast.Expr | ast.Compare | ast.BoolOp | ast.UnaryOp | CALLED):
         return []
-    made = copy.deepcopy(node)
+    made = copy.copy(node)  # its parts are those of the node, which nothing below changes
     if isinstance(made, ast.BinOp) and type(made.op) in SWAPPED and not is_text(made):
         made.op = SWAPPED[type(made.op)]()
         return [made]
@@ -146,7 +146,7 @@ def variants(node: ast.AST) -> list[ast.AST | None]:
             return []
         return [ast.Constant(made.value + 1 if made.value == 0 or isinstance(made.value, int) else made.value * 1.1)]
     if isinstance(made, ast.Call) and len(made.args) >= 2 and named_apart(made.args[:2]) and not is_symmetric(made):
-        made.args[:2] = made.args[1::-1]
+        made.args = [made.args[1], made.args[0], *made.args[2:]]
         return [made]
     return []
 
@@ -171,7 +171,7 @@ def compared(node: ast.Compare) -> list[ast.AST | None]:
     )
     for table in (TURNED, BORDER if whole else {}):
         if kind in table:
-            made = copy.deepcopy(node)
+            made = copy.copy(node)
             made.ops = [table[kind]()]
             found.append(made)
     return found
@@ -187,18 +187,28 @@ def is_text(node: ast.BinOp) -> bool:
 def changes(file: Path) -> list[Change]:
     """All changes of a file."""
     name = file.relative_to(ROOT / "src" / "quadriform").as_posix()
-    sites = enumerate(walk(ast.parse(file.read_text(encoding="utf-8"))))
-    return [Change(name, at, which) for at, (node, _) in sites for which in range(len(variants(node)))]
+    return [Change(name, at, which) for at, (node, _) in enumerate(sites(name)) for which in range(len(variants(node)))]
+
+
+@cache
+def sites(name: str) -> list[tuple[ast.AST, tuple[ast.AST, ...]]]:
+    """The walk over a file as it is, by its name in the package; nothing may be changed in it."""
+    return list(walk(ast.parse((ROOT / "src" / "quadriform" / name).read_text(encoding="utf-8"))))
+
+
+def place(change: Change) -> str:
+    """The file and the function of a change."""
+    _, above = sites(change.file)[change.at]
+    inside = next((each.name for each in reversed(above) if isinstance(each, ast.FunctionDef)), "")
+    return f"{change.file}: {inside}"
 
 
 def described(change: Change) -> str:
     """A change in words: file, function, and what becomes of what."""
-    text = (ROOT / "src" / "quadriform" / change.file).read_text(encoding="utf-8")
-    node, above = list(walk(ast.parse(text)))[change.at]
+    node, _ = sites(change.file)[change.at]
     made = variants(node)[change.which]
     after = "left out" if made is None else ast.unparse(made)
-    inside = next((each.name for each in reversed(above) if isinstance(each, ast.FunctionDef)), "")
-    return f"{change.file}: {inside}: `{' '.join(ast.unparse(node).split())}` -> `{' '.join(after.split())}`"
+    return f"{place(change)}: `{' '.join(ast.unparse(node).split())}` -> `{' '.join(after.split())}`"
 
 
 @cache

@@ -4,7 +4,7 @@ import numpy as np
 
 from quadriform.points import Array
 from quadriform.shapes.landmarks import BasePlane
-from quadriform.shapes.mesh import Mesh, richardson
+from quadriform.shapes.mesh import Mesh, corners, richardson
 from quadriform.shapes.model import DeformableModel
 
 DENSITY = 1.05
@@ -26,22 +26,24 @@ def volume_below(mesh: Mesh, plane: BasePlane | None) -> float:
     """
     if plane is None:
         return mesh.volume()
-    corners = (mesh.vertices - plane.point)[mesh.faces]
     below = _fraction_below(plane.heights(mesh.vertices)[mesh.faces])
-    a, b, c = corners.transpose(1, 0, 2)
+    a, b, c = corners(mesh.vertices - plane.point, mesh.faces)
     return float(below @ np.einsum("ij,ij->i", a, np.cross(b, c)) / 6)
 
 
 def _fraction_below(heights: Array) -> Array:
     """The fraction (m,) of the area of each triangle below zero, by the heights (m, 3) of its corners."""
     below = heights <= 0
-    count = below.sum(axis=1)
-    alone = np.where(count == 1, below.argmax(axis=1), (~below).argmax(axis=1))
+    count = below[:, 0].astype(np.int64) + below[:, 1] + below[:, 2]
+    fraction = (count == 3).astype(np.float64)
+    mixed = np.flatnonzero((count == 1) | (count == 2))
+    heights, single = heights[mixed], count[mixed] == 1
+    alone = np.where(single, below[mixed].argmax(axis=1), (~below[mixed]).argmax(axis=1))
     one, two, three = (np.take_along_axis(heights, (alone[:, None] + k) % 3, axis=1)[:, 0] for k in range(3))
-    mixed = (count == 1) | (count == 2)
     # both edges of the corner that is alone on its side are cut at height 0: its tip is similar to the triangle
-    tip = one**2 / np.where(mixed, (one - two) * (one - three), 1.0)
-    return np.select([count == 3, count == 2, count == 1], [np.ones(len(heights)), 1 - tip, tip], 0.0)
+    tip = one**2 / ((one - two) * (one - three))
+    fraction[mixed] = np.where(single, tip, 1 - tip)
+    return fraction
 
 
 def volume(model: DeformableModel, surface: str, plane: BasePlane | None) -> float:
@@ -52,15 +54,16 @@ def volume(model: DeformableModel, surface: str, plane: BasePlane | None) -> flo
 
 def section(mesh: Mesh, plane: BasePlane) -> Array:
     """Return the section of a mesh with a plane: directed segments (2, m, 3), from start to end, in the world."""
-    heights = plane.heights(mesh.vertices)[mesh.faces]
-    cut = (heights > 0).any(axis=1) & (heights <= 0).any(axis=1)
-    corners, heights = mesh.vertices[mesh.faces[cut]], heights[cut]
+    heights = plane.heights(mesh.vertices)
+    a, b, c = (heights > 0)[mesh.faces.T]
+    faces = mesh.faces[(a != b) | (b != c)]
+    triangles, heights = mesh.vertices[faces], heights[faces]
     after = np.roll(heights, -1, axis=1)
     rows = np.arange(len(heights))
     ends = []
     for crossing in ((heights <= 0) & (after > 0), (heights > 0) & (after <= 0)):
         side = crossing.argmax(axis=1)  # the outline of a triangle crosses the plane once upwards and once downwards
-        low, high = corners[rows, side], corners[rows, (side + 1) % 3]
+        low, high = triangles[rows, side], triangles[rows, (side + 1) % 3]
         fraction = heights[rows, side] / (heights[rows, side] - after[rows, side])
         ends.append(low + fraction[:, None] * (high - low))
     return np.stack(ends)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from quadriform.points import Array
+from quadriform.points import Array, lengths
 from quadriform.words import short_repr
 
 Faces = NDArray[np.int64]
@@ -29,18 +29,18 @@ class Mesh:
 
     def area_vectors(self) -> Array:
         """Outward area vectors of the triangles, (m, 3): direction normal, length area."""
-        a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
+        a, b, c = corners(self.vertices, self.faces)
         return np.cross(b - a, c - a) / 2
 
     def area(self) -> float:
         """Sum of the triangles' areas, in squared units."""
-        return float(np.linalg.norm(self.area_vectors(), axis=1).sum())
+        return float(lengths(self.area_vectors()).sum())
 
     def volume(self) -> float:
         """Enclosed volume by the divergence theorem, in cubed units; meaningful for closed meshes."""
         # Far from the origin the tetrahedra would cancel to few digits.
         centred = self.vertices - self.vertices.mean(axis=0)
-        a, b, c = (centred[self.faces[:, k]] for k in range(3))
+        a, b, c = corners(centred, self.faces)
         return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
     def is_closed(self) -> bool:
@@ -50,13 +50,19 @@ class Mesh:
         return np.array_equal(np.sort(start * n + stop), np.sort(stop * n + start))
 
 
+def corners(vertices: Array, faces: Faces) -> list[Array]:
+    """The vertices (m, 3) at the first corner of all faces, at the second, and so on."""
+    return [vertices.take(column, axis=0) for column in faces.T]
+
+
 def split_quads(quads: Faces, vertices: Array) -> Faces:
     """Two triangles for each quad (m, 4), cut along the shorter diagonal (ties keep the first)."""
-    a, b, c, d = (vertices[quads[:, k]] for k in range(4))
-    first = np.linalg.norm(a - c, axis=1) <= np.linalg.norm(b - d, axis=1) * (1 + 1e-9)
-    with_ac = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]], axis=1)
-    with_bd = np.concatenate([quads[:, [0, 1, 3]], quads[:, [1, 2, 3]]], axis=1)
-    return np.where(first[:, None], with_ac, with_bd).reshape(-1, 3)
+    a, b, c, d = corners(vertices, quads)
+    first = lengths(a - c) <= lengths(b - d) * (1 + 1e-9)
+    one, two, three, four = quads.T
+    # one, two, three and one, three, four; or one, two, four and two, three, four
+    columns = (one, two, np.where(first, three, four), np.where(first, one, two), three, four)
+    return np.stack(columns, axis=1).reshape(-1, 3)
 
 
 def solid_angles(a: Array, b: Array, c: Array) -> Array:
