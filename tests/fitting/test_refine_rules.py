@@ -69,9 +69,9 @@ def certified(monkeypatch, trials, noises, unfolded, largest=None):
         return [SimpleNamespace(noise=noise) for noise in next(each)]
 
     monkeypatch.setattr(refine, "without_folds", without_folds)
-    (first, found), best = refine._certified(None, trials, None, largest)
+    (first, found), best = refine._first_and_best(None, trials, None, largest)
     assert first is trials[0] and found.noise == noises[0]
-    return None if best is None else (trials.index(best[0]), best[1].noise), limits
+    return None if best is None else (trials.index(best.trial), best.refined.noise), limits
 
 
 def test_the_first_start_without_folds_at_an_accepted_noise_is_taken(monkeypatch):
@@ -106,20 +106,21 @@ def test_without_a_start_that_is_free_of_folds_others_are_tried(monkeypatch, noi
     folded, found = SimpleNamespace(noise=noise, box="box"), found and SimpleNamespace(name=found, noise=1.5 * noise)
     others = {name: SimpleNamespace(name=name, noise=noise) for name in ("regularised", "unweighted")}
 
-    def certified_(problem, starts, shape, largest=None):
+    def first_and_best(given, starts, shape, largest=None):
         calls.append(largest)
-        first = SimpleNamespace(problem="p", surfaces="s"), folded
-        return first, (("trial", found) if found else None) if len(calls) == 1 else ("trial", others["unweighted"])
+        first = refine.Attempt(SimpleNamespace(problem="p", surfaces="s"), folded)
+        best = found if len(calls) == 1 else others["unweighted"]
+        return first, refine.Attempt("trial", best) if best else None
 
     class Local:
         options = SimpleNamespace(robust=robust)
 
-    monkeypatch.setattr(refine, "_certified", certified_)
+    monkeypatch.setattr(refine, "_first_and_best", first_and_best)
     monkeypatch.setattr(refine, "least_regularised", lambda *of: others["regularised"])
     monkeypatch.setattr(refine, "replace", lambda of, **more: of)
     monkeypatch.setattr(refine, "folding", lambda model: {"FOLDING": "x"})
     monkeypatch.setattr(refine, "DeformableModel", lambda *of: "model")
-    monkeypatch.setattr(refine, "_result", lambda trial, refined, warnings: (refined, warnings))
+    monkeypatch.setattr(refine, "_result", lambda attempt, warnings: (attempt.refined, warnings))
     result, warnings = refine._best_start(Local, [], None)
     assert getattr(result, "name", "folded") == expected
     assert warnings == ({"FOLDING": "x"} if expected == "folded" else {})
@@ -129,9 +130,10 @@ def test_without_a_start_that_is_free_of_folds_others_are_tried(monkeypatch, noi
 @pytest.mark.parametrize(("noise", "is_poor"), [(0.06, False), (0.0601, True)])
 def test_surfaces_without_folds_much_farther_from_the_points_are_a_poor_fit(monkeypatch, noise, is_poor):
     """Of several surfaces at half as much noise again: any noise is accepted for them."""
-    first = SimpleNamespace(problem="p", surfaces="s"), SimpleNamespace(noise=0.04)
-    monkeypatch.setattr(refine, "_certified", lambda *of: (first, ("trial", SimpleNamespace(noise=noise))))
-    monkeypatch.setattr(refine, "_result", lambda trial, refined, warnings: warnings)
+    first = refine.Attempt(SimpleNamespace(problem="p", surfaces="s"), SimpleNamespace(noise=0.04))
+    best = refine.Attempt("trial", SimpleNamespace(noise=noise))
+    monkeypatch.setattr(refine, "_first_and_best", lambda *of: (first, best))
+    monkeypatch.setattr(refine, "_result", lambda attempt, warnings: warnings)
     assert ("POOR_FIT" in refine._best_start(None, [], None)) == is_poor
 
 
@@ -144,8 +146,8 @@ def test_a_box_is_as_small_as_its_error_allows(monkeypatch, errors, side, poor):
     monkeypatch.setattr(refine, "_best_start", lambda problem, starts, shape: sides.append(shape) or result)
     monkeypatch.setattr(refine, "_error", lambda *of: next(left))
     monkeypatch.setattr(refine, "replace", lambda of, warnings: warnings)
-    problem = SimpleNamespace(start=None, max_error=0.1, clouds={}, options=None)
-    found = refine.refine_tangent(problem, {}, None)
+    given = SimpleNamespace(warm_start=None, max_error=0.1, clouds={}, options=None)
+    found = refine.refine_tangent(given, {}, None)
     assert sides == [(n, n, n) for n in (3, 5, 7) if n <= side]
     if poor:
         assert found["POOR_FIT"].startswith("no box up to 7 control points a side reached max_error")

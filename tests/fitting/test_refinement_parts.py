@@ -47,7 +47,7 @@ def test_distances_are_divided_by_the_deviation_along_the_normal(noise):
     for i in range(60):
         variance = 1.0 if noise is None else normals[i] @ noise[i] @ normals[i] + 0.01 * np.trace(noise[i])
         expected.append(np.linalg.norm(POINTS[i] - feet[i]) / np.sqrt(variance))
-    np.testing.assert_allclose(of.standardised(here), expected, rtol=1e-9)
+    np.testing.assert_allclose(of.standardised_distances(here), expected, rtol=1e-9)
     np.testing.assert_allclose(of.distances(here), np.linalg.norm(POINTS - feet, axis=1))
 
 
@@ -192,7 +192,7 @@ def test_heights_above_the_dome_cost_their_mean_square_over_the_area():
 def test_the_prior_of_a_base_weighs_as_the_noise_over_its_spread():
     here, of = box(), data(half_space=PLANE)
     weights = of.weights * of.inliers
-    noise = np.sqrt(weights @ of.standardised(here) ** 2 / weights.sum())
+    noise = np.sqrt(weights @ of.standardised_distances(here) ** 2 / weights.sum())
     (found,) = base_prior.base_prior(of, here, 50.0)
     assert found.weight == pytest.approx(50 * (noise / 0.1) ** 2)
     far = replace(of, points=of.points * 2)

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from shapes_made import even_directions
 
-from quadriform.fitting.refinement.multiresolution import (
+from quadriform.fitting.refinement.stage import (
     FixedWeights,
+    InitialState,
     MixtureWeights,
     Nearest,
     Problem,
     Report,
     Stage,
-    Start,
     StoppingRule,
     TangentialSteps,
 )
@@ -31,14 +31,14 @@ def problem():
 @pytest.fixture
 def start(problem):
     data = SurfaceData.of(BALL, POINTS, np.ones(len(POINTS))).with_nearest_foot_points(problem.box)
-    return Start(problem.box, (data,))
+    return InitialState(problem.box, (data,))
 
 
 @pytest.mark.parametrize("foot_points", [TangentialSteps(), Nearest()])
-@pytest.mark.parametrize("kernel", [FixedWeights(), MixtureWeights()])
-def test_a_step_leaves_its_state_as_it_was(problem, start, foot_points, kernel):
+@pytest.mark.parametrize("weighting", [FixedWeights(), MixtureWeights()])
+def test_a_step_leaves_its_state_as_it_was(problem, start, foot_points, weighting):
     """Old design: foot points and inliers of the caller changed, so that the order of calls mattered."""
-    stage, (data,) = Stage(problem, foot_points, kernel, StoppingRule(1)), start.datasets
+    stage, (data,) = Stage(problem, foot_points, weighting, StoppingRule(1)), start.datasets
     origins, inliers = data.origins.copy(), data.inliers.copy()
     one, other = stage.step(start), stage.step(start)
     np.testing.assert_array_equal(one.box.control_points, other.box.control_points)

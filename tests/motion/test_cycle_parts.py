@@ -9,8 +9,8 @@ from shapes_made import lumpy
 from quadriform.fitting.least_squares.marginal_likelihood import LinearProblem
 from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.refinement.base_prior import base_priors
-from quadriform.fitting.refinement.multiresolution import Correlated
 from quadriform.fitting.refinement.point_to_plane import data_rows, fraction_of
+from quadriform.fitting.refinement.stage import Correlated
 from quadriform.fitting.refinement.starts import nested_ellipsoids
 from quadriform.motion import cycle as cycles
 from quadriform.motion.cycle import Cycle, named
@@ -50,7 +50,7 @@ def moved(of, seed=5, size=0.03):
 def test_a_cycle_begins_with_the_undeformed_box_and_the_median_distance():
     of = cycle()
     state = of.init()
-    distances = np.concatenate([d.standardised(BOX) for each in state.datasets for d in each])
+    distances = np.concatenate([d.standardised_distances(BOX) for each in state.datasets for d in each])
     assert state.noise == pytest.approx(1.4826 * np.median(distances))
     assert state.displacement.shape == (3, 27, 3) and not state.displacement.any() and state.shifts.shape == (0, 2)
     assert state.fold_penalties[0].weight == pytest.approx(1e-3 * 60 * (state.noise / 0.1) ** 2)
@@ -156,12 +156,12 @@ def test_points_move_by_the_shifts_of_their_slices(rng):
 def test_where_most_points_are_far_the_noise_is_their_own():
     state = cycle().init()
     data, box = state.datasets[0][0], state.boxes[0]
-    distances = data.standardised(box)
+    distances = data.standardised_distances(box)
     near = cycles._weighted(data, box, 10 * distances.max())
     np.testing.assert_array_equal(near.inliers, data.weighted(distances, 10 * distances.max()).inliers)
     assert near.inliers.mean() > 0.5
     far = replace(data, points=2.5 * data.points)
-    found, away = cycles._weighted(far, box, 1e-3), far.standardised(box)
+    found, away = cycles._weighted(far, box, 1e-3), far.standardised_distances(box)
     assert far.weighted(away, 1e-3).inliers.mean() < 0.5
     np.testing.assert_array_equal(found.inliers, far.weighted(away, 1.4826 * np.median(away)).inliers)
 

@@ -32,7 +32,7 @@ from quadriform.fitting.other_bodies import Masks, extended_to_clouds, points_of
 from quadriform.fitting.paper.two_step import two_step
 from quadriform.fitting.quality import Assessment
 from quadriform.fitting.refinement.large_clouds import on_all, sample_of_large
-from quadriform.fitting.refinement.refine import LocalProblem, refine_tangent
+from quadriform.fitting.refinement.refine import RefinementInput, refine_tangent
 from quadriform.fitting.result import Fit, Progress, Result, SuperquadricFit, unnamed
 from quadriform.fitting.superquadric.around import Around, Plane, Viewpoint, around_each
 from quadriform.fitting.superquadric.fit import fit_by_paper, fit_robust, in_frame
@@ -277,7 +277,7 @@ def _refine_tangent(
     centred = Centred.of(sample.points, sample.weights_of_body)
     frame, distinct = centred.frame, centred.distinct
     known, base = KnownNoise.of(sample.noise, centred), options.base_plane(sample.points)
-    problem = LocalProblem(
+    given = RefinementInput(
         centred.points,
         centred.weights,
         {name: distinct[name].of_distinct(each) for name, each in sample.normals.items()},
@@ -285,11 +285,11 @@ def _refine_tangent(
         options,
         half_space=None if base is None else (frame.to_local(base.point[None])[0], base.direction),
         max_error=None if options.max_error is None else options.max_error / frame.scale,
-        start=None if start is None else frame.shape_to_local(start),
+        warm_start=None if start is None else frame.shape_to_local(start),
         progress=progress,
     )
     starts = {name: in_frame(each, frame) for name, each in (fitted or {}).items()}
-    refined = refine_tangent(problem, _in_frame(superquadrics, frame), kind_of_other_starts)
+    refined = refine_tangent(given, _in_frame(superquadrics, frame), kind_of_other_starts)
     result = replace(refined, starts=starts)
     found = _in_world(_of_all_points(result, distinct, sample), sample.points, frame, sample.noise)
     copies = named_texts({name: duplicates(each.copies, len(each.counted)) for name, each in distinct.items()})

@@ -15,8 +15,8 @@ from quadriform.fitting.least_squares.normal_equations import NormalEquations, n
 from quadriform.fitting.least_squares.regularisers import Regulariser, regulariser_matrix
 from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.refinement.base_prior import base_priors
-from quadriform.fitting.refinement.multiresolution import MAD_TO_SIGMA, Correlated, Penalty
 from quadriform.fitting.refinement.point_to_plane import data_rows, linear_problem_of, step_length
+from quadriform.fitting.refinement.stage import MAD_TO_SIGMA, Correlated, Penalty
 from quadriform.fitting.refinement.surface_data import SurfaceData
 from quadriform.fitting.refinement.unfolding import JacobianPenalty
 from quadriform.fitting.result import HalfSpace
@@ -141,7 +141,7 @@ class Cycle:
             [self._data(number, name, points) for name, points in frame.items()]
             for number, frame in enumerate(self.frames)
         ]
-        distances = np.concatenate([data.standardised(self.box) for frame in datasets for data in frame])
+        distances = np.concatenate([data.standardised_distances(self.box) for frame in datasets for data in frame])
         noise = MAD_TO_SIGMA * float(np.median(distances))
         # a penalty is weighed against the points of its frame: the other frames have about as many as the first
         count, frames = sum(len(cloud) for cloud in self.frames[0].values()), len(self.frames)
@@ -337,7 +337,7 @@ def _sum(penalties: Sequence[Penalty], box: ControlBox) -> NormalEquations:
 
 def _weighted(data: SurfaceData, box: ControlBox, noise: float) -> SurfaceData:
     """The data with inlier probabilities at the noise of the cycle, or at its own while most points are far."""
-    distances = data.standardised(box)
+    distances = data.standardised_distances(box)
     found = data.weighted(distances, noise)
     if np.average(found.inliers, weights=data.weights) >= LEAST_INLIERS:
         return found

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from quadriform.errors import DegenerateError, OptionError
-from quadriform.fitting.refinement.multiresolution import SCHEDULE
 from quadriform.fitting.refinement.point_to_plane import data_rows
+from quadriform.fitting.refinement.stage import SCHEDULE
 from quadriform.fitting.refinement.unfolding import FOLDS, accepted_noise
 from quadriform.fitting.result import Progress
 from quadriform.motion.affine_start import AffineMotion, fitted_motion
@@ -89,7 +89,7 @@ def _near(cycle: Cycle, undeformed: CycleState, start: ControlBox, report: _Repo
     What is a fold is relative to the change of volume of each frame.
     """
     state, motion = cycle.all_at(undeformed, start), AffineMotion.identity(cycle.weights_in_time)
-    sample = [[data.subsample(SCHEDULE.coarse_points[0], cycle.robust) for data in each] for each in state.datasets]
+    sample = [[data.subsample(SCHEDULE.coarse_points, cycle.robust) for data in each] for each in state.datasets]
     gamma = ROUNDS.strongest * _first_in_time(state)
     count = float(sum(len(data.points) for each in sample for data in each))
     for _ in range(ROUNDS.affine):

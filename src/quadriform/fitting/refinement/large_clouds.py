@@ -118,7 +118,11 @@ class _Surface:
         relative = None if self.noise is None else self.noise[chosen] / (least_noise * frame.scale) ** 2
         data = self.data.beside(points, self.weights[chosen], self.tree.query(points)[1], relative)
         data = data.with_tangential_steps(box, LARGE.tangential_steps)
-        return data if noise is None else replace(data, inliers=data.probabilities(data.standardised(box), noise))
+        return (
+            data
+            if noise is None
+            else replace(data, inliers=data.probabilities(data.standardised_distances(box), noise))
+        )
 
     @property
     def duplicates(self) -> Warnings:
@@ -130,7 +134,7 @@ class _Surface:
     def updated(self, box: ControlBox, noise: float | None) -> "_Surface":
         """The surface with the sample's foot points, and inlier ratio if a noise is given, updated to another box."""
         data = self.data.with_tangential_steps(box, LARGE.tangential_steps)
-        return replace(self, data=data if noise is None else data.weighted(data.standardised(box), noise))
+        return replace(self, data=data if noise is None else data.weighted(data.standardised_distances(box), noise))
 
 
 @dataclass(frozen=True)

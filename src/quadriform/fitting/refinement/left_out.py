@@ -15,8 +15,8 @@ from scipy.spatial import cKDTree
 from quadriform.fitting.cloud import EQUAL, canonical_order
 from quadriform.fitting.least_squares.marginal_likelihood import LinearProblem
 from quadriform.fitting.least_squares.normal_equations import NormalEquations, normal_equations
-from quadriform.fitting.refinement.multiresolution import Problem, Refined
 from quadriform.fitting.refinement.point_to_plane import data_rows
+from quadriform.fitting.refinement.stage import Problem, Refined
 from quadriform.fitting.refinement.surface_data import SurfaceData
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox

@@ -1,8 +1,13 @@
-"""The refinement by point-to-plane distances as a whole: starts, stages, the size of the box, and fold removal."""
+"""The refinement by point-to-plane distances as a whole: starts, stages, the size of the box, and fold removal.
+
+A refinement is certified when the map is verified not to fold inside the surfaces, and these do not cross
+(`unfolding.certified`).
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,8 +17,8 @@ from quadriform.fitting.diagnostics import POOR, folding, ill_conditioned, max_e
 from quadriform.fitting.least_squares.uncertainty import EnrichedBox
 from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.options import TangentOptions, check_box, check_strength
-from quadriform.fitting.refinement.multiresolution import SCHEDULE, Problem, Refined, Report
 from quadriform.fitting.refinement.point_to_plane import linear_problem_of, probes
+from quadriform.fitting.refinement.stage import SCHEDULE, Problem, Refined, Report
 from quadriform.fitting.refinement.stages import (
     all_coarse_stages,
     control_point_counts,
@@ -34,12 +39,13 @@ AUTO_SIDES = (3, 5, 7)
 MORE = 2
 """Additional control points a side of the enriched box of the uncertainty: the next step of 3, 5, 7."""
 MUCH_NEARER = 0.5
-"""An undeformed start at less than this fraction of the distance of all starts after their first stage is tried first.
-For a start at the true surface both are the same."""
+"""A start is tried first if its RMS distance from the points is below this fraction of the least that any start has
+after its first stage: then the first stage led away from a good start. At the true surface both distances are the noise
+of the points, and no start is tried first."""
 
 
 @dataclass(frozen=True)
-class LocalProblem:
+class RefinementInput:
     """What is refined, in the centred, scaled frame.
 
     Attributes:
@@ -50,7 +56,7 @@ class LocalProblem:
         options: of the refinement.
         half_space: where no data is expected.
         max_error: RMS distance that box="auto" must reach.
-        start: a deformed box to continue from; its number of control points takes precedence over that of the options.
+        warm_start: a deformed box to continue from, or None; its number of control points replaces that of the options.
         progress: called after each round.
     """
 
@@ -61,7 +67,7 @@ class LocalProblem:
     options: TangentOptions
     half_space: HalfSpace | None = None
     max_error: float | None = None
-    start: ControlBox | None = None
+    warm_start: ControlBox | None = None
     progress: Progress | None = None
 
     @cached_property
@@ -79,25 +85,29 @@ class LocalProblem:
         return Subsample.of(self.datasets, SCHEDULE.first_points, self.options.robust)
 
 
-def refine_tangent(problem: LocalProblem, surfaces: dict[str, Superquadric], kind: str | None) -> Result:
+def refine_tangent(
+    given: RefinementInput, superquadrics: dict[str, Superquadric], kind_of_other_starts: str | None
+) -> Result:
     """The refinement of all surfaces at once.
 
     Args:
-        problem: points and options.
-        surfaces: name -> start.
-        kind: other starts of this kind may replace the given ones; None keeps them.
+        given: points and options.
+        superquadrics: name -> superquadric to start from.
+        kind_of_other_starts: of superquadrics that are tried as starts too; None to try only the given ones.
     """
-    starts = [surfaces] if kind is None else candidates(problem.clouds, surfaces, kind)
-    if problem.start is not None:
-        return _best_start(problem, starts, check_box(problem.start.control_points.shape[:3]))
-    if problem.max_error is None:
-        return _best_start(problem, starts, check_box(problem.options.box))
+    starts = [superquadrics]
+    if kind_of_other_starts is not None:
+        starts = candidates(given.clouds, superquadrics, kind_of_other_starts)
+    if given.warm_start is not None:
+        return _best_start(given, starts, check_box(given.warm_start.control_points.shape[:3]))
+    if given.max_error is None:
+        return _best_start(given, starts, check_box(given.options.box))
     for side in AUTO_SIDES:
-        result = _best_start(problem, starts, (side, side, side))
-        error = _error(result, problem.clouds)
-        if error <= problem.max_error:
+        result = _best_start(given, starts, (side, side, side))
+        error = _error(result, given.clouds)
+        if error <= given.max_error:
             return result
-    missed = max_error_missed(AUTO_SIDES[-1], error / problem.max_error, (result.noise or 0) / problem.max_error)
+    missed = max_error_missed(AUTO_SIDES[-1], error / given.max_error, (result.noise or 0) / given.max_error)
     return replace(result, warnings=result.warnings | missed)
 
 
@@ -109,60 +119,66 @@ def _error(result: Result, clouds: Mapping[str, Array]) -> float:
 
 
 def _best_start(
-    problem: LocalProblem, starts: Sequence[dict[str, Superquadric]], shape: tuple[int, int, int]
+    given: RefinementInput, starts: Sequence[dict[str, Superquadric]], shape: tuple[int, int, int]
 ) -> Result:
-    """The best certified refinement; a fold is kept, and reported, only by a fit that is not poor.
+    """The best certified refinement of all starts, or what comes nearest to one.
 
-    Where no start gives a certified one, all are tried once more without robust weights: with these, whole faces of a
-    body with sharp edges can be taken for outliers, and then no data prevents folds there.
+    1. Where a start has a certified refinement, it is that one.
+    2. Where none has, and the first start is a poor fit: a more strongly regularised refinement of it. Where it is no
+       poor fit: a certified one without robust weights. With these, whole faces of a body with sharp edges can be taken
+       for outliers, and then no data prevents folds there.
+    3. Where neither exists, that of the first start with its folds, and `FOLDING`.
+
+    `POOR_FIT` is reported where the removal of folds made the distances from the points much larger.
     """
-    first, found = _certified(problem, starts, shape)
-    trial, folded = first
-    if found is None and folded.noise > POOR:
-        regularised = least_regularised(trial.problem, folded, trial.surfaces)
-        found = None if regularised is None else (trial, regularised)
-    elif found is None and problem.options.robust:
-        unweighted = replace(problem, options=replace(problem.options, robust=False))
-        found = _certified(unweighted, starts, shape, accepted_noise(folded.noise))[1]
-    if found is None:
-        return _result(*first, folding(DeformableModel(trial.surfaces, folded.box)))
-    is_close = found[1].noise <= accepted_noise(folded.noise)
-    return _result(*found, {} if is_close else smoother_than_data(found[1].noise, folded.noise))
+    first, best = _first_and_best(given, starts, shape)
+    trial, refined = first
+    if best is None and refined.noise > POOR:
+        regularised = least_regularised(trial.problem, refined, trial.surfaces)
+        best = None if regularised is None else Attempt(trial, regularised)
+    elif best is None and given.options.robust:
+        unweighted = replace(given, options=replace(given.options, robust=False))
+        _, best = _first_and_best(unweighted, starts, shape, accepted_noise(refined.noise))
+    if best is None:
+        return _result(first, folding(DeformableModel(trial.surfaces, refined.box)))
+    is_close = best.refined.noise <= accepted_noise(refined.noise)
+    return _result(best, {} if is_close else smoother_than_data(best.refined.noise, refined.noise))
 
 
-def _certified(
-    problem: LocalProblem,
+def _first_and_best(
+    given: RefinementInput,
     starts: Sequence[dict[str, Superquadric]],
     shape: tuple[int, int, int],
     largest_noise: float | None = None,
-) -> tuple["Tried", "Tried | None"]:
-    """The first start refined, and the best start that is free of folds at an accepted noise, or at the least noise.
+) -> tuple["Attempt", "Attempt | None"]:
+    """The refinement of the first start, and the first certified one of accepted noise, else that of least noise.
 
-    Starts are tried in the order of the evidence after their first stage, self-intersecting ones last. With several
-    surfaces in one box the space between them must not fold: there any noise is accepted where none is better.
+    Starts are tried in the order of the marginal likelihood after their first stage, self-intersecting ones last. With
+    several surfaces in one box the space between them must not fold: there any noise is accepted where none is better.
+    None in place of the second where no refinement is certified within the accepted noise.
 
     Args:
-        problem: points and options.
+        given: points and options.
         starts: superquadrics by name.
         shape: control points along each axis.
-        largest_noise: the accepted noise; None for that of the first start.
+        largest_noise: the accepted noise; None for one relative to that of the first start.
     """
-    tried, noisy = list["Tried"](), list["Tried"]()
-    for trial in _self_intersecting_last(_ordered(problem, starts, shape)):
+    attempts, noisy = list["Attempt"](), list["Attempt"]()
+    for trial in _self_intersecting_last(_ordered(given, starts, shape)):
         refined = fine_stage(trial.problem, trial.datasets, trial.coarse)
-        tried.append((trial, refined))
-        accepted = accepted_noise(tried[0][1].noise) if largest_noise is None else largest_noise
+        attempts.append(Attempt(trial, refined))
+        accepted = accepted_noise(attempts[0].refined.noise) if largest_noise is None else largest_noise
         # between several surfaces a fold is worse than noise
         limit = np.inf if len(trial.surfaces) > 1 else accepted
-        for found in without_folds(trial.problem, refined, trial.surfaces, limit):
-            if found.noise <= accepted:
-                return tried[0], (trial, found)
-            noisy.append((trial, found))
-    return tried[0], min(noisy, key=lambda found: found[1].noise, default=None)
+        for certified in without_folds(trial.problem, refined, trial.surfaces, limit):
+            if certified.noise <= accepted:
+                return attempts[0], Attempt(trial, certified)
+            noisy.append(Attempt(trial, certified))
+    return attempts[0], min(noisy, key=lambda attempt: attempt.refined.noise, default=None)
 
 
 def _ordered(
-    problem: LocalProblem, starts: Sequence[dict[str, Superquadric]], shape: tuple[int, int, int]
+    given: RefinementInput, starts: Sequence[dict[str, Superquadric]], shape: tuple[int, int, int]
 ) -> "list[_Trial]":
     """Trials of the starts, the one of largest evidence after its first stage first.
 
@@ -170,7 +186,7 @@ def _ordered(
     edges the correspondence of the first stage can be wrong.
     """
     # the criterion is minus twice the log evidence, so the least is the best
-    trials = [_Trial.of(problem, surfaces, shape) for surfaces in starts]
+    trials = [_Trial.of(given, superquadrics, shape) for superquadrics in starts]
     if len(trials) == 1:
         return trials
     order = best_first(np.array([-trial.first.solution.criterion for trial in trials]))
@@ -183,47 +199,52 @@ def _ordered(
 
 @dataclass(frozen=True)
 class _Trial:
-    """A start, and its coarse stages when they are needed."""
+    """A start, of superquadrics by name, and its coarse stages when they are needed."""
 
-    local: LocalProblem
+    given: RefinementInput
     surfaces: dict[str, Superquadric]
     problem: Problem
     datasets: list[SurfaceData]
 
     @classmethod
-    def of(cls, local: LocalProblem, start: dict[str, Superquadric], shape: tuple[int, int, int]) -> "_Trial":
+    def of(
+        cls, given: RefinementInput, superquadrics: dict[str, Superquadric], shape: tuple[int, int, int]
+    ) -> "_Trial":
         """From superquadrics by name and the number of control points along each axis."""
-        surfaces = {name: start[name] for name in local.clouds}
-        box, options = common_box(start, shape), local.options
-        report = Report(local.progress, SCHEDULE.coarse_rounds * len(control_point_counts(box)) + SCHEDULE.fine_rounds)
+        surfaces = {name: superquadrics[name] for name in given.clouds}
+        box, options = common_box(superquadrics, shape), given.options
+        report = Report(given.progress, SCHEDULE.coarse_rounds * len(control_point_counts(box)) + SCHEDULE.fine_rounds)
         strength = check_strength(options.strength)
         measured = probes(surfaces.values())
-        problem = Problem(box, measured, options.regularity, strength, options.robust, report, local.noise.least)
-        datasets = [data.around(each) for data, each in zip(local.datasets, surfaces.values())]
-        return cls(local, surfaces, problem, datasets)
+        problem = Problem(box, measured, options.regularity, strength, options.robust, report, given.noise.least)
+        datasets = [data.around(each) for data, each in zip(given.datasets, surfaces.values())]
+        return cls(given, surfaces, problem, datasets)
 
     @cached_property
     def first(self) -> Refined:
         """After the first stage."""
-        return first_stage(self.problem, self.local.first_sample.around(list(self.surfaces.values())))
+        return first_stage(self.problem, self.given.first_sample.around(list(self.surfaces.values())))
 
     @cached_property
     def undeformed_noise(self) -> float:
         """RMS distance of the points of the first stage to the superquadrics."""
-        box, datasets = self.problem.box, self.local.first_sample.around(list(self.surfaces.values())).datasets
+        box, datasets = self.problem.box, self.given.first_sample.around(list(self.surfaces.values())).datasets
         distances = [data.with_nearest_foot_points(box).distances(box) for data in datasets]
         return float(np.sqrt((np.concatenate(distances) ** 2).mean()))
 
     @cached_property
     def coarse(self) -> Refined:
         """After the coarse stages, or one round from a given box."""
-        if self.local.start is not None:
-            return warm_start(self.problem, self.datasets, self.local.start)
+        if self.given.warm_start is not None:
+            return warm_start(self.problem, self.datasets, self.given.warm_start)
         return all_coarse_stages(self.problem, self.first, self.datasets)
 
 
-Tried = tuple[_Trial, Refined]
-"""A start and its refinement."""
+class Attempt(NamedTuple):
+    """A start and a refinement of it."""
+
+    trial: _Trial
+    refined: Refined
 
 
 def _self_intersecting_last(trials: Sequence[_Trial]) -> Iterator[_Trial]:
@@ -237,8 +258,9 @@ def _self_intersecting_last(trials: Sequence[_Trial]) -> Iterator[_Trial]:
     yield from last
 
 
-def _result(trial: _Trial, refined: Refined, warnings: Warnings) -> Result:
-    model, local = DeformableModel(trial.surfaces, refined.box), trial.local
+def _result(attempt: Attempt, warnings: Warnings) -> Result:
+    trial, refined = attempt
+    model, given = DeformableModel(trial.surfaces, refined.box), trial.given
     return Result(
         model=model,
         history=refined.history,
@@ -246,9 +268,9 @@ def _result(trial: _Trial, refined: Refined, warnings: Warnings) -> Result:
         noise=refined.noise,
         covariance=refined.solution.covariance(),
         enriched=_enriched(trial.problem, refined),
-        inliers={name: data.inliers for name, data in zip(local.clouds, refined.datasets)},
+        inliers={name: data.inliers for name, data in zip(given.clouds, refined.datasets)},
         warnings=warnings | ill_conditioned(model, refined.solution),
-        half_space=local.half_space,
+        half_space=given.half_space,
     )
 
 

@@ -8,16 +8,16 @@ import numpy as np
 from quadriform.errors import OptionError
 from quadriform.fitting.cloud import nearest
 from quadriform.fitting.refinement.left_out import better_strength
-from quadriform.fitting.refinement.multiresolution import (
+from quadriform.fitting.refinement.stage import (
     SCHEDULE,
     Correlated,
-    Facing,
+    FacingPairs,
     FixedWeights,
+    InitialState,
     Nearest,
     Problem,
     Refined,
     Stage,
-    Start,
     StoppingRule,
     TangentialSteps,
 )
@@ -59,30 +59,30 @@ def coarse_stages(problem: Problem, first: Refined, sample: Subsample) -> Refine
         found = _coarse_stage(problem, box.elevate((l - 1, m - 1, n - 1)), sample, history)
         box, history = found.box, found.history
     alone = Stage(problem, TangentialSteps(), FixedWeights(), ONCE)
-    return alone.step(Start(box, found.datasets, history=history))  # strengths so far included the attraction
+    return alone.step(InitialState(box, found.datasets, history=history))  # strengths so far included the attraction
 
 
 def _coarse_stage(problem: Problem, box: ControlBox, sample: Subsample, history: tuple[Iteration, ...]) -> Refined:
     stop = StoppingRule(SCHEDULE.coarse_rounds, SCHEDULE.coarse_motion)
-    stage = Stage(problem, Facing.of(sample), FixedWeights(), stop)
-    return stage.run(Start(box, sample.datasets, history=history))
+    stage = Stage(problem, FacingPairs.of(sample), FixedWeights(), stop)
+    return stage.run(InitialState(box, sample.datasets, history=history))
 
 
 def warm_start(
     problem: Problem, datasets: Sequence[SurfaceData], box: ControlBox, before: Refined | None = None
 ) -> Refined:
     """The state after one round on few points from a given box, in place of the coarse stages."""
-    chosen = tuple(data.subsample(SCHEDULE.coarse_points[0], problem.robust) for data in datasets)
+    chosen = tuple(data.subsample(SCHEDULE.coarse_points, problem.robust) for data in datasets)
     solution, history = (None, ()) if before is None else (before.solution, before.history)
-    return Stage(problem, Nearest(), FixedWeights(), ONCE).step(Start(box, chosen, solution, history=history))
+    return Stage(problem, Nearest(), FixedWeights(), ONCE).step(InitialState(box, chosen, solution, history=history))
 
 
 def all_coarse_stages(problem: Problem, first: Refined, datasets: Sequence[SurfaceData]) -> Refined:
     """The result of the coarse stages, repeated on other points while it self-intersects."""
-    for count in SCHEDULE.coarse_points:
+    for count in (SCHEDULE.coarse_points, *SCHEDULE.other_coarse_points):
         sample = Subsample.of(datasets, count, problem.robust)
-        again = first if count == SCHEDULE.coarse_points[0] else first_stage(problem, sample)
-        found = coarse_stages(problem, again, sample)
+        start = first if count == SCHEDULE.coarse_points else first_stage(problem, sample)
+        found = coarse_stages(problem, start, sample)
         if not found.self_intersecting():
             break
     return _not_worse(problem, found, datasets)
@@ -108,10 +108,10 @@ def fine_stage(problem: Problem, datasets: Sequence[SurfaceData], coarse: Refine
     Raises:
         OptionError: the strength that the user gave leaves control points undetermined in the last round.
     """
-    state: Start | Refined = Start(coarse.box, coarse.datasets, history=coarse.history)
+    state: InitialState | Refined = InitialState(coarse.box, coarse.datasets, history=coarse.history)
     rounds = SCHEDULE.fine_rounds
-    if max(len(data.points) for data in datasets) > SCHEDULE.medium_points:
-        some = [data.subsample(SCHEDULE.medium_points, robust=False) for data in datasets]
+    if max(len(data.points) for data in datasets) > SCHEDULE.fine_points:
+        some = [data.subsample(SCHEDULE.fine_points, robust=False) for data in datasets]
         state, rounds = _run_on_points(some, coarse, _stage(problem, rounds), state), SCHEDULE.last_rounds
     found = _run_on_points(datasets, coarse, _stage(problem, rounds), state)
     if problem.strength is None:
@@ -136,19 +136,21 @@ def _with_details(problem: Problem, found: Refined) -> Refined:
         if strength is None:
             break
         stage = _stage(replace(problem, strength=strength), SCHEDULE.last_rounds)
-        found = stage.run(Start(found.box, found.datasets, found.solution, found.noise, found.history))
+        found = stage.run(InitialState(found.box, found.datasets, found.solution, found.noise, found.history))
     return found
 
 
 def _stage(problem: Problem, rounds: int) -> Stage:
     stop = StoppingRule(rounds, SCHEDULE.fine_motion)
-    return Stage(problem, TangentialSteps(), problem.kernel, stop, Correlated(float(problem.box.rest.size)))
+    return Stage(problem, TangentialSteps(), problem.weighting, stop, Correlated(float(problem.box.rest.size)))
 
 
-def _run_on_points(datasets: Sequence[SurfaceData], coarse: Refined, stage: Stage, state: Start | Refined) -> Refined:
+def _run_on_points(
+    datasets: Sequence[SurfaceData], coarse: Refined, stage: Stage, state: InitialState | Refined
+) -> Refined:
     """The result of a stage on other points than those of the state."""
     first = tuple(replace(data, origins=_first_origins(data, part)) for data, part in zip(datasets, coarse.datasets))
-    return stage.run(Start(state.box, first, state.solution, state.noise, state.history))
+    return stage.run(InitialState(state.box, first, state.solution, state.noise, state.history))
 
 
 def _first_origins(data: SurfaceData, part: SurfaceData) -> Array:

@@ -140,7 +140,7 @@ class SurfaceData:
         """Variance (n,) of each point along a normal (n, 3), relative to that of the noise."""
         return np.ones(len(normals)) if self.noise is None else variances_along(self.noise, normals)
 
-    def standardised(self, box: ControlBox) -> Array:
+    def standardised_distances(self, box: ControlBox) -> Array:
         """Distances (n,) from the points to their foot points, divided by the points' relative standard deviations."""
         if self.noise is None:
             return self.distances(box)

@@ -12,7 +12,7 @@ import numpy as np
 
 from quadriform.fitting.least_squares.marginal_likelihood import Solution
 from quadriform.fitting.least_squares.normal_equations import NormalEquations
-from quadriform.fitting.refinement.multiresolution import MixtureWeights, Problem, Refined
+from quadriform.fitting.refinement.stage import MixtureWeights, Problem, Refined
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.fold_bound import determinant_rows, grid_inside, jacobian_bound, never_folds

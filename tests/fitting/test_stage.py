@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from shapes_made import even_directions, made
 
-from quadriform.fitting.refinement import multiresolution
-from quadriform.fitting.refinement.multiresolution import (
+from quadriform.fitting.refinement import stage as stages
+from quadriform.fitting.refinement.point_to_plane import displaced, probes
+from quadriform.fitting.refinement.stage import (
     ALL_INDEPENDENT,
     Correlated,
     FixedWeights,
@@ -19,7 +20,6 @@ from quadriform.fitting.refinement.multiresolution import (
     StoppingRule,
     TangentialSteps,
 )
-from quadriform.fitting.refinement.point_to_plane import displaced, probes
 from quadriform.fitting.refinement.surface_data import SurfaceData
 from quadriform.shapes.control_box import ControlBox
 
@@ -37,7 +37,7 @@ def data(n=80, bump=0.05, seed=1):
     ("least", "found", "first", "later"), [(20, 0.1, 0.25, 0.25), (20, 0.9, 0.25, 0.9), (200, 0.5, 1, 1)]
 )
 def test_at_least_as_many_points_count_as_there_are_unknowns(monkeypatch, least, found, first, later):
-    monkeypatch.setattr(multiresolution, "fraction_of", lambda datasets, box: found)
+    monkeypatch.setattr(stages, "fraction_of", lambda datasets, box: found)
     datasets = (SimpleNamespace(count=50.0), SimpleNamespace(count=30.0))
     rule = Correlated(least)
     assert rule.fraction(BOX, datasets, True) == first and rule.fraction(BOX, datasets, False) == later
@@ -46,11 +46,11 @@ def test_at_least_as_many_points_count_as_there_are_unknowns(monkeypatch, least,
 
 def test_at_first_the_noise_is_that_of_the_median_distance_of_all_surfaces():
     of = (data(), data(30, 0.2))
-    distances = np.concatenate([each.standardised(BOX) for each in of])
+    distances = np.concatenate([each.standardised_distances(BOX) for each in of])
     sigma = 1.4826 * np.median(distances)
     for noise, used in ((None, sigma), (0.3, 0.3)):
         for found, each in zip(MixtureWeights().weighted(BOX, of, noise), of):
-            np.testing.assert_array_equal(found.inliers, each.weighted(each.standardised(BOX), used).inliers)
+            np.testing.assert_array_equal(found.inliers, each.weighted(each.standardised_distances(BOX), used).inliers)
     assert FixedWeights().weighted(BOX, of, None) is of
 
 
@@ -61,7 +61,7 @@ def stage(rounds, motion, strength=1e-3):
 
 
 def test_a_stage_ends_after_its_rounds_or_where_the_surface_is_still():
-    start = multiresolution.Start(BOX, (data(),))
+    start = stages.InitialState(BOX, (data(),))
     of, log = stage(4, 0.0)
     found = of.run(start)
     assert len(found.history) == 4 and log == [(k, 9) for k in range(1, 5)]
@@ -85,7 +85,7 @@ class Towards:
         k = self.target.size
         rows = np.eye(k)
         at = (self.wrong * self.target).ravel()
-        return multiresolution.NormalEquations.of_rows(rows, at, self.weight)
+        return stages.NormalEquations.of_rows(rows, at, self.weight)
 
     def cost(self, box):
         return self.weight * float((((box.control_points - box.rest) - self.target) ** 2).sum())
@@ -94,7 +94,7 @@ class Towards:
 @pytest.mark.parametrize(("wrong", "length"), [(1.0, 1.0), (3.5, 0.5)])
 def test_a_step_under_a_penalty_is_halved_where_the_sum_would_grow(wrong, length):
     of, _ = stage(1, 0.0)
-    state = of.run(multiresolution.Start(BOX, (data(),)))
+    state = of.run(stages.InitialState(BOX, (data(),)))
     target = 0.02 * np.random.default_rng(3).normal(size=BOX.control_points.shape)
     penalty = Towards(BOX, target, 1e6, wrong)
     found = of.problem.penalised(state, penalty, 1e-3)

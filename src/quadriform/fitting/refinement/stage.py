@@ -3,7 +3,8 @@
 A round updates the foot points (a correspondence), the inlier probabilities (a weighting rule) and the control points
 (the linear problem at a selected strength). A stage makes rounds until its stopping rule is met. `stages.py` has the
 sequence of stages, from few control points and few data points to all of them. All lengths are in the centred, scaled
-frame: the origin is the centroid of the points, the unit their RMS distance from it.
+frame: the origin is the centroid of the points, the unit their RMS distance from it. The foot point of a data point is
+stored by its origin, the point of the undeformed superquadric that the box moves there.
 """
 
 from dataclasses import dataclass, replace
@@ -40,10 +41,11 @@ class Schedule:
 
     first_points: int = 400
     """Points of each surface in the first stage, in which superquadrics to start from are compared."""
-    coarse_points: tuple[int, ...] = (1000, 700, 1500)
-    """Points of each surface in the coarse stages: the first number, and the next ones only if the result intersects
-    itself, since another subsample may lead to another minimum."""
-    medium_points: int = 3000
+    coarse_points: int = 1000
+    """Points of each surface in the coarse stages."""
+    other_coarse_points: tuple[int, ...] = (700, 1500)
+    """Their numbers if the result intersects itself, in turn: another subsample may lead to another minimum."""
+    fine_points: int = 3000
     """Points of each surface in the fine stage; a last stage uses all, when the surface has nearly converged."""
     coarse_rounds: int = 8
     """Most rounds of each coarse stage; most stages stop earlier."""
@@ -66,7 +68,7 @@ MAD_TO_SIGMA = 1.4826
 
 
 @dataclass(frozen=True)
-class Start:
+class InitialState:
     """The state before the first round of a stage.
 
     Attributes:
@@ -159,18 +161,22 @@ class Nearest:
 
 
 @dataclass(frozen=True)
-class Facing:
-    """Correspondence in both directions between points of similar normals.
+class FacingPairs:
+    """Correspondence of data points and model points whose normals face the same side, in both directions.
 
-    Each data point is paired with a near surface point of similar normal. For a surface that the data covers
-    completely, model points without a data point are paired with their nearest data points as well.
+    Each data point is paired with a near model point of similar normal. For a surface that the data covers completely,
+    model points that no data point chose are attracted to data points too, by the terms of an `Attraction`.
+
+    Attributes:
+        pairs: of each surface, the data points and the model points among which pairs are found.
+        covered: whether the data covers each surface.
     """
 
     pairs: tuple[Correspondence, ...]
     covered: tuple[bool, ...]
 
     @classmethod
-    def of(cls, sample: Subsample) -> "Facing":
+    def of(cls, sample: Subsample) -> "FacingPairs":
         """For the points of a subsample."""
         both = zip(sample.datasets, sample.clouds)
         return cls(tuple(Correspondence.between(data.superquadric, cloud) for data, cloud in both), sample.covered)
@@ -188,7 +194,7 @@ class Facing:
         return tuple(result), tuple(attractions)
 
 
-class Kernel(Protocol):
+class WeightingRule(Protocol):
     """A rule for the inlier probabilities."""
 
     def weighted(self, box: ControlBox, datasets: Datasets, noise: float | None) -> Datasets:
@@ -208,7 +214,7 @@ class MixtureWeights:
 
     def weighted(self, box: ControlBox, datasets: Datasets, noise: float | None) -> Datasets:
         """Data with probabilities at a noise; if it is None, at an estimate from the median distance."""
-        distances = [data.standardised(box) for data in datasets]
+        distances = [data.standardised_distances(box) for data in datasets]
         # of all surfaces together: a median is no estimate for a surface of outliers alone
         sigma = MAD_TO_SIGMA * float(np.median(np.concatenate(distances))) if noise is None else noise
         return tuple(data.weighted(each, sigma) for data, each in zip(datasets, distances))
@@ -236,9 +242,10 @@ ALL_INDEPENDENT = AllIndependent()
 class Correlated:
     """Errors of neighbours may be correlated, as those of a contour, a mask or a scan are.
 
-    The strength has two fixed points: once a fit follows correlated errors its residuals look independent, and the
-    strength stays too small. So the first round counts only as many points as there are unknowns, which gives a smooth
-    surface; later rounds use the residuals of the round before.
+    The rounds, which select the strength for the effective number of points and estimate that number from the residuals
+    at this strength, can converge to two results: once a fit follows correlated errors its residuals look independent,
+    and the strength stays too small. So the first round counts only as many points as there are unknowns, which gives a
+    smooth surface; later rounds use the residuals of the round before.
 
     Attributes:
         least: least effective number of points. With fewer than there are unknowns the evidence would have no maximum
@@ -299,7 +306,7 @@ class Problem:
     least_noise: float = 0.0
 
     @property
-    def kernel(self) -> Kernel:
+    def weighting(self) -> WeightingRule:
         """The rule for the inlier probabilities in the fine stage; coarse stages keep those of their data."""
         return MixtureWeights() if self.robust else FixedWeights()
 
@@ -314,7 +321,7 @@ class Problem:
 
     def weighted(self, state: Refined) -> Refined:
         """The state with inlier probabilities at a noise estimated anew from its distances."""
-        return replace(state, datasets=self.kernel.weighted(state.box, state.datasets, None))
+        return replace(state, datasets=self.weighting.weighted(state.box, state.datasets, None))
 
     def recorded(self, before: ControlBox, state: Refined) -> Refined:
         """The state with a record of its round, which is reported."""
@@ -335,7 +342,8 @@ class Problem:
             return None
         whole, penalties = displaced(box, solution), (penalty, *base_priors(datasets, box))
 
-        # the penalty is linear only near the box: a whole step may make it larger
+        # the penalty is linear only near the box, so a whole step may make it larger. The cost of the linear problem is
+        # that of data and regulariser alone: its extra terms, such as the base priors, are no part of it
         def at(length: float) -> ControlBox:
             step = length * (whole.control_points - box.control_points)
             return whole if length == 1 else box.with_control_points(box.control_points + step)
@@ -356,21 +364,21 @@ class Stage:
     Attributes:
         problem: what the stages have in common.
         foot_points: the correspondence.
-        kernel: the weighting rule, which updates the inlier probabilities.
+        weighting: the rule for the inlier probabilities.
         stop: the stopping rule.
         independence: the rule for how many points are independent.
     """
 
     problem: Problem
     foot_points: FootPointUpdate
-    kernel: Kernel
+    weighting: WeightingRule
     stop: StoppingRule
     independence: Independence = ALL_INDEPENDENT
 
-    def step(self, state: Start | Refined) -> Refined:
+    def step(self, state: InitialState | Refined) -> Refined:
         """The state after one round."""
         datasets, attractions = self.foot_points.update(state.box, state.datasets)
-        datasets = self.kernel.weighted(state.box, datasets, state.noise)
+        datasets = self.weighting.weighted(state.box, datasets, state.noise)
         fraction = self.independence.fraction(state.box, datasets, state.solution is None)
         linear = self.problem.linear_problem(datasets, attractions, state.box, fraction)
         solution = linear.select(self.problem.strength, state.solution)
@@ -381,7 +389,7 @@ class Stage:
         """Whether the surface moved less than the stopping rule's fraction of the noise."""
         return state.history[-1].surface_motion < self.stop.motion * state.noise
 
-    def run(self, start: Start) -> Refined:
+    def run(self, start: InitialState) -> Refined:
         """The state when the stopping rule is met."""
         state = self.step(start)
         for _ in range(self.stop.rounds - 1):
