@@ -142,7 +142,7 @@ def test_steps_are_taken_where_the_penalised_likelihood_does_not_fall(scale):
     candidates, moved, expected = of.candidates, of.candidates.moved(step, of.longest), []
     for each in (candidates, moved):
         found = levenberg_marquardt.distances(each, POINTS)[0] / of.noise
-        density = of.mixture.densities(found, of.odds)[1] @ of.weights
+        density = of.mixture.densities(found, of.log_odds)[1] @ of.weights
         prior = ((each.exponents - 1) ** 2).sum(axis=1) / (2 * EXPONENT_SPREAD**2)
         expected.append(density - prior - of.extent().cost(each) - Pull()(each, of.mixture).cost)
     accepted = of._try(step)
@@ -155,7 +155,7 @@ def test_steps_are_taken_where_the_penalised_likelihood_does_not_fall(scale):
         np.testing.assert_array_equal(of.derivatives[i], there[1][i] / of.noise if accepted[i] else old_derivatives[i])
         from_ = moved if accepted[i] else candidates
         np.testing.assert_array_equal(of.candidates.log_axes[i], from_.log_axes[i])
-        again = of.mixture.densities(there[0] / of.noise, of.odds)[0][i]
+        again = of.mixture.densities(there[0] / of.noise, of.log_odds)[0][i]
         np.testing.assert_array_equal(of.inliers[i], again if accepted[i] else inliers[i])
 
 

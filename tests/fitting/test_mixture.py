@@ -78,13 +78,13 @@ def test_odds_by_density_are_those_of_two_normal_distributions_of_one_variance(r
     far = sum((1 - p) * d for p, d in zip(inliers, distance)) / (55 - inliers.sum())
     variance = sum(p * (d - near) ** 2 + (1 - p) * (d - far) ** 2 for p, d in zip(inliers, distance)) / 55
     expected = [min(0.0, ((d - far) ** 2 * -1 + (d - near) ** 2) / (-2 * variance)) for d in distance]
-    np.testing.assert_allclose(mixtures.density_odds(reach, inliers), expected, rtol=1e-9, atol=1e-12)
-    assert (mixtures.density_odds(reach, inliers)[40:] < -1).all()
-    np.testing.assert_array_equal(mixtures.density_odds(1 / reach, inliers), 0)
+    np.testing.assert_allclose(mixtures.density_log_odds(reach, inliers), expected, rtol=1e-9, atol=1e-12)
+    assert (mixtures.density_log_odds(reach, inliers)[40:] < -1).all()
+    np.testing.assert_array_equal(mixtures.density_log_odds(1 / reach, inliers), 0)
 
 
 @pytest.mark.parametrize(("near", "far", "even"), [(20, 9, True), (20, 10, False), (9, 20, True), (10, 20, False)])
 def test_means_are_taken_of_ten_points_at_least(near, far, even):
     reach = np.append(np.linspace(1, 2, near), np.linspace(5, 9, far))
-    odds = mixtures.density_odds(reach, np.append(np.ones(near), np.zeros(far)))
+    odds = mixtures.density_log_odds(reach, np.append(np.ones(near), np.zeros(far)))
     assert (odds == 0).all() == even

@@ -10,9 +10,10 @@ from shapes_made import SKEW, even_directions, made, turned
 from quadriform.fitting.mixture import Mixture
 from quadriform.fitting.superquadric import multistart
 from quadriform.fitting.superquadric.candidates import Candidates
-from quadriform.fitting.superquadric.initial import FRAMES, ellipsoids, other_kind, principal_axes
-from quadriform.fitting.superquadric.multistart import ENOUGH_PAIRS, SEARCH, Search
+from quadriform.fitting.superquadric.initial import START_ROTATIONS, ellipsoids, other_kind, principal_axes
+from quadriform.fitting.superquadric.multistart import ENOUGH_PAIRS, Search
 from quadriform.fitting.superquadric.problem import SearchProblem
+from quadriform.fitting.superquadric.search_settings import SEARCH
 
 SPHERE = even_directions(300)
 
@@ -200,11 +201,11 @@ def test_starts_of_parts_are_annealed_on_a_sample(monkeypatch):
     cloud = replace(problem(SPHERE * [1, 2, 3]), weights=np.random.default_rng(5).uniform(0.5, 2, 300))
     parts = np.stack([np.ones(300), (np.arange(300) < 100).astype(float)])
     search = Search(cloud, 9.0)
-    frames = search.frames(parts, FRAMES[:2])
-    search.annealed_starts(parts, frames, 160)
+    rotations = search.orientations(parts, START_ROTATIONS[:2])
+    search.annealed_starts(parts, rotations, 160)
     assert log == [(160, 4, 4, 0), (160, 4, 8, 0), (160, 4, 6, 1e-4)]
     (starts, weights, mixture, size), (_, all_weights, wide, _) = given
-    expected = ellipsoids(cloud.points, parts * cloud.weights, frames)
+    expected = ellipsoids(cloud.points, parts * cloud.weights, rotations)
     np.testing.assert_allclose(starts.log_axes, expected.log_axes)
     sizes = [np.sqrt((axes**2).mean()) for axes in np.exp(starts.log_axes)]
     np.testing.assert_allclose(mixture.sigma, 0.5 * np.array(sizes))
@@ -215,14 +216,16 @@ def test_starts_of_parts_are_annealed_on_a_sample(monkeypatch):
     np.testing.assert_array_equal(all_weights, cloud.weights[index])
 
 
-def test_frames_are_the_principal_axes_of_each_part_or_the_fixed_rotation():
+def test_orientations_are_the_principal_axes_of_each_part_or_the_fixed_rotation():
     cloud = replace(problem(SPHERE * [1, 2, 3] @ SKEW.T), weights=np.random.default_rng(5).uniform(0.5, 2, 300))
     parts = np.stack([np.ones(300), np.arange(300.0)])
-    found = Search(cloud, 9.0).frames(parts, FRAMES)
+    found = Search(cloud, 9.0).orientations(parts, START_ROTATIONS)
     axes = principal_axes(cloud.points, parts * cloud.weights)
-    np.testing.assert_allclose(found, [[part @ frame for frame in FRAMES] for part in axes], atol=1e-12)
+    np.testing.assert_allclose(found, [[part @ frame for frame in START_ROTATIONS] for part in axes], atol=1e-12)
     fixed = problem(fixed={"rotation": turned(1)})
-    np.testing.assert_array_equal(Search(fixed, 9.0).frames(parts, FRAMES), np.tile(turned(1), (2, 1, 1, 1)))
+    np.testing.assert_array_equal(
+        Search(fixed, 9.0).orientations(parts, START_ROTATIONS), np.tile(turned(1), (2, 1, 1, 1))
+    )
 
 
 def test_other_kinds_start_from_the_first_part():
@@ -230,7 +233,7 @@ def test_other_kinds_start_from_the_first_part():
     points = torus.grid(6)[0]
     cloud = problem(points, "toroid")
     part = (np.arange(len(points)) % 2).astype(float)
-    found, owner = Search(cloud, 9.0)._starts(np.stack([part, np.ones(len(points))]), FRAMES[None])
+    found, owner = Search(cloud, 9.0)._starts(np.stack([part, np.ones(len(points))]), START_ROTATIONS[None])
     expected = other_kind(points[part > 0], "toroid")
     np.testing.assert_array_equal(found.log_axes, expected.log_axes)
     np.testing.assert_array_equal(owner, np.zeros(len(expected)))
@@ -245,8 +248,8 @@ def test_odds_by_density_and_what_is_of_another_body(monkeypatch):
     monkeypatch.setattr(Search, "restarted", lambda self, best: best + 1)
     found, best = multistart._restarted(cloud, 0, 9.0)
     assert best == 3 and len(rounds) == 1
-    np.testing.assert_array_equal(found.odds, np.append(np.zeros(300), [-100.0] * 3))
-    np.testing.assert_array_equal(cloud.odds, 0)
+    np.testing.assert_array_equal(found.log_odds, np.append(np.zeros(300), [-100.0] * 3))
+    np.testing.assert_array_equal(cloud.log_odds, 0)
 
 
 @pytest.mark.parametrize("covered", [True, False])

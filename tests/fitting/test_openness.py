@@ -92,7 +92,7 @@ def test_a_sample_of_a_descent_has_its_numbers():
     of = descent(penalty=Push())
     index = np.array([5, 3, 8])
     found = openness._at(of, of.candidates, index)
-    for name in ("points", "weights", "odds", "noise"):
+    for name in ("points", "weights", "log_odds", "noise"):
         np.testing.assert_array_equal(getattr(found, name), getattr(of, name)[index])
     np.testing.assert_allclose(found.penalty.factor, of.weights[index].sum() / of.weights.sum())
     assert (found.longest, found.size, found.least_sigma) == (of.longest, of.size, of.least_sigma)

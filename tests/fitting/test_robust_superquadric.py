@@ -12,8 +12,9 @@ from quadriform.errors import OptionError
 from quadriform.fitting.mixture import Mixture
 from quadriform.fitting.superquadric.candidates import Candidates
 from quadriform.fitting.superquadric.initial import bound_of_axes
-from quadriform.fitting.superquadric.multistart import SEARCH, Search, acceptable, em
+from quadriform.fitting.superquadric.multistart import Search, acceptable, em
 from quadriform.fitting.superquadric.problem import SearchProblem
+from quadriform.fitting.superquadric.search_settings import SEARCH
 from quadriform.points import Frame
 from quadriform.shapes.superquadric import Superquadric
 

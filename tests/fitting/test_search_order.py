@@ -42,9 +42,11 @@ def searched(monkeypatch, narrow, wide=None, exact=None, kind="ellipsoid"):
 
     parts = np.stack([np.arange(60) < 50, np.arange(60) < 9]).astype(float)
     monkeypatch.setattr(multistart, "dense_parts", lambda points: parts)
-    monkeypatch.setattr(Search, "frames", lambda self, parts, rotations: (len(parts), len(rotations), self.longest))
     monkeypatch.setattr(
-        Search, "annealed_starts", lambda self, parts, frames, most: log.append((len(parts), most, frames))
+        Search, "orientations", lambda self, parts, rotations: (len(parts), len(rotations), self.longest)
+    )
+    monkeypatch.setattr(
+        Search, "annealed_starts", lambda self, parts, rotations, most: log.append((len(parts), most, rotations))
     )
     monkeypatch.setattr(Search, "compared", lambda self, starts, kept, earlier: log.append((kept, earlier)) or narrow)
     monkeypatch.setattr(Search, "wider", lambda self, parts, earlier: log.append(("wider", len(parts))) or wide)
@@ -52,7 +54,7 @@ def searched(monkeypatch, narrow, wide=None, exact=None, kind="ellipsoid"):
     monkeypatch.setattr(multistart, "acceptable", lambda best: best.accepted)
     bounded = SimpleNamespace(bounded=lambda *of: "bounded")
     monkeypatch.setattr(SearchProblem, "bounded", lambda self, *of: log.append("even odds") or "bounded")
-    monkeypatch.setattr(multistart, "_with_density_odds", lambda p, best, longest: log.append(best[0]) or bounded)
+    monkeypatch.setattr(multistart, "_with_density_log_odds", lambda p, best, longest: log.append(best[0]) or bounded)
     monkeypatch.setattr(multistart, "_restarted", lambda p, best, longest: log.append(p) or (p, best))
     monkeypatch.setattr(multistart, "_alternatives", lambda best, ranking: np.array([0, 1]))
     monkeypatch.setattr(multistart, "_converged", lambda p, start, others, longest: (p, start, others))

@@ -16,7 +16,7 @@ from quadriform.fitting.superquadric.around import Around
 from quadriform.fitting.superquadric.candidates import Candidates
 from quadriform.fitting.superquadric.empty_space import EmptySpace, Surroundings
 from quadriform.fitting.superquadric.fit import in_frame, in_world
-from quadriform.fitting.superquadric.initial import FRAMES
+from quadriform.fitting.superquadric.initial import START_ROTATIONS
 from quadriform.fitting.superquadric.problem import SearchProblem
 from quadriform.points import Frame
 from quadriform.shapes.superquadric import Superquadric
@@ -37,7 +37,7 @@ def test_a_sample_takes_every_so_many_of_the_points_by_their_distance(most):
     at = [round(49 * k / (count - 1)) if count > 1 else 0 for k in range(count)]
     np.testing.assert_array_equal(of.thinned(most), order[at])
     found = of.sample(most)
-    for name in ("points", "weights", "odds", "noise"):
+    for name in ("points", "weights", "log_odds", "noise"):
         np.testing.assert_array_equal(getattr(found, name), getattr(of, name)[order[at]])
     np.testing.assert_allclose(found.empty.weights, np.array([10, 20]) * count / 50)
     assert problem().sample(most).empty is None
@@ -107,7 +107,7 @@ def test_steps_are_in_the_own_frame_and_within_bounds(kind, rng):
 def test_boxes_lie_between_the_tenth_and_the_ninetieth_hundredth_of_the_inliers():
     inliers, rotation = np.where(np.arange(50) % 4 == 0, 0.4, 0.6), turned(3)
     found = restarts.restarts(POINTS, inliers, rotation)
-    for k, frame in enumerate(FRAMES):
+    for k, frame in enumerate(START_ROTATIONS):
         local = POINTS[inliers > 0.5] @ rotation @ frame
         low, high = np.quantile(local, 0.1, axis=0), np.quantile(local, 0.9, axis=0)
         np.testing.assert_allclose(np.exp(found.log_axes[k]), (high - low) / 2)

@@ -49,17 +49,19 @@ class Mixture:
         inlier_ratio = np.clip(1 / (1 + np.exp(-coordinates[:1])), LEAST_RATIO, LARGEST_RATIO)
         return cls(inlier_ratio, np.maximum(np.exp(coordinates[1:]), LEAST_SIGMA))
 
-    def densities(self, distances: Array, odds: Array | float = 0.0) -> tuple[Array, Array]:
+    def densities(self, distances: Array, log_odds: Array | float = 0.0) -> tuple[Array, Array]:
         """Probability to be an inlier and log density of distances (M, m), both (M, m).
 
         Args:
             distances: (M, m).
-            odds: (m,) log odds to be an inlier that something else than the distance gives.
+            log_odds: (m,), to be an inlier, that something else than the distance gives.
         """
         sigma = self.sigma[:, None]
         # log of ratio x normal density of the distance, and of (1 - ratio) x uniform density over the depth
         inlier = (
-            np.log(self.inlier_ratio / (np.sqrt(2 * np.pi) * self.sigma))[:, None] - (distances / sigma) ** 2 / 2 + odds
+            np.log(self.inlier_ratio / (np.sqrt(2 * np.pi) * self.sigma))[:, None]
+            - (distances / sigma) ** 2 / 2
+            + log_odds
         )
         outlier = np.log((1 - self.inlier_ratio) / DEPTH)[:, None]
         difference = inlier - outlier
@@ -97,13 +99,13 @@ def annealed(mixture: Mixture, sizes: Array) -> Mixture:
     return Mixture(np.full(len(sizes), 0.6), np.maximum(mixture.sigma * ANNEALING, LEAST_ANNEALED * sizes))
 
 
-def density_odds(reach: Array, inliers: Array) -> Array:
+def density_log_odds(reach: Array, inliers: Array) -> Array:
     """Log odds (n,) of each point to be an inlier by how near its neighbours are: outliers are isolated.
 
     Without them a surface gains by bending, where nothing was measured, to outliers that happen to lie there. They
-    lower odds only: an outlier beside the surface has neighbours too. The log distance is taken as normal around
+    lower the odds only: an outlier beside the surface has neighbours too. The log distance is taken as normal around
     one mean for inliers and another for outliers, with one variance; where inliers are not the denser ones, or
-    either kind has too few points, the odds are even.
+    either kind has too few points, the odds are even: log odds of zero.
 
     Args:
         reach: (n,) distance of each point to its last near neighbour.

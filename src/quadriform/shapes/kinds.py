@@ -8,6 +8,8 @@ function and each derivative is the chain rule over `superellipse.norm`:
     hyperboloid1   F = N_e2(x, y) / N_e1(1, z)                around the z axis
     hyperboloid2   F = N_e2(N_e1(1, z), y) / |x|              two sheets along the x axis
 
+The kind "ellipsoid" is the superellipsoid; in the names of functions an ellipsoid is a true one, with e1 = e2 = 1.
+
 F = 1 on the surface, < 1 inside (on the side of the axis for one sheet, outside of both sheets for two), > 1 outside.
 The compiled loops and the viewer take their formulas from the same table (`Kind.codes`, `Kind.record`).
 """

@@ -57,6 +57,6 @@ class EnrichedBox:
         rows = box.elevate(self.degrees).matrix(origins)[:, :, None] * normals[:, None, :]
         rows = rows.reshape(len(origins), -1)
         noise = self._solution.noise
-        spread = self._solution.variance(rows) / noise**2
+        relative_variance = self._solution.variance(rows) / noise**2
         # bias^2 + variance: of the smaller box by its difference from the enriched one, and of the enriched one
-        return np.sqrt((rows @ self.shift) ** 2 + self.noise**2 * spread)
+        return np.sqrt((rows @ self.shift) ** 2 + self.noise**2 * relative_variance)

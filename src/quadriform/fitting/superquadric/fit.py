@@ -26,10 +26,11 @@ from quadriform.fitting.superquadric.diagnostics import (
 )
 from quadriform.fitting.superquadric.identifiability import determined
 from quadriform.fitting.superquadric.initial import cut_to, ellipsoid_by_moments
-from quadriform.fitting.superquadric.multistart import SEARCH, SearchResult, nearby, solve
+from quadriform.fitting.superquadric.multistart import SearchResult, nearby, solve
 from quadriform.fitting.superquadric.openness import remaining_covariance
 from quadriform.fitting.superquadric.paper import fit_paper
 from quadriform.fitting.superquadric.problem import SearchProblem
+from quadriform.fitting.superquadric.search_settings import SEARCH
 from quadriform.fitting.support import covered_fraction
 from quadriform.fitting.threads import one_blas_thread
 from quadriform.point_sets import ALONE, point_set, precision_loss
@@ -58,7 +59,8 @@ def fit_superquadric(
     Args:
         points: (n, 3), in any unit and frame; at least 11 distinct ones (12 for the toroid), not on one plane. Or a
             triangle mesh, as in `fit`.
-        kind: "ellipsoid", "toroid", "hyperboloid1" or "hyperboloid2".
+        kind: "ellipsoid" (superellipsoids, also with other exponents than one), "toroid", "hyperboloid1" or
+            "hyperboloid2".
         method: "robust": allows for outliers, missing parts and other bodies, without parameters to set;
             "paper": start from moments (A.3), criterion P3 by conjugate gradient (2.3).
         weights: (n,), >= 0; a point of weight k counts as k points, one of weight 0 does not count.
@@ -122,10 +124,17 @@ def fit_robust(
     check_spread(world[weights > 0], needed=KINDS[kind].n_parameters)
     centred = Centred.of({ALONE: world}, {ALONE: weights})
     frame, distinct = centred.frame, centred.distinct[ALONE]
-    even, local = np.zeros(len(distinct.points)), centred.points[ALONE]
+    local = centred.points[ALONE]
     known = KnownNoise.of({} if noise is None else {ALONE: noise}, centred)
-    deviations = known.deviations(ALONE, centred)
-    problem = SearchProblem(local, centred.weights[ALONE], kind, _in_frame(fixed, frame), even, deviations, known.least)
+    problem = SearchProblem(
+        local,
+        centred.weights[ALONE],
+        kind,
+        fixed=_in_frame(fixed, frame),
+        log_odds=np.zeros(len(local)),
+        noise=known.deviations(ALONE, centred),
+        least_sigma=known.least,
+    )
     if around is not None:
         problem = replace(problem, surroundings=around.surroundings(local, distinct, frame))
     with np.errstate(all="ignore"):
@@ -136,9 +145,9 @@ def fit_robust(
 
 
 def plain_ellipsoid(points: Array, robust: Superquadric) -> Superquadric:
-    """The ellipsoid with exponents of one that is reached from the moments of all points or from their robust fit."""
-    fixed, even = {"exponents": np.ones(2)}, np.zeros(len(points))
-    problem = SearchProblem(points, np.ones(len(points)), "ellipsoid", fixed, even, np.ones(len(points)))
+    """The true ellipsoid, with exponents of one, that is reached from the moments of all points or their robust fit."""
+    ones, fixed = np.ones(len(points)), {"exponents": np.ones(2)}
+    problem = SearchProblem(points, ones, "ellipsoid", fixed, log_odds=np.zeros(len(points)), noise=ones)
     with np.errstate(all="ignore"):
         return nearby(problem, [ellipsoid_by_moments(points), robust])
 
@@ -157,8 +166,15 @@ def _in_frame(fixed: dict[str, ArrayLike], frame: Frame) -> dict[str, Array]:
     return {name: getattr(local, name) for name in fixed}
 
 
-def _outcome(solution: SearchResult, points: Array, inliers: Array, least_noise: float) -> SuperquadricFit:
-    """The fit in the centred and scaled frame; points and inliers are all those that the caller gave."""
+def _outcome(solution: SearchResult, points: Array, inliers: Array, least_sigma: float) -> SuperquadricFit:
+    """The fit in the centred and scaled frame.
+
+    Args:
+        solution: of the search.
+        points: (n, 3), all that the caller gave, in that frame.
+        inliers: (n,), their probabilities.
+        least_sigma: the known standard deviation of the points along the normal, the lower bound of sigma.
+    """
     descent = solution.descent
     sigma = float(descent.mixture.sigma[0])
     found = cut_to(descent.candidates.superquadric(0), points[inliers >= INLIER])
@@ -170,12 +186,14 @@ def _outcome(solution: SearchResult, points: Array, inliers: Array, least_noise:
         | near_symmetric(state.symmetric)
         | outliers(inliers)
         | partial_coverage(covered_fraction(found, points[inliers >= INLIER]), inliers)
-        | poor_fit(np.array([sigma]), POOR_SUPERQUADRIC, least_noise**2)
+        # sigma is the RMS distance of the inliers, so it is judged like one distance
+        | poor_fit(np.array([sigma]), limit=POOR_SUPERQUADRIC, known=least_sigma**2)
         | at_bound(found, descent.longest)
         | multiple_minima(solution.alternatives)
         | not_converged(solution.converged, steps)
     )
-    # without noise the distances are rounding, and their likelihood has no curvature of its own
+    # by the curvature of the likelihood; but without noise the distances are rounding and it has none of its own, so
+    # that the covariance is that of linear least squares
     covariance = state.covariance if sigma < SEARCH.exact else remaining_covariance(descent)
     history = tuple(descent.history)
     return SuperquadricFit(found, warnings, state.rank, state.condition, covariance, inliers, sigma, history, steps)

@@ -53,8 +53,9 @@ SADDLE = np.radians([20.0, 35.0, 50.0])
 extreme."""
 ORDERS = np.array([np.roll(np.eye(3), shift, axis=1) for shift in range(3)])
 EIGHTH = pose.rotation_from_euler(np.array([0, 0, np.pi / 4]))
-FRAMES = np.concatenate([ORDERS, ORDERS @ EIGHTH])
-"""Each axis as z, and the same rotated by 45 degrees: the dual, where e2 and 2 - e2 look alike."""
+START_ROTATIONS = np.concatenate([ORDERS, ORDERS @ EIGHTH])
+"""Of the axes of a start: each of the three as z, and the same by another 45 degrees about z. That is the dual: nearly
+the same shape has e2 in one and 2 - e2 in the other."""
 CUTS = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
 
 

@@ -119,7 +119,7 @@ class Descent:
         mixture: where it starts.
         longest: no semi-axis grows above it.
         fixed: (n_parameters,) true for parameters that stay.
-        odds: (m,) log odds of the points to be inliers, besides their distances.
+        log_odds: (m,), of the points to be inliers, besides their distances; 0 is even.
         noise: (m,) standard deviations of the points relative to sigma, by which distances are divided.
         least_sigma: lower bound of sigma.
         size: weight of the penalty on the size.
@@ -134,18 +134,18 @@ class Descent:
         mixture: Mixture,
         longest: float,
         fixed: Mask,
-        odds: Array,
+        log_odds: Array,
         noise: Array,
         least_sigma: float = 0.0,
         size: float = 1.0,
         penalty: Penalty | None = None,
     ) -> None:
         self.candidates, self.points, self.weights, self.mixture = candidates, points, weights, mixture
-        self.longest, self.fixed, self.odds = longest, fixed, odds
+        self.longest, self.fixed, self.log_odds = longest, fixed, log_odds
         self.noise, self.least_sigma, self.size, self.penalty = noise, least_sigma, size, penalty
         self.damping = np.full(len(candidates), DESCENT.damping)
         self.distances, self.derivatives = self._standardised(candidates)
-        self.inliers, self.log_density = mixture.densities(self.distances, self.odds)
+        self.inliers, self.log_density = mixture.densities(self.distances, self.log_odds)
         self.history: list[float] = []  # the least sigma after each step
 
     def _standardised(self, candidates: Candidates) -> tuple[Array, Array]:
@@ -221,7 +221,7 @@ class Descent:
     def _set_mixture(self, mixture: Mixture) -> None:
         self.history.append(float(mixture.sigma.min()))
         self.mixture = mixture
-        self.inliers, self.log_density = mixture.densities(self.distances, self.odds)
+        self.inliers, self.log_density = mixture.densities(self.distances, self.log_odds)
 
     def _step(self) -> Array:
         """The damped Gauss-Newton step (M, n_parameters) of the weighted squares and the prior."""
@@ -272,7 +272,7 @@ class Descent:
         moved = self.candidates.moved(step, self.longest)
         found, derivatives = self._standardised(moved)
         # at the same mixture: steps of candidates and of the mixture alternate
-        inliers, log_density = self.mixture.densities(found, self.odds)
+        inliers, log_density = self.mixture.densities(found, self.log_odds)
         extent = self.extent()
         before, after = (
             (self.weights * density).sum(axis=1) + _log_prior(each) - self._penalties(each, extent)

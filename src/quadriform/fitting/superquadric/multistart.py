@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from quadriform.fitting.cloud import best_first, nearest
 from quadriform.fitting.connected import unconnected
 from quadriform.fitting.diagnostics import INLIER
-from quadriform.fitting.mixture import LARGEST_RATIO, Mixture, all_inliers, annealed, density_odds, estimated
+from quadriform.fitting.mixture import LARGEST_RATIO, Mixture, all_inliers, annealed, density_log_odds, estimated
 from quadriform.fitting.superquadric.candidates import Candidates
 from quadriform.fitting.superquadric.diagnostics import COVERED
 from quadriform.fitting.superquadric.initial import (
-    FRAMES,
+    START_ROTATIONS,
     bound_of_axes,
     dense_parts,
     ellipsoids,
@@ -30,84 +30,14 @@ from quadriform.fitting.superquadric.initial import (
 from quadriform.fitting.superquadric.levenberg_marquardt import Descent
 from quadriform.fitting.superquadric.problem import SearchProblem
 from quadriform.fitting.superquadric.restarts import RESTART, restarts
+from quadriform.fitting.superquadric.search_settings import SEARCH
 from quadriform.fitting.support import covered_fraction
 from quadriform.points import Array
 from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.superquadric import Superquadric
 
-
-@dataclass(frozen=True)
-class SearchSettings:
-    """The constants of the search; lengths in RMS radii."""
-
-    cloud: int = 1500
-    """Points from which the density is estimated: enough for 9 neighbours to be near."""
-    fine: int = 500
-    """Points on which the best candidates are compared."""
-    coarse: int = 160
-    """Points on which all candidates of the narrow search are tried: a dozen for each parameter."""
-    coarse_wide: int = 320
-    """Points on which those of the wide search are tried, whose parts have only some of them."""
-    own_steps: int = 4
-    """Steps on the part of the cloud from which a start was made: it moves to that part, and no further."""
-    annealing_steps: int = 8
-    """Steps while sigma is lowered to a tenth of its first value."""
-    em_steps: int = 6
-    """Steps with an estimated sigma, until candidates can be compared."""
-    compare_steps: int = 8
-    """Steps of the comparison on more points."""
-    maybe_exact_steps: int = 16
-    """Steps with all points as inliers, which must converge to `exact`."""
-    growth: int = 16
-    """Factor between the sizes of successive samples, until all points are in one."""
-    kept: int = 4
-    """Distinct candidates that are kept on the larger sample after the narrow search."""
-    kept_wide: int = 8
-    """Those that are kept after the wide search, which finds more."""
-    tolerance: float = 1e-10
-    """The last descent ends when no parameter moves more than this."""
-    near: float = 1e-2
-    """Descents with damped steps end below this; undamped, accelerated steps follow."""
-    comparable: float = 1e-4
-    """Candidates that move less than this can be compared."""
-    all_steps: float = 0.0
-    """The tolerance of descents of which every step is made."""
-    sample_steps: int = 15
-    """Most steps on a sample of the points: the next one begins near its minimum."""
-    sampled: float = 1e-6
-    """The tolerance of these."""
-    exact_rounds: int = 3
-    """Rounds of the search for a surface through all points: in the axes of the cloud, and twice in those found."""
-    elsewhere: float = 1e-6
-    """Weight of the points of other parts, so that every problem has full rank."""
-    majority: float = 0.5
-    """Least inlier ratio of an accepted candidate."""
-    nearly: float = 1e-6
-    """The tolerance at a crease, where derivatives are discontinuous and no descent converges."""
-    most_steps: int = 40
-    """Most steps of one descent, more than convergence takes where there is a minimum."""
-    pattern: float = 0.5
-    """Largest fraction of the distances' variance that neighbours may have in common in an accepted candidate."""
-    acceptance_bonus: float = 0.1
-    """Log likelihood per point that is added to that of accepted candidates in a comparison with others."""
-    exact: float = 1e-6
-    """Noise below this is rounding, of data in single precision too."""
-    maybe_exact: float = 0.02
-    """Sigma of the best surface above which points are not exact: near exact ones even a wrong surface has less."""
-    alternative: float = 0.01
-    """Surfaces whose cost, sigma squared, is within this fraction of the best are alternative minima."""
-    first_sigma: float = 0.5
-    """Largest sigma at the start of annealing, as a fraction of the RMS semi-axis of a start from a part of the cloud;
-    in RMS radii of the cloud for starts from all of it."""
-    never: float = -100.0
-    """Log odds of a point that is of another body."""
-    same: float = 0.5
-    """Surfaces nearer to each other than this many sigma at the points are one."""
-
-
-SEARCH = SearchSettings()
-UPRIGHT = FRAMES[::3]
-"""The first of the frames and its dual."""
+UPRIGHT = START_ROTATIONS[::3]
+"""The first of them, which leaves the axes of a part as they are, and its dual."""
 ENOUGH_PAIRS = (4 / (1 - SEARCH.pattern)) ** 2
 """Least number of pairs for a conclusion: independent distances of so many look correlated once in 30,000 (4 sigma)."""
 
@@ -137,32 +67,36 @@ def em(descent: Descent) -> Mixture:
 def solve(problem: SearchProblem) -> SearchResult:
     """The superquadric of points, of which some may be outliers or of other bodies, where parts of it may have none.
 
-    In this order: the narrow search from two dense parts; the wide search where its best is not accepted; where there
-    are outliers, a search for a surface through all points exactly, and else the odds of each point by its density,
-    for outliers are sparse; restarts from boxes around the inliers; and the descent of the best and its alternatives.
+    1. The narrow search, with starts from two dense parts of the cloud.
+    2. Where its best candidate is not accepted: the wide search, also with starts from parts on one side of a plane,
+       for the dense parts may contain more than one body.
+    3. Where the best has outliers and is not known to be noisy: a search for a surface through all points, which ends
+       the search if it finds one, for exact points that are sampled unevenly may look like outliers.
+    4. Where it has outliers: the log odds of each point by its density, for outliers are sparse.
+    5. Restarts from boxes around the inliers, for a surface may be too long where points are on one side only.
+    6. The descent of the best and its alternatives on all points.
     """
     cloud = problem.sample(SEARCH.cloud)
     parts = dense_parts(cloud.points)
     core = parts[0] > 0
     longest = bound_of_axes(cloud.points[core])
     search = Search(cloud, longest)
-    best = search.compared(
-        search.annealed_starts(parts, search.frames(parts, FRAMES), SEARCH.coarse), SEARCH.kept, None
-    )
-    accepted = acceptable(best)
-    if KINDS[problem.kind].is_radial and not accepted[best_first(best.scores())[0]]:
-        best = search.wider(np.concatenate([parts, sides(cloud.points, core)]), best)
-        accepted = acceptable(best)
+    starts = search.annealed_starts(parts, search.orientations(parts, START_ROTATIONS), SEARCH.coarse)
+    found = search.compared(starts, SEARCH.kept, None)
+    accepted = acceptable(found)
+    if KINDS[problem.kind].is_radial and not accepted[best_first(found.scores())[0]]:
+        found = search.wider(np.concatenate([parts, sides(cloud.points, core)]), found)
+        accepted = acceptable(found)
     # accepted candidates first: the likelihood takes correlated distances for independent ones
-    first = best_first(_ranking(best, accepted))[:1]
-    if best.mixture.inlier_ratio[first[0]] < LARGEST_RATIO:
-        noisy = accepted[first[0]] and best.mixture.sigma[first[0]] > SEARCH.maybe_exact
+    best = best_first(_ranking(found, accepted))[:1]
+    if found.mixture.inlier_ratio[best[0]] < LARGEST_RATIO:
+        noisy = accepted[best[0]] and found.mixture.sigma[best[0]] > SEARCH.maybe_exact
         if not noisy and (exact := search.through_all_points()):
             return _converged(problem, exact, 0, longest)
-        problem = _with_density_odds(problem, best.picked(first), longest)
-    problem, best = _restarted(problem.bounded(*best.picked(first), longest), best, longest)
-    alternatives = _alternatives(best, _ranking(best, acceptable(best)))
-    return _converged(problem, best.picked(alternatives), len(alternatives) - 1, longest)
+        problem = _with_density_log_odds(problem, found.picked(best), longest)
+    problem, found = _restarted(problem.bounded(*found.picked(best), longest), found, longest)
+    alternatives = _alternatives(found, _ranking(found, acceptable(found)))
+    return _converged(problem, found.picked(alternatives), len(alternatives) - 1, longest)
 
 
 def nearby(problem: SearchProblem, starts: list[Superquadric]) -> Superquadric:
@@ -170,42 +104,44 @@ def nearby(problem: SearchProblem, starts: list[Superquadric]) -> Superquadric:
     cloud = problem.sample(SEARCH.fine)
     candidates = cloud.with_fixed(Candidates.of(starts))
     longest = bound_of_axes(cloud.points)
-    spread = Mixture(np.full(len(starts), LARGEST_RATIO), np.full(len(starts), SEARCH.first_sigma))
-    descent = cloud.descent(candidates, spread, longest)
+    initial = Mixture(np.full(len(starts), LARGEST_RATIO), np.full(len(starts), SEARCH.first_sigma))
+    descent = cloud.descent(candidates, initial, longest)
     # as many steps as annealing has, but with all points as inliers, for the starts are near already
     descent.run(SEARCH.annealing_steps, SEARCH.all_steps, lambda d: all_inliers(d.distances, d.weights))
     descent.run(SEARCH.most_steps, SEARCH.near, em)
     return descent.candidates.superquadric(int(best_first(descent.scores())[0]))
 
 
-def _with_density_odds(problem: SearchProblem, best: tuple[Candidates, Mixture], longest: float) -> SearchProblem:
-    """The problem with the odds of the points by their density, for a best candidate with outliers."""
+def _with_density_log_odds(problem: SearchProblem, best: tuple[Candidates, Mixture], longest: float) -> SearchProblem:
+    """The problem with the log odds of the points by their density, for a best candidate with outliers."""
     inliers = problem.descent(*best, longest).inliers[0]
-    return replace(problem, odds=density_odds(reach(problem.points, problem.sample(SEARCH.cloud).points), inliers))
+    distances = reach(problem.points, problem.sample(SEARCH.cloud).points)
+    return replace(problem, log_odds=density_log_odds(distances, inliers))
 
 
-def _restarted(problem: SearchProblem, best: Descent, longest: float) -> tuple[SearchProblem, Descent]:
-    """The best candidates after restarts, and the problem without inliers that are not connected to the others.
+def _restarted(problem: SearchProblem, found: Descent, longest: float) -> tuple[SearchProblem, Descent]:
+    """The best candidates after restarts, and the problem in which inliers not connected to the others do not count.
 
-    Where a surface goes on without data it may meet points of a neighbour, which then are what it is long for.
+    A surface that goes on where the body has no data may be so long that it reaches a neighbouring body. The points
+    there are then inliers, and keep the surface long, until they are left out.
     """
-    best = Search(problem.sample(SEARCH.cloud), longest).restarted(best)
+    found = Search(problem.sample(SEARCH.cloud), longest).restarted(found)
     for _ in range(RESTART.rounds):
-        others = _unconnected_inliers(problem, best, longest)
+        others = _unconnected_inliers(problem, found, longest)
         if not len(others):
             break
-        odds = problem.odds.copy()
-        odds[others] = SEARCH.never
-        problem = replace(problem, odds=odds)
-        best = Search(problem.sample(SEARCH.cloud), longest).restarted(best)
-    return problem, best
+        log_odds = problem.log_odds.copy()
+        log_odds[others] = SEARCH.never
+        problem = replace(problem, log_odds=log_odds)
+        found = Search(problem.sample(SEARCH.cloud), longest).restarted(found)
+    return problem, found
 
 
-def _unconnected_inliers(problem: SearchProblem, best: Descent, longest: float) -> NDArray[np.int64]:
+def _unconnected_inliers(problem: SearchProblem, found: Descent, longest: float) -> NDArray[np.int64]:
     """Indices of inliers of the best candidate that are not connected to the others; none of a covered surface."""
-    first = best.picked(best_first(_ranking(best, acceptable(best)))[:1])
-    inliers = np.flatnonzero(problem.descent(*first, longest).inliers[0] >= INLIER)
-    surface, points = first[0].superquadric(0), problem.points[inliers]
+    candidate, mixture = _best_ranked(found)
+    inliers = np.flatnonzero(problem.descent(candidate, mixture, longest).inliers[0] >= INLIER)
+    surface, points = candidate.superquadric(0), problem.points[inliers]
     if covered_fraction(surface, points) >= COVERED:
         return inliers[:0]
     return inliers[unconnected(points)]
@@ -219,12 +155,13 @@ class Search:
     longest: float
 
     def wider(self, parts: Array, earlier: Descent) -> Descent:
-        """The comparison after a search from many parts, and one from the inliers of its best in their own frames."""
-        first = self.annealed_starts(parts, self.frames(parts, UPRIGHT), SEARCH.coarse_wide)
-        chosen, mixture = first.picked(distinct(first, first.scores(), SEARCH.kept_wide))
+        """The comparison after a search from many parts, and one from the inliers of its best along their own axes."""
+        of_parts = self.annealed_starts(parts, self.orientations(parts, UPRIGHT), SEARCH.coarse_wide)
+        chosen, mixture = of_parts.picked(distinct(of_parts, of_parts.scores(), SEARCH.kept_wide))
         inliers = self.cloud.descent(chosen, mixture, self.longest).inliers
-        second = self.annealed_starts(inliers, chosen.rotations[:, None] @ FRAMES, SEARCH.coarse_wide)
-        return self.compared(second, SEARCH.kept_wide, earlier)
+        rotations = chosen.rotations[:, None] @ START_ROTATIONS
+        of_inliers = self.annealed_starts(inliers, rotations, SEARCH.coarse_wide)
+        return self.compared(of_inliers, SEARCH.kept_wide, earlier)
 
     def through_all_points(self) -> tuple[Candidates, Mixture] | None:
         """A superellipsoid that passes through every point of a sample exactly, if one is found.
@@ -235,11 +172,13 @@ class Search:
         if not KINDS[self.cloud.kind].is_radial:
             return None
         subset = self.cloud.sample(SEARCH.coarse)
-        frames = self.frames(np.ones((1, len(self.cloud.points))), FRAMES)
+        rotations = self.orientations(np.ones((1, len(self.cloud.points))), START_ROTATIONS)
         for _ in range(SEARCH.exact_rounds):
-            starts = subset.with_fixed(ellipsoids(subset.points, np.tile(subset.weights, (len(frames), 1)), frames))
-            spread = Mixture(np.full(len(starts), LARGEST_RATIO), np.full(len(starts), SEARCH.first_sigma))
-            descent = subset.descent(starts, spread, self.longest)
+            starts = subset.with_fixed(
+                ellipsoids(subset.points, np.tile(subset.weights, (len(rotations), 1)), rotations)
+            )
+            initial = Mixture(np.full(len(starts), LARGEST_RATIO), np.full(len(starts), SEARCH.first_sigma))
+            descent = subset.descent(starts, initial, self.longest)
             descent.run(SEARCH.maybe_exact_steps, SEARCH.all_steps, lambda d: all_inliers(d.distances, d.weights))
             # all points are inliers here, so the candidate of the least sigma has the largest likelihood
             best = distinct(descent, -descent.mixture.sigma, SEARCH.kept_wide)
@@ -247,22 +186,22 @@ class Search:
                 return descent.picked(best[:1])
             if descent.mixture.sigma[best[0]] > SEARCH.maybe_exact:
                 break
-            frames = descent.candidates.rotations[best, None] @ FRAMES
+            rotations = descent.candidates.rotations[best, None] @ START_ROTATIONS
         return None
 
-    def restarted(self, best: Descent) -> Descent:
+    def restarted(self, found: Descent) -> Descent:
         """The best candidates on the whole cloud, with those that start from boxes around the inliers of the best."""
-        best = self._on_all(*best.picked(distinct(best, _ranking(best, acceptable(best)), SEARCH.kept)))
+        found = self._on_all(*found.picked(distinct(found, _ranking(found, acceptable(found)), SEARCH.kept)))
         for _ in range(RESTART.rounds if KINDS[self.cloud.kind].is_radial else 0):
-            first = best.picked(best_first(_ranking(best, acceptable(best)))[:1])
-            inliers = self.cloud.descent(*first, self.longest).inliers[0]
-            if covered_fraction(first[0].superquadric(0), self.cloud.points[inliers >= INLIER]) >= COVERED:
+            best, mixture = _best_ranked(found)
+            inliers = self.cloud.descent(best, mixture, self.longest).inliers[0]
+            if covered_fraction(best.superquadric(0), self.cloud.points[inliers >= INLIER]) >= COVERED:
                 break  # points on all sides determine the size
-            candidates, mixture = self._from_boxes(inliers, *first)
-            best = self._on_all(first[0].joined(candidates), first[1].joined(mixture))
-            if best_first(_ranking(best, acceptable(best)))[0] == 0:
+            others, their_mixture = self._from_boxes(inliers, best, mixture)
+            found = self._on_all(best.joined(others), mixture.joined(their_mixture))
+            if best_first(_ranking(found, acceptable(found)))[0] == 0:
                 break  # none of the restarts is better
-        return best
+        return found
 
     def _on_all(self, candidates: Candidates, mixture: Mixture) -> Descent:
         descent = self.cloud.descent(candidates, mixture, self.longest)
@@ -272,8 +211,8 @@ class Search:
     def _from_boxes(self, inliers: Array, candidate: Candidates, mixture: Mixture) -> tuple[Candidates, Mixture]:
         """The distinct candidates, on a sample, that start from boxes around the inliers of a candidate."""
         boxes = restarts(self.cloud.points, inliers, candidate.rotations[0])
-        sample, first = self.cloud.sample(SEARCH.fine), np.zeros(len(boxes), dtype=np.int64)
-        wide = Mixture(mixture.inlier_ratio[first], RESTART.larger_sigma * mixture.sigma[first])
+        sample, repeated = self.cloud.sample(SEARCH.fine), mixture.take(np.zeros(len(boxes), dtype=np.int64))
+        wide = replace(repeated, sigma=RESTART.larger_sigma * repeated.sigma)
         descent = sample.descent(sample.with_fixed(boxes), wide, self.longest)
         descent.run(RESTART.steps, SEARCH.near, em)
         return descent.picked(distinct(descent, descent.scores(), len(boxes)))
@@ -283,7 +222,7 @@ class Search:
 
         Args:
             parts: weights of the cloud's points, a row for each part.
-            rotations: (H, k, 3, 3), the frames of the k starts of each part.
+            rotations: (H, k, 3, 3), of the k starts of each part.
             most: points of the sample.
         """
         index = self.cloud.thinned(most)
@@ -292,8 +231,8 @@ class Search:
         starts = subset.with_fixed(made)
         own = (np.maximum(parts[:, index], SEARCH.elsewhere) * subset.weights)[part]
         sizes = np.sqrt(np.exp(2 * starts.log_axes).mean(axis=1))  # RMS radius of the part
-        spread = Mixture(np.full(len(starts), LARGEST_RATIO), SEARCH.first_sigma * sizes)
-        descent = subset.weighted_descent(starts, own, spread, self.longest)
+        initial = Mixture(np.full(len(starts), LARGEST_RATIO), SEARCH.first_sigma * sizes)
+        descent = subset.weighted_descent(starts, own, initial, self.longest)
         descent.run(SEARCH.own_steps, SEARCH.all_steps, lambda d: all_inliers(d.distances, d.weights))
         wide = Mixture(descent.mixture.inlier_ratio, np.minimum(descent.mixture.sigma, SEARCH.first_sigma * sizes))
         descent = subset.descent(descent.candidates, wide, self.longest)
@@ -309,8 +248,8 @@ class Search:
         found = ellipsoids(self.cloud.points, parts * self.cloud.weights, rotations)
         return found, np.arange(len(parts)).repeat(rotations.shape[1])
 
-    def frames(self, parts: Array, rotations: Array) -> Array:
-        """Orientations (k, 3, 3) of the principal axes of each part, or the fixed rotation: (H, k, 3, 3)."""
+    def orientations(self, parts: Array, rotations: Array) -> Array:
+        """The principal axes of each of H parts under k rotations, (H, k, 3, 3); or only the fixed rotation, if any."""
         rotation = self.cloud.fixed.get("rotation")
         if rotation is not None:
             return np.broadcast_to(rotation, (len(parts), 1, 3, 3))
@@ -362,6 +301,11 @@ def acceptable(descent: Descent) -> NDArray[np.bool_]:
 def _ranking(descent: Descent, accepted: NDArray[np.bool_]) -> Array:
     """Scores (M,), larger for accepted candidates: the likelihood takes correlated distances for independent ones."""
     return descent.scores() + SEARCH.acceptance_bonus * descent.weights.sum() * accepted
+
+
+def _best_ranked(descent: Descent) -> tuple[Candidates, Mixture]:
+    """The best candidate, accepted ones first."""
+    return descent.picked(best_first(_ranking(descent, acceptable(descent)))[:1])
 
 
 def _alternatives(descent: Descent, ranking: Array) -> NDArray[np.int64]:

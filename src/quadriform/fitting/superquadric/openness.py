@@ -64,12 +64,12 @@ def remaining_covariance(descent: Descent) -> Array:
 
 def _at(descent: Descent, candidates: Candidates, index: NDArray[np.int64]) -> Descent:
     """The mixture of a descent of one candidate with other candidates, at some of its points."""
-    arrays = (descent.points, descent.weights, descent.odds, descent.noise)
-    points, weights, odds, noise = (each[index] for each in arrays)
+    arrays = (descent.points, descent.weights, descent.log_odds, descent.noise)
+    points, weights, log_odds, noise = (each[index] for each in arrays)
     mixture = descent.mixture.take(np.zeros(len(candidates), dtype=np.int64))
     penalty = None if descent.penalty is None else descent.penalty.scaled(weights.sum() / descent.weights.sum())
     known = descent.least_sigma, descent.size, penalty
-    return Descent(candidates, points, weights, mixture, descent.longest, descent.fixed, odds, noise, *known)
+    return Descent(candidates, points, weights, mixture, descent.longest, descent.fixed, log_odds, noise, *known)
 
 
 def _linear(sample: Descent) -> Array:

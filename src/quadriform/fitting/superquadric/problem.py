@@ -28,7 +28,7 @@ class SearchProblem:
         weights: (n,).
         kind: of the superquadric.
         fixed: values of parameters that stay, by name, in the frame of the points.
-        odds: (n,) log odds of each point to be an inlier by what is known besides its distance to the surface.
+        log_odds: (n,), of each point to be an inlier, by what is known besides its distance to the surface.
         noise: (n,) standard deviations of the points along the normal, relative to that of a point of average weight.
         least_sigma: lower bound of the latter.
         size: weight of the penalty on the size of the body (`Extent`), which is weighed against the noise; 0 during
@@ -41,7 +41,7 @@ class SearchProblem:
     weights: Array
     kind: str
     fixed: dict[str, Array]
-    odds: Array
+    log_odds: Array
     noise: Array
     least_sigma: float = 0.0
     size: float = 1.0
@@ -60,10 +60,10 @@ class SearchProblem:
     def sample(self, most: int) -> "SearchProblem":
         """The problem of an even sample of at most `most` points."""
         index = self.thinned(most)
-        arrays = (self.points, self.weights, self.odds, self.noise)
-        points, weights, odds, noise = (each[index] for each in arrays)
+        arrays = (self.points, self.weights, self.log_odds, self.noise)
+        points, weights, log_odds, noise = (each[index] for each in arrays)
         empty = None if self.empty is None else self.empty.scaled(len(index) / len(self.points))
-        return replace(self, points=points, weights=weights, odds=odds, noise=noise, empty=empty)
+        return replace(self, points=points, weights=weights, log_odds=log_odds, noise=noise, empty=empty)
 
     def bounded(self, candidates: Candidates, mixture: Mixture, longest: float) -> "SearchProblem":
         """The problem with the empty space around the inliers of a candidate."""
@@ -92,4 +92,4 @@ class SearchProblem:
     def weighted_descent(self, candidates: Candidates, weights: Array, mixture: Mixture, longest: float) -> Descent:
         """A descent of the candidates on these points with other weights (n,) or (M, n)."""
         noise = self.noise, self.least_sigma, self.size, self.empty
-        return Descent(candidates, self.points, weights, mixture, longest, self.fixed_mask, self.odds, *noise)
+        return Descent(candidates, self.points, weights, mixture, longest, self.fixed_mask, self.log_odds, *noise)

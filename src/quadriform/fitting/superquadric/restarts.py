@@ -11,7 +11,7 @@ import numpy as np
 
 from quadriform.fitting.diagnostics import INLIER
 from quadriform.fitting.superquadric.candidates import Candidates
-from quadriform.fitting.superquadric.initial import FRAMES, START
+from quadriform.fitting.superquadric.initial import START, START_ROTATIONS
 from quadriform.points import Array
 
 
@@ -35,9 +35,9 @@ RESTART = RestartSettings()
 
 
 def restarts(points: Array, inliers: Array, rotation: Array) -> Candidates:
-    """Rounded boxes around most inliers (n,) of points (n, 3), one in each of `FRAMES` from a rotation (3, 3)."""
-    frames = rotation @ FRAMES
-    local = points[inliers >= INLIER] @ frames if (inliers >= INLIER).any() else points @ frames
+    """Rounded boxes around most inliers (n,) of points (n, 3), in each of `START_ROTATIONS` from a rotation (3, 3)."""
+    rotations = rotation @ START_ROTATIONS
+    local = points[inliers >= INLIER] @ rotations if (inliers >= INLIER).any() else points @ rotations
     # the sides of each box (F, 3): all but a few inliers lie between them
     low, high = np.quantile(local, [RESTART.outside, 1 - RESTART.outside], axis=1)
     half = (high - low) / 2
@@ -45,8 +45,8 @@ def restarts(points: Array, inliers: Array, rotation: Array) -> Candidates:
     return Candidates(
         "ellipsoid",
         np.log(half),
-        np.full((len(frames), 2), RESTART.exponent),
-        frames,
-        np.einsum("fij,fj->fi", frames, (low + high) / 2),
-        np.zeros((len(frames), 1)),
+        np.full((len(rotations), 2), RESTART.exponent),
+        rotations,
+        np.einsum("fij,fj->fi", rotations, (low + high) / 2),
+        np.zeros((len(rotations), 1)),
     )
