@@ -184,11 +184,11 @@ def unsupported(found: Support, open_deviation: float = np.inf) -> Warnings:
     return warnings
 
 
-def base_not_observed(result: Result, evidence: Mapping[str, SurfaceQuality]) -> Warnings:
+def base_not_observed(result: Result, quality: Mapping[str, SurfaceQuality]) -> Warnings:
     """BASE_NOT_OBSERVED, a note, where a base ends the data: the share of the closed surfaces that is not observed."""
     if result.half_space is None:
         return {}
-    fractions = [f"{name} {100 * (1 - each.support.area):.0f} %" for name, each in evidence.items()]
+    fractions = [f"{name} {100 * (1 - each.support.area):.0f} %" for name, each in quality.items()]
     text = f"beyond the base the surface is not observed; share of the area without data: {', '.join(fractions)}"
     return {WarningKind.BASE_NOT_OBSERVED: text}
 
