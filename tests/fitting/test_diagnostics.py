@@ -166,11 +166,11 @@ def test_surface_beyond_the_box_is_stated_in_per_cent():
         assert bool(diagnostics._outside_lattice(single(moved, box), moved)) == outside
 
 
-def refined(noise, size, half_space=None):
+def refined(sigma, size, half_space=None):
     """A ball whose control points have independent standard deviations of a size."""
     box = ControlBox.around(BALL, (3, 3, 3))
     count = box.control_points.size
-    return Result(single(BALL, box), (), 1.0, noise=noise, covariance=size**2 * np.eye(count), half_space=half_space)
+    return Result(single(BALL, box), (), 1.0, sigma=sigma, covariance=size**2 * np.eye(count), half_space=half_space)
 
 
 def plain_deviation(model, covariance, half_space=None):
@@ -215,7 +215,7 @@ def test_a_surface_is_uncertain_beyond_the_noise_and_half_a_per_cent():
     assert text.startswith(f"the surface is known to {2 * deviation:.2g} only")
     assert f"single point to {deviation:.2g}" in text
     assert diagnostics.uncertain(replace(result, covariance=None), 1.0) == {}
-    assert diagnostics.uncertain(replace(result, noise=None), 1.0) == {}
+    assert diagnostics.uncertain(replace(result, sigma=None), 1.0) == {}
 
 
 def test_beyond_a_base_the_share_without_data_is_stated_of_each_surface():
@@ -225,8 +225,8 @@ def test_beyond_a_base_the_share_without_data_is_stated_of_each_surface():
     assert diagnostics.base_not_observed(refined(1.0, 0.1), quality) == {}
 
 
-def solution(noise, condition=1.0):
-    return SimpleNamespace(noise=noise, condition=condition, strength=1e-4)
+def solution(sigma, condition=1.0):
+    return SimpleNamespace(sigma=sigma, condition=condition, strength=1e-4)
 
 
 def test_a_body_thinner_than_four_times_the_noise_has_no_two_sides():

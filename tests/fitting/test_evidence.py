@@ -53,7 +53,7 @@ def test_noise_and_strength_of_the_prior_are_found(penalty, strength, noise):
     for seed in range(4):
         linear = drawn(penalty, strength, noise, seed=seed)[0]
         one = linear.best()
-        assert one.noise == pytest.approx(noise, rel=0.1)
+        assert one.sigma == pytest.approx(noise, rel=0.1)
         assert 0 <= linear.solve(strength).criterion - one.criterion + 1e-6 < 15.1
         if strength < 1e-3:  # data that hardly bend: an infinite strength may explain them as well
             assert abs(np.log(one.strength / strength)) < 3 * np.log(3)
@@ -145,7 +145,7 @@ def test_a_penalty_is_evidence_but_no_noise():
     found = both.solve(1e-4)
     squares = ((rows @ found.displacement.ravel() - heights) ** 2).sum()
     bending = 1e-4 * len(rows) * np.einsum("ki,kl,li->", found.displacement, BENDING, found.displacement)
-    assert found.noise**2 == pytest.approx((squares + bending) / (len(rows) - 12), rel=1e-6)
+    assert found.sigma**2 == pytest.approx((squares + bending) / (len(rows) - 12), rel=1e-6)
 
 
 def test_data_left_out_leaves_the_noise_of_the_rest():
@@ -154,8 +154,8 @@ def test_data_left_out_leaves_the_noise_of_the_rest():
     out, rest = (NormalEquations.of_rows(rows[part], heights[part], 1.0) for part in (slice(300), slice(300, None)))
     penalty = NormalEquations.of_rows(rows[::8], heights[::8] + 0.1, 3.0)
     found = whole.with_extra_terms(penalty).without_points(out, 300).solve(1e-4)
-    assert found.noise == pytest.approx(
-        LinearProblem(rest, BENDING, 500).with_extra_terms(penalty).solve(1e-4).noise, rel=1e-9
+    assert found.sigma == pytest.approx(
+        LinearProblem(rest, BENDING, 500).with_extra_terms(penalty).solve(1e-4).sigma, rel=1e-9
     )
 
 
@@ -169,14 +169,14 @@ def test_the_displacement_solves_the_stacked_rows(strength):
     found = linear.solve(strength)
     np.testing.assert_allclose(found.displacement.ravel(), expected, atol=1e-7 * np.abs(expected).max())
     left = right - stacked @ expected
-    assert found.noise**2 == pytest.approx(left @ left / (len(rows) - 12), rel=1e-6)
+    assert found.sigma**2 == pytest.approx(left @ left / (len(rows) - 12), rel=1e-6)
 
 
 def test_covariance_is_the_noise_on_the_inverse(rng):
     linear, rows, _ = drawn(BENDING, 1e-3, 0.05)
     found = linear.solve(1e-3)
     precision = rows.T @ rows + 1e-3 * len(rows) * np.kron(BENDING, np.eye(3))
-    unit = found.covariance() @ precision / found.noise**2
+    unit = found.covariance() @ precision / found.sigma**2
     np.testing.assert_allclose(unit, np.eye(len(unit)), atol=1e-6)
     some = rng.normal(size=(7, rows.shape[1]))
     np.testing.assert_allclose(
@@ -191,7 +191,7 @@ def test_variance_shrinks_with_the_number_of_points():
     fourfold = normal_equations(*repeated(4), BOX.degrees)
     four = LinearProblem(fourfold, BENDING, 4 * len(rows)).solve(1e-4)
     some = rows[::50]
-    np.testing.assert_allclose(four.variance(some) / four.noise**2, once.variance(some) / once.noise**2 / 4, rtol=1e-9)
+    np.testing.assert_allclose(four.variance(some) / four.sigma**2, once.variance(some) / once.sigma**2 / 4, rtol=1e-9)
 
 
 def repeated(times, n=800):
@@ -209,7 +209,7 @@ def test_where_control_points_are_undetermined_there_is_no_solution():
     equations = normal_equations(box.local(points), metric, 0.1 * points, box.degrees)
     linear = LinearProblem(equations, Bending().matrix((5, 5, 5)), 600)
     assert linear.solve(0.0) is None
-    assert linear.best().noise > 0
+    assert linear.best().sigma > 0
 
 
 def test_a_search_that_steps_to_where_nothing_is_determined_goes_on_elsewhere(monkeypatch):

@@ -38,7 +38,7 @@ def result(**more):
 @pytest.mark.parametrize("half_space", [None, PLANE], ids=["whole", "below a base"])
 def test_lengths_of_a_fit_are_in_the_unit_of_the_points(half_space):
     root = np.random.default_rng(5).normal(size=(81, 81))
-    of = result(noise=0.02, covariance=root @ root.T, inliers={"surface": INLIERS}, half_space=half_space)
+    of = result(sigma=0.02, covariance=root @ root.T, inliers={"surface": INLIERS}, half_space=half_space)
     found = fits._in_world(of, {"surface": WORLD}, FRAME, {})
     after, before = (
         closest_on(SURFACE, box, LOCAL) for box in (of.model.box, of.model.box.with_control_points(of.model.box.rest))

@@ -221,7 +221,7 @@ def test_degrees_of_freedom_are_counts_less_the_null_space_and_at_least_one(rng)
     assert few._freedom == (37, 1)
     assert problem._variance(74.0) == 2
     assert problem._variance(0.0) == 1e-18
-    known = stacked_problem(rng, least_noise=0.3)
+    known = stacked_problem(rng, least_sigma=0.3)
     assert known._variance(0.0) == pytest.approx(0.09)
 
 
@@ -231,7 +231,7 @@ def test_the_condition_number_is_that_of_the_matrix_with_unit_diagonal(rng):
     scaled = matrix / np.sqrt(np.outer(np.diag(matrix), np.diag(matrix)))
     solution = Solution(np.zeros((2, 3)), 1.0, 1.0, 0.0, np.linalg.cholesky(matrix), np.eye(2), 0.25)
     assert solution.condition == pytest.approx(np.linalg.cond(scaled, 1), rel=0.5)
-    assert solution.independent_noise == 2
+    assert solution.independent_sigma == 2
 
 
 def test_a_pivot_that_is_lost_in_rounding_is_no_factor():

@@ -29,10 +29,10 @@ def test_boxes_grow_by_two_control_points_from_stage_to_stage(shape, expected):
     assert stages.control_point_counts(ControlBox.around(SURFACE, shape)) == expected
 
 
-def trial(criterion=0.0, noise=1.0, undeformed=9.0, intersects=False, surfaces=("a",)):
+def trial(criterion=0.0, sigma=1.0, undeformed=9.0, intersects=False, surfaces=("a",)):
     return SimpleNamespace(
-        first=SimpleNamespace(solution=SimpleNamespace(criterion=criterion), noise=noise),
-        undeformed_noise=undeformed,
+        first=SimpleNamespace(solution=SimpleNamespace(criterion=criterion), sigma=sigma),
+        undeformed_rms=undeformed,
         coarse=SimpleNamespace(self_intersecting=lambda: intersects),
         surfaces=dict.fromkeys(surfaces),
         problem="problem",
@@ -50,7 +50,7 @@ def test_starts_are_ordered_by_evidence_and_a_much_nearer_one_comes_first(monkey
     assert ordered(monkeypatch, [trial(3.0), trial(1.0), trial(2.0)]) == [1, 2, 0]
     assert ordered(monkeypatch, [trial(1.0), trial(2.0, undeformed=0.51), trial(3.0)]) == [0, 1, 2]
     assert ordered(monkeypatch, [trial(1.0), trial(2.0), trial(3.0, undeformed=0.49)]) == [2, 0, 1]
-    assert ordered(monkeypatch, [trial(1.0), trial(2.0, noise=0.9, undeformed=0.46)]) == [0, 1]
+    assert ordered(monkeypatch, [trial(1.0), trial(2.0, sigma=0.9, undeformed=0.46)]) == [0, 1]
     assert ordered(monkeypatch, [trial(1.0, undeformed=0.1)]) == [0]
     last = [trial(intersects=True), trial(), trial(intersects=True), trial()]
     assert [last.index(each) for each in refine._self_intersecting_last(last)] == [1, 3, 0, 2]
@@ -60,18 +60,18 @@ def certified(monkeypatch, trials, noises, unfolded, largest=None):
     """Trials whose refinements have these noises, and those without folds; and the limits that were asked for."""
     limits = []
     monkeypatch.setattr(refine, "_ordered", lambda *of: trials)
-    refined = iter([SimpleNamespace(noise=noise) for noise in noises])
+    refined = iter([SimpleNamespace(sigma=sigma) for sigma in noises])
     monkeypatch.setattr(refine, "fine_stage", lambda *of: next(refined))
     each = iter(unfolded)
 
     def without_folds(problem, found, surfaces, limit):
         limits.append(limit)
-        return [SimpleNamespace(noise=noise) for noise in next(each)]
+        return [SimpleNamespace(sigma=sigma) for sigma in next(each)]
 
     monkeypatch.setattr(refine, "without_folds", without_folds)
     (first, found), best = refine._first_and_best(None, trials, None, largest)
-    assert first is trials[0] and found.noise == noises[0]
-    return None if best is None else (trials.index(best.trial), best.refined.noise), limits
+    assert first is trials[0] and found.sigma == noises[0]
+    return None if best is None else (trials.index(best.trial), best.refined.sigma), limits
 
 
 def test_the_first_start_without_folds_at_an_accepted_noise_is_taken(monkeypatch):
@@ -91,7 +91,7 @@ def test_between_several_surfaces_a_fold_is_worse_than_noise(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("noise", "found", "robust", "expected"),
+    ("sigma", "found", "robust", "expected"),
     [
         (0.01, "one", True, "one"),
         (0.06, None, True, "regularised"),
@@ -100,11 +100,11 @@ def test_between_several_surfaces_a_fold_is_worse_than_noise(monkeypatch):
         (0.04, None, False, "folded"),
     ],
 )
-def test_without_a_start_that_is_free_of_folds_others_are_tried(monkeypatch, noise, found, robust, expected):
+def test_without_a_start_that_is_free_of_folds_others_are_tried(monkeypatch, sigma, found, robust, expected):
     """A poor fit with more regularisation, another without robust weights."""
     calls = []
-    folded, found = SimpleNamespace(noise=noise, box="box"), found and SimpleNamespace(name=found, noise=1.5 * noise)
-    others = {name: SimpleNamespace(name=name, noise=noise) for name in ("regularised", "unweighted")}
+    folded, found = SimpleNamespace(sigma=sigma, box="box"), found and SimpleNamespace(name=found, sigma=1.5 * sigma)
+    others = {name: SimpleNamespace(name=name, sigma=sigma) for name in ("regularised", "unweighted")}
 
     def first_and_best(given, starts, shape, largest=None):
         calls.append(largest)
@@ -127,11 +127,11 @@ def test_without_a_start_that_is_free_of_folds_others_are_tried(monkeypatch, noi
     assert calls == ([None, pytest.approx(0.06)] if expected == "unweighted" else [None])
 
 
-@pytest.mark.parametrize(("noise", "is_poor"), [(0.06, False), (0.0601, True)])
-def test_surfaces_without_folds_much_farther_from_the_points_are_a_poor_fit(monkeypatch, noise, is_poor):
+@pytest.mark.parametrize(("sigma", "is_poor"), [(0.06, False), (0.0601, True)])
+def test_surfaces_without_folds_much_farther_from_the_points_are_a_poor_fit(monkeypatch, sigma, is_poor):
     """Of several surfaces at half as much noise again: any noise is accepted for them."""
-    first = refine.Attempt(SimpleNamespace(problem="p", surfaces="s"), SimpleNamespace(noise=0.04))
-    best = refine.Attempt("trial", SimpleNamespace(noise=noise))
+    first = refine.Attempt(SimpleNamespace(problem="p", surfaces="s"), SimpleNamespace(sigma=0.04))
+    best = refine.Attempt("trial", SimpleNamespace(sigma=sigma))
     monkeypatch.setattr(refine, "_first_and_best", lambda *of: (first, best))
     monkeypatch.setattr(refine, "_result", lambda attempt, warnings: warnings)
     assert ("POOR_FIT" in refine._best_start(None, [], None)) == is_poor
@@ -142,7 +142,7 @@ def test_surfaces_without_folds_much_farther_from_the_points_are_a_poor_fit(monk
 )
 def test_a_box_is_as_small_as_its_error_allows(monkeypatch, errors, side, poor):
     sides, left = [], iter(errors)
-    result = SimpleNamespace(noise=0.05, warnings={})
+    result = SimpleNamespace(sigma=0.05, warnings={})
     monkeypatch.setattr(refine, "_best_start", lambda problem, starts, shape: sides.append(shape) or result)
     monkeypatch.setattr(refine, "_error", lambda *of: next(left))
     monkeypatch.setattr(refine, "replace", lambda of, warnings: warnings)
@@ -207,7 +207,7 @@ def test_details_are_sought_while_patches_left_out_are_predicted_better(monkeypa
 
     def state(fraction):
         solution = SimpleNamespace(effective_fraction=fraction)
-        return SimpleNamespace(box=None, datasets=(), solution=solution, noise=0.1, history=())
+        return SimpleNamespace(box=None, datasets=(), solution=solution, sigma=0.1, history=())
 
     monkeypatch.setattr(stages, "better_strength", lambda problem, found: next(strengths))
     monkeypatch.setattr(stages, "_stage", lambda problem, rounds: Ran((problem, rounds)))

@@ -225,8 +225,8 @@ def test_the_penalty_on_small_determinants_is_their_sum_of_squares_below_a_tenth
     assert plain.equations(box(0)).constant == 0 and plain.cost(box(0)) == 0
 
 
-def state(noise, folds=False):
-    return SimpleNamespace(box=folds, solution=SimpleNamespace(noise=noise))
+def state(sigma, folds=False):
+    return SimpleNamespace(box=folds, solution=SimpleNamespace(sigma=sigma))
 
 
 def test_folds_are_removed_in_rounds_under_a_growing_penalty():
@@ -287,8 +287,8 @@ def test_the_misfit_is_the_weighted_sum_of_squared_distances_to_foot_points():
 
 
 def test_the_accepted_noise_is_half_as_much_again_or_a_fortieth():
-    assert unfolding.accepted_noise(0.1) == pytest.approx(0.15)
-    assert unfolding.accepted_noise(0.001) == 0.025
+    assert unfolding.accepted_sigma(0.1) == pytest.approx(0.15)
+    assert unfolding.accepted_sigma(0.001) == 0.025
 
 
 @pytest.mark.parametrize("count", [2, 5])
@@ -363,7 +363,7 @@ def test_known_noise_is_relative_to_its_mean_along_the_normals():
     mean = (sum(along) + 4 * sum(along)) / 120
     assert mean_variance(covariances, clouds) == pytest.approx(mean)
     found = KnownNoise.of_local(covariances, clouds)
-    assert found.least == pytest.approx(np.sqrt(mean))
+    assert found.least_sigma == pytest.approx(np.sqrt(mean))
     np.testing.assert_allclose(found.relative["b"], 4 * noisy() / mean)
     assert KnownNoise.of_local({}, clouds) == KnownNoise({}, 0.0)
     centred = SimpleNamespace(points=clouds)

@@ -65,14 +65,14 @@ def test_a_stage_ends_after_its_rounds_or_where_the_surface_is_still():
     of, log = stage(4, 0.0)
     found = of.run(start)
     assert len(found.history) == 4 and log == [(k, 9) for k in range(1, 5)]
-    motions = [each.surface_motion / found.noise for each in found.history]
+    motions = [each.surface_motion / found.sigma for each in found.history]
     between = (motions[1] + motions[2]) / 2
     sooner, _ = stage(4, between)
     assert len(sooner.run(start).history) == next(k + 1 for k, m in enumerate(motions) if m < between)
     once, _ = stage(1, 0.0)
     first = once.run(start)
     np.testing.assert_array_equal(first.box.control_points, displaced(BOX, first.solution).control_points)
-    assert first.noise == first.solution.noise and len(first.history) == 1
+    assert first.sigma == first.solution.sigma and len(first.history) == 1
 
 
 class Towards:

@@ -151,7 +151,7 @@ def test_toroids_are_matched_too():
 def test_the_inlier_ratio_stays_below_one(rng):
     """Where all points are inliers a later stranger is still told from them."""
     found = data_of()
-    found = found.weighted(np.abs(rng.normal(size=len(CLOUD))) * 1e-3, noise=1e-3)
+    found = found.weighted(np.abs(rng.normal(size=len(CLOUD))) * 1e-3, sigma=1e-3)
     assert 0.9 < found.inlier_ratio < 1
     assert found.probabilities(np.array([1.0]), 1e-3)[0] < 1e-3
     assert found.probabilities(np.array([1e-4]), 1e-3)[0] > 0.9

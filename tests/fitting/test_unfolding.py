@@ -123,8 +123,8 @@ def test_several_surfaces_are_unfolded_at_any_price_but_the_accepted_one_is_soug
 
     def look(problem, refined, surfaces, most):
         seen.append(most)
-        for noise in unfolded[(len(seen) - 1) % 3]:
-            yield replace(refined, solution=replace(refined.solution, noise=noise))
+        for sigma in unfolded[(len(seen) - 1) % 3]:
+            yield replace(refined, solution=replace(refined.solution, sigma=sigma))
 
     monkeypatch.setattr(refinement, "without_folds", look)
     fit = qf.fit({"epi": FEW, "endo": 0.7 * FEW}, box=(3, 3, 3))
@@ -137,7 +137,7 @@ def test_several_surfaces_are_unfolded_at_any_price_but_the_accepted_one_is_soug
 
 @pytest.mark.slow
 def test_a_fold_whose_removal_raises_the_noise_too_much_is_reported(monkeypatch, start, folded):
-    monkeypatch.setattr(refinement, "accepted_noise", lambda refined: 0.0)
+    monkeypatch.setattr(refinement, "accepted_sigma", lambda refined: 0.0)
     fit = qf.refine(start, DENTED)
     assert "sampled points" in fit.warnings["FOLDING"]
     assert fit.model.min_jacobian() < 0
@@ -165,4 +165,4 @@ def test_the_noise_after_fold_removal_is_that_of_the_data_alone():
     row = np.ones((1, 81))
     found = linear.with_extra_terms(NormalEquations.of_rows(row, np.array([3.0]), 1e3)).solve(1e-9)
     left = wanted - box.matrix(box.origin + local @ box.edges) @ found.displacement
-    assert found.noise == pytest.approx(np.sqrt((left**2).sum() / (500 - 12)), rel=1e-6)
+    assert found.sigma == pytest.approx(np.sqrt((left**2).sum() / (500 - 12)), rel=1e-6)

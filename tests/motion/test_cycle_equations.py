@@ -67,7 +67,7 @@ def test_the_solution_is_that_of_the_dense_problem(pair):
     np.testing.assert_allclose(found.displacement.ravel(), expected, rtol=1e-7, atol=1e-10)
     null = 3 * 4 * 3  # affine maps of each coordinate, at the mean and the first harmonic in time
     least = constant - right @ expected
-    assert found.noise == pytest.approx(np.sqrt(least / (360 - null)), rel=1e-9)
+    assert found.sigma == pytest.approx(np.sqrt(least / (360 - null)), rel=1e-9)
     assert found.shifts.shape == (0,)
 
 
@@ -95,13 +95,13 @@ def test_the_criterion_is_the_evidence_up_to_a_constant(fraction):
 
 def test_noise_that_is_known_is_the_least(rng):
     free = problem().solve(*PAIR)
-    known = problem(least_noise=5.0).solve(*PAIR)
-    assert free.noise < 5 == known.noise
+    known = problem(least_sigma=5.0).solve(*PAIR)
+    assert free.sigma < 5 == known.sigma
     np.testing.assert_array_equal(known.displacement, free.displacement)
-    fewer = problem(least_noise=free.noise / 2).solve(*PAIR)
-    assert fewer.noise == free.noise
+    fewer = problem(least_sigma=free.sigma / 2).solve(*PAIR)
+    assert fewer.sigma == free.sigma
     exact = [NormalEquations.of_rows(rng.normal(size=(60, 3 * POINTS)), np.zeros(60), 1.0) for _ in range(FRAMES)]
-    assert problem(each=exact).solve(*PAIR).noise == SELECTION.noise_floor
+    assert problem(each=exact).solve(*PAIR).sigma == SELECTION.sigma_floor
 
 
 def test_fewer_rows_than_what_costs_nothing_leave_one_degree_of_freedom():
@@ -111,7 +111,7 @@ def test_fewer_rows_than_what_costs_nothing_leave_one_degree_of_freedom():
         matrix, right, constant = dense(*PAIR, count=count)
         least.append(constant - right @ np.linalg.solve(matrix, right))
     expected = np.sqrt(np.array(least) / [1.5, 1, 1])
-    np.testing.assert_allclose([row.noise for row in rows], expected, rtol=1e-7)
+    np.testing.assert_allclose([row.sigma for row in rows], expected, rtol=1e-7)
 
 
 def test_penalties_move_the_solution_and_are_no_part_of_the_noise():
@@ -122,10 +122,10 @@ def test_penalties_move_the_solution_and_are_no_part_of_the_noise():
     matrix, right, _ = dense(*PAIR, both)
     np.testing.assert_allclose(found.displacement.ravel(), np.linalg.solve(matrix, right), rtol=1e-7, atol=1e-10)
     cost = problem().cost(found.displacement, found.shifts, *PAIR)
-    assert found.noise == pytest.approx(np.sqrt(cost / (360 - 36)))
+    assert found.sigma == pytest.approx(np.sqrt(cost / (360 - 36)))
     again = of.with_extra_terms(extra).solve(*PAIR)
     cost = problem().cost(again.displacement, again.shifts, *PAIR)
-    assert again.noise == pytest.approx(np.sqrt(cost / (360 - 36)))
+    assert again.sigma == pytest.approx(np.sqrt(cost / (360 - 36)))
     assert problem().cost(found.displacement, found.shifts, *PAIR) < of.cost(found.displacement, found.shifts, *PAIR)
 
 

@@ -159,7 +159,7 @@ def test_under_strong_penalties_the_noise_is_that_of_an_affine_motion():
     affine = np.concatenate([np.column_stack([x, np.ones(40)]) for x in local])
     design = np.column_stack([affine, np.repeat(TIMES, 40)[:, None] * affine])
     squares = np.linalg.lstsq(design, targets.reshape(200, 3), rcond=None)[1].sum()
-    assert problem.solve(1e6, 1e6).noise == pytest.approx(np.sqrt(squares / (600 - 24)), rel=1e-6)
+    assert problem.solve(1e6, 1e6).sigma == pytest.approx(np.sqrt(squares / (600 - 24)), rel=1e-6)
 
 
 def test_the_criterion_is_the_restricted_likelihood_of_the_dense_problem():
@@ -181,7 +181,7 @@ def test_the_criterion_is_the_restricted_likelihood_of_the_dense_problem():
     pairs = [(1e-3, 1e-3), (1e-1, 1e-3), (1e-3, 1e-1), (1.0, 10.0)]
     found = [problem.solve(*pair) for pair in pairs]
     expected = [dense(*pair) for pair in pairs]
-    np.testing.assert_allclose([one.noise for one in found], [noise for _, noise in expected], rtol=1e-8)
+    np.testing.assert_allclose([one.sigma for one in found], [noise for _, noise in expected], rtol=1e-8)
     differences = np.array([one.criterion for one in found]) - [criterion for criterion, _ in expected]
     np.testing.assert_allclose(differences, differences[0], atol=1e-5)
 

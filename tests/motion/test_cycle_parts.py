@@ -51,9 +51,9 @@ def test_a_cycle_begins_with_the_undeformed_box_and_the_median_distance():
     of = cycle()
     state = of.init()
     distances = np.concatenate([d.standardised_distances(BOX) for each in state.datasets for d in each])
-    assert state.noise == pytest.approx(1.4826 * np.median(distances))
+    assert state.sigma == pytest.approx(1.4826 * np.median(distances))
     assert state.displacement.shape == (3, 27, 3) and not state.displacement.any() and state.shifts.shape == (0, 2)
-    assert state.fold_penalties[0].weight == pytest.approx(1e-3 * 60 * (state.noise / 0.1) ** 2)
+    assert state.fold_penalties[0].weight == pytest.approx(1e-3 * 60 * (state.sigma / 0.1) ** 2)
     with_planes = cycle(sliced()).init()
     assert with_planes.shifts.shape == (3, 2)
     noise = np.tile(np.eye(3), (60, 1, 1))
@@ -124,7 +124,7 @@ def test_the_linear_problem_is_the_sum_over_the_points_of_all_frames(planes, rng
             left = points - rows.origins - BOX.matrix(rows.origins) @ of_frame
             expected += np.einsum("ni,nij,nj->", left, rows.metric, left)
     if planes:
-        prior = of.planes[0].bordered_block([[] for _ in LOCAL], state.boxes, state.noise / np.sqrt(state.fraction))[1]
+        prior = of.planes[0].bordered_block([[] for _ in LOCAL], state.boxes, state.sigma / np.sqrt(state.fraction))[1]
         expected += shifts.ravel() @ prior @ shifts.ravel()
     assert linear.cost(displacement, shifts.ravel(), 0.0, 0.0) == pytest.approx(expected, rel=1e-6)
 

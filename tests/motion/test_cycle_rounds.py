@@ -15,7 +15,7 @@ from quadriform.motion.cycle_rounds import ROUNDS
 class State:
     """A state that knows its number of steps."""
 
-    noise: float = 1.0
+    sigma: float = 1.0
     fraction: float = 1.0
     steps: int = 0
     boxes: tuple = (0, 0)
@@ -38,8 +38,8 @@ class Counted:
         self.log.append(strengths)
         if self.fails_at is not None and len(self.log) > self.fails_at:
             return None
-        noise = self.noises.pop(0) if self.noises else state.noise
-        return State(noise, state.fraction, state.steps + 1, reference=state.reference)
+        sigma = self.noises.pop(0) if self.noises else state.sigma
+        return State(sigma, state.fraction, state.steps + 1, reference=state.reference)
 
     def strength_in_space(self, state, frames, near, first=False):
         self.spaces.append((near, first))
@@ -150,7 +150,7 @@ def test_the_last_strength_is_kept_at_which_nothing_folds():
     cycle = Counted(noises, verified_at=1)
     state, strengths, verified = cycle_rounds._without_folds(cycle, State(), State(steps=-1), (2.0, 3.0))
     np.testing.assert_allclose(strengths, (2, 3))
-    assert state.noise == 1.6 and verified == (True, True) and cycle.before == 1
+    assert state.sigma == 1.6 and verified == (True, True) and cycle.before == 1
     little = Counted([0.024, 0.024], verified_at=2)  # a fortieth of the radius is always accepted
     assert cycle_rounds._without_folds(little, State(), State(0.001), (2.0, 3.0))[0].steps == 2
     fails = Counted(fails_at=0, verified_at=2)

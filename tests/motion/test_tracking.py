@@ -170,7 +170,7 @@ def test_without_data_a_shift_has_the_spread_that_is_assumed():
     frames, numbers = sliced()
     planes = SlicePlanes.of(frames, numbers)
     box = qf.ControlBox.around(OUTER, (2, 2, 2))
-    coupling, own, right = planes.bordered_block([[]], [box], noise=0.2)
+    coupling, own, right = planes.bordered_block([[]], [box], sigma=0.2)
     assert not coupling.any() and not right.any() and coupling.shape == (len(own), 1, box.control_points.size)
     weights = np.linalg.eigvalsh(own)
     held = planes.unobservable().shape[1]

@@ -64,9 +64,9 @@ def test_noise_of_all_frames_is_relative_in_their_frame():
     local = [{"a": SPHERE}, {"a": SPHERE}]
     found = tracking._in_frame(noise, local, 2.0)
     # along a normal and a hundredth of all three
-    np.testing.assert_allclose(found.least**2, 1.03 * (1 + 4) / 2)
+    np.testing.assert_allclose(found.least_sigma**2, 1.03 * (1 + 4) / 2)
     assert set(found.relative) == {"frame 0: a", "frame 1: a"}
-    np.testing.assert_allclose(found.relative["frame 1: a"][0], 4 * np.eye(3) / found.least**2)
+    np.testing.assert_allclose(found.relative["frame 1: a"][0], 4 * np.eye(3) / found.least_sigma**2)
 
 
 def sets(*noises):
@@ -155,8 +155,8 @@ def test_slices_are_numbered_point_by_point():
 def test_a_motion_much_farther_from_the_points_than_the_folded_one_is_a_poor_fit():
     """By more than half, and more than a fortieth of the radius: what folds are removed to at any strength."""
 
-    def found(noise, before):
-        return tracking._without_folds(SimpleNamespace(noise=noise, noise_before=before))
+    def found(sigma, before):
+        return tracking._without_folds(SimpleNamespace(sigma=sigma, sigma_before=before))
 
     assert found(0.5, None) == found(0.0449, 0.03) == found(0.0249, 0.001) == {}
     assert list(found(0.0451, 0.03)) == list(found(0.0251, 0.001)) == ["POOR_FIT"]

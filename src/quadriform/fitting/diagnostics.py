@@ -195,14 +195,14 @@ def base_not_observed(result: Result, quality: Mapping[str, SurfaceQuality]) -> 
 
 def uncertain(result: Result, unit: float) -> Warnings:
     """UNCERTAIN where the surfaces are known less well than the noise of single points."""
-    if result.covariance is None or result.noise is None:
+    if result.covariance is None or result.sigma is None:
         return {}
     deviation = rms_deviation(result.model, result.covariance, result.half_space)
     text = (
         f"the surface is known to {unit * deviation:.2g} only (one standard deviation), a single point to "
-        f"{unit * result.noise:.2g}: there are too few points for so many control points"
+        f"{unit * result.sigma:.2g}: there are too few points for so many control points"
     )
-    return {WarningKind.UNCERTAIN: text} if deviation > result.noise + SURE else {}
+    return {WarningKind.UNCERTAIN: text} if deviation > result.sigma + SURE else {}
 
 
 def rms_deviation(model: DeformableModel, covariance: Array, half_space: HalfSpace | None) -> float:
@@ -266,11 +266,11 @@ def poor_fit(
     return {WarningKind.POOR_FIT: text} if is_poor else {}
 
 
-def max_error_missed(side: int, error: float, noise: float) -> Warnings:
+def max_error_missed(side: int, error: float, sigma: float) -> Warnings:
     """POOR_FIT of the largest box, whose error and the noise are given in units of `max_error`."""
     text = (
         f"no box up to {side} control points a side reached max_error: the last one's error is {error:.2f} times it, "
-        f"the noise of the points {noise:.2f} times"
+        f"the noise of the points {sigma:.2f} times"
     )
     return {WarningKind.POOR_FIT: text}
 
@@ -281,16 +281,16 @@ def _outside_lattice(model: DeformableModel, surface: Superquadric) -> Warnings:
     return {WarningKind.OUTSIDE_LATTICE: f"{100 * outside:.0f} % of the surface is beyond the box"} if outside else {}
 
 
-def smoother_than_data(noise: float, before: float) -> Warnings:
+def smoother_than_data(sigma: float, before: float) -> Warnings:
     """POOR_FIT of surfaces that are much farther from the points than those of the map before its folds were removed.
 
     Args:
-        noise: standard deviation of the inliers' residuals, in RMS radii of the cloud.
+        sigma: standard deviation of the inliers' residuals, in RMS radii of the cloud.
         before: that of the map that folds.
     """
     text = (
-        f"folds were removed by a smoother map, whose surfaces are {noise / before:.1f} times as far from the points: "
-        f"{100 * noise:.1f} % of the cloud's RMS radius; a larger box may follow the points"
+        f"folds were removed by a smoother map, whose surfaces are {sigma / before:.1f} times as far from the points: "
+        f"{100 * sigma:.1f} % of the cloud's RMS radius; a larger box may follow the points"
     )
     return {WarningKind.POOR_FIT: text}
 
@@ -305,7 +305,7 @@ def folding(model: DeformableModel) -> Warnings:
 
 def ill_conditioned(model: DeformableModel, solution: Solution) -> Warnings:
     """ILL_CONDITIONED of bodies too thin for the noise, or of a solution that rounding moves."""
-    if thin := _thin(model, solution.noise):
+    if thin := _thin(model, solution.sigma):
         text = (
             f"{', '.join(thin)}: their sides are not distinguished and volumes mean nothing; expected 4 times or more"
         )
@@ -317,15 +317,15 @@ def ill_conditioned(model: DeformableModel, solution: Solution) -> Warnings:
     return {} if solution.condition < ROUNDING_MOVES else {WarningKind.ILL_CONDITIONED: text}
 
 
-def _thin(model: DeformableModel, noise: float) -> list[str]:
+def _thin(model: DeformableModel, sigma: float) -> list[str]:
     """A text for each body so thin that the noise does not distinguish its two sides."""
     texts = []
     for name, surface in model.surfaces.items():
         mesh = model.mesh(name, THICKNESS_RESOLUTION)
         thickness = 2 * abs(mesh.volume()) / mesh.area()
-        if KINDS[surface.kind].cut_axis is None and noise > THIN * thickness:
+        if KINDS[surface.kind].cut_axis is None and sigma > THIN * thickness:
             about = "the body" if len(model.surfaces) == 1 else name
-            texts.append(f"{about} is {thickness / noise:.3g} times as thick as the noise of the points")
+            texts.append(f"{about} is {thickness / sigma:.3g} times as thick as the noise of the points")
     return texts
 
 

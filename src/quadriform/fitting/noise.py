@@ -22,11 +22,11 @@ class KnownNoise:
     Attributes:
         relative: name -> (n, 3, 3), covariances of the points divided by the mean variance along their normals.
             Empty where nothing is known: all points are alike.
-        least: the square root of that mean, a lower bound of the estimated noise.
+        least_sigma: the square root of that mean, a lower bound of the estimated noise.
     """
 
     relative: Mapping[str, Array]
-    least: float
+    least_sigma: float
 
     @classmethod
     def of(cls, covariances: Mapping[str, Array], centred: Centred) -> "KnownNoise":

@@ -53,7 +53,7 @@ class Assessment:
         boxes = model.box, model.box.with_control_points(model.box.rest)
         feet, before = ({n: closest_on(model.surfaces[n], box, cloud) for n, cloud in clouds.items()} for box in boxes)
         inliers = result.inliers or {name: np.ones(len(cloud)) for name, cloud in clouds.items()}
-        sigma = result.noise if result.noise is not None else rms({name: each.signed for name, each in feet.items()})
+        sigma = result.sigma if result.sigma is not None else rms({name: each.signed for name, each in feet.items()})
         support = support_of_each(result, clouds, feet, inliers, sigma, noise)
         quality = qualities(result, feet, inliers, support, clouds, noise)
         coverage = {

@@ -296,7 +296,7 @@ class Result:
         model: refined.
         history: one record a round.
         strength: that was used.
-        noise: standard deviation along the normal; None where none is estimated.
+        sigma: standard deviation along the normal; None where none is estimated.
         covariance: of the control points, or None.
         enriched: the same data in a box with more control points, or None.
         inliers: name -> probabilities, or None.
@@ -309,7 +309,7 @@ class Result:
     model: DeformableModel
     history: tuple[Iteration, ...]
     strength: float
-    noise: float | None = None
+    sigma: float | None = None
     covariance: Array | None = None
     enriched: EnrichedBox | None = None
     inliers: dict[str, Array] | None = None

@@ -46,22 +46,22 @@ class CycleFit:
     Attributes:
         control_points: (K, l, m, n, 3), at the knots, of boxes with l x m x n control points.
         datasets: for each frame the surfaces with their points, moved by the shifts, and inlier probabilities.
-        noise: standard deviation of the inliers' point-to-plane residuals.
-        least_noise: what is known of it, or zero.
+        sigma: standard deviation of the inliers' point-to-plane residuals.
+        least_sigma: what is known of it, or zero.
         strengths: alpha in space, gamma in time, both per data point.
         shifts: (S, 2), of the slices in their planes; none without slice numbers.
         verified: whether each frame is verified to be free of folds.
-        noise_before: the noise before folds were removed; None where none were.
+        sigma_before: the noise before folds were removed; None where none were.
     """
 
     control_points: Array
     datasets: tuple[dict[str, SurfaceData], ...]
-    noise: float
-    least_noise: float
+    sigma: float
+    least_sigma: float
     strengths: tuple[float, float]
     shifts: Array
     verified: tuple[bool, ...]
-    noise_before: float | None = None
+    sigma_before: float | None = None
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class CycleState:
         shifts: (S, 2), of the slices in their planes.
         boxes: the deformed box of each frame, by the splines.
         datasets: for each frame one for each surface.
-        noise: standard deviation of the inliers' point-to-plane residuals.
+        sigma: standard deviation of the inliers' point-to-plane residuals.
         fold_penalties: for each frame.
         reference: the box whose deformation has no energy: the undeformed one, except in the first rounds.
         fraction: independent points over all points, in (0, 1].
@@ -83,7 +83,7 @@ class CycleState:
     shifts: Array
     boxes: list[ControlBox]
     datasets: list[list[SurfaceData]]
-    noise: float
+    sigma: float
     fold_penalties: list[JacobianPenalty]
     reference: ControlBox
     fraction: float = 1.0
@@ -142,13 +142,13 @@ class Cycle:
             for number, frame in enumerate(self.frames)
         ]
         distances = np.concatenate([data.standardised_distances(self.box) for frame in datasets for data in frame])
-        noise = MAD_TO_SIGMA * float(np.median(distances))
+        sigma = MAD_TO_SIGMA * float(np.median(distances))
         # a penalty is weighed against the points of its frame: the other frames have about as many as the first
         count, frames = sum(len(cloud) for cloud in self.frames[0].values()), len(self.frames)
-        penalty = JacobianPenalty.of(self.box, self.surfaces, count, noise)
+        penalty = JacobianPenalty.of(self.box, self.surfaces, count, sigma)
         displacement = np.zeros((self.weights_in_time.shape[1], self.box.rest.size // 3, 3))
         shifts = np.zeros((0 if self.planes is None else len(self.planes[0].axes), 2))
-        return CycleState(displacement, shifts, [self.box] * frames, datasets, noise, [penalty] * frames, self.box)
+        return CycleState(displacement, shifts, [self.box] * frames, datasets, sigma, [penalty] * frames, self.box)
 
     def _data(self, frame: int, name: str, points: Array) -> SurfaceData:
         noise = self.known_noise.relative.get(named(frame, name))
@@ -183,7 +183,7 @@ class Cycle:
         for frame in frames:
             box, datasets = state.boxes[frame], state.datasets[frame]
             fraction = rule.fraction(box, tuple(datasets), first)
-            linear = linear_problem_of(datasets, none, box, self.regularity, fraction, self.known_noise.least)
+            linear = linear_problem_of(datasets, none, box, self.regularity, fraction, self.known_noise.least_sigma)
             found.append(linear.select(None, near).strength)
         return min(found)
 
@@ -209,13 +209,13 @@ class Cycle:
         state: CycleState,
         strengths: tuple[float, float],
         verified: tuple[bool, ...],
-        noise_before: float | None = None,
+        sigma_before: float | None = None,
     ) -> CycleFit:
         """The fit with the results of a state, and the noise before folds were removed."""
         control = state.displacement.reshape(-1, *self.shape, 3) + self.box.rest
         datasets = tuple(dict(zip(frame, each)) for frame, each in zip(self.frames, state.datasets))
-        least, shifts = self.known_noise.least, state.shifts
-        return CycleFit(control, datasets, state.noise, least, strengths, shifts, verified, noise_before)
+        least, shifts = self.known_noise.least_sigma, state.shifts
+        return CycleFit(control, datasets, state.sigma, least, strengths, shifts, verified, sigma_before)
 
     def step(self, state: CycleState, strengths: tuple[float, float]) -> CycleState | None:
         """The state after a round: foot points, inlier probabilities, and a step to the solution of the linear problem.
@@ -246,7 +246,7 @@ class Cycle:
             shifts=shifts,
             boxes=boxes,
             datasets=self._shifted(state.datasets, shifts),
-            noise=solution.noise,
+            sigma=solution.sigma,
         )
 
     def total(
@@ -273,7 +273,7 @@ class Cycle:
         result = []
         for box, datasets in zip(state.boxes, state.datasets):
             found = [data.with_tangential_steps(box, TANGENTIAL_STEPS) for data in datasets]
-            result.append([_weighted(data, box, state.noise) for data in found] if self.robust else found)
+            result.append([_weighted(data, box, state.sigma) for data in found] if self.robust else found)
         return result
 
     def _shifted(self, datasets: list[list[SurfaceData]], shifts: Array) -> list[list[SurfaceData]]:
@@ -304,14 +304,14 @@ class Cycle:
             if self.planes:
                 rows.append(list(zip(found, self.planes[1][frame].values(), offsets)))
         bordered = (
-            self.planes[0].bordered_block(rows, state.boxes, state.noise / np.sqrt(state.fraction))
+            self.planes[0].bordered_block(rows, state.boxes, state.sigma / np.sqrt(state.fraction))
             if self.planes
             else None
         )
         regulariser, weights, least = (
             regulariser_matrix(self.regularity, self.shape),
             self.weights_in_time,
-            self.known_noise.least,
+            self.known_noise.least_sigma,
         )
         return LinearCycleProblem(
             equations, weights, self.basis, regulariser, self.shape, count, bordered, state.fraction, least
@@ -335,10 +335,10 @@ def _sum(penalties: Sequence[Penalty], box: ControlBox) -> NormalEquations:
     return sum(parts[1:], parts[0])
 
 
-def _weighted(data: SurfaceData, box: ControlBox, noise: float) -> SurfaceData:
+def _weighted(data: SurfaceData, box: ControlBox, sigma: float) -> SurfaceData:
     """The data with inlier probabilities at the noise of the cycle, or at its own while most points are far."""
     distances = data.standardised_distances(box)
-    found = data.weighted(distances, noise)
+    found = data.weighted(distances, sigma)
     if np.average(found.inliers, weights=data.weights) >= LEAST_INLIERS:
         return found
     # most points are still far from the surface, and no outliers

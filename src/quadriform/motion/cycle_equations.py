@@ -45,13 +45,13 @@ class CycleSolution:
     Attributes:
         displacement: (K, k, 3), from the undeformed box, at the knots: the coefficients of the K splines.
         shifts: (m,), the further unknowns.
-        noise: standard deviation of the data along the normal.
+        sigma: standard deviation of the data along the normal.
         criterion: minus twice the log marginal likelihood, up to a constant.
     """
 
     displacement: Array
     shifts: Array
-    noise: float
+    sigma: float
     criterion: float
 
 
@@ -68,7 +68,7 @@ class LinearCycleProblem:
         bordered_block: for each of m further unknowns its coupling to the control points of each frame, (m, F, 3 k);
             their own matrix (m, m) and right side (m,).
         effective_fraction: number of independent residuals over that of all.
-        least_noise: lower bound of the noise.
+        least_sigma: lower bound of the noise.
     """
 
     def __init__(
@@ -81,9 +81,9 @@ class LinearCycleProblem:
         total_weight: float,
         bordered_block: tuple[Array, Array, Array] | None = None,
         effective_fraction: float = 1.0,
-        least_noise: float = 0.0,
+        least_sigma: float = 0.0,
     ) -> None:
-        self.effective_fraction, self.least_noise = effective_fraction, least_noise
+        self.effective_fraction, self.least_sigma = effective_fraction, least_sigma
         self.total_weight, self.n_splines, self.size = total_weight, splines.shape[1], 3 * len(regulariser_matrix)
         mass = kronecker(gram(shape[0] - 1), gram(shape[1] - 1), gram(shape[2] - 1))
         # two spectra of S: in its orthonormal eigenbasis S is diagonal and M full, as the solution needs it;
@@ -156,7 +156,7 @@ class LinearCycleProblem:
         least, data = self.constant - float(self.right @ found), self._without_extra_terms
         least = data.cost(displacement, found[size:], alpha, gamma) if data else least
         estimate = least / max(self.total_weight - null_dimension, 1.0)
-        variance = max(estimate, self.least_noise**2, SELECTION.noise_floor**2)
+        variance = max(estimate, self.least_sigma**2, SELECTION.sigma_floor**2)
         effective_dof = max(self.effective_fraction * self.total_weight - null_dimension, 1.0)
         # minus twice the log marginal likelihood (REML). Extra terms are left out of the variance here, and count as
         # data in that of a single fit, whose search needs the derivative; this one is minimised without extra terms

@@ -11,7 +11,7 @@ import numpy as np
 from quadriform.errors import DegenerateError, OptionError
 from quadriform.fitting.refinement.point_to_plane import data_rows
 from quadriform.fitting.refinement.stage import SCHEDULE
-from quadriform.fitting.refinement.unfolding import FOLDS, accepted_noise
+from quadriform.fitting.refinement.unfolding import FOLDS, accepted_sigma
 from quadriform.fitting.result import Progress
 from quadriform.motion.affine_start import AffineMotion, fitted_motion
 from quadriform.motion.cycle import Cycle, CycleFit, CycleState
@@ -118,7 +118,7 @@ def _first_in_time(state: CycleState) -> float:
     A sinusoidal motion of one period, with the RMS radius as its amplitude and time in periods, then has a penalty of
     the noise squared: its second derivative is (2 pi)^2 times the amplitude, and is squared in the penalty.
     """
-    return state.noise**2 / (2 * np.pi) ** 4
+    return state.sigma**2 / (2 * np.pi) ** 4
 
 
 def _converged(
@@ -142,7 +142,7 @@ def _converged(
         if after is None:
             return None
         state = after
-        if done + 1 >= ROUNDS.least and abs(state.noise - before.noise) < ROUNDS.tolerance * before.noise:
+        if done + 1 >= ROUNDS.least and abs(state.sigma - before.sigma) < ROUNDS.tolerance * before.sigma:
             break
     return state, strengths
 
@@ -152,7 +152,7 @@ def _without_folds(cycle: Cycle, first: CycleState, state: CycleState, strengths
 
     Fold removal starts from the fit at these strengths, and then from the first state again: its surfaces are smooth.
     """
-    most, before = accepted_noise(state.noise), state.noise
+    most, before = accepted_sigma(state.sigma), state.sigma
     found = _unfolded(cycle, state, strengths, most)
     if found is not None:
         return cycle.result(found, strengths, (True,) * len(found.boxes))
@@ -187,7 +187,7 @@ def _unfolded(cycle: Cycle, state: CycleState, strengths: Strengths, most: float
     """The state after rounds under growing penalties until no frame folds; None at a noise above `most`."""
     found: CycleState | None = state
     for _ in range(ROUNDS.unfolding):
-        if found is None or found.noise > most:
+        if found is None or found.sigma > most:
             return None
         verified, found = cycle.checked(found)
         if all(verified):

@@ -112,7 +112,7 @@ class SlicePlanes:
         return result
 
     def bordered_block(
-        self, frames: Sequence[Sequence[tuple[Rows, Numbers, Array]]], boxes: Sequence[ControlBox], noise: float
+        self, frames: Sequence[Sequence[tuple[Rows, Numbers, Array]]], boxes: Sequence[ControlBox], sigma: float
     ) -> tuple[Array, Array, Array]:
         """The shifts' part of the linear problem: coupling (2 S, F, 3 k), own matrix (2 S, 2 S), right side (2 S,).
 
@@ -120,12 +120,12 @@ class SlicePlanes:
             frames: for each frame and surface the rows, their slice numbers, and the offsets (n, 3) from the reference
                 to the targets before any shift.
             boxes: of the frames.
-            noise: at which independent rows would have the information of these.
+            sigma: the noise at which independent rows would have the information of these.
         """
         count = 2 * len(self.numbers)
         coupling = np.zeros((count, len(frames), boxes[0].control_points.size))
         unobservable = self.unobservable()
-        own = (noise / SHIFTING.spread) ** 2 * (np.eye(count) + SHIFTING.together * unobservable @ unobservable.T)
+        own = (sigma / SHIFTING.spread) ** 2 * (np.eye(count) + SHIFTING.together * unobservable @ unobservable.T)
         right = np.zeros(count)
         for frame, (surfaces, box) in enumerate(zip(frames, boxes)):
             for rows, numbers, offsets in surfaces:

@@ -28,7 +28,7 @@ from quadriform.fitting.noise import KnownNoise, partial_notes
 from quadriform.fitting.options import Base, check_box, check_strength
 from quadriform.fitting.refinement.starts import nested_ellipsoids
 from quadriform.fitting.refinement.surface_data import SurfaceData
-from quadriform.fitting.refinement.unfolding import accepted_noise
+from quadriform.fitting.refinement.unfolding import accepted_sigma
 from quadriform.fitting.result import Fit, HalfSpace, Progress, Warned, flat
 from quadriform.fitting.threads import one_blas_thread
 from quadriform.motion.cycle import Cycle, CycleFit, named
@@ -352,7 +352,7 @@ def _cycle_in_world(task: _Task, frame: Frame, moving: MovingModel, found: Cycle
         models=models,
         moving=moving,
         residuals=tuple({name: each.signed for name, each in nearest.items()} for nearest in feet),
-        noise=frame.scale * found.noise,
+        noise=frame.scale * found.sigma,
         strengths=found.strengths,
         warnings=_without_folds(found) | _by_frame(_cycle_warnings(models, feet, found, frame.scale)),
     )
@@ -373,15 +373,15 @@ def _cycle_warnings(
 
 
 def _without_folds(found: CycleFit) -> Warnings:
-    before = found.noise_before
-    if before is None or found.noise <= accepted_noise(before):
+    before = found.sigma_before
+    if before is None or found.sigma <= accepted_sigma(before):
         return {}
-    return smoother_than_data(found.noise, before)
+    return smoother_than_data(found.sigma, before)
 
 
 def _poor_fit(data: SurfaceData, nearest: FootPoints, found: CycleFit, unit: float) -> Warnings:
     kept = data.inliers >= INLIER
-    known = found.least_noise**2 * data.variances(nearest.normals)
+    known = found.least_sigma**2 * data.variances(nearest.normals)
     return poor_fit(nearest.signed[kept] / unit, known=known[kept])
 
 

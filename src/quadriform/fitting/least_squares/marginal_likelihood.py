@@ -17,7 +17,7 @@ and the best strength minimises the criterion C, minus twice the log marginal li
 
 Correlated residuals: where only f n of n are independent (f the `effective_fraction`), A, lambda and n count f times.
 This changes neither p nor s^2, in C only m, and the covariance of p is s^2 / f (A + lambda K)^-1. `variance` and
-`covariance` are without this factor; who needs it takes `independent_noise`, s / sqrt(f), for the noise.
+`covariance` are without this factor; who needs it takes `independent_sigma`, s / sqrt(f), for the noise.
 
 The unit of length is the RMS radius of the points. All is solved in the eigenbasis of K, where lambda adds to the
 diagonal alone: even for a very large one the data's part on the null space of K is not lost in rounding.
@@ -59,7 +59,7 @@ class Selection:
     space of K fits, the criterion decreases for ever with the strength, and its derivative tends to zero."""
     equal_criteria: float = 0.01
     """Criteria that differ by less are equally good in the first search."""
-    noise_floor: float = 1e-9
+    sigma_floor: float = 1e-9
     """Least standard deviation: the logarithm of the variance stays finite where a fit is exact."""
     null_space_weight: float = 1e-12
     """Added on the null space of K, relative to the largest diagonal entry of A: what no point determines there is
@@ -90,7 +90,7 @@ class Solution:
     Attributes:
         displacement: (k, 3).
         strength: alpha.
-        noise: standard deviation of the residuals, the REML estimate.
+        sigma: standard deviation of the residuals, the REML estimate.
         criterion: minus twice the log marginal likelihood, up to a constant; extra terms enter like squares of the
             data, without adding to n and without a normaliser.
         factor: lower Cholesky factor (3 k, 3 k) of A + lambda K in the eigenbasis of K.
@@ -102,7 +102,7 @@ class Solution:
 
     displacement: Array
     strength: float
-    noise: float
+    sigma: float
     criterion: float
     factor: Array
     eigenvectors: Array
@@ -110,9 +110,9 @@ class Solution:
     curvature: float = 0.0
 
     @property
-    def independent_noise(self) -> float:
-        """The noise at which n independent residuals would have the information of these: noise / sqrt(fraction)."""
-        return float(self.noise / np.sqrt(self.effective_fraction))
+    def independent_sigma(self) -> float:
+        """The noise at which n independent residuals would have the information of these: sigma / sqrt(fraction)."""
+        return float(self.sigma / np.sqrt(self.effective_fraction))
 
     @property
     def condition(self) -> float:
@@ -121,13 +121,13 @@ class Solution:
 
     def variance(self, rows: Array) -> Array:
         """Posterior variance of linear functions (n, 3 k) of the displacement, for independent residuals."""
-        return self.noise**2 * (self._halved(rows) ** 2).sum(axis=0)
+        return self.sigma**2 * (self._halved(rows) ** 2).sum(axis=0)
 
     def covariance(self) -> Array:
         """Posterior covariance (3 k, 3 k) of the control points, for independent residuals."""
         # by the factor, not by an inverse: the result stays symmetric and positive
         half = self._halved(np.eye(len(self.factor)))
-        return self.noise**2 * half.T @ half
+        return self.sigma**2 * half.T @ half
 
     def _halved(self, rows: Array) -> Array:
         """L^-1 times linear functions (n, 3 k), L the factor: squares of its columns sum up to variances over s^2."""
@@ -146,7 +146,7 @@ class LinearProblem:
         total_weight: n, the sum of weight times inlier probability of the data points; the weights of a cloud have mean
             one, so it is a number of points.
         effective_fraction: as in `Solution`.
-        least_noise: lower bound of the standard deviation of the noise, as known from the measurement.
+        least_sigma: lower bound of the standard deviation of the noise, as known from the measurement.
         with_extra: the sum of `data` and of extra quadratic terms, which are no part of the noise (priors on surfaces
             beyond a base, the Jacobian penalty); None where there are none.
         eigenvalues, eigenvectors: of K.
@@ -160,7 +160,7 @@ class LinearProblem:
     regulariser_matrix: Array
     total_weight: float
     effective_fraction: float = 1.0
-    least_noise: float = 0.0
+    least_sigma: float = 0.0
     with_extra: NormalEquations | None = None
     eigenvalues: Array = field(init=False)
     eigenvectors: Array = field(init=False)
@@ -223,7 +223,7 @@ class LinearProblem:
 
     def _variance(self, squares: float) -> float:
         """Variance of residuals with this regularised sum of squares; bounded, for it cancels in an exact fit."""
-        return max(float(squares) / self._freedom[0], self.least_noise**2, SELECTION.noise_floor**2)
+        return max(float(squares) / self._freedom[0], self.least_sigma**2, SELECTION.sigma_floor**2)
 
     def solve(self, strength: float) -> Solution | None:
         """The displacement at one strength; None where it leaves control points undetermined."""
@@ -248,8 +248,8 @@ class LinearProblem:
         # in the noise they do not count
         if self.with_extra is not None:
             variance = self._variance(self.cost(displacement, strength))
-        noise, vectors = float(np.sqrt(variance)), self.eigenvectors
-        return Solution(displacement, strength, noise, float(criterion), factor, vectors, self.effective_fraction)
+        sigma, vectors = float(np.sqrt(variance)), self.eigenvectors
+        return Solution(displacement, strength, sigma, float(criterion), factor, vectors, self.effective_fraction)
 
     def select(self, strength: float | None, previous: Solution | float | None) -> Solution:
         """The solution at a given strength, or at the best one where none is given or it leaves points undetermined.
@@ -376,7 +376,7 @@ class LinearProblem:
             return None
         lam = solution.strength * self.total_weight
         dof, effective_dof = self._freedom
-        squares = dof * solution.noise**2
+        squares = dof * solution.sigma**2
         energy = self._energy(self.eigenvectors.T @ solution.displacement)
         # d C / d log(lambda) = lambda (m p'Kp / regularised squares + tr K (A + lambda K)^-1) - rank K; by the envelope
         # theorem the derivative through p vanishes; the null space comes first in the order of eigenvalues, and the

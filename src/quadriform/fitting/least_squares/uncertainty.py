@@ -47,16 +47,16 @@ class EnrichedBox:
         return self.scale * ((self.box.rest - self.box.control_points).ravel() + self._solution.displacement.ravel())
 
     @property
-    def noise(self) -> float:
+    def sigma(self) -> float:
         """Standard deviation of the data, as estimated in the enriched box, corrected for correlated residuals."""
-        return self.scale * self._solution.independent_noise
+        return self.scale * self._solution.independent_sigma
 
     def deviation(self, box: ControlBox, origins: Array, normals: Array) -> Array:
         """One standard deviation (n,) along the normals (n, 3) at (n, 3) points of the undeformed surface."""
         # derivatives of the normal displacement by the control points of the enriched box
         rows = box.elevate(self.degrees).matrix(origins)[:, :, None] * normals[:, None, :]
         rows = rows.reshape(len(origins), -1)
-        noise = self._solution.noise
-        relative_variance = self._solution.variance(rows) / noise**2
+        sigma = self._solution.sigma
+        relative_variance = self._solution.variance(rows) / sigma**2
         # bias^2 + variance: of the smaller box by its difference from the enriched one, and of the enriched one
-        return np.sqrt((rows @ self.shift) ** 2 + self.noise**2 * relative_variance)
+        return np.sqrt((rows @ self.shift) ** 2 + self.sigma**2 * relative_variance)

@@ -84,9 +84,9 @@ def base_prior(data: SurfaceData, box: ControlBox, count: float) -> list[BasePri
     """
     if data.half_space is None or not data.count:
         return []
-    noise = np.sqrt(np.average(data.standardised_distances(box) ** 2, weights=data.effective_weights))
+    sigma = np.sqrt(np.average(data.standardised_distances(box) ** 2, weights=data.effective_weights))
     # far from the data, before the first rounds, the prior counts no more than the data
-    return [BasePrior(data.superquadric, data.half_space, count * min(float(noise) / CLOSURE.spread, 1.0) ** 2)]
+    return [BasePrior(data.superquadric, data.half_space, count * min(float(sigma) / CLOSURE.spread, 1.0) ** 2)]
 
 
 def base_priors(datasets: Sequence[SurfaceData], box: ControlBox) -> list[BasePrior]:

@@ -111,17 +111,17 @@ class _Surface:
     tree: cKDTree
 
     def part(
-        self, chosen: slice, frame: Frame, box: ControlBox, noise: float | None, least_noise: float
+        self, chosen: slice, frame: Frame, box: ControlBox, sigma: float | None, least_sigma: float
     ) -> SurfaceData:
-        """The data of some points with foot points; with probabilities at the sample's ratio if a noise is given."""
+        """The data of some points with foot points; with probabilities at the sample's ratio if a sigma is given."""
         points = frame.to_local(self.cloud[chosen])
-        relative = None if self.noise is None else self.noise[chosen] / (least_noise * frame.scale) ** 2
+        relative = None if self.noise is None else self.noise[chosen] / (least_sigma * frame.scale) ** 2
         data = self.data.beside(points, self.weights[chosen], self.tree.query(points)[1], relative)
         data = data.with_tangential_steps(box, LARGE.tangential_steps)
         return (
             data
-            if noise is None
-            else replace(data, inliers=data.probabilities(data.standardised_distances(box), noise))
+            if sigma is None
+            else replace(data, inliers=data.probabilities(data.standardised_distances(box), sigma))
         )
 
     @property
@@ -131,10 +131,10 @@ class _Surface:
         counted = np.concatenate([_hashes(self.cloud[part])[self.weights[part] > 0] for part in parts])
         return duplicates(len(counted) - len(np.unique(counted)), len(self.cloud))
 
-    def updated(self, box: ControlBox, noise: float | None) -> "_Surface":
-        """The surface with the sample's foot points, and inlier ratio if a noise is given, updated to another box."""
+    def updated(self, box: ControlBox, sigma: float | None) -> "_Surface":
+        """The surface with the sample's foot points, and inlier ratio if a sigma is given, updated to another box."""
         data = self.data.with_tangential_steps(box, LARGE.tangential_steps)
-        return replace(self, data=data if noise is None else data.weighted(data.standardised_distances(box), noise))
+        return replace(self, data=data if sigma is None else data.weighted(data.standardised_distances(box), sigma))
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ class _All:
     surfaces: Sequence[_Surface]
     frame: Frame
     robust: bool
-    least_noise: float
+    least_sigma: float
 
     def each(self, surfaces: Sequence[_Surface], work: Callable[[_Surface, slice], T]) -> Iterator[T]:
         """The results of a function of each part, in the order of the parts."""
@@ -153,11 +153,11 @@ class _All:
         with ThreadPoolExecutor(threads_for(LARGE.part * len(jobs))) as pool:
             yield from pool.map(lambda job: work(*job), jobs)
 
-    def sums(self, box: ControlBox, elevated: ControlBox, noise: float) -> tuple[NormalEquations, float]:
+    def sums(self, box: ControlBox, elevated: ControlBox, sigma: float) -> tuple[NormalEquations, float]:
         """Normal equations for a box that deforms like the one with the foot points, and the sum of weights."""
 
         def of_part(surface: _Surface, chosen: slice) -> tuple[NormalEquations, float]:
-            data = surface.part(chosen, self.frame, box, noise if self.robust else None, self.least_noise)
+            data = surface.part(chosen, self.frame, box, sigma if self.robust else None, self.least_sigma)
             return data_rows(data, box).equations(box, elevated.degrees), data.count
 
         parts = self.each(self.surfaces, of_part)
@@ -175,9 +175,9 @@ class _All:
                 linear = linear.with_extra_terms(prior.equations(box))
         return linear
 
-    def updated(self, box: ControlBox, noise: float) -> "_All":
+    def updated(self, box: ControlBox, sigma: float) -> "_All":
         """All surfaces with foot points and inlier ratios of their samples updated to another box."""
-        return replace(self, surfaces=[each.updated(box, noise if self.robust else None) for each in self.surfaces])
+        return replace(self, surfaces=[each.updated(box, sigma if self.robust else None) for each in self.surfaces])
 
 
 def on_all(
@@ -215,7 +215,7 @@ def on_all(
         # on the scale of the sample's weights, whose mean is one
         even = weights[name] if sample.mean_weight == 1 else weights[name] / sample.mean_weight
         surfaces.append(_Surface(name, cloud, even, counted[name], noise.get(name), data, cKDTree(data.points)))
-    points = _All(surfaces, sample.frame, options.robust, known.least)
+    points = _All(surfaces, sample.frame, options.robust, known.least_sigma)
     return _with_arrays(*_rounds(points, found, enriched, local.box, options))
 
 
@@ -227,14 +227,14 @@ def _rounds(
     The fit to the sample itself where their results fold or leave control points undetermined.
     """
     strength, scale = check_strength(options.strength), points.frame.scale
-    noise, history = found.noise / scale, list(found.history)
+    sigma, history = found.noise / scale, list(found.history)
     effective_fraction = enriched.linear.effective_fraction
     solutions = list[Solution]()
     measured = probes(surface.data.superquadric for surface in points.surfaces)
     for _ in range(LARGE.rounds):
-        points = points.updated(box, noise)
-        equations, count = points.sums(box, box, noise)
-        linear = linear_problem_from(equations, box, options.regularity, count, effective_fraction, points.least_noise)
+        points = points.updated(box, sigma)
+        equations, count = points.sums(box, box, sigma)
+        linear = linear_problem_from(equations, box, options.regularity, count, effective_fraction, points.least_sigma)
         linear = points.with_priors(linear, box)
         first = linear.select(strength, solutions[-1] if solutions else found.strength)
         after = _unfolded(points, linear, box, first) if strength in (None, first.strength) else None
@@ -242,17 +242,17 @@ def _rounds(
             return points, found
         before, box, solution = box, after.box, after.solution
         solutions.append(solution)
-        noise = solution.noise
-        history.append(record(before, box, measured, noise).scaled(scale))
+        sigma = solution.sigma
+        history.append(record(before, box, measured, sigma).scaled(scale))
     solution = solutions[-1]
     result = replace(
         found,
         model=replace(found.model, box=points.frame.shape_to_world(box)),
         history=tuple(history),
         strength=solution.strength,
-        noise=scale * noise,
+        noise=scale * sigma,
         covariance=scale**2 * solution.covariance(),
-        enriched=_enriched(points, box.elevate(enriched.degrees), box, noise, solution, options.regularity),
+        enriched=_enriched(points, box.elevate(enriched.degrees), box, sigma, solution, options.regularity),
     )
     return points, result
 
@@ -268,7 +268,7 @@ class _Solved:
 def _unfolded(points: _All, linear: LinearProblem, box: ControlBox, solution: Solution) -> _Solved | None:
     """The box moved by a solution, without folds; regularised more strongly where that would cost too much noise."""
     surfaces = {surface.name: surface.data.superquadric for surface in points.surfaces}
-    penalty = JacobianPenalty.of(box, surfaces, linear.total_weight, solution.noise)
+    penalty = JacobianPenalty.of(box, surfaces, linear.total_weight, solution.sigma)
 
     def penalised(state: _Solved, penalty: JacobianPenalty, strength: float) -> _Solved | None:
         # the penalty is linear about the state's box; the sums over all points are not taken anew
@@ -280,30 +280,30 @@ def _unfolded(points: _All, linear: LinearProblem, box: ControlBox, solution: So
         if first is None:
             continue
         state = _Solved(displaced(box, first), first)
-        largest_noise = LARGE.accepted * solution.noise
-        found = remove_folds(penalised, state, penalty, first.strength, surfaces, largest_noise)
+        largest_sigma = LARGE.accepted * solution.sigma
+        found = remove_folds(penalised, state, penalty, first.strength, surfaces, largest_sigma)
         if found is not None:
             return replace(found, solution=replace(found.solution, curvature=solution.curvature))
     return None
 
 
 def _enriched(
-    points: _All, elevated: ControlBox, box: ControlBox, noise: float, solution: Solution, regularity: str | Regulariser
+    points: _All, elevated: ControlBox, box: ControlBox, sigma: float, solution: Solution, regularity: str | Regulariser
 ) -> EnrichedBox:
     """The problem of all points in a box with more control points; foot points are those of the fitted box."""
-    points = points.updated(box, noise)
-    equations, count = points.sums(box, elevated, noise)
+    points = points.updated(box, sigma)
+    equations, count = points.sums(box, elevated, sigma)
     fraction = solution.effective_fraction
-    linear = linear_problem_from(equations, elevated, regularity, count, fraction, points.least_noise)
+    linear = linear_problem_from(equations, elevated, regularity, count, fraction, points.least_sigma)
     return EnrichedBox(elevated, linear, solution.strength, points.frame.scale)
 
 
 def _with_arrays(points: _All, fit: Fit) -> Fit:
     """The fit with distances and probabilities of all points in place of those of the sample."""
-    frame, noise = points.frame, fit.noise / points.frame.scale
+    frame, sigma = points.frame, fit.noise / points.frame.scale
     after = frame.shape_to_local(fit.model)
     before = replace(after, box=after.box.with_control_points(after.box.rest))
-    points = points.updated(after.box, noise)
+    points = points.updated(after.box, sigma)
     arrays: list[dict[str, Array]] = [{}, {}, {}]
     for surface in points.surfaces:
         made = [np.empty(len(surface.cloud)) for _ in arrays]
@@ -313,7 +313,7 @@ def _with_arrays(points: _All, fit: Fit) -> Fit:
             distances = after.distance(local, surface.name)
             made[0][chosen] = frame.scale * distances
             made[1][chosen] = frame.scale * before.distance(local, surface.name)
-            part = surface.part(chosen, frame, after.box, noise if points.robust else None, points.least_noise)
+            part = surface.part(chosen, frame, after.box, sigma if points.robust else None, points.least_sigma)
             made[2][chosen] = part.inliers
             made[2][chosen] *= surface.weights[chosen] > 0
 

@@ -91,7 +91,7 @@ def linear_problem_of(
     box: ControlBox,
     regularity: str | Regulariser,
     effective_fraction: float = 1.0,
-    least_noise: float = 0.0,
+    least_sigma: float = 0.0,
 ) -> LinearProblem:
     """The linear problem of one round as a function of the strength, if a fraction of the points are independent."""
     rows = [data_rows(data, box) for data in datasets]
@@ -102,7 +102,7 @@ def linear_problem_of(
     metric = np.concatenate([r.metric for r in rows])
     total_weight = sum(data.count for data in datasets)
     equations = Rows(origins, targets, metric).equations(box)
-    return linear_problem_from(equations, box, regularity, total_weight, effective_fraction, least_noise)
+    return linear_problem_from(equations, box, regularity, total_weight, effective_fraction, least_sigma)
 
 
 def linear_problem_from(
@@ -111,12 +111,12 @@ def linear_problem_from(
     regularity: str | Regulariser,
     total_weight: float,
     effective_fraction: float,
-    least_noise: float = 0.0,
+    least_sigma: float = 0.0,
 ) -> LinearProblem:
     """The linear problem of accumulated normal equations, of rows whose weights sum up to `total_weight`."""
     l, m, n, _ = box.control_points.shape
     return LinearProblem(
-        equations, regulariser_matrix(regularity, (l, m, n)), total_weight, effective_fraction, least_noise
+        equations, regulariser_matrix(regularity, (l, m, n)), total_weight, effective_fraction, least_sigma
     )
 
 
@@ -150,8 +150,8 @@ def probes(superquadrics: Iterable[Superquadric]) -> Array:
     return np.concatenate([surface.grid(PROBES)[0] for surface in superquadrics])
 
 
-def record(before: ControlBox, after: ControlBox, probes: Array, noise: float) -> Iteration:
+def record(before: ControlBox, after: ControlBox, probes: Array, sigma: float) -> Iteration:
     """The changes by one round; `probes` (n, 3) are points of the superquadrics."""
     step, displacement = after.control_points - before.control_points, after.control_points - after.rest
     motion = after.deform(probes) - before.deform(probes)
-    return Iteration(noise, *(rms_length(vectors) for vectors in (step, displacement, motion)))
+    return Iteration(sigma, *(rms_length(vectors) for vectors in (step, displacement, motion)))

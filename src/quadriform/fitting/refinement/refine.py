@@ -28,7 +28,7 @@ from quadriform.fitting.refinement.stages import (
 )
 from quadriform.fitting.refinement.starts import candidates
 from quadriform.fitting.refinement.surface_data import Subsample, SurfaceData
-from quadriform.fitting.refinement.unfolding import accepted_noise, least_regularised, without_folds
+from quadriform.fitting.refinement.unfolding import accepted_sigma, least_regularised, without_folds
 from quadriform.fitting.result import HalfSpace, Progress, Result
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox, common_box
@@ -107,7 +107,7 @@ def refine_tangent(
         error = _error(result, given.clouds)
         if error <= given.max_error:
             return result
-    missed = max_error_missed(AUTO_SIDES[-1], error / given.max_error, (result.noise or 0) / given.max_error)
+    missed = max_error_missed(AUTO_SIDES[-1], error / given.max_error, (result.sigma or 0) / given.max_error)
     return replace(result, warnings=result.warnings | missed)
 
 
@@ -133,23 +133,23 @@ def _best_start(
     """
     first, best = _first_and_best(given, starts, shape)
     trial, refined = first
-    if best is None and refined.noise > POOR:
+    if best is None and refined.sigma > POOR:
         regularised = least_regularised(trial.problem, refined, trial.surfaces)
         best = None if regularised is None else Attempt(trial, regularised)
     elif best is None and given.options.robust:
         unweighted = replace(given, options=replace(given.options, robust=False))
-        _, best = _first_and_best(unweighted, starts, shape, accepted_noise(refined.noise))
+        _, best = _first_and_best(unweighted, starts, shape, accepted_sigma(refined.sigma))
     if best is None:
         return _result(first, folding(DeformableModel(trial.surfaces, refined.box)))
-    is_close = best.refined.noise <= accepted_noise(refined.noise)
-    return _result(best, {} if is_close else smoother_than_data(best.refined.noise, refined.noise))
+    is_close = best.refined.sigma <= accepted_sigma(refined.sigma)
+    return _result(best, {} if is_close else smoother_than_data(best.refined.sigma, refined.sigma))
 
 
 def _first_and_best(
     given: RefinementInput,
     starts: Sequence[dict[str, Superquadric]],
     shape: tuple[int, int, int],
-    largest_noise: float | None = None,
+    largest_sigma: float | None = None,
 ) -> tuple["Attempt", "Attempt | None"]:
     """The refinement of the first start, and the first certified one of accepted noise, else that of least noise.
 
@@ -161,20 +161,20 @@ def _first_and_best(
         given: points and options.
         starts: superquadrics by name.
         shape: control points along each axis.
-        largest_noise: the accepted noise; None for one relative to that of the first start.
+        largest_sigma: the accepted noise; None for one relative to that of the first start.
     """
     attempts, noisy = list["Attempt"](), list["Attempt"]()
     for trial in _self_intersecting_last(_ordered(given, starts, shape)):
         refined = fine_stage(trial.problem, trial.datasets, trial.coarse)
         attempts.append(Attempt(trial, refined))
-        accepted = accepted_noise(attempts[0].refined.noise) if largest_noise is None else largest_noise
+        accepted = accepted_sigma(attempts[0].refined.sigma) if largest_sigma is None else largest_sigma
         # between several surfaces a fold is worse than noise
         limit = np.inf if len(trial.surfaces) > 1 else accepted
         for certified in without_folds(trial.problem, refined, trial.surfaces, limit):
-            if certified.noise <= accepted:
+            if certified.sigma <= accepted:
                 return attempts[0], Attempt(trial, certified)
             noisy.append(Attempt(trial, certified))
-    return attempts[0], min(noisy, key=lambda attempt: attempt.refined.noise, default=None)
+    return attempts[0], min(noisy, key=lambda attempt: attempt.refined.sigma, default=None)
 
 
 def _ordered(
@@ -190,9 +190,9 @@ def _ordered(
     if len(trials) == 1:
         return trials
     order = best_first(np.array([-trial.first.solution.criterion for trial in trials]))
-    undeformed = np.array([trial.undeformed_noise for trial in trials])
+    undeformed = np.array([trial.undeformed_rms for trial in trials])
     nearest = best_first(-undeformed)[0]
-    if undeformed[nearest] < MUCH_NEARER * min(trial.first.noise for trial in trials):
+    if undeformed[nearest] < MUCH_NEARER * min(trial.first.sigma for trial in trials):
         order = np.array([nearest, *order[order != nearest]])
     return [trials[index] for index in order]
 
@@ -216,7 +216,7 @@ class _Trial:
         report = Report(given.progress, SCHEDULE.coarse_rounds * len(control_point_counts(box)) + SCHEDULE.fine_rounds)
         strength = check_strength(options.strength)
         measured = probes(surfaces.values())
-        problem = Problem(box, measured, options.regularity, strength, options.robust, report, given.noise.least)
+        problem = Problem(box, measured, options.regularity, strength, options.robust, report, given.noise.least_sigma)
         datasets = [data.around(each) for data, each in zip(given.datasets, surfaces.values())]
         return cls(given, surfaces, problem, datasets)
 
@@ -226,7 +226,7 @@ class _Trial:
         return first_stage(self.problem, self.given.first_sample.around(list(self.surfaces.values())))
 
     @cached_property
-    def undeformed_noise(self) -> float:
+    def undeformed_rms(self) -> float:
         """RMS distance of the points of the first stage to the superquadrics."""
         box, datasets = self.problem.box, self.given.first_sample.around(list(self.surfaces.values())).datasets
         distances = [data.with_nearest_foot_points(box).distances(box) for data in datasets]
@@ -265,7 +265,7 @@ def _result(attempt: Attempt, warnings: Warnings) -> Result:
         model=model,
         history=refined.history,
         strength=refined.solution.strength,
-        noise=refined.noise,
+        sigma=refined.sigma,
         covariance=refined.solution.covariance(),
         enriched=_enriched(trial.problem, refined),
         inliers={name: data.inliers for name, data in zip(given.clouds, refined.datasets)},
@@ -281,5 +281,5 @@ def _enriched(problem: Problem, refined: Refined) -> EnrichedBox:
     enriched = refined.box.elevate((l + MORE, m + MORE, n + MORE))
     none, fraction = (None,) * len(refined.datasets), refined.solution.effective_fraction
     # of the data alone: the prior beyond a base is no measurement
-    linear = linear_problem_of(refined.datasets, none, enriched, problem.regularity, fraction, problem.least_noise)
+    linear = linear_problem_of(refined.datasets, none, enriched, problem.regularity, fraction, problem.least_sigma)
     return EnrichedBox(enriched, linear, refined.solution.strength)

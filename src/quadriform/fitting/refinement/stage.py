@@ -75,14 +75,14 @@ class InitialState:
         box: deformed.
         datasets: one for each surface.
         solution: of the stage before, where the search for the strength begins; or None.
-        noise: standard deviation of the inliers' point-to-plane residuals, or None where it is not known.
+        sigma: standard deviation of the inliers' point-to-plane residuals, or None where it is not known.
         history: one record for each round so far.
     """
 
     box: ControlBox
     datasets: Datasets
     solution: Solution | None = None
-    noise: float | None = None
+    sigma: float | None = None
     history: tuple[Iteration, ...] = ()
 
 
@@ -103,9 +103,9 @@ class Refined:
     history: tuple[Iteration, ...]
 
     @property
-    def noise(self) -> float:
+    def sigma(self) -> float:
         """Standard deviation of the inliers' point-to-plane residuals."""
-        return self.solution.noise
+        return self.solution.sigma
 
     def is_covered(self) -> bool:
         """Whether the data samples all of every surface."""
@@ -197,14 +197,14 @@ class FacingPairs:
 class WeightingRule(Protocol):
     """A rule for the inlier probabilities."""
 
-    def weighted(self, box: ControlBox, datasets: Datasets, noise: float | None) -> Datasets:
+    def weighted(self, box: ControlBox, datasets: Datasets, sigma: float | None) -> Datasets:
         """Data with new inlier probabilities."""
 
 
 class FixedWeights:
     """Inlier probabilities that are not updated; at first they are one."""
 
-    def weighted(self, box: ControlBox, datasets: Datasets, noise: float | None) -> Datasets:
+    def weighted(self, box: ControlBox, datasets: Datasets, sigma: float | None) -> Datasets:
         """The same data."""
         return datasets
 
@@ -212,11 +212,11 @@ class FixedWeights:
 class MixtureWeights:
     """Inlier probabilities by a mixture of Gaussian inliers and uniform outliers."""
 
-    def weighted(self, box: ControlBox, datasets: Datasets, noise: float | None) -> Datasets:
-        """Data with probabilities at a noise; if it is None, at an estimate from the median distance."""
+    def weighted(self, box: ControlBox, datasets: Datasets, sigma: float | None) -> Datasets:
+        """Data with probabilities at a sigma of the inliers; if it is None, at an estimate from the median distance."""
         distances = [data.standardised_distances(box) for data in datasets]
         # of all surfaces together: a median is no estimate for a surface of outliers alone
-        sigma = MAD_TO_SIGMA * float(np.median(np.concatenate(distances))) if noise is None else noise
+        sigma = MAD_TO_SIGMA * float(np.median(np.concatenate(distances))) if sigma is None else sigma
         return tuple(data.weighted(each, sigma) for data, each in zip(datasets, distances))
 
 
@@ -294,7 +294,7 @@ class Problem:
             or a smaller one by left-out patches (`stages.py`).
         robust: whether outliers are down-weighted.
         report: of the rounds.
-        least_noise: lower bound of the standard deviation of the noise.
+        least_sigma: lower bound of the standard deviation of the noise.
     """
 
     box: ControlBox
@@ -303,7 +303,7 @@ class Problem:
     strength: float | None
     robust: bool
     report: Report
-    least_noise: float = 0.0
+    least_sigma: float = 0.0
 
     @property
     def weighting(self) -> WeightingRule:
@@ -314,7 +314,7 @@ class Problem:
         self, datasets: Datasets, attractions: Attractions, box: ControlBox, effective_fraction: float
     ) -> LinearProblem:
         """The linear problem of a round as a function of the strength."""
-        found = linear_problem_of(datasets, attractions, box, self.regularity, effective_fraction, self.least_noise)
+        found = linear_problem_of(datasets, attractions, box, self.regularity, effective_fraction, self.least_sigma)
         for prior in base_priors(datasets, box):
             found = found.with_extra_terms(prior.equations(box))
         return found
@@ -326,7 +326,7 @@ class Problem:
     def recorded(self, before: ControlBox, state: Refined) -> Refined:
         """The state with a record of its round, which is reported."""
         self.report.round()
-        entry = record(before, state.box, self.probes, state.noise)
+        entry = record(before, state.box, self.probes, state.sigma)
         return replace(state, history=(*state.history, entry))
 
     def penalised(self, state: Refined, penalty: Penalty, strength: float) -> Refined | None:
@@ -378,7 +378,7 @@ class Stage:
     def step(self, state: InitialState | Refined) -> Refined:
         """The state after one round."""
         datasets, attractions = self.foot_points.update(state.box, state.datasets)
-        datasets = self.weighting.weighted(state.box, datasets, state.noise)
+        datasets = self.weighting.weighted(state.box, datasets, state.sigma)
         fraction = self.independence.fraction(state.box, datasets, state.solution is None)
         linear = self.problem.linear_problem(datasets, attractions, state.box, fraction)
         solution = linear.select(self.problem.strength, state.solution)
@@ -387,7 +387,7 @@ class Stage:
 
     def converged(self, state: Refined) -> bool:
         """Whether the surface moved less than the stopping rule's fraction of the noise."""
-        return state.history[-1].surface_motion < self.stop.motion * state.noise
+        return state.history[-1].surface_motion < self.stop.motion * state.sigma
 
     def run(self, start: InitialState) -> Refined:
         """The state when the stopping rule is met."""

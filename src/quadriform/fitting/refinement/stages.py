@@ -136,7 +136,7 @@ def _with_details(problem: Problem, found: Refined) -> Refined:
         if strength is None:
             break
         stage = _stage(replace(problem, strength=strength), SCHEDULE.last_rounds)
-        found = stage.run(InitialState(found.box, found.datasets, found.solution, found.noise, found.history))
+        found = stage.run(InitialState(found.box, found.datasets, found.solution, found.sigma, found.history))
     return found
 
 
@@ -150,7 +150,7 @@ def _run_on_points(
 ) -> Refined:
     """The result of a stage on other points than those of the state."""
     first = tuple(replace(data, origins=_first_origins(data, part)) for data, part in zip(datasets, coarse.datasets))
-    return stage.run(InitialState(state.box, first, state.solution, state.noise, state.history))
+    return stage.run(InitialState(state.box, first, state.solution, state.sigma, state.history))
 
 
 def _first_origins(data: SurfaceData, part: SurfaceData) -> Array:

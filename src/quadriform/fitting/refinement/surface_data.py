@@ -147,20 +147,20 @@ class SurfaceData:
         normals = surface_normals(self.superquadric, box, self.origins)
         return self.distances(box) / np.sqrt(self.variances(normals))
 
-    def weighted(self, distances: Array, noise: float) -> "SurfaceData":
-        """The data with inlier probabilities and ratio, by EM at a given noise, from standardised distances (n,)."""
+    def weighted(self, distances: Array, sigma: float) -> "SurfaceData":
+        """The data with inlier probabilities and ratio, by EM at a given sigma, from standardised distances (n,)."""
         found = replace(self, inlier_ratio=FIRST_RATIO)
         for _ in range(EM_ROUNDS):
-            inliers = found.probabilities(distances, noise)
+            inliers = found.probabilities(distances, sigma)
             # below one, so that an outlier of a later round can still be detected
             ratio = float(np.clip(np.average(inliers, weights=self.weights), 0.02, 1 - 1e-6))
             found = replace(self, inliers=inliers, inlier_ratio=ratio)
         return found
 
-    def probabilities(self, distances: Array, noise: float) -> Array:
+    def probabilities(self, distances: Array, sigma: float) -> Array:
         """Inlier probabilities (m,) of points at such distances, at the estimated inlier ratio."""
         # with exact data sigma would be that of the model's own misfit, and every corner an outlier
-        mixture = Mixture(np.array([self.inlier_ratio]), np.array([max(noise, MISFIT)]))
+        mixture = Mixture(np.array([self.inlier_ratio]), np.array([max(sigma, MISFIT)]))
         return mixture.densities(distances[None])[0][0]
 
     def beside(

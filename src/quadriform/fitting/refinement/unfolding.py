@@ -98,12 +98,12 @@ class JacobianPenalty:
     usual: float = 1.0
 
     @classmethod
-    def of(cls, box: ControlBox, surfaces: Mapping[str, Superquadric], count: float, noise: float) -> "JacobianPenalty":
+    def of(cls, box: ControlBox, surfaces: Mapping[str, Superquadric], count: float, sigma: float) -> "JacobianPenalty":
         """The penalty on a lattice inside the surfaces and on their grids, for data of `count` points with a noise."""
         grids = [surface.grid(FOLDS.grid)[0] for surface in surfaces.values()]
         points = np.concatenate([grid_inside(box, list(surfaces.values()), FOLDS.lattice), *grids])
         # a determinant of zero costs this fraction of the squared residuals of all data
-        return cls(points, FOLDS.first_weight * count * (noise / FOLDS.min_determinant) ** 2)
+        return cls(points, FOLDS.first_weight * count * (sigma / FOLDS.min_determinant) ** 2)
 
     def relative_to(self, box: ControlBox) -> "JacobianPenalty":
         """The penalty with the median determinant of a box as the usual one."""
@@ -150,11 +150,11 @@ def remove_folds(
     penalty: JacobianPenalty,
     strength: float,
     surfaces: Mapping[str, Superquadric],
-    largest_noise: float,
+    largest_sigma: float,
 ) -> S | None:
     """The state after rounds under a growing penalty until it is verified to be free of folds.
 
-    None where that is not reached with a noise of at most `largest_noise`.
+    None where that is not reached with a noise of at most `largest_sigma`.
 
     Args:
         penalised: the state after a round at a strength with the penalty; None where control points stay undetermined.
@@ -162,11 +162,11 @@ def remove_folds(
         penalty: of the first round.
         strength: of all rounds.
         surfaces: name -> superquadric.
-        largest_noise: the noise that is accepted.
+        largest_sigma: the largest noise that is accepted.
     """
     found: S | None = state
     for _ in range(FOLDS.most_rounds):
-        if found is None or found.solution.noise > largest_noise:
+        if found is None or found.solution.sigma > largest_sigma:
             return None
         verified, penalty = penalty.check(found.box, surfaces)
         if verified:
@@ -175,7 +175,7 @@ def remove_folds(
     return None
 
 
-def accepted_noise(before: float) -> float:
+def accepted_sigma(before: float) -> float:
     """The noise, in RMS radii, above which the removal of a fold is no success; `before` is that of the folded fit."""
     return max(FOLDS.accepted * before, FOLDS.negligible)
 
@@ -195,33 +195,33 @@ def least_regularised(problem: Problem, refined: Refined, surfaces: dict[str, Su
         unfolded, above = _after_penalised_rounds(problem, problem.weighted(unfolded), penalty, float(strength))
         if not above or not certified(unfolded.box, surfaces):
             break
-        if best is None or unfolded.noise < best.noise:
+        if best is None or unfolded.sigma < best.sigma:
             best = unfolded
     return best
 
 
 def without_folds(
-    problem: Problem, refined: Refined, surfaces: dict[str, Superquadric], largest_noise: float
+    problem: Problem, refined: Refined, surfaces: dict[str, Superquadric], largest_sigma: float
 ) -> Iterator[Refined]:
-    """Refinements that are verified to be free of folds inside the surfaces, with a noise of at most `largest_noise`.
+    """Refinements that are verified to be free of folds inside the surfaces, with a noise of at most `largest_sigma`.
 
     The given one itself if it is; else by fold removal from its box and from the undeformed one: from the latter first
     where it is self-intersecting, for then its foot points are misleading.
     """
     penalty = _penalty(refined, surfaces)
-    accepted = refined.noise <= largest_noise
+    accepted = refined.sigma <= largest_sigma
     if accepted and penalty.minimum(refined.box) > FOLDS.verifiable and certified(refined.box, surfaces):
         yield refined
     for undeformed in (True, False) if refined.self_intersecting() else (False, True):
         start = _undeformed(refined) if undeformed else refined
-        found = _by_decreasing_strength(problem, start, penalty, surfaces, largest_noise)
+        found = _by_decreasing_strength(problem, start, penalty, surfaces, largest_sigma)
         if found is not None:
             yield with_nearest_foot_points(problem, found, penalty, surfaces)
 
 
 def _penalty(refined: Refined, surfaces: Mapping[str, Superquadric]) -> JacobianPenalty:
     count = sum(len(data.points) for data in refined.datasets)
-    return JacobianPenalty.of(refined.box, surfaces, count, refined.noise)
+    return JacobianPenalty.of(refined.box, surfaces, count, refined.sigma)
 
 
 def _by_decreasing_strength(
@@ -229,7 +229,7 @@ def _by_decreasing_strength(
     refined: Refined,
     penalty: JacobianPenalty,
     surfaces: dict[str, Superquadric],
-    largest_noise: float,
+    largest_sigma: float,
 ) -> Refined | None:
     """The refinement under the penalty at strengths that decrease from one under which nothing folds to the given one.
 
@@ -238,12 +238,12 @@ def _by_decreasing_strength(
     strength, found = refined.solution.strength, None
     for factor in np.geomspace(FOLDS.strongest, 1, FOLDS.descent):
         refined, above = _after_penalised_rounds(problem, refined, penalty, factor * strength)
-        if above and refined.noise <= largest_noise and certified(refined.box, surfaces):
+        if above and refined.sigma <= largest_sigma and certified(refined.box, surfaces):
             found = refined
         # the noise at the largest strength is that of a nearly affine map: no certified result need be worse
         if factor == FOLDS.strongest:
-            largest_noise = min(largest_noise, refined.noise)
-    return remove_folds(problem.penalised, refined, penalty, strength, surfaces, largest_noise) or found
+            largest_sigma = min(largest_sigma, refined.sigma)
+    return remove_folds(problem.penalised, refined, penalty, strength, surfaces, largest_sigma) or found
 
 
 def with_nearest_foot_points(
@@ -259,11 +259,11 @@ def with_nearest_foot_points(
         if _misfit(renewed) > FOLDS.not_nearer * _misfit(refined):
             return refined
         if problem.robust:
-            datasets = MixtureWeights().weighted(renewed.box, renewed.datasets, refined.noise)
+            datasets = MixtureWeights().weighted(renewed.box, renewed.datasets, refined.sigma)
             renewed = replace(renewed, datasets=datasets)
-        strength, noise = refined.solution.strength, refined.noise
+        strength, sigma = refined.solution.strength, refined.sigma
         penalised, _ = _after_penalised_rounds(problem, renewed, penalty, strength)
-        unfolded = remove_folds(problem.penalised, penalised, penalty, strength, surfaces, noise)
+        unfolded = remove_folds(problem.penalised, penalised, penalty, strength, surfaces, sigma)
         if unfolded is None:
             return refined
         refined = unfolded

@@ -133,14 +133,14 @@ def fit_robust(
         fixed=_in_frame(fixed, frame),
         log_odds=np.zeros(len(local)),
         noise=known.deviations(ALONE, centred),
-        least_sigma=known.least,
+        least_sigma=known.least_sigma,
     )
     if around is not None:
         problem = replace(problem, surroundings=around.surroundings(local, distinct, frame))
     with np.errstate(all="ignore"):
         solution = solve(problem)
     inliers = distinct.expand_to_duplicates(solution.descent.inliers[0])
-    fit = in_world(_outcome(solution, frame.to_local(world), inliers, known.least), frame)
+    fit = in_world(_outcome(solution, frame.to_local(world), inliers, known.least_sigma), frame)
     return replace(fit, warnings=fit.warnings | duplicates(distinct.copies, len(world)))
 
 
