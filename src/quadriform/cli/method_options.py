@@ -19,7 +19,7 @@ class MethodChoice:
     """Which model is fitted, and how.
 
     Method:
-        kind: ellipsoid, toroid, hyperboloid1 or hyperboloid2.
+        kind: ellipsoid (any superellipsoid), toroid, hyperboloid1 or hyperboloid2.
         method: tangent, or paper: Bardinet, Cohen and Ayache 1998. [default: tangent]
         box: Control points along each axis, or auto with --max-error. [default: 5,5,5]
         regularity: bending or springs; for paper svd (P7, the default), springs-paper (P9), springs (on displacements).
@@ -31,7 +31,8 @@ class MethodChoice:
         robust: Detect outliers and down-weight them. [default: robust]
         base: Where the data ends on purpose: a point and the direction to the missing side, as x,y,z/nx,ny,nz, or a
             file with a loop of points along the edge, in the frame of the input.
-        viewpoint: Position of the sensor as x,y,z, in the frame of the input: the body is not where it saw nothing.
+        viewpoint: Position of the sensor as x,y,z, in the frame of the input: the body is not in the
+            space that it saw to be empty.
         support: Plane that the body does not pass, such as the table below it, as x,y,z/nx,ny,nz.
         noise: Standard deviation of the points, in their unit, in place of that of images; the estimated noise is at
             least as large.

@@ -48,11 +48,13 @@ def fit(points: Input, **options: Any) -> Fit:
             structured array or a data frame the columns named x, y and z are taken, with the normals nx, ny, nz and
             the unit in the names, such as "x [mm]".
         kind: of superquadric: "ellipsoid" (any superellipsoid), "toroid", "hyperboloid1" or "hyperboloid2".
-        method: "tangent": our most accurate method; "paper": Bardinet, Cohen and Ayache 1998.
+        method: "tangent": our most accurate method, by distances to tangent planes; "paper": Bardinet, Cohen and
+            Ayache 1998.
         box: control points along each axis, from 2 to 20; or "auto": the smallest box that reaches `max_error`.
-        regularity: of the box. For method "tangent" "bending" (default), "springs", or an object with one method
-            `matrix(shape)`, (n, n) over control points. For "paper" "svd" (default: P7 by SVD), "springs-paper" (P9
-            as printed), or our variations "springs" and an object (on the displacement) and "svd-position".
+        regularity: the regulariser. For method "tangent" "bending" (default: the bending energy of the deformation),
+            "springs", or an object with one method `matrix(shape)`, (n, n) over control points. For "paper" "svd"
+            (default: P7 by SVD), "springs-paper" (P9 as printed), or our variations "springs" and an object (on the
+            displacement) and "svd-position".
         strength: regularisation weight alpha per data point (for "paper" per model point), or "auto": that of the
             largest evidence, or a smaller one that predicts left-out patches better. For "svd" how many singular values
             are used (>= 1), or the smallest fraction of the largest (< 1); "auto": all above rounding.
@@ -60,10 +62,12 @@ def fit(points: Input, **options: Any) -> Fit:
         base: only for "tangent": where the data ends on purpose, a plane (point, direction to the side without data)
             or a loop (m, 3) of points along the edge.
         viewpoint: only for "tangent": position (3,) of the sensor, or for each point (n, 3) where it was seen from, or
-            these by name, in the unit and frame of the points. Where the sensor saw nothing the superquadric is not;
-            positions that fewer than 100 points have in common say nothing.
-        support: only for "tangent": a plane (point, normal) that the superquadric does not pass, such as the table it
-            stands on; the body is on the side of most points.
+            these by name, in the unit and frame of the points. The superquadric is kept out of the space that the
+            sensor saw to be empty: in front of what it measured, and in directions in which it measured nothing.
+            Positions that fewer than 100 points have in common are not used.
+        support: only for "tangent": the supporting plane (point, normal), such as a table, which the superquadric does
+            not pass; the body is on the side of most points. `Fit.supported` is something else: how much of the surface
+            data covers.
         max_error: only for box="auto": the RMS distance to the inliers to reach, in the unit of the points.
         matching: only for "paper": "data-to-model" (default) or "model-to-data".
         iterations: only for "paper": the largest number of iterations; 30 unless given.
