@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from remembered import FOUND
 from shapes_made import lumpy, made
 from shapes_meshes import box_mesh
 
@@ -169,6 +170,7 @@ def test_a_base_is_a_plane_or_a_file_with_a_loop(terminal, lump):
 @pytest.mark.slow
 def test_twice_the_same_bytes(terminal, cloud, tmp_path):
     for out in ("a", "b"):
+        FOUND.clear()
         terminal("fit", cloud, "-o", out, *BRIEF)
     for name in ("model.json", "surface.ply", "report.html"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()

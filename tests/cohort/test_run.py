@@ -15,8 +15,9 @@ from functools import partial
 import numpy as np
 import pytest
 from cohort_made import TINY, differences, listed, needs
+from remembered import remember
 
-from quadriform.cohort import executors
+from quadriform.cohort import executors, subject
 from quadriform.cohort.run import Choices, run
 from quadriform.cohort.stores import models
 from quadriform.errors import InputError, OptionError, OutputError
@@ -30,6 +31,14 @@ WORDS = ("--set", "box=2,2,2", "--set", "robust=no", "--set", "strength=1e-4")
 
 def one_thread():
     return executors.from_executor(ThreadPoolExecutor(1), 1)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def remembered_subjects():
+    """Here no subject is tracked twice; worker processes know nothing of it."""
+    with pytest.MonkeyPatch.context() as patch:
+        remember(patch, subject, "fit", "track")
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,7 @@ from quadriform.fitting.least_squares.normal_equations import normal_equations
 from quadriform.fitting.least_squares.regularisers import regulariser_matrix
 from quadriform.motion.cycle_equations import LinearCycleProblem
 from quadriform.point_sets import PointSet
+from quadriform.shapes import comparison
 from quadriform.shapes.bernstein import basis, gram, kronecker
 from quadriform.shapes.splines import TimeBasis
 
@@ -92,9 +93,10 @@ def rings(points_of_each):
 
 
 @pytest.mark.slow
-def test_ten_times_more_points_along_the_same_contours_change_little():
+def test_ten_times_more_points_along_the_same_contours_change_little(monkeypatch):
     """Counted as independent, or held across contours, they would move the surface by a tenth of the noise or more."""
-    few, many = (qf.track(rings(count), box=(4, 4, 4)) for count in (30, 300))
+    monkeypatch.setattr(comparison, "SAMPLES", 2000)
+    few, many = (qf.track(rings(count), box=(4, 4, 4)) for count in (16, 160))
     assert few.noise == pytest.approx(many.noise, rel=0.1)
     for one, other in zip(few.models, many.models):
         assert max(way.rms for way in qf.surface_distances(one, other)) < 0.05 * few.noise
