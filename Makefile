@@ -2,6 +2,9 @@
 PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/ready
+# A thread for each process: threads that share tiny matrices cost more than they bring. What arrays leave of the memory is kept
+# for the next ones; given back to the system, it would come back page by page.
+ALONE := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MALLOC_TRIM_THRESHOLD_=1073741824 MALLOC_MMAP_THRESHOLD_=33554432
 BENCH := .venv-bench
 
 .PHONY: results results-full stale-results demo test quick kernels check bench foreign fuzz mutants kill large coverage docs docs-figures clean
@@ -9,14 +12,13 @@ BENCH := .venv-bench
 demo: $(READY)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/quadriform demo -o out/demo --force
 
-# Processes, and a thread for each of them: threads that share tiny matrices cost more than they bring. Byte code is kept,
-# as Python does unless told otherwise, for nearly a hundred processes start on the way.
+# Byte code is kept, as Python does unless told otherwise, for nearly a hundred processes start on the way.
 test: $(READY)
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
+	$(ALONE) PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
 # The same without the tests marked as slow, which take more than about a third of a second; for every change of a line.
 quick: $(READY)
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder -m "not slow"
+	$(ALONE) PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder -m "not slow"
 
 # The numerical tests under each kernel of OpenBLAS that the processor has; another kernel rounds as another processor does.
 kernels: $(READY)

@@ -88,12 +88,12 @@ def _as_numbers(values: ArrayLike, what: str) -> Array:
 
 def unit_vectors(vectors: NDArray[Any]) -> Array:
     """Vectors (..., 3) divided by their lengths; zero vectors stay."""
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300), dtype=np.float64)
+    return np.asarray(vectors / np.maximum(lengths(vectors), 1e-300)[..., None], dtype=np.float64)
 
 
 def lengths(vectors: Array) -> Array:
-    """Lengths (n,) of vectors (n, 3), by columns: along rows of three NumPy's sums take several times as long."""
-    x, y, z = vectors.T
+    """Lengths (...) of vectors (..., 3), by columns: along rows of three NumPy's sums take several times as long."""
+    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
     return np.sqrt(x * x + y * y + z * z)
 
 

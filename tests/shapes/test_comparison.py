@@ -5,8 +5,8 @@ import pytest
 from shapes_made import KINDS, SKEW, made, single
 
 from quadriform.errors import DegenerateError, InputError, OptionError
+from quadriform.shapes import comparison
 from quadriform.shapes.comparison import (
-    SAMPLES,
     _sampled,
     _to_surface,
     alone,
@@ -23,6 +23,13 @@ from quadriform.shapes.pose import rotation_from_euler
 from quadriform.shapes.superquadric import Superquadric
 
 CENTRE = np.array([100.0, -40.0, 7.0])
+SAMPLES = 4000
+
+
+@pytest.fixture(autouse=True)
+def fewer_samples(monkeypatch):
+    """Enough for the tolerances here."""
+    monkeypatch.setattr(comparison, "SAMPLES", SAMPLES)
 
 
 def sphere(radius, centre=CENTRE):

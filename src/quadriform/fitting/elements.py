@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quadriform.points import Array, unit_vectors
+from quadriform.points import Array, lengths, unit_vectors
 from quadriform.shapes.mesh import Mesh, split_quads
 from quadriform.shapes.model import DeformableModel
 
@@ -35,7 +35,7 @@ class Elements:
         mesh = Mesh(model.box.deform(origins), split_quads(quads, origins))
         vectors = np.zeros_like(origins)  # a triangle is shared among its corners
         np.add.at(vectors, mesh.faces.ravel(), np.repeat(mesh.area_vectors() / 3, 3, axis=0))
-        return cls(origins, mesh.vertices, unit_vectors(vectors), np.linalg.norm(vectors, axis=1))
+        return cls(origins, mesh.vertices, unit_vectors(vectors), lengths(vectors))
 
     def variances(self, model: DeformableModel, covariance: Array) -> Array:
         """Variances (m,) along the normals by the covariance C (3 k, 3 k) of the control points: b' C b, b = B n."""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from quadriform.points import Array, unit_vectors
+from quadriform.points import Array, lengths, unit_vectors
 from quadriform.shapes import _kernel
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.kinds import KINDS
@@ -160,7 +160,7 @@ def _nearest(superquadric: Superquadric, box: ControlBox, owner: Index, targets:
     A target on a plane of symmetry, such as a voxel on the edge of a cube, has two or more nearest points. Rounding
     does not choose among these: the one farthest along a direction of the superquadric's frame is taken.
     """
-    distance, along = np.linalg.norm(targets - points, axis=1), points @ (superquadric.rotation @ ASYMMETRIC)
+    distance, along = lengths(targets - points), points @ (superquadric.rotation @ ASYMMETRIC)
     tied = distance <= _extreme(np.minimum, owner, distance) + EQUAL * _diagonal(box)
     along = np.where(tied, along, -np.inf)
     same = along >= _extreme(np.maximum, owner, along) - SAME_POINT * _diagonal(box)
@@ -180,7 +180,7 @@ def _feet_beside_planes(
     superquadric: Superquadric, box: ControlBox, targets: Array, owner: Index, origins: Array
 ) -> tuple[Index, NDArray[np.bool_]]:
     """Indices (k,) of near foot points beside a coordinate plane, one for each cell, and masks of small coordinates."""
-    size, distance = _diagonal(box), np.linalg.norm(targets[owner] - box.deform(origins), axis=1)
+    size, distance = _diagonal(box), lengths(targets[owner] - box.deform(origins))
     own = np.abs(superquadric.scaled(origins))
     beside = own < BESIDE * own.max(axis=1, keepdims=True)
     near = distance <= _extreme(np.minimum, owner, distance) + LEFT_OUT * size
@@ -199,7 +199,7 @@ def _foot_points(
     offset = targets - points
     # A point on the surface has no side; it counts as outside, with distance zero.
     side = np.where(np.einsum("ij,ij->i", offset, normals) < 0, -1.0, 1.0)
-    return FootPoints(origins, points, normals, side * np.linalg.norm(offset, axis=1))
+    return FootPoints(origins, points, normals, side * lengths(offset))
 
 
 def surface_normals(superquadric: Superquadric, box: ControlBox, origins: Array) -> Array:
@@ -277,6 +277,8 @@ class CandidateIndex:
 
     def _among_all(self, ambiguous: Index, targets: Array, nearest: Array) -> list[Index]:
         """For ambiguous targets all vertices that qualify, as target * n + vertex."""
+        if not len(ambiguous):
+            return []
         centre, n = self.points.mean(axis=0), len(self.points)
         points = self.points - centre
         columns = np.column_stack([-2 * points, -self._coefficient]).T
@@ -296,11 +298,11 @@ class CandidateIndex:
         """Pairs whose vertex is as near as all its neighbours."""
         several = np.bincount(owner, minlength=len(targets))[owner] > 1
         o, v = owner[several], vertex[several]
-        own = np.linalg.norm(targets[o] - self.points[v], axis=1)
+        own = lengths(targets[o] - self.points[v])
         lowest = np.ones(len(o), dtype=bool)
         for neighbour in self.around:
             left = np.flatnonzero(lowest)
-            ring = np.linalg.norm(targets[o[left]] - self.points[neighbour[v[left]]], axis=1)
+            ring = lengths(targets[o[left]] - self.points[neighbour[v[left]]])
             lowest[left] = own[left] <= ring * (1 + 1e-12)
         kept = ~several
         kept[several] = lowest

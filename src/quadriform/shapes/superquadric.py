@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from quadriform.errors import OptionError, choose
-from quadriform.points import LARGEST, Array, check_points, fixed_array
+from quadriform.points import LARGEST, Array, check_points, fixed_array, lengths
 from quadriform.shapes import _kernel, pose
 from quadriform.shapes.kinds import KINDS, Kind
 from quadriform.shapes.mesh import Faces, Mesh, richardson, split_quads
@@ -220,7 +220,7 @@ class Superquadric:
     @quiet
     def first_order_distance(self, points: ArrayLike) -> Array:
         """`|F - 1| / |grad F|` (P4), (n,); close to the true distance near the surface."""
-        gradient_length = np.linalg.norm(self.gradient(points), axis=1)
+        gradient_length = lengths(self.gradient(points))
         return np.abs(self.implicit(points) - 1) / np.maximum(gradient_length, 1e-300)  # P4
 
     @quiet

@@ -19,7 +19,7 @@ from quadriform.fitting.cloud import (
 from quadriform.fitting.mixture import Mixture
 from quadriform.fitting.noise import variances_along
 from quadriform.fitting.result import HalfSpace
-from quadriform.points import Array
+from quadriform.points import Array, lengths
 from quadriform.shapes.closest import closest_on, surface_normals, update_foot_points
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superquadric import Superquadric
@@ -134,7 +134,7 @@ class SurfaceData:
 
     def distances(self, box: ControlBox) -> Array:
         """Distances (n,) from the points to their foot points."""
-        return np.linalg.norm(self.points - box.deform(self.origins), axis=1)
+        return lengths(self.points - box.deform(self.origins))
 
     def variances(self, normals: Array) -> Array:
         """Variance (n,) of each point along a normal (n, 3), relative to that of the noise."""
