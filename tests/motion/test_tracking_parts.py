@@ -7,7 +7,7 @@ import pytest
 from shapes_made import even_directions
 
 from quadriform.errors import OptionError, PointsError
-from quadriform.motion import frames, tracking
+from quadriform.motion import frames, quality, tracking
 from quadriform.motion.tracking import Track, _Task
 from quadriform.point_sets import PointSet
 from quadriform.shapes.splines import TimeBasis
@@ -37,9 +37,9 @@ def test_frames_are_the_same_where_all_their_points_are():
 
 
 def test_the_same_warning_of_several_frames_is_one_sentence():
-    found = tracking._by_frame([{"A": "x", "B": "y"}, {"A": "x"}, {}, {"A": "z"}])
+    found = quality.by_frame([{"A": "x", "B": "y"}, {"A": "x"}, {}, {"A": "z"}])
     assert found == {"A": "frames 0, 1: x; frame 3: z", "B": "frame 0: y"}
-    assert tracking._by_frame([{}, {}]) == {}
+    assert quality.by_frame([{}, {}]) == {}
 
 
 def test_options_of_a_frame_have_its_base():
@@ -156,7 +156,7 @@ def test_a_motion_much_farther_from_the_points_than_the_folded_one_is_a_poor_fit
     """By more than half, and more than a fortieth of the radius: what folds are removed to at any strength."""
 
     def found(sigma, before):
-        return tracking._without_folds(SimpleNamespace(sigma=sigma, sigma_before=before))
+        return quality.without_folds(SimpleNamespace(sigma=sigma, sigma_before=before))
 
     assert found(0.5, None) == found(0.0449, 0.03) == found(0.0249, 0.001) == {}
     assert list(found(0.0451, 0.03)) == list(found(0.0251, 0.001)) == ["POOR_FIT"]

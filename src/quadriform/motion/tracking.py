@@ -13,23 +13,15 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from quadriform.errors import WarningKind, Warnings, choose, known_options
-from quadriform.fitting.diagnostics import (
-    INLIER,
-    folding,
-    low_overlap,
-    named_texts,
-    outliers,
-    poor_fit,
-    smoother_than_data,
-)
+from quadriform.errors import Warnings, choose, known_options
+from quadriform.fitting.diagnostics import low_overlap
 from quadriform.fitting.fit import fit, precision_warnings, refine
 from quadriform.fitting.noise import KnownNoise, partial_notes
-from quadriform.fitting.options import Base, check_box, check_strength
+from quadriform.fitting.options import Base, TangentOptions, check_box, check_strength
+from quadriform.fitting.refinement.refine import RefinementInput, smooth_box
 from quadriform.fitting.refinement.starts import nested_ellipsoids
-from quadriform.fitting.refinement.surface_data import SurfaceData
-from quadriform.fitting.refinement.unfolding import accepted_sigma
 from quadriform.fitting.result import Fit, HalfSpace, Progress, Warned, flat
+from quadriform.fitting.support import Support
 from quadriform.fitting.threads import one_blas_thread
 from quadriform.motion.cycle import Cycle, CycleFit, named
 from quadriform.motion.cycle_rounds import fit_cycle
@@ -45,10 +37,10 @@ from quadriform.motion.frames import (
     planes_of_frames,
     time_basis,
 )
+from quadriform.motion.quality import by_frame, cycle_warnings, not_supported, support_of_frame
 from quadriform.motion.slice_shifts import SlicePlanes
 from quadriform.point_sets import ALONE, Given, PointSet, common_unit, points_sha256
 from quadriform.points import Array, Frame
-from quadriform.shapes.closest import FootPoints
 from quadriform.shapes.control_box import ControlBox, common_box
 from quadriform.shapes.landmarks import BasePlane
 from quadriform.shapes.model import DeformableModel
@@ -80,6 +72,7 @@ class Track(Warned):
         shifts: slice number -> shift (3,) in its plane, in the unit of the points; empty where none was sought.
         warnings: kind -> sentence; every model carries those of all frames, whose texts name the frames.
         notes: remarks that leave the status "ok", one sentence each.
+        support: for each frame how far its data supports each surface.
     """
 
     strategy: str
@@ -92,6 +85,7 @@ class Track(Warned):
     shifts: dict[int, Array] = field(default_factory=dict)
     warnings: Warnings = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    support: tuple[Mapping[str, Support], ...] = ()
 
     def __repr__(self) -> str:
         times = f"{len(self.times)} frames from {self.times[0]:.4g} to {self.times[-1]:.4g}, strategy {self.strategy!r}"
@@ -118,6 +112,11 @@ class Track(Warned):
     def frame_rms(self) -> Array:
         """RMS distances (F,) of the points of each frame to their surfaces."""
         return np.array([np.sqrt((flat(found) ** 2).mean()) for found in self.residuals])
+
+    @property
+    def supported(self) -> Array:
+        """Share [0, 1] of the area that data supports in each frame, (F,), of the surface that has the least."""
+        return np.array([min(each.area for each in frame.values()) for frame in self.support])
 
     def in_unit(self, unit: str) -> Track:
         """The track whose models state the unit that their lengths have."""
@@ -193,10 +192,10 @@ def track(
     options = {"box": box, "regularity": regularity, "strength": strength, "robust": robust}
     bases = planes_of_frames(base, sets)
     found = STRATEGIES[strategy](_Task(clouds, covariances(sets), bases, at, basis, numbers, options, progress))
-    warnings = found.warnings | _by_frame([precision_warnings(frame) for frame in sets])
+    warnings = found.warnings | by_frame([precision_warnings(frame) for frame in sets])
     if slices is None:  # shifted slices are not where the bodies of the data have them
         overlaps = [low_overlap(model, frame, plane) for model, frame, plane in zip(found.models, sets, bases)]
-        warnings |= _by_frame(overlaps)
+        warnings |= by_frame(overlaps)
     assumed = dict.fromkeys(note for frame in sets for each in frame.values() for note in each.notes)
     every = {named(n, name): each for n, frame in enumerate(sets) for name, each in frame.items()}
     notes = (*assumed, *partial_notes({name: each.noise for name, each in every.items()}), *found.notes)
@@ -289,7 +288,8 @@ def _of_fits(strategy: str, task: _Task, fits: Sequence[Fit], moving: MovingMode
         residuals=tuple(named_residuals),
         noise=float(np.sqrt(np.mean([found.noise**2 for found in fits]))),
         strengths=(float(np.median([found.strength for found in fits])),),
-        warnings=_by_frame([found.warnings for found in fits]),
+        warnings=by_frame([found.warnings for found in fits]),
+        support=tuple(found.support for found in fits),
         notes=tuple(f"frame {number}: {note}" for number, found in enumerate(fits) for note in found.notes),
     )
 
@@ -324,9 +324,10 @@ def _start(
     base: HalfSpace | None,
     options: Mapping[str, Any],
 ) -> ControlBox:
-    """The box of one frame fitted alone, where all frames begin; its strength is its own best one."""
-    alone = {name: options[name] for name in ("box", "regularity", "robust")}
-    return refine(surfaces, points, base=base, **alone).model.box
+    """The box of one frame fitted alone, where all frames begin: a smooth one."""
+    chosen = TangentOptions(options["box"], options["regularity"], robust=options["robust"])
+    weights = {name: np.ones(len(cloud)) for name, cloud in points.items()}
+    return smooth_box(RefinementInput(points, weights, {}, KnownNoise({}, 0.0), chosen, base), dict(surfaces))
 
 
 def _in_frame(noise: Frames, local: Frames, scale: float) -> KnownNoise:
@@ -346,52 +347,22 @@ def _cycle_in_world(task: _Task, frame: Frame, moving: MovingModel, found: Cycle
         {name: model.foot_points(frame.to_world(data.points), name) for name, data in datasets.items()}
         for model, datasets in zip(models, found.datasets)
     )
+    noise, sigma = task.noise, frame.scale * found.sigma
+    support = tuple(
+        support_of_frame(models[k], found.datasets[k], feet[k], frame, sigma, task.bases[k], noise[k])
+        for k in range(len(models))
+    )
     return Track(
         strategy="cycle",
         times=task.times,
         models=models,
         moving=moving,
         residuals=tuple({name: each.signed for name, each in nearest.items()} for nearest in feet),
-        noise=frame.scale * found.sigma,
+        noise=sigma,
         strengths=found.strengths,
-        warnings=_without_folds(found) | _by_frame(_cycle_warnings(models, feet, found, frame.scale)),
+        warnings=cycle_warnings(models, feet, found, frame.scale) | not_supported(support),
+        support=support,
     )
 
 
 STRATEGIES: dict[str, Callable[[_Task], Track]] = {"cycle": _cycle, "previous": _previous, "alone": _alone}
-
-
-def _cycle_warnings(
-    models: Sequence[DeformableModel], feet: Sequence[Mapping[str, FootPoints]], found: CycleFit, unit: float
-) -> list[Warnings]:
-    """The warnings of each frame; `unit` is the length of one in the frame of the cycle."""
-    result = []
-    for model, nearest, datasets, verified in zip(models, feet, found.datasets, found.verified):
-        each = {n: outliers(data.inliers) | _poor_fit(data, nearest[n], found, unit) for n, data in datasets.items()}
-        result.append(named_texts(each) | ({} if verified else folding(model)))
-    return result
-
-
-def _without_folds(found: CycleFit) -> Warnings:
-    before = found.sigma_before
-    if before is None or found.sigma <= accepted_sigma(before):
-        return {}
-    return smoother_than_data(found.sigma, before)
-
-
-def _poor_fit(data: SurfaceData, nearest: FootPoints, found: CycleFit, unit: float) -> Warnings:
-    kept = data.inliers >= INLIER
-    known = found.least_sigma**2 * data.variances(nearest.normals)
-    return poor_fit(nearest.signed[kept] / unit, known=known[kept])
-
-
-def _by_frame(found: Sequence[Warnings]) -> Warnings:
-    """Warnings of all frames as one mapping; each text names its frames."""
-    joined: dict[WarningKind, dict[str, list[int]]] = {}
-    for frame, warnings in enumerate(found):
-        for kind, text in warnings.items():
-            joined.setdefault(kind, {}).setdefault(text, []).append(frame)
-    return {
-        kind: "; ".join(f"frame{'s'[: len(at) > 1]} {', '.join(map(str, at))}: {text}" for text, at in texts.items())
-        for kind, texts in joined.items()
-    }

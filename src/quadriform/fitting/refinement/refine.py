@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from quadriform.errors import Warnings
+from quadriform.errors import OptionError, Warnings
 from quadriform.fitting.cloud import best_first
 from quadriform.fitting.diagnostics import POOR, folding, ill_conditioned, max_error_missed, smoother_than_data
 from quadriform.fitting.least_squares.uncertainty import EnrichedBox
@@ -32,6 +32,7 @@ from quadriform.fitting.refinement.unfolding import accepted_sigma, least_regula
 from quadriform.fitting.result import HalfSpace, Progress, Result
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox, common_box
+from quadriform.shapes.fold_bound import never_folds
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
 
@@ -42,6 +43,11 @@ MUCH_NEARER = 0.5
 """A start is tried first if its RMS distance from the points is below this fraction of the least that any start has
 after its first stage: then the first stage led away from a good start. At the true surface both distances are the noise
 of the points, and no start is tried first."""
+
+
+SMOOTH = (100.0, 10.0)
+"""Factors on the strength of the first stage for a smooth box, from each of which the next continues. At smaller ones
+the surface of open contours amplifies rounding of the data to a thousandth of its size and more."""
 
 
 @dataclass(frozen=True)
@@ -109,6 +115,28 @@ def refine_tangent(
             return result
     missed = max_error_missed(AUTO_SIDES[-1], error / given.max_error, (result.sigma or 0) / given.max_error)
     return replace(result, warnings=result.warnings | missed)
+
+
+def smooth_box(given: RefinementInput, superquadrics: dict[str, Superquadric]) -> ControlBox:
+    """The box of a refinement without folds at the last possible of `SMOOTH` times the strength of the first stage.
+
+    The options have no strength. Folds are not removed: that would amplify rounding as well. Where nothing is possible,
+    it is the box after the first stage.
+    """
+    l, m, n = shape = check_box(given.options.box)
+    first = _Trial.of(given, superquadrics, shape).first
+    box = first.box.elevate((l - 1, m - 1, n - 1))
+    for number, factor in enumerate(SMOOTH):
+        options = replace(given.options, strength=factor * first.solution.strength)
+        trial = _Trial.of(replace(given, options=options, warm_start=box if number else None), superquadrics, shape)
+        try:
+            found = fine_stage(trial.problem, trial.datasets, trial.coarse).box
+        except OptionError:  # this strength leaves control points undetermined
+            break
+        if not never_folds(found, trial.surfaces.values()):
+            break
+        box = found
+    return box
 
 
 def _error(result: Result, clouds: Mapping[str, Array]) -> float:

@@ -1,0 +1,102 @@
+"""What the data of each frame supports, and the warnings about the frames of a motion."""
+
+from collections.abc import Mapping, Sequence
+
+from quadriform.errors import WarningKind, Warnings
+from quadriform.fitting.diagnostics import (
+    INLIER,
+    folding,
+    named_texts,
+    outliers,
+    poor_fit,
+    smoother_than_data,
+    unsupported,
+)
+from quadriform.fitting.noise import sampling_step
+from quadriform.fitting.refinement.surface_data import SurfaceData
+from quadriform.fitting.refinement.unfolding import accepted_sigma
+from quadriform.fitting.support import LIMITS, Support, support_of
+from quadriform.motion.cycle import CycleFit
+from quadriform.points import Array, Frame
+from quadriform.shapes.closest import FootPoints
+from quadriform.shapes.landmarks import BasePlane
+from quadriform.shapes.model import DeformableModel
+
+
+def support_of_frame(
+    model: DeformableModel,
+    datasets: Mapping[str, SurfaceData],
+    feet: Mapping[str, FootPoints],
+    frame: Frame,
+    sigma: float,
+    base: BasePlane | None,
+    noise: Mapping[str, Array],
+) -> dict[str, Support]:
+    """How far the inliers of one frame support its surfaces, by name.
+
+    Args:
+        model: of the frame, in the unit of the points.
+        datasets: name -> data with inlier probabilities, in the centred, scaled frame.
+        feet: name -> the points of the surface nearest to the data, in the unit of the points.
+        frame: of the data.
+        sigma: standard deviation of the points, likewise.
+        base: where the data ends on purpose, likewise.
+        noise: name -> covariances (n, 3, 3) that are known of the points, likewise.
+    """
+    found = dict[str, Support]()
+    for name, data in datasets.items():
+        kept, nearest = data.inliers >= INLIER, feet[name]
+        mesh, step = model.mesh(name, LIMITS.resolution), sampling_step(noise.get(name))
+        found[name] = support_of(mesh, frame.to_world(data.points[kept]), nearest.points[kept], sigma, base, step)
+    return found
+
+
+def cycle_warnings(
+    models: Sequence[DeformableModel], feet: Sequence[Mapping[str, FootPoints]], found: CycleFit, unit: float
+) -> Warnings:
+    """The warnings about the surfaces of a cycle; `unit` is the length of one in its centred, scaled frame."""
+    result = []
+    for model, nearest, datasets, verified in zip(models, feet, found.datasets, found.verified):
+        each = {n: outliers(data.inliers) | _poor_fit(data, nearest[n], found, unit) for n, data in datasets.items()}
+        result.append(named_texts(each) | ({} if verified else folding(model)))
+    return without_folds(found) | by_frame(result)
+
+
+def without_folds(found: CycleFit) -> Warnings:
+    """POOR_FIT where folds were removed at the price of a much larger distance from the points."""
+    before = found.sigma_before
+    if before is None or found.sigma <= accepted_sigma(before):
+        return {}
+    return smoother_than_data(found.sigma, before)
+
+
+def _poor_fit(data: SurfaceData, nearest: FootPoints, found: CycleFit, unit: float) -> Warnings:
+    kept = data.inliers >= INLIER
+    known = found.least_sigma**2 * data.variances(nearest.normals)
+    return poor_fit(nearest.signed[kept] / unit, known=known[kept])
+
+
+def not_supported(frames: Sequence[Mapping[str, Support]]) -> Warnings:
+    """PARTIAL_COVERAGE, UNSUPPORTED and RUNAWAY of the frames, by the one that is supported least."""
+    return named_texts({name: _least_supported([each[name] for each in frames]) for name in frames[0]})
+
+
+def _least_supported(frames: Sequence[Support]) -> Warnings:
+    """The same of one surface."""
+    found: Warnings = {}
+    # the least supported frame first: its texts are kept
+    for frame in sorted(range(len(frames)), key=lambda number: frames[number].within):
+        found = {kind: f"frame {frame}: {text}" for kind, text in unsupported(frames[frame]).items()} | found
+    return found
+
+
+def by_frame(found: Sequence[Warnings]) -> Warnings:
+    """Warnings of all frames as one mapping; each text names its frames."""
+    joined: dict[WarningKind, dict[str, list[int]]] = {}
+    for frame, warnings in enumerate(found):
+        for kind, text in warnings.items():
+            joined.setdefault(kind, {}).setdefault(text, []).append(frame)
+    return {
+        kind: "; ".join(f"frame{'s'[: len(at) > 1]} {', '.join(map(str, at))}: {text}" for text, at in texts.items())
+        for kind, texts in joined.items()
+    }
