@@ -1,5 +1,6 @@
 """The measures of the wall against sums over its lines: thickness, thickening, strain, twist, and curves over time."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,10 +9,11 @@ from shapes_made import SKEW
 
 from quadriform.heart import wall_rows
 from quadriform.heart.axis import LongAxis
-from quadriform.heart.wall import Wall
+from quadriform.heart.wall import WEIGHTS, Wall
 from quadriform.heart.wall_motion import MovingWall, relative_lengthening
 from quadriform.heart.wall_rows import Contraction
 from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.landmarks import BasePlane
 from quadriform.shapes.superquadric import Superquadric
 
 ENDO = Superquadric(semi_axes=(8.0, 9.0, 14.0), translation=(0.5, -0.3, 0.2))
@@ -117,3 +119,17 @@ def test_segments_without_wall_are_left_out(moving):
     found = wall_rows._segments(frames, lost, 0, inserts, {})
     assert all(name.startswith("segment ") for name in found)
     assert not any(mask[:41].any() for mask in found.values())
+
+
+@pytest.mark.parametrize("crosses", [False, True])
+def test_a_cell_that_the_base_cuts_counts_by_how_much_of_it_lies_below(moving, crosses):
+    """Its width is the square root of its volume over its depth: that of the line, of a crossing one of length one."""
+    crossing = np.full(len(moving.thickness), crosses)
+    of = replace(moving, wall=replace(moving.wall, crossing=crossing))
+    plane = BasePlane(np.array([0.0, 0, 2.0]), np.array([0.0, 0.6, 0.8]))
+    heights = (moving.box.deform(moving.origins.reshape(-1, 3)) - plane.point) @ plane.direction
+    depths = WEIGHTS * (1.0 if crosses else moving.thickness[:, None])
+    below = 0.5 - heights.reshape(moving.volumes.shape) / np.sqrt(moving.volumes / depths)
+    expected = np.minimum(np.maximum(below, 0), 1)
+    assert ((expected > 0) & (expected < 1)).sum() > 20
+    np.testing.assert_allclose(of.fraction_below(plane), expected, rtol=1e-12)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from quadriform.errors import UNRELIABLE, FitError, OptionError, Warnings, status_of, without_notes
 from quadriform.fitting.least_squares.uncertainty import EnrichedBox
 from quadriform.fitting.support import Support
+from quadriform.fitting.threads import one_blas_thread
 from quadriform.point_sets import ALONE
 from quadriform.points import Array
 from quadriform.shapes.model import DeformableModel
@@ -167,6 +168,7 @@ class Fit(Warned):
         )
         object.__setattr__(self, "model", replace(self.model, record=record))
 
+    @one_blas_thread
     def uncertainty(self, points: ArrayLike, surface: str | None = None) -> Array:
         """One standard deviation (n,) of the surface along its normal, at the surface points nearest to (n, 3) points.
 

@@ -57,10 +57,10 @@ def _fill_pockets(tissue: Tissue, hull: Mask) -> None:
     """Assign background inside the hull to the cavity where it touches it, else to the wall; in place."""
     from scipy import ndimage
 
-    pockets, n = ndimage.label(tissue == BACKGROUND)
-    outside = np.unique(pockets[~hull])
+    pockets, _ = ndimage.label(tissue == BACKGROUND)
+    no_pockets = np.unique(pockets[(tissue != BACKGROUND) | ~hull])
     at_cavity = np.unique(pockets[ndimage.binary_dilation(tissue == CAVITY)])
-    for pocket in np.setdiff1d(np.arange(1, n + 1), outside):
+    for pocket in np.setdiff1d(pockets, no_pockets):
         tissue[pockets == pocket] = CAVITY if pocket in at_cavity else WALL
 
 

@@ -312,7 +312,8 @@ def _plane_of(face: End, cavity: Mask, cropped: Volume) -> Plane:
     axis, which = face
     at = 0 if which == 0 else cavity.shape[axis] - 1
     voxels = np.insert(np.argwhere(cavity.take(at, axis)).astype(np.float64), axis, at, axis=1)
-    direction = unit_vectors(face_area_vectors(cropped.world_from_voxel)[axis]) * (-1 if which == 0 else 1)
+    normal = unit_vectors(face_area_vectors(cropped.world_from_voxel)[axis])
+    direction = -normal if which == 0 else normal
     return cropped.points_world(voxels).mean(axis=0) + 0.5 * _height(direction, cropped) * direction, direction
 
 
