@@ -18,7 +18,7 @@ def needs(*libraries):
     return pytest.mark.skipif(bool(missing), reason="the extra 'cohort' is not installed")
 
 
-def listed(folder, subjects, frames=2, broken=(), points=24):
+def listed(folder, subjects, frames=2, broken=(), points=80):
     """Write clouds and list; the last point of a broken subject is no number."""
     ventricle = SyntheticVentricle()
     exact = [ventricle.surface_points("endo", frame / 2, points) for frame in range(frames)]

@@ -214,7 +214,9 @@ def test_shards_at_the_same_time_make_the_same_store(cohort, serial, tmp_path):
         "modes",
     }
     assert (out / "failures.csv").read_bytes() == (serial[0] / "failures.csv").read_bytes()
-    assert parquet.read_table(out / "metrics").equals(parquet.read_table(serial[0] / "metrics"))
+    # rows, not tables: the order of the words of a column that is a dictionary is that of the parts
+    one, other = (parquet.read_table(root / "metrics").to_pylist() for root in (serial[0], out))
+    assert str(one) == str(other)  # NaN is equal to itself
     for name in ("control_points", "superquadrics", "origin", "edges", "time", "subject"):
         one, other = (zarr.open_array(root / "parameters.zarr" / name, mode="r")[:] for root in (serial[0], out))
         assert np.array_equal(one, other, equal_nan=one.dtype.kind == "f")
