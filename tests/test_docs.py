@@ -1,11 +1,8 @@
-"""The site: it builds without a warning and without the network, and what its pages say is so."""
+"""The documents: what their pages say is so; `make docs` builds the site of them and runs site_checks.py."""
 
 import json
 import re
 import runpy
-import subprocess
-import sys
-from html.parser import HTMLParser
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -18,8 +15,6 @@ ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 NOTEBOOK = DOCS / "entry_points.ipynb"
 PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
-FETCHED = ("src", "srcset", "href", "xlink:href", "data", "poster")
-CSS_FETCH = re.compile(r"""(?:url\(|@import)\s*["']?\s*(?:https?:)?//""")
 
 
 def relative(path):
@@ -50,67 +45,6 @@ def assert_alike(printed, shown):
     assert number.sub("#", printed).split() == number.sub("#", shown).split()
     both = [[float(value) for value in number.findall(text)] for text in (printed, shown)]
     assert both[0] == pytest.approx(both[1], rel=0.1, abs=0.02)
-
-
-class Fetches(HTMLParser):
-    """Addresses outside the site that a browser would ask for on its own: of all elements but links to follow."""
-
-    def __init__(self):
-        super().__init__()
-        self.found = []
-
-    def handle_starttag(self, tag, attrs):
-        for name, value in attrs:
-            if tag != "a" and name in FETCHED and re.match(r"\s*(?:https?:)?//", value or ""):
-                self.found.append(value)
-            if name == "style" and CSS_FETCH.search(value or ""):
-                self.found.append(value)
-
-    def handle_data(self, data):
-        if self.get_starttag_text() and self.get_starttag_text().startswith("<style") and CSS_FETCH.search(data):
-            self.found.append(data)
-
-
-def fetches(html):
-    parser = Fetches()
-    parser.feed(html)
-    return parser.found
-
-
-@pytest.fixture(scope="module")
-def site(tmp_path_factory):
-    pytest.importorskip("furo", reason="sphinx and furo (extra docs) are not installed")
-    folder = tmp_path_factory.mktemp("site")
-    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", "-d", folder / "trees"]
-    done = subprocess.run([*command, DOCS, folder / "html"], capture_output=True, encoding="utf-8")
-    assert done.returncode == 0, done.stderr
-    return folder / "html"
-
-
-@pytest.mark.slow
-def test_the_site_has_every_page_and_every_public_name(site):
-    for page in [*DOCS.rglob("*.md"), *DOCS.rglob("*.ipynb")]:
-        assert (site / page.relative_to(DOCS).with_suffix(".html")).is_file(), page
-    text = (site / "api.html").read_text(encoding="utf-8")
-    assert [name for name in qf.__all__ if not re.search(rf'id="(module-)?quadriform\.{name}"', text)] == []
-
-
-@pytest.mark.slow
-def test_the_site_asks_for_nothing_outside_itself(site):
-    pages = sorted(site.rglob("*.html"))
-    assert len(pages) > 10
-    assert {page.name: fetches(page.read_text(encoding="utf-8")) for page in pages} == {page.name: [] for page in pages}
-    for sheet in site.rglob("*.css"):
-        assert not CSS_FETCH.search(sheet.read_text(encoding="utf-8")), sheet
-
-
-def test_the_search_for_fetches_finds_them():
-    assert fetches('<link rel="stylesheet" href="https://x.org/a.css">') == ["https://x.org/a.css"]
-    assert fetches('<script src="//x.org/a.js"></script>') == ["//x.org/a.js"]
-    assert len(fetches("<style>@font-face { src: url('https://x.org/a.woff') }</style>")) == 1
-    assert (
-        fetches('<a href="https://x.org">x</a><img src="_images/a.png"><svg xmlns="http://www.w3.org/2000/svg"/>') == []
-    )
 
 
 @pytest.mark.parametrize("page", PAGES, ids=relative)
@@ -182,17 +116,3 @@ def test_the_notebook_keeps_no_outputs_and_ends_with_the_fit():
     code = [cell for cell in cells() if cell["cell_type"] == "code"]
     assert not any(cell["outputs"] or cell["execution_count"] for cell in code)
     assert "".join(code[-1]["source"]) == "fit"
-
-
-@pytest.mark.slow
-def test_the_notebook_runs():
-    nbclient = pytest.importorskip("nbclient", reason="nbclient and ipykernel (extra dev) are not installed")
-    nbformat = pytest.importorskip("nbformat")
-    pytest.importorskip("ipykernel")
-    notebook = nbformat.read(NOTEBOOK, as_version=4)
-    nbclient.NotebookClient(notebook, timeout=300).execute()
-    outputs = [output for cell in notebook.cells for output in cell.get("outputs", ())]
-    assert sum("image/png" in output.get("data", ()) for output in outputs) == 4
-    assert not any(output.get("name") == "stderr" for output in outputs)
-    saved = next(cell for cell in notebook.cells if "is_watertight" in cell.source)
-    assert saved.outputs[-1].data["text/plain"] == "(True, True)"
