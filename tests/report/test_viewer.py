@@ -34,7 +34,7 @@ def written(folder, model, scene=None, title="model"):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", SHAPES)
-def test_every_vertex_is_where_python_has_it(browser, tmp_path, kind):
+def test_vertices_are_where_python_has_them_and_so_is_the_volume(browser, tmp_path, kind):
     model = bent({"surface": SHAPES[kind]}, unit="mm")
     browser.open(written(tmp_path, model))
     size = np.ptp(model.mesh().vertices, axis=0).max()
@@ -42,14 +42,8 @@ def test_every_vertex_is_where_python_has_it(browser, tmp_path, kind):
         seen = np.reshape(browser.run("return quadriform.vertices('surface', arguments[0])", cells), (-1, 3))
         assert np.abs(seen - model.mesh(resolution=cells).vertices).max() < 1e-6 * size  # control points in 32 bits
     assert browser.colours() > 5
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ["ellipsoid", "toroid"])
-def test_volumes_are_those_of_python(browser, tmp_path, kind):
-    model = bent({"surface": SHAPES[kind]}, unit="mm")
-    browser.open(written(tmp_path, model))
-    assert browser.text("volume-surface") == f"{float(f'{model.volume() / 1000:.4g}')} ml"
+    if kind in ("ellipsoid", "toroid"):  # the closed ones
+        assert browser.text("volume-surface") == f"{float(f'{model.volume() / 1000:.4g}')} ml"
 
 
 @pytest.mark.slow
@@ -95,14 +89,14 @@ def test_a_control_point_is_dragged_by_the_mouse(every_browser, tmp_path):
 
 @pytest.mark.slow
 def test_time_moves_surface_and_volume(browser, tmp_path):
-    model = beating()
-    browser.open(written(tmp_path, model, Scene(errors=[0.5] * 10, cavity="endo")))
+    model = beating(4)
+    browser.open(written(tmp_path, model, Scene(errors=[0.5] * 4, cavity="endo")))
     volumes = [model.at(t).volume("endo") / 1000 for t in model.frame_times]
     fraction = 100 * (1 - min(volumes) / max(volumes))
     assert browser.number("ejection") == float(f"{fraction:.4g}")
     assert browser.number("error") == 0.5
     pictures = set()
-    for time in (0.0, 0.3, 0.47, 0.9):  # at frames and between them
+    for time in (0.0, 0.3, 0.5, 0.9):  # at frames and between them
         browser.run(
             """const slider = document.getElementById('time'); slider.step = 'any'; slider.value = arguments[0];
             slider.dispatchEvent(new Event('input'))""",
@@ -117,7 +111,7 @@ def test_time_moves_surface_and_volume(browser, tmp_path):
 
 @pytest.mark.slow
 def test_play_runs_and_stops(browser, tmp_path):
-    browser.open(written(tmp_path, beating(), Scene(errors=[None] * 10)))
+    browser.open(written(tmp_path, beating(2), Scene(errors=[None] * 2)))
     browser.run("document.getElementById('play').click()")
     browser.driver.execute_async_script("setTimeout(arguments[0], 600)")
     browser.run("document.getElementById('play').click()")
@@ -128,15 +122,15 @@ def test_play_runs_and_stops(browser, tmp_path):
 
 @pytest.mark.slow
 def test_the_base_cuts_the_cavity_as_in_python(browser, tmp_path):
-    model, ventricle = beating(), SyntheticVentricle()
+    model, ventricle = beating(4), SyntheticVentricle()
     point, direction = ventricle.base_plane(0.8)
-    planes = [(np.asarray(point), np.asarray(direction))] * 10
-    browser.open(written(tmp_path, model, Scene(errors=[None] * 10, cavity="endo", planes=planes)))
+    planes = [(np.asarray(point), np.asarray(direction))] * 4
+    browser.open(written(tmp_path, model, Scene(errors=[None] * 4, cavity="endo", planes=planes)))
     measured = qf.measure([model.at(t) for t in model.frame_times], base=(point, direction))
     assert browser.number("volume-endo") == float(f"{measured['end-diastolic volume']:.4g}")
     assert browser.number("ejection") == float(f"{measured['ejection fraction']:.4g}")
     cut = browser.picture()
-    browser.open(written(tmp_path, model, Scene(errors=[None] * 10, cavity="endo")))
+    browser.open(written(tmp_path, model, Scene(errors=[None] * 4, cavity="endo")))
     assert browser.picture() != cut
 
 
