@@ -125,6 +125,16 @@ def test_blocks_of_another_size_than_declared_are_damage(declared):
             vtk_xml._unpacked(wrong, "<u4", "", "m")
 
 
+@pytest.mark.parametrize("compressor", ["vtkZLibDataCompressor", "vtkLZMADataCompressor"])
+def test_a_block_is_read_to_its_checksum(compressor):
+    """A block that lacks its last bytes is damage even where all values could be unpacked."""
+    whole = packed(np.arange(60, dtype="<i4"), compressor, 240)
+    assert len(vtk_xml._unpacked(whole, "<u4", compressor, "m")) == 240
+    for lost in range(1, len(whole) - 16):
+        with pytest.raises(vtk_xml.DAMAGED):
+            vtk_xml._unpacked(whole[:-lost], "<u4", compressor, "m")
+
+
 def test_a_piece_without_points_may_leave_them_out():
     empty = '<Piece NumberOfPoints="0"></Piece>'
     found = parse_vtp(vtp("binary").replace(b"<PolyData>", f"<PolyData>{empty}".encode(), 1), "m")

@@ -295,6 +295,27 @@ def test_written_text_cut_anywhere_is_refused(write, tmp_path, suffix):
             read_points(write("cut" + suffix, whole[:length]))
 
 
+@pytest.mark.parametrize("number", ["%.6f", "%.18e"])
+@pytest.mark.parametrize("count", ["", "9\n", "x y z\n"])
+def test_a_table_of_others_cut_within_its_last_row_is_refused(write, rng, number, count):
+    """With as many digits in each row, as `numpy.savetxt` writes them; the line end alone may be missing."""
+    points = rng.normal(size=(9, 3)) * 30
+    rows = [" ".join(number % value for value in row) for row in points]
+    whole = count + "\n".join(rows)
+    for lost in range(1, len(rows[-1])):
+        with pytest.raises(FileFormatError):
+            read_points(write("cut.txt", whole[:-lost]))
+    np.testing.assert_allclose(read_points(write("whole.txt", whole)), points, atol=1e-6)
+
+
+def test_a_last_number_of_fewer_digits_is_no_cut_where_that_is_usual(write):
+    """The lines end, a comment follows, or each number has the digits that it needs."""
+    points = [[1.0, 2.0, 3.25], [4.0, 5.0, 6.75], [7.0, 8.0, 9.5]]
+    rows = "1 2 3.25\n4 5 6.75\n7 8 9.5"
+    for content in (rows + "\n", rows + "\n# end", rows.replace("6.75", "6.750")):
+        assert read_points(write("p.xyz", content)).tolist() == points
+
+
 def test_the_count_is_a_comment_to_others(tmp_path):
     write_points(ROWS, tmp_path / "p.xyz")
     assert (tmp_path / "p.xyz").read_bytes().startswith(b"# points: 3\n")

@@ -22,6 +22,7 @@ WITH_COUNT = ["x", "y", "z", "rows"]
 QUOTED = re.compile(r'^"([^"]*)"$')
 DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 COMMENTS = ("#", "//", "%")
+LINE_ENDS = (b"\n", b"\r")
 SEPARATOR = re.compile(r"sep=([;,\t|])")
 """The first line that Excel writes and reads."""
 LABEL = re.compile(r"(columns?|fields?|header|format|names?|data)\s*[:=]\s*", re.IGNORECASE)
@@ -81,6 +82,8 @@ def parse_table(data: bytes, where: str, columns: Chosen = None) -> PointSet:
         for stated in np.unique(_values(text, body, len(first), (3,))):
             _check_count(stated, len(body), where)
             _check_end(data, where)
+    if body and body[-1][0] == len(lines) and not data.endswith(LINE_ENDS):
+        _check_last_number(text, body)
     return _point_set(text, body, names, len(first), columns)
 
 
@@ -219,9 +222,19 @@ def _check_count(declared: float, found: int, where: str) -> None:
 
 
 def _check_end(data: bytes, where: str) -> None:
-    if not data.endswith((b"\n", b"\r")):
+    if not data.endswith(LINE_ENDS):
         raise FileFormatError(
             f"{where}: the last line has no end: its last number may be cut; add a line end if it is not"
+        )
+
+
+def _check_last_number(text: _Text, body: list[tuple[int, str]]) -> None:
+    """Refuse a line without an end, whose last number has fewer digits behind the point than in all other rows."""
+    digits = [len(text.split(row)[-1].partition(".")[2]) for row in body]
+    if len(digits) > 2 and len(set(digits[:-1])) == 1 and digits[-1] < digits[0]:
+        raise FileFormatError(
+            f"{text.where}, line {body[-1][0]}: the line has no end, and its last number has fewer digits than in "
+            "all other rows: it may be cut; add a line end if it is not"
         )
 
 

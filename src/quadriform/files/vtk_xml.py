@@ -269,12 +269,20 @@ def _unpacked(packed: bytes, header: str, compressor: str, where: str) -> bytes:
 
 def _decompressor(name: str, where: str) -> Callable[[bytes, int], bytes]:
     if name == "vtkZLibDataCompressor":
-        return lambda block, length: zlib.decompressobj().decompress(block, length + 1)
+        return lambda block, length: _to_its_end(zlib.decompressobj(), block, length)
     if name == "vtkLZMADataCompressor":
-        return lambda block, length: lzma.LZMADecompressor().decompress(block, length + 1)
+        return lambda block, length: _to_its_end(lzma.LZMADecompressor(), block, length)
     if name == "vtkLZ4DataCompressor":
         return _lz4(where)
     raise FileFormatError(f"{where}: compressed by {name!r}, which is not known; save it with zlib or uncompressed")
+
+
+def _to_its_end(stream: Any, block: bytes, length: int) -> bytes:
+    """At most a byte more than declared; the checksum behind the last byte is read too."""
+    content: bytes = stream.decompress(block, length + 1)
+    if len(content) == length and not stream.eof:
+        raise ValueError(f"a block of {length} bytes ends before its checksum")
+    return content
 
 
 def _lz4(where: str) -> Callable[[bytes, int], bytes]:
