@@ -299,7 +299,7 @@ def test_strict_refuses_warnings_and_writes_nothing(terminal, ellipsoid, tmp_pat
     assert "warning: PARTIAL_COVERAGE" in warned.err
     refused = terminal("fit", "half.npy", "-o", "b", "--strict=warned", *BRIEF)
     assert refused.code == 3
-    assert "PARTIAL_COVERAGE" in refused.err
+    assert "'half.npy': refused for its warnings: PARTIAL_COVERAGE" in refused.err
     assert not (tmp_path / "b").exists()
 
 

@@ -87,6 +87,17 @@ def test_a_frame_that_is_unknown_stays_so(terminal, tmp_path, body):
     assert_allclose(back.spacing, [1, 1, 2])
 
 
+def test_long_voxels_are_a_note_on_the_mask_as_on_the_fit(terminal, tmp_path, body):
+    image = SimpleITK.GetImageFromArray((body.T == 1).astype(np.uint8))
+    image.SetSpacing((1.0, 1.0, 6.0))
+    SimpleITK.WriteImage(image, str(tmp_path / "long.nii"))
+    result = terminal("segment", "long.nii", "-o", "mask.nii", "--strict=warned", "--json")
+    record = json.loads(result.out)
+    assert result.code == 0 and record["warnings"] == {}
+    assert any(note.startswith("ANISOTROPIC: voxels of 1 x 1 x 6") for note in record["notes"])
+    assert "note: " in result.err and "warning: " not in result.err
+
+
 def test_segments_are_chosen_by_name(terminal, tmp_path, body):
     masks = {"liver": body == 1, "spleen": body == 2}
     write_segmentation(tmp_path / "a.dcm", masks, ORIGIN, SPACING[:2], SPACING[2])

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from quadriform.cli.options import Common, ObjectInImage, subcommand
 from quadriform.cli.screen import note, show, texts, warn
-from quadriform.errors import OptionError, status_of
+from quadriform.errors import OptionError, status_of, without_notes
 
 if TYPE_CHECKING:
     from quadriform.imaging.segmentation import Segmentation
@@ -37,11 +37,12 @@ def segment(image: Path, *, output: Path, chosen: ObjectInImage, common: Common)
         check_strict(common.strict, status_of(found.warnings), found.warnings)
         content = encode_labels(found.mask.astype("uint8"), volume.world_from_voxel, volume.space, volume.unit, suffix)
     write_bytes(output, content, common.force)
-    notes += kept_note(found)
+    warnings, remarks = without_notes(found.warnings)
+    notes += kept_note(found) + remarks
     for text in notes:
         note(f"{image}: {text}")
-    warn(found.warnings)
-    record = {"input": str(image), "output": str(output)} | _record(found, notes)
+    warn(warnings)
+    record = {"input": str(image), "output": str(output), "warnings": texts(warnings)} | _record(found, notes)
     show(record, common.as_json, [(name, str(record[name])) for name in SHOWN])
 
 
@@ -60,6 +61,5 @@ def _record(found: "Segmentation", notes: tuple[str, ...]) -> dict[str, Any]:
         "shape": list(found.mask.shape),
         "threshold": found.threshold,
         "components": len(found.component_voxels),
-        "warnings": texts(found.warnings),
         "notes": list(notes),
     }

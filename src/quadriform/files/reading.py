@@ -129,7 +129,7 @@ def naming(*files: Path) -> Iterator[None]:
     except OptionError:
         raise
     except QuadriformError as error:
-        if any(quoted(file) in str(error) for file in files):
+        if not files or any(quoted(file) in str(error) for file in files):
             raise
         raise type(error)(f"{', '.join(map(quoted, files))}: {error}") from error
 
