@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 
 import nibabel
 import numpy as np
@@ -37,6 +38,7 @@ def test_files_become_a_moving_model(terminal, ellipsoid, tmp_path):
     assert {row["rows"] for row in rows} == {"4"}
     assert float(rows[2]["volume_surface"]) < float(rows[0]["volume_surface"])
     assert record["rms"] < 0.2 and record["min_jacobian"] > 0
+    assert all(float(row["supported"]) > 0.95 for row in rows)
     assert record["frames"][1]["volume_surface"] == float(rows[1]["volume_surface"])
 
 
@@ -50,6 +52,7 @@ def test_a_folder_is_its_files_in_order_and_times_are_taken(terminal, ellipsoid,
     told = json.loads(terminal("info", "out/model.json", "--json").out)
     assert told["kind"] == "moving model" and told["knots"] == 4 and told["period"] == "none"
     assert "frames" in done.out and "strategy" in done.out
+    assert re.search(r"supported by data\W+\d+ % of the area or more, least in frame \d", done.out)
 
 
 def test_nothing_is_written_when_it_fails(terminal, ellipsoid, tmp_path):

@@ -123,10 +123,12 @@ def _record(
     inputs: Sequence[Path], targets: Sequence[Path], found: "Track", measures: "Measures | None", seconds: float
 ) -> Record:
     frames = []
-    for number, (at, model, rms) in enumerate(zip(found.times, found.models, found.frame_rms)):
+    each = zip(found.times, found.models, found.frame_rms, found.supported)
+    for number, (at, model, rms, supported) in enumerate(each):
         volumes = {f"volume_{name}": model.volume(name) for name in model.surfaces}
         cavity = {} if measures is None else {"cavity_ml": float(measures.curves["cavity volume"][number])}
-        frames.append({"frame": number, "time": float(at), "rms": float(rms), **volumes, **cavity})
+        measured = {"time": float(at), "rms": float(rms), "supported": float(supported)}
+        frames.append({"frame": number, **measured, **volumes, **cavity})
     model = found.models[0]
     return {
         "input": ", ".join(map(str, inputs)),
@@ -160,7 +162,7 @@ def _csv(frames: Sequence[Mapping[str, Any]], found: "Track") -> bytes:
 def _rows(record: Record) -> list[tuple[str, str]]:
     unit = after_number(record["unit"])
     frames = record["frames"]
-    worst = max(frames, key=lambda frame: frame["rms"])
+    worst, least = max(frames, key=lambda frame: frame["rms"]), min(frames, key=lambda frame: frame["supported"])
     shifts = [float(np.linalg.norm(shift)) for shift in record["shifts"].values()]
     cubed = f"{unit}^3" if unit else ""
     ranges = []
@@ -175,6 +177,7 @@ def _rows(record: Record) -> list[tuple[str, str]]:
         ("strategy", record["strategy"]),
         ("error RMS", f"{record['rms']:.4g}{unit}"),
         ("worst frame", f"{worst['frame']}: {worst['rms']:.4g}{unit}"),
+        ("supported by data", f"{100 * least['supported']:.0f} % of the area or more, least in frame {least['frame']}"),
         ("noise", f"{record['noise']:.4g}{unit}"),
         ("known noise", record["known_noise"]),
         *([("largest shift of a slice", f"{max(shifts):.3g}{unit}")] if shifts else []),
