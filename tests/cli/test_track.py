@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 
 import quadriform as qf
+from quadriform.fitting.support import Reach, Support
 from quadriform.imaging.image_points import CAP
 from quadriform.shapes.splines import TimeBasis
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
+
+SUPPORT = Support(0.9, 0.9, 0.9, 0.9, 0.2, 1.0, Reach(1.0, 1.0))
 
 
 def frames_written(folder, ellipsoid, count=4):
@@ -107,7 +110,8 @@ def known(monkeypatch):
         models = tuple(moving.at(time) for time in times)
         residuals = tuple({name: np.ones(len(cloud)) for name, cloud in frame.items()} for frame in clouds)
         shifts = {2: np.array([1.0, 2, 3])} if options.get("slices") else {}
-        return qf.Track("cycle", times, models, moving, residuals, 1.0, (1e-5, 1e-5), shifts)
+        support = tuple(dict.fromkeys(frame, SUPPORT) for frame in clouds)
+        return qf.Track("cycle", times, models, moving, residuals, 1.0, (1e-5, 1e-5), shifts, support=support)
 
     monkeypatch.setattr("quadriform.motion.tracking.track", track)
     return asked

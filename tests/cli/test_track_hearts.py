@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import quadriform as qf
+from quadriform.fitting.support import Reach, Support
 from quadriform.heart.measure import measure
 from quadriform.heart.synthetic import SyntheticVentricle
 from quadriform.shapes.splines import TimeBasis
@@ -47,6 +48,9 @@ def written(folder, valve=8, inserts=True):
     return folder
 
 
+SUPPORT = Support(0.9, 0.9, 0.9, 0.9, 0.2, 1.0, Reach(1.0, 1.0))
+
+
 @pytest.fixture
 def exact(monkeypatch):
     """The models of the ventricle in place of those of a fit."""
@@ -60,7 +64,8 @@ def exact(monkeypatch):
         residuals = tuple({name: np.ones(len(each.points)) for name, each in frame.items()} for frame in sets)
         every = tuple(moving.at(time) for time in range(2))
         whole = None if options["strategy"] == "alone" else moving
-        return qf.Track(options["strategy"], np.arange(2.0), every, whole, residuals, 1.0, (1e-5,))
+        support = tuple(dict.fromkeys(frame, SUPPORT) for frame in residuals)
+        return qf.Track(options["strategy"], np.arange(2.0), every, whole, residuals, 1.0, (1e-5,), support=support)
 
     monkeypatch.setattr("quadriform.motion.tracking.track", track)
     return models
