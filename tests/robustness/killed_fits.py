@@ -15,9 +15,11 @@ import tempfile
 import time
 from collections import Counter
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 from shapes_made import lumpy
+from undrawn import draw_nothing
 
 from quadriform.cli.main import main
 from quadriform.files.result_folder import restore
@@ -123,6 +125,7 @@ def harness(folder: Path, count: int, seed: int) -> tuple[Counter, list[str]]:
 
 def run() -> int:
     count, seed = (int(word) for word in (*sys.argv[1:], *("50", "69")[len(sys.argv) - 1 :]))
+    draw_nothing(SimpleNamespace(setattr=setattr))  # drawings would take the longest time of a run
     with tempfile.TemporaryDirectory() as folder:
         happened, faults = harness(Path(folder), count, seed)
     for (how, which), times in sorted(happened.items()):

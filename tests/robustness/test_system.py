@@ -21,6 +21,7 @@ from quadriform.points import Frame
 from quadriform.shapes import threads
 
 CLOUD = lumpy(100)
+WITH_TESTS = os.pathsep.join([str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
 OLD, NEW = b"0" * 500_000, b"1" * 700_000
 WRITER = (
     "import sys; from quadriform.files.atomic import write_bytes\n"
@@ -34,13 +35,17 @@ from pathlib import Path
 from quadriform.files.atomic import write_bytes
 path, instants, seen = Path(sys.argv[1]), random.Random(69), []
 old, new = b"0" * 500_000, b"1" * 700_000
-path.write_bytes(old)
+began = time.monotonic()
+for data in (new, old):
+    write_bytes(path, data, True)
+both = time.monotonic() - began
 for turn in range(50):
+    path.write_bytes(old)
     child = os.fork()
     while not child:
         write_bytes(path, new, True)
         write_bytes(path, old, True)
-    time.sleep(instants.uniform(0.001, 0.02))
+    time.sleep(instants.uniform(0, 2 * both))
     done, waited = 0, 0
     while not done:  # Python loses an interrupt that falls into a finaliser: after a second it is sent again
         if waited % 200 == 0:
@@ -58,6 +63,9 @@ print(json.dumps(seen))
 """
 LIMITED = (
     "import json, resource, signal, sys\n"
+    "from types import SimpleNamespace\n"
+    "from undrawn import draw_nothing\n"
+    "draw_nothing(SimpleNamespace(setattr=setattr))\n"
     "sys.dont_write_bytecode = True\n"  # Python would keep byte code cut off at the limit, and fail on it ever after
     "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
     "from quadriform.cli.main import main\n"
@@ -78,7 +86,7 @@ SEVERAL = (
 FIT = (
     "import sys, numpy as np, quadriform as qf\n"
     "from quadriform.shapes import threads\n"
-    "threads.WORTH = 400\n"
+    "threads.WORTH = 100\n"
     "fit = qf.fit(np.load(sys.argv[1]), box=(2, 2, 2))\n"
     "np.save(sys.argv[2], fit.model.mesh(resolution=8).vertices)\n"
 )
@@ -119,12 +127,12 @@ def contents(folder):
 
 
 @pytest.mark.slow
-def test_row_68_what_does_not_fit_on_the_disk_leaves_the_old_files(saved, cloud, tmp_path):
+def test_row_68_what_does_not_fit_on_the_disk_leaves_the_old_files(saved, cloud, tmp_path, blank_figures):
     """As on a full disk: the system refuses the write itself.
 
     Of the results of a fit none fits, or the model, or model and surface but not the page; and a single file does not.
     """
-    fit = ["fit", str(cloud), "-o", str(tmp_path / "out"), "--method", "paper", "--iterations", "1"]
+    fit = ["fit", str(cloud), "-o", str(tmp_path / "out"), "--box", "3,3,3", "--method", "paper", "--iterations", "1"]
     assert main(fit) == 0
     before = contents(tmp_path / "out")
     sizes = sorted(map(len, before.values()))
@@ -132,7 +140,7 @@ def test_row_68_what_does_not_fit_on_the_disk_leaves_the_old_files(saved, cloud,
     np.savetxt(cloud, lumpy(100, seed=5), fmt="%.17g")
     export = ["export", str(saved), "--to", "ply", "-o", str(tmp_path / "surfaces"), "--force"]
     tries = [(1000, export), *((limit, [*fit, "--force"]) for limit in limits)]
-    done = python("-c", LIMITED, json.dumps(tries))
+    done = python("-c", LIMITED, json.dumps(tries), PYTHONPATH=WITH_TESTS)
     assert done.stdout.split() == ["5"] * 4
     lines = done.stderr.splitlines()
     assert len(lines) == 4 and all("writing failed, nothing was changed" in line for line in lines)
@@ -158,9 +166,7 @@ def test_row_69_stopped_at_fifty_instants(tmp_path):
 @pytest.mark.slow
 def test_row_69_whole_fits_that_are_stopped():
     """Three of them, a signal each; fifty by `make kill`."""
-    here = Path(__file__)
-    paths = os.pathsep.join([str(here.parents[1]), os.environ.get("PYTHONPATH", "")])
-    done = python(here.with_name("killed_fits.py"), 3, PYTHONPATH=paths)
+    done = python(Path(__file__).with_name("killed_fits.py"), 3, PYTHONPATH=WITH_TESTS)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.splitlines()[-1] == "3 of 3 as promised"
 
@@ -230,9 +236,9 @@ def test_row_71_numbers_have_a_point_where_others_write_commas(cloud, saved, tmp
 
 @pytest.mark.slow
 def test_row_72_the_number_of_threads_does_not_matter(tmp_path, monkeypatch):
-    """More points than one thread is given here: a fortieth of the real number."""
-    monkeypatch.setattr(threads, "WORTH", 400)
-    points = lumpy(1_600)
+    """More points than one thread is given here: a hundred and sixtieth of the real number."""
+    monkeypatch.setattr(threads, "WORTH", 100)
+    points = lumpy(400)
     np.save(tmp_path / "cloud.npy", points)
     done = python("-c", FIT, tmp_path / "cloud.npy", tmp_path / "8.npy", OMP_NUM_THREADS="8", OPENBLAS_NUM_THREADS="8")
     assert done.returncode == 0, done.stderr
