@@ -81,7 +81,7 @@ def test_the_axes_of_scans_are_within_two_standard_deviations():
     ratios, bodies = [], [((1.2, 1.3, 0.6), (0.1, 1.0)), ((0.7, 1.2, 1.0), (0.3, 0.1)), ((1.2, 1.3, 0.6), (0.1, 0.1))]
     for seed, (semi_axes, exponents) in enumerate(4 * bodies):
         rng = np.random.default_rng(seed)
-        found = fit_superquadric(seen(Superquadric("ellipsoid", semi_axes, exponents), rng))
+        found = fit_superquadric(seen(Superquadric("ellipsoid", semi_axes, exponents), rng, 1500))
         order, sigma = found.superquadric.semi_axes.argsort(), np.sqrt(np.diag(found.covariance)[:3])
         ratios.append((found.superquadric.semi_axes[order] - np.sort(semi_axes)) / sigma[order])
     assert (np.abs(ratios) < 2).mean() > 0.9

@@ -132,9 +132,8 @@ def test_superquadric_fits_move_with_their_points(kind, method):
     s = made(kind, (0.7, 1.2))
     points = s.surface(even_directions(500)) if kind == "ellipsoid" else s.grid(8)[0]
     plain = qf.fit_superquadric(points, kind, method=method).superquadric
-    for offset in (0.0, 1e6):
-        found = qf.fit_superquadric(points @ TURN.T + offset, kind, method=method).superquadric
-        np.testing.assert_allclose(found.implicit(plain.grid(6)[0] @ TURN.T + offset), 1, atol=1e-5)
+    found = qf.fit_superquadric(points @ TURN.T + 1e6, kind, method=method).superquadric
+    np.testing.assert_allclose(found.implicit(plain.grid(6)[0] @ TURN.T + 1e6), 1, atol=1e-5)
 
 
 @pytest.mark.slow
