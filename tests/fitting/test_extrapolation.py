@@ -126,3 +126,12 @@ def test_half_a_body_that_is_no_superquadric_must_not_be_used():
     assert (
         found.supported < 0.5 and "UNSUPPORTED" in found.warnings and "% of the cloud" in found.warnings["UNSUPPORTED"]
     )
+
+
+def test_nothing_is_known_of_a_surface_without_covariance_or_inliers():
+    """As by the paper's method, or where all points are outliers."""
+    result, points = refined(starts={"surface": start(SHIFT)}), even_directions(50)
+    frame, support = Frame(np.zeros(3), 1.0), {"surface": SUPPORT}
+    assert list(open_surfaces(result, support, {"surface": points}, frame)) == ["surface"]
+    assert open_surfaces(replace(result, covariance=None), support, {"surface": points}, frame) == {}
+    assert open_surfaces(result, support, {"surface": points[:0]}, frame) == {}

@@ -384,3 +384,20 @@ def test_function_is_that_of_both_volumes():
     found = [tuple(vars(row).values())[:3] for row in rows]
     expected = [("end-systolic volume", 45, "ml"), ("stroke volume", 75, "ml"), ("ejection fraction", 62.5, "%")]
     assert found == [(f"{name}, closed", value, unit) for name, value, unit in expected]
+
+
+def test_the_twist_is_measured_where_the_sides_of_the_cells_cross_its_levels():
+    endo, epi = Superquadric(semi_axes=(8.0, 9.0, 14.0)), Superquadric(semi_axes=(12.0, 13.0, 18.0))
+    wall, box = Wall.between(endo, epi, 4), ControlBox.around(epi, (3, 3, 3))
+    axis = LongAxis(np.array([0.3, 0.2, -13.0]), np.array([-0.4, 0.1, 12.0]))
+    points, heights = wall.at(twist.DEPTH), axis.heights(wall.at(twist.DEPTH))
+    for level, found in zip(twist.LEVELS, twist.Slices.cut(wall, box, axis).origins):
+        expected = []
+        for quad in wall.quads:
+            for a, b in zip(quad, np.roll(quad, -1)):
+                if (heights[a] > level) != (heights[b] > level):
+                    part = (level - heights[a]) / (heights[b] - heights[a])
+                    expected.append(points[a] + part * (points[b] - points[a]))
+        assert len(found) == len(expected) > 10
+        order = [np.lexsort(np.round(rows, 6).T) for rows in (found, np.array(expected))]
+        np.testing.assert_allclose(found[order[0]], np.array(expected)[order[1]], atol=1e-9)
