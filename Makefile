@@ -81,10 +81,10 @@ coverage: $(READY)
 		--cov=quadriform --cov-branch --cov-report=json:out/coverage.json --cov-report=
 	$(BIN)/python tests/robustness/uncovered.py out/coverage.json
 
-# The site, whether it is whole and asks for nothing elsewhere, and the notebook from top to bottom.
+# The site, whether it is whole and asks for nothing elsewhere, the notebook from top to bottom, and the gallery.
 docs: $(READY)
 	$(BIN)/sphinx-build -W --keep-going -q -b html docs out/docs
-	$(ALONE) $(BIN)/python -m pytest tests/site_checks.py
+	$(ALONE) $(BIN)/python -m pytest tests/site_checks.py tests/gallery_checks.py
 
 docs-figures: $(READY)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python docs/make_figures.py

@@ -23,7 +23,7 @@ PAGE = DOCS / "gallery.md"
 PICTURES = DOCS / "figures" / "gallery"
 LEAD = """# Gallery
 
-Short programs, each complete and run by the tests, with what they print. `make docs-figures` draws the pictures and
+Short programs, each complete and run by `make docs`, with what they print. `make docs-figures` draws the pictures and
 writes this page.
 """
 ORDER = (

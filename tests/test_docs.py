@@ -1,5 +1,6 @@
-"""The documents: what their pages say is so; `make docs` builds the site of them and runs site_checks.py."""
+"""The documents: what their pages say is so; `make docs` runs site_checks.py and gallery_checks.py besides."""
 
+import ast
 import json
 import re
 import runpy
@@ -116,3 +117,14 @@ def test_the_notebook_keeps_no_outputs_and_ends_with_the_fit():
     code = [cell for cell in cells() if cell["cell_type"] == "code"]
     assert not any(cell["outputs"] or cell["execution_count"] for cell in code)
     assert "".join(code[-1]["source"]) == "fit"
+
+
+def test_the_gallery_has_every_example_as_it_is():
+    gallery, examples = runpy.run_path(str(DOCS / "gallery_figures.py")), sorted((ROOT / "examples").glob("*.py"))
+    assert {path.stem for path in examples} == set(gallery["ORDER"]) == set(gallery["DRAW"])
+    assert (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8") == gallery["page"](gallery["printed_on_page"]())
+    for path in examples:
+        code = path.read_text(encoding="utf-8")
+        assert 8 <= len(code.splitlines()) <= 40, path
+        assert ast.get_docstring(ast.parse(code)).splitlines()[0].endswith("."), path
+        assert (gallery["PICTURES"] / f"{path.stem}.png").is_file()

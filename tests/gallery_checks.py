@@ -1,6 +1,5 @@
-"""The gallery: each example runs without a warning, is on the page as it is in its file, and finds what is true."""
+"""The gallery, for `make docs`: each example runs without a warning, prints what its page shows, finds the truth."""
 
-import ast
 import re
 import runpy
 from pathlib import Path
@@ -10,10 +9,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 gallery = runpy.run_path(str(ROOT / "docs" / "gallery_figures.py"))
-EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", gallery["ORDER"])
 def test_an_example_runs_and_finds_the_truth(name):
     if name == "shape_modes":
@@ -75,13 +72,3 @@ TRUE = {
     "shape_modes": modes,
     "paper_method": paper,
 }
-
-
-def test_the_page_has_every_example_as_it_is():
-    assert {path.stem for path in EXAMPLES} == set(gallery["ORDER"]) == set(gallery["DRAW"])
-    assert (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8") == gallery["page"](gallery["printed_on_page"]())
-    for path in EXAMPLES:
-        code = path.read_text(encoding="utf-8")
-        assert 8 <= len(code.splitlines()) <= 40, path
-        assert ast.get_docstring(ast.parse(code)).splitlines()[0].endswith("."), path
-        assert (gallery["PICTURES"] / f"{path.stem}.png").is_file()
