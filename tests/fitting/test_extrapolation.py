@@ -135,3 +135,13 @@ def test_nothing_is_known_of_a_surface_without_covariance_or_inliers():
     assert list(open_surfaces(result, support, {"surface": points}, frame)) == ["surface"]
     assert open_surfaces(replace(result, covariance=None), support, {"surface": points}, frame) == {}
     assert open_surfaces(result, support, {"surface": points[:0]}, frame) == {}
+
+
+def test_two_opposite_faces_do_not_say_how_wide_a_box_is(rng):
+    """Without noise too: each wider box has the same points on its faces."""
+    lattice = np.argwhere(np.ones((12, 12, 2))).astype(float)
+    random = np.column_stack([rng.uniform(0, 10, (300, 2)), 3.0 * rng.integers(0, 2, 300)])
+    for points in (lattice, random):
+        found = qf.fit(points)
+        assert found.status == "unreliable" and "UNSUPPORTED" in found.warnings
+        assert not found.volume().observed

@@ -17,6 +17,9 @@ SYMMETRIC_ROTATION = 0.2
 PURE_ROTATION = 0.9
 """Share of rotations in the square of a direction of parameter space above which it only rotates the surface."""
 
+ROUNDING = 1e-14
+"""Share of the largest eigenvalue of the information below which an eigenvalue is rounding."""
+
 
 @dataclass(frozen=True)
 class Determined:
@@ -89,8 +92,13 @@ def _natural(candidate: Candidates, derivatives: Array) -> Array:
 
 
 def _inverse(information: Array, estimated: NDArray[np.intp]) -> Array:
-    """Inverse of the information with the prior of the exponents; undetermined directions get a huge variance."""
+    """Inverse of the information with the prior of the exponents.
+
+    A direction that nothing determines has a variance of at least 1, which is that of an RMS radius or a radian,
+    however small the noise is.
+    """
     information = information + np.diag(np.isin(estimated, np.r_[POWERS]) / EXPONENT_SPREAD**2)
-    # eigenvalues are floored, for nothing may determine a direction
     values, vectors = np.linalg.eigh(information)
-    return (vectors / np.maximum(values, 1e-16 * values[-1])) @ vectors.T
+    floored = np.maximum(values, 1e-16 * values[-1])
+    known = np.where(values < ROUNDING * values[-1], np.minimum(floored, 1.0), floored)
+    return (vectors / known) @ vectors.T
