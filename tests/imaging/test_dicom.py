@@ -22,6 +22,7 @@ from quadriform.errors import (
     OptionError,
     QuadriformError,
 )
+from quadriform.imaging import formats
 from quadriform.imaging.dicom import read_dicom
 from quadriform.imaging.dicom_files import decoding
 from quadriform.imaging.image_points import points_from_image
@@ -544,3 +545,15 @@ def test_warnings_of_the_decoder_do_not_reach_the_user():
         with decoding(Path("I1.dcm")):
             warnings.warn("a value that breaks a rule of DICOM", stacklevel=1)
     assert caught == []
+
+
+def test_a_first_element_is_known_by_two_capital_letters_or_a_short_length():
+    """Without the preamble; a length of four bytes is that of a file without value representations."""
+
+    def begins(after_tag, tag=b"\x08\x00\x05\x00"):
+        return formats._begins_with_element((tag + after_tag).ljust(formats.PREAMBLE, b"\0"))
+
+    assert begins(b"CS\x0a\0") and begins(b"\x0a\0\0\0")
+    assert not begins(b"cs\x0a\1") and not begins(b"C1\x0a\1") and not begins(b"12\x0a\1")
+    assert not begins(b"CS\x0a\0", tag=b"\x09\x09\x05\x00")
+    assert not formats._begins_with_element(b"\x08\x00\x05\x00CS\x0a\0")  # too short for a file

@@ -106,6 +106,11 @@ def test_there_are_only_so_many_knots():
             frames.time_basis(np.array([0.0, 1, 2]), wrong)
 
 
+def test_a_period_in_words_is_auto():
+    with pytest.raises(OptionError, match="period"):
+        frames.time_basis(np.array([0.0, 1, 2]), "weekly")
+
+
 def test_times_increase_one_a_frame():
     assert frames.checked_times(None, 3).tolist() == [0, 1, 2]
     assert frames.checked_times([1, 2.5], 2).tolist() == [1, 2.5]
