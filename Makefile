@@ -81,7 +81,7 @@ coverage: $(READY)
 		--cov=quadriform --cov-branch --cov-report=json:out/coverage.json --cov-report=
 	$(BIN)/python tests/robustness/uncovered.py out/coverage.json
 
-# The site, whether it is whole and asks for nothing elsewhere, the notebook from top to bottom, and the gallery.
+# The site, whether it is whole and asks for nothing elsewhere, and what it shows: tutorials, notebook, gallery.
 docs: $(READY)
 	$(BIN)/sphinx-build -W --keep-going -q -b html docs out/docs
 	$(ALONE) $(BIN)/python -m pytest tests/site_checks.py tests/gallery_checks.py

@@ -1,10 +1,13 @@
-"""Checks of the site in out/docs, and the notebook, run as a whole: `make docs`, for both take seconds."""
+"""Checks of the site in out/docs, its tutorials and its notebook, which are run as a whole: `make docs`."""
 
 import re
+import runpy
 from html.parser import HTMLParser
 from pathlib import Path
 
 import nbformat
+import numpy as np
+import pytest
 from nbclient import NotebookClient
 
 import quadriform as qf
@@ -62,6 +65,51 @@ def test_the_search_for_fetches_finds_them():
     assert (
         fetches('<a href="https://x.org">x</a><img src="_images/a.png"><svg xmlns="http://www.w3.org/2000/svg"/>') == []
     )
+
+
+@pytest.fixture
+def run(capsys):
+    """Runs the Python of a tutorial, sees that it prints what the page shows, and gives the names that it leaves."""
+
+    def of_page(name):
+        page = DOCS / "tutorials" / name
+        names = runpy.run_path(str(DOCS / "make_figures.py"))["run"](page)
+        shown = "".join(re.findall(r"^```text\n(.*?)^```$", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL))
+        assert_alike(capsys.readouterr().out, shown)
+        return names
+
+    return of_page
+
+
+def assert_alike(printed, shown):
+    """The same words, and numbers that a reader would call the same."""
+    number = re.compile(r"-?\d+(?:\.\d+)?")
+    assert number.sub("#", printed).split() == number.sub("#", shown).split()
+    both = [[float(value) for value in number.findall(text)] for text in (printed, shown)]
+    assert both[0] == pytest.approx(both[1], rel=0.1, abs=0.02)
+
+
+def test_points_to_a_model_finds_the_noise_and_the_truth(run):
+    names = run("points_to_model.md")
+    assert names["fit"].noise == pytest.approx(0.5, rel=0.1)
+    assert names["miss"] < 0.25 and names["inside"].all()
+    assert 0.5 < names["miss"] / np.sqrt(np.mean(names["sigma"] ** 2)) < 2
+
+
+def test_image_to_a_ventricle_finds_its_volumes(run):
+    names = run("image_to_ventricle.md")
+    for name in ("endo", "epi"):
+        assert names["fit"].model.volume(name) == pytest.approx(names["truth"].volume(name), rel=0.02)
+    mass = 1.05 * (names["truth"].volume("epi") - names["truth"].volume("endo")) / 1000
+    assert names["table"]["myocardial mass"] == pytest.approx(mass, rel=0.03)
+    assert "UNKNOWN_UNIT" not in names["table"].warnings
+
+
+def test_a_beating_heart_finds_its_ejection_fraction(run):
+    names = run("beating_heart.md")
+    assert names["table"]["ejection fraction"] == pytest.approx(names["exact"]["ejection fraction"], abs=2)
+    assert names["between"].volume("endo") == pytest.approx(names["heart"].model(0.25).volume("endo"), rel=0.02)
+    assert names["path"].shape == (25, 1, 3) and np.allclose(names["path"][0], names["path"][-1])
 
 
 def test_the_notebook_runs():
