@@ -165,8 +165,8 @@ def test_row_69_stopped_at_fifty_instants(tmp_path):
 
 @pytest.mark.slow
 def test_row_69_whole_fits_that_are_stopped():
-    """Three of them, a signal each; fifty by `make kill`."""
-    done = python(Path(__file__).with_name("killed_fits.py"), 3, PYTHONPATH=WITH_TESTS)
+    """Three of them, a signal each, by a seed that sees files written in place; fifty by `make kill`."""
+    done = python(Path(__file__).with_name("killed_fits.py"), 3, 1, PYTHONPATH=WITH_TESTS)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.splitlines()[-1] == "3 of 3 as promised"
 
