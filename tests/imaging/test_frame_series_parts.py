@@ -148,3 +148,16 @@ def test_the_part_of_a_surface_that_faces_its_middle():
     assert image_points._fraction_facing_centre(Mesh(np.zeros((3, 3)), np.array([[0, 1, 2]]))) == 0
     moved = Mesh(both.vertices + 100, both.faces)
     assert image_points._fraction_facing_centre(moved) == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_times_are_those_of_an_image_with_several_frames(monkeypatch, count):
+    """A frame in a file of its own has none."""
+    each = SimpleNamespace(surfaces={}, landmarks="landmarks")
+    monkeypatch.setattr("quadriform.imaging.ventricle_files.read_ventricle_frames", lambda *of: [each] * count)
+    monkeypatch.setattr("quadriform.imaging.reading.frame_times", lambda file: [0.0, 40.0])
+    frames = FrameSeries()
+    monkeypatch.setattr(FrameSeries, "add_sources", lambda self, sources: None)
+    frame_series._add_ventricles(frames, "heart.nii.gz", None, None)
+    assert frames.landmarks == ("landmarks",) * count
+    assert (frames.times is None) if count == 1 else (list(frames.times) == [0.0, 40.0])
