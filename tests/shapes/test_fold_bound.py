@@ -246,3 +246,11 @@ def test_rows_are_the_derivatives_of_the_determinant_by_the_control_points(rng):
             for s in (1, -1)
         )
         np.testing.assert_allclose(rows[:, k], (ahead - behind) / 2e-6, atol=1e-8)
+
+
+@pytest.mark.parametrize(("gap", "is_outside"), [(0.0, False), (5e-10, False), (2e-9, True)])
+def test_a_cell_that_touches_a_surface_to_rounding_is_not_outside(gap, is_outside):
+    cell = np.array([[1.5 + gap, 0.0, 0.0]]), 0.5 * np.eye(3)[None]
+    assert fold_bound._outside(Superquadric(), *cell).tolist() == [is_outside]
+    point = np.array([[1 + gap, 0.0, 0.0]])
+    assert fold_bound._inside_any((Superquadric(),), point).tolist() == [not is_outside]
