@@ -256,6 +256,8 @@ def test_control_points_a_million_radii_away_are_too_far():
         found = diagnostics.far_control_points(single(BALL, box.with_control_points(points)))
         assert bool(found) == is_far
     assert "up to 1e+06 RMS radii" in found["ILL_CONDITIONED"]
+    away = ControlBox.around(replace(BALL, translation=(2e6, 0, 0)))  # the distance is that from the lattice
+    assert diagnostics.far_control_points(single(BALL, away)) == {}
 
 
 def test_superquadrics_that_differ_by_rounding_are_the_same():
