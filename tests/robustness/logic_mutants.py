@@ -71,6 +71,7 @@ KNOWN: dict[str, str] = {
     "shapes/ridges.py: _octants: `own[index] * mirror` -> `own[index] / mirror`": "both are 1 or -1",
     "shapes/ridges.py: least: `gain > 0` -> `gain >= 0`": "of two places at the same distance either is as near",
     "shapes/closest.py: _extreme: `1` -> `2`": "one more place in an array, which nothing reads",
+    "shapes/voxels.py: voxel_spacing: `3` -> `4`": "the last row of an affine map has zeros in these columns",
     "shapes/fold_bound.py: possible_folds: "
     "`box.jacobian_determinant(points) <= 0` -> `box.jacobian_determinant(points) < 0`": (
         "no determinant is zero to the last bit"

@@ -255,7 +255,7 @@ def _parsed_lines(lines: list[str], where: str) -> _Text:
         prefix = next((prefix for prefix in COMMENTS if line.lstrip().startswith(prefix)), None)
         if prefix and not rows:
             comments.append(line.lstrip().lstrip("#/%! \t").rstrip())
-        content = "" if prefix or (given and number == 1) else line.split("#", 1)[0].strip(" ")
+        content = "" if prefix or (given and number == 1) else line.partition("#")[0].strip(" ")
         if content.strip():
             rows.append((number, content))
     if not rows:
