@@ -161,3 +161,17 @@ def test_times_are_those_of_an_image_with_several_frames(monkeypatch, count):
     frame_series._add_ventricles(frames, "heart.nii.gz", None, None)
     assert frames.landmarks == ("landmarks",) * count
     assert (frames.times is None) if count == 1 else (list(frames.times) == [0.0, 40.0])
+
+
+@pytest.mark.parametrize(("count", "asked"), [(1, [None]), (2, [0, 1])])
+def test_frames_of_an_image_are_asked_for_by_number(monkeypatch, count, asked):
+    """And one that has a single frame without."""
+    seen = []
+    monkeypatch.setattr("quadriform.imaging.reading.frame_count", lambda file: count)
+    monkeypatch.setattr("quadriform.imaging.reading.frame_times", lambda file: [0.0, 40.0])
+    monkeypatch.setattr(frame_series, "read_source", lambda file, options: seen.append(options.frame))
+    monkeypatch.setattr(FrameSeries, "add_sources", lambda self, sources: None)
+    frames = FrameSeries()
+    frame_series._add_image(frames, "heart.nii.gz", {}, None)
+    assert seen == asked
+    assert (frames.times is None) if count == 1 else (list(frames.times) == [0.0, 40.0])
