@@ -6,6 +6,7 @@ Prints the table of docs/reliability.md, one line a guard with the test that fai
 import contextlib
 import os
 import re
+import resource
 import shutil
 import subprocess
 import sys
@@ -232,12 +233,18 @@ def noticed_by(mutant: Mutant, copy: Path, environment: dict[str, str]) -> str:
 
 
 def tested(
-    names: Sequence[str], copy: Path, environment: dict[str, str], options: Sequence[str] = (), limit: float = 900.0
+    names: Sequence[str], copy: Path, environment: dict[str, str], options: Sequence[str] = (), limit: int = 900
 ) -> subprocess.CompletedProcess[str]:
-    """Tests of the copy, up to the first that fails."""
+    """Tests of the copy, up to the first that fails; they end after so many seconds of processor time."""
     files = [f"tests/{name}" for name in names]
     command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *options, *files]
-    return subprocess.run(command, cwd=copy, env=environment, capture_output=True, encoding="utf-8", timeout=limit)
+
+    def limited() -> None:
+        resource.setrlimit(resource.RLIMIT_CPU, (limit, limit + 1))
+
+    return subprocess.run(
+        command, cwd=copy, env=environment, capture_output=True, encoding="utf-8", timeout=9 * limit, preexec_fn=limited
+    )
 
 
 @contextlib.contextmanager

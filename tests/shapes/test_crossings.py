@@ -1,5 +1,8 @@
 """Surfaces that cross themselves or each other, found where they do."""
 
+from collections import Counter
+from itertools import combinations, product
+
 import numpy as np
 import pytest
 from shapes_made import KINDS, SKEW, made, single
@@ -125,6 +128,24 @@ def test_how_two_surfaces_lie():
     crossing = pair(inner_at=(0.8, 0, 0))
     assert set(crossing.crossings()) == {("epi", "endo")}
     assert crossing.nesting() == {("epi", "endo"): "crossing"}
+
+
+@pytest.mark.parametrize(("away", "largest"), [((0, 0, 0), 1.5), ((-40, 7, 3), 1.5), ((5, 0, -9), 90.0)])
+def test_boxes_that_share_a_cell_are_pairs_once_for_each(away, largest):
+    """The corner of the cells is the lowest of all boxes; the largest box enters no more cells than it may."""
+    rng = np.random.default_rng(5)
+    low = rng.uniform(0, 12, (60, 3)) * [1, 2, 0.5]
+    low -= low.min(axis=0)
+    extents = rng.uniform(0.5, 1.5, (60, 3))
+    extents[0, 1] = largest
+    size = max(module.CELL * extents.mean(), largest / module.MOST)
+    cells = [
+        set(product(*(range(int(a // size), int(b // size) + 1) for a, b in zip(first, last))))
+        for first, last in zip(low, low + extents)
+    ]
+    shared = Counter({(a, b): len(cells[a] & cells[b]) for a, b in combinations(range(60), 2)})
+    low += away
+    assert Counter(zip(*(each.tolist() for each in module._sharing_a_cell(low, low + extents)))) == +shared
 
 
 def test_inputs_stay_as_they_are():

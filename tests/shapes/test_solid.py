@@ -7,7 +7,7 @@ from shapes_made import made
 
 from quadriform.shapes.landmarks import BasePlane
 from quadriform.shapes.mesh import Mesh
-from quadriform.shapes.solid import Solid
+from quadriform.shapes.solid import Overlap, Solid
 from quadriform.shapes.superquadric import Superquadric
 
 SIZE, SPACING = 60, np.array([1.0, 0.8, 1.5])
@@ -31,6 +31,14 @@ def test_concentric_balls(radius):
     least, most = sorted([radius, 12.0])
     expected = 2 * least**3 / (least**3 + most**3)
     assert filled_ball(12.0).overlap(ball(radius), None).dice == pytest.approx(expected, abs=0.01)
+
+
+def test_counts_of_single_voxels():
+    one, three, none = np.array([[1, 0, 0, 0], [1, 1, 1, 0], [0, 0, 0, 0]], dtype=bool)
+    assert Overlap.of(one, three) == Overlap(1 / 2, 2.0, 2 * 2**0.5)
+    assert Overlap.of(three, one) == Overlap(1 / 2, -2 / 3, 2 * 2**0.5 / 3)
+    assert Overlap.of(none, one) == Overlap(0.0, 1.0, 2.0)
+    assert Overlap.of(none, none) == Overlap(0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("radius", [11.0, 12.0, 12.5])
@@ -75,6 +83,16 @@ def test_beyond_a_base_nothing_counts():
     base = BasePlane(MIDDLE, np.array([0.0, 0.0, 1.0]))
     assert half.overlap(ball(12.0), base).dice == pytest.approx(1.0, abs=0.01)
     assert half.overlap(ball(12.0), None).dice == pytest.approx(2 / 3, abs=0.05)
+
+
+@pytest.mark.parametrize(("height", "dice", "larger"), [(0.5, 1.0, 0.0), (1.0, 2 / 3, 1.0), (2.5, 2 / 3, 1.0)])
+def test_voxels_count_whose_centre_is_below_a_base_or_on_it(height, dice, larger):
+    """A layer of voxels at the height 0, and a box around three such layers; one layer beyond the body is asked."""
+    layer = Solid(np.ones((4, 4, 1), dtype=bool), np.eye(4))
+    block = Superquadric(semi_axes=(2.1, 2.1, 1.4), exponents=(0.1, 0.1), translation=(1.5, 1.5, 1)).mesh(32)
+    found = layer.overlap(block, BasePlane(np.array([7.0, 0.0, height]), np.array([0.0, 0.0, 1.0])))
+    assert (found.dice, found.larger) == (pytest.approx(dice), larger)
+    assert found.uncertain == pytest.approx(2 * (16 * larger) ** 0.5 / 16)
 
 
 def test_the_inside_of_a_mesh_in_any_place_and_unit():

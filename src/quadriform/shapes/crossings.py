@@ -15,6 +15,8 @@ from quadriform.shapes.mesh import Mesh, ranks, solid_angles, sorted_unique
 
 CELL = 1.5
 """Side of a grid cell, in mean sizes of a triangle's box."""
+MOST = 30
+"""Lengths of a grid cell, at most, along the largest triangle."""
 FILLED = 1e-6
 """Largest error of the sum of solid angles of triangles that cover the sphere once; covered twice it is 4 pi larger."""
 LEAST = 1e-12
@@ -80,8 +82,8 @@ def _together(mesh: Mesh, other: Mesh | None) -> tuple[Array, Index, NDArray[np.
 
 def _sharing_a_cell(low: Array, high: Array) -> tuple[Index, Index]:
     """Pairs a < b of boxes that enter the same cell of a grid, once for each such cell."""
-    # Cells of the mean size, unless one triangle is so large that it would enter too many of them.
-    size = max(CELL * float((high - low).mean()), float((high - low).max()) / 30, 1e-300)
+    # Cells of the mean size, unless one box is so large that it would enter too many of them.
+    size = max(CELL * float((high - low).mean()), float((high - low).max()) / MOST, 1e-300)
     first = np.floor((low - low.min(axis=0)) / size).astype(np.int64)
     last = np.floor((high - low.min(axis=0)) / size).astype(np.int64)
     shape = last.max(axis=0) + 1
