@@ -10,7 +10,7 @@ from quadriform.errors import WarningKind, Warnings
 from quadriform.fitting.elements import Elements
 from quadriform.fitting.least_squares.marginal_likelihood import Solution
 from quadriform.fitting.result import HalfSpace, Result, SuperquadricFit, rms
-from quadriform.fitting.support import ONE, Arrangement, Support
+from quadriform.fitting.support import MOST_SLICES, ONE, Arrangement, Support
 from quadriform.point_sets import PointSet
 from quadriform.points import Array
 from quadriform.shapes.kinds import KINDS
@@ -174,7 +174,7 @@ def unsupported(found: Support, open_deviation: float = np.inf) -> Warnings:
         f"surface reaches {distance:.3g} beyond it; there the surface is extrapolated"
     )
     is_covered = found.within >= OBSERVED and distance <= found.limit
-    warnings = {} if is_covered else {WarningKind.PARTIAL_COVERAGE: text}
+    warnings = _not_checked_between(found.slices) if is_covered else {WarningKind.PARTIAL_COVERAGE: text}
     if found.within < MOSTLY_SUPPORTED and open_deviation > POOR:
         known = f", and the rest is known to {100 * open_deviation:.2g} % of the cloud's RMS radius"
         text = f"data supports {100 * found.within:.0f} % of the area only"
@@ -182,6 +182,15 @@ def unsupported(found: Support, open_deviation: float = np.inf) -> Warnings:
     if distance > max(LONGER * width, found.limit):
         warnings[WarningKind.RUNAWAY] = f"the surface reaches {distance:.3g} beyond data that is {width:.3g} wide there"
     return warnings
+
+
+def _not_checked_between(slices: int) -> Warnings:
+    """PARTIAL_COVERAGE where all points lie in a few slices, of which the number is given, else 0."""
+    text = (
+        f"the points lie in {slices} parallel slices, and nothing checks the shape between them; expected "
+        f"{MOST_SLICES + 1} or more, or contours across them"
+    )
+    return {WarningKind.PARTIAL_COVERAGE: text} if slices else {}
 
 
 def base_not_observed(result: Result, quality: Mapping[str, SurfaceQuality]) -> Warnings:

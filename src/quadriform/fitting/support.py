@@ -3,6 +3,7 @@
 `diagnostics.py` derives warnings from these measures. The option `support` is something else: a plane such as a table.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -76,6 +77,8 @@ class Support:
         limit: distance from data up to which a part is supported, in the unit of the points.
         extends_beyond: how far the surface reaches beyond the data in the direction where that is farthest, likewise.
         reach: the same of the part on this side of the base.
+        slices: number of parallel slices that all data lies in, where it is so small that nothing checks the shape
+            between them; else 0.
     """
 
     area: float
@@ -85,6 +88,7 @@ class Support:
     limit: float
     extends_beyond: float
     reach: Reach
+    slices: int = 0
 
     def scaled(self, scale: float) -> "Support":
         """The support with its lengths times `scale`."""
@@ -127,7 +131,7 @@ def support_of(
         within = min(_fraction(before, supported), _fraction(below, supported))
         reach = Reach.of(mesh.vertices[base.heights(mesh.vertices) <= 0], points)
     fractions = area, _fraction(volumes, supported), _fraction(below, supported), within
-    return Support(*fractions, limit, extends.distance, reach)
+    return Support(*fractions, limit, extends.distance, reach, sparse_slices(points))
 
 
 def _data(
@@ -191,6 +195,60 @@ def covered_fraction(superquadric: Superquadric, points: Array, half_space: tupl
         at, direction = half_space
         seen = seen[(superquadric.surface(cells) - at) @ direction <= 0]
     return float(seen.mean()) if len(seen) else 0.0
+
+
+# --- slices ------------------------------------------------------------------------------------------------------
+
+MOST_SLICES = 4
+"""Slices. The profile of a superquadric along an axis across them has four parameters, two ends, the largest width and
+an exponent, so that so many slices determine it, and none is left that could contradict it."""
+WITHIN_SLICE = 0.2
+"""Points of a slice are within this fraction of the least distance between slices; of even points two fifths are."""
+NEARLY_ALL = 0.95
+"""The fraction of the points that must be; the others may be outliers that were not found."""
+SLICE_ROUNDS = 20
+"""Of moving each slice to the mean height of the points nearest to it."""
+LOOKED_AT = 500
+"""Of more points an even sample is taken."""
+
+
+def sparse_slices(points: Array) -> int:
+    """The number of parallel slices that points (n, 3) lie in where it is two to four, else 0."""
+    if len(points) <= MOST_SLICES:
+        return 0
+    some = points[_chosen(points, LOOKED_AT)]
+    for across in _directions(some):
+        heights = some @ across
+        for count in range(2, MOST_SLICES + 1):
+            if _is_in_slices(heights, count):
+                return count
+    return 0
+
+
+def _directions(points: Array) -> Iterator[Array]:
+    """Unit vectors (3,) across which points may lie in slices: those least along the steps to neighbours.
+
+    Near neighbours are apart by noise, distant ones may be of another slice, so neighbours of several ranks are tried.
+    """
+    ranks = 2 ** np.arange(1, int(np.log2(len(points))))
+    neighbours = cKDTree(points).query(points, k=ranks)[1]
+    for rank in range(len(ranks)):
+        steps = points[neighbours[:, rank]] - points
+        yield np.linalg.eigh(steps.T @ steps)[1][:, 0]
+
+
+def _is_in_slices(heights: Array, count: int) -> bool:
+    """Whether heights (n,) lie near so many values, found by k-means in one dimension from even ones."""
+    edge = (1 - NEARLY_ALL) / 2
+    low, high = np.quantile(heights, [edge, 1 - edge])
+    slices = np.linspace(low, high, count)
+    for _ in range(SLICE_ROUNDS):
+        nearest = np.abs(heights[:, None] - slices).argmin(axis=1)
+        sizes = np.bincount(nearest, minlength=count)
+        if not sizes.all():
+            return False
+        slices = np.bincount(nearest, weights=heights) / sizes
+    return bool((np.abs(heights - slices[nearest]) < WITHIN_SLICE * np.diff(slices).min()).mean() >= NEARLY_ALL)
 
 
 # --- one surface -------------------------------------------------------------------------------------------------
@@ -273,7 +331,7 @@ def bodies(points: Array, limit: float) -> int:
     """
     if len(points) < ONE.fewest:
         return 0
-    some = points[_chosen(points)]
+    some = points[_chosen(points, ONE.asked)]
     pairs = cKDTree(some).query_pairs(ONE.distant * limit, output_type="ndarray")
     graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(some),) * 2)
     member = connected_components(graph, directed=False)[1]
@@ -301,7 +359,7 @@ def layered(feet: Array, deviations: Array, radius: float) -> float:
     """
     if len(feet) < ONE.neighbours:
         return 0.0
-    some = feet[_chosen(feet)]
+    some = feet[_chosen(feet, ONE.asked)]
     near = cKDTree(feet).query(some, k=ONE.neighbours)[1]
     ordered = np.sort(deviations[near], axis=1)
     # the best split into an inner and an outer layer: that of the largest variance between their means
@@ -315,10 +373,10 @@ def layered(feet: Array, deviations: Array, radius: float) -> float:
     return float((is_split & (steps[rows, best] > ONE.thick * radius)).mean())
 
 
-def _chosen(points: Array) -> NDArray[np.int64]:
-    """Indices of the points that are looked at, spread over the distances of all (n, 3) from their centre."""
+def _chosen(points: Array, count: int) -> NDArray[np.int64]:
+    """Indices of at most `count` of (n, 3) points, spread over their distances from their centre."""
     order = np.argsort(((points - points.mean(axis=0)) ** 2).sum(axis=1))
-    return order[np.linspace(0, len(order) - 1, min(ONE.asked, len(order))).astype(np.int64)]
+    return order[np.linspace(0, len(order) - 1, min(count, len(order))).astype(np.int64)]
 
 
 def filled(deviations: Array, thickness: float) -> float:
