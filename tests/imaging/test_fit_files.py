@@ -17,7 +17,7 @@ from quadriform.cli.main import main
 from quadriform.errors import FileFormatError, InputError, MaskError, OptionError, WarningKind
 from quadriform.files import sha256_of, write_mesh
 from quadriform.files.save_and_load import content_of
-from quadriform.imaging.file_points import kind_of
+from quadriform.imaging.file_points import kind_of, parse_labels, parse_threshold
 from quadriform.shapes.mesh import Mesh
 
 QUICK = {"box": (3, 3, 3), "strength": 1e-4}
@@ -160,3 +160,21 @@ def test_contours_of_several_surfaces_are_not_points_of_one(tmp_path, name):
     (tmp_path / name).write_text(header + "".join(rows))
     with pytest.raises(InputError, match="holds contours of several surfaces"):
         qf.fit(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"), [("otsu", "otsu"), ("-12.5", -12.5), ("1e3", 1000.0), ("p99", (1, 99)), ("50%p99.9", (0.5, 99.9))]
+)
+def test_a_threshold_as_text_is_a_value_otsu_or_a_fraction_of_a_percentile(text, value):
+    assert parse_threshold(text) == value
+
+
+@pytest.mark.parametrize("text", ["", "mean", "50%", "otsu2", "p"])
+def test_another_threshold_is_refused(text):
+    with pytest.raises(OptionError, match=r"--threshold='.*': expected a number, otsu"):
+        parse_threshold(text)
+
+
+@pytest.mark.parametrize(("text", "labels"), [("1", (1,)), ("1,2,4", (1, 2, 4)), ("blood, left 2", ("blood, left 2",))])
+def test_labels_as_text_are_numbers_or_one_name(text, labels):
+    assert parse_labels(text) == labels
