@@ -140,6 +140,23 @@ def test_the_ear_that_is_cut_has_no_corner_inside(seed):
         assert polygons._ear(outline) == plain_ear(outline)
 
 
+@pytest.mark.parametrize(
+    "outline",
+    [
+        [(2, 0), (2, 2), (0, 2), (0, 1.5), (2, 1), (0, 0.5), (0, 0)],
+        [(2, 0), (2, 2), (1.5, 2), (1, 0), (0.5, 2), (0, 2), (0, 0)],
+        [(2, 0), (2, 2), (1, 1), (0, 3), (0, 0)],
+    ],
+    ids=["side after it", "side before it", "cut"],
+)
+def test_a_corner_on_a_side_of_an_ear_blocks_it(outline):
+    """The first corner is convex, and another one touches a side of its triangle, which would cover what is outside."""
+    points = np.array(outline, dtype=float)
+    a, b, c = points[polygons._ears(points)].swapaxes(0, 1)
+    areas = ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]) / 2
+    assert polygons._ear(points) != 0 and areas.min() >= 0 and areas.sum() == area_inside(points)
+
+
 def test_what_is_no_polygon():
     vertices = np.eye(3)
     with pytest.raises(FileFormatError, match="polygon 1 with 2"):

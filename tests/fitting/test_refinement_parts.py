@@ -136,6 +136,23 @@ def test_rows_weigh_the_normal_part_and_a_little_of_the_rest(noise):
         np.testing.assert_allclose(rows.metric[i], metric, rtol=1e-9, atol=1e-12)
 
 
+def test_the_linear_problem_is_the_sum_over_data_and_attracted_points(rng):
+    """Its squares at any displacement are the weighted squares of what is left between each point and its target."""
+    here, sets, shift = box(), [data(), data(noisy())], rng.normal(0, 0.1, (27, 3))
+    attraction = point_to_plane.Attraction(SURFACE.grid(2)[0], SURFACE.grid(2)[0] + [0.2, -0.1, 0.3], 3.0)
+    problem = point_to_plane.linear_problem_of(sets, [None, attraction], here, "springs", 0.7, 0.01)
+    moved = here.with_control_points(here.rest + shift.reshape(here.rest.shape))
+    normals = surface_normals(SURFACE, here, attraction.origins)
+    left = attraction.targets - moved.deform(attraction.origins)
+    expected = 3 * (0.002 * (left**2).sum() + 0.998 * (np.einsum("ij,ij->i", left, normals) ** 2).sum())
+    for rows in (point_to_plane.data_rows(of, here) for of in sets):
+        left = rows.targets - moved.deform(rows.origins)
+        expected += np.einsum("ni,nij,nj->", left, rows.metric, left)
+    assert problem.equations.squares(shift) == pytest.approx(expected, rel=1e-9)
+    assert problem.total_weight == pytest.approx(sets[0].count + sets[1].count)
+    assert (problem.effective_fraction, problem.least_sigma) == (0.7, 0.01)
+
+
 def test_the_fraction_of_several_surfaces_is_a_mean_over_their_points():
     here, one = box(), data(noisy())
     other = replace(one, inliers=one.inliers**2, noise=None)

@@ -157,3 +157,11 @@ def test_residuals_of_the_robust_fit_are_p4(kind, rng):
     found = distances(Candidates.of([s]), points)[0][0]
     np.testing.assert_allclose(np.abs(found), s.first_order_distance(points), rtol=1e-6, atol=1e-9)
     np.testing.assert_array_equal(found > 0, s.implicit(points) > 1)
+
+
+@pytest.mark.parametrize(("extents", "at_bound"), [(1.99, False), (1.9999, True)])
+def test_the_papers_fit_says_where_an_axis_is_twice_the_extent_of_the_points(extents, at_bound):
+    points = made(exponents=(1, 1), semi_axes=(3, 2, 1)).grid(8)[0]
+    longest = extents * np.ptp(points, axis=0).max()
+    found = paper._with_covariance(made(exponents=(1, 1), semi_axes=(3, longest, 1)), points, 7, ())
+    assert ("AT_BOUND" in found.warnings, found.iterations) == (at_bound, 7)

@@ -41,6 +41,9 @@ def test_equal_pairs_and_isolated_voxels_are_counted_over_faces(seed):
         assert object_choice._equal_pairs(values, background) == pytest.approx(pairs(values, background))
     assert object_choice._isolated(values) == pytest.approx(alone(values))
     assert object_choice._isolated(np.zeros((3, 3, 3))) == 0
+    single = np.ones((3, 3, 3))
+    single[1, 1, 1] = 2
+    assert object_choice._isolated(single) == 1
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.int16, np.int64, np.float64, np.uint64])

@@ -132,9 +132,8 @@ def _ear(points: Array) -> int:
     areas = _doubled_area(before, points, after)
     for at in np.flatnonzero(areas > FLAT):
         a, b, c = before[at], points[at], after[at]
-        others = np.delete(points, [at - 1, at, (at + 1) % len(points)], axis=0)
-        # Corners at the same point, as where a hole is joined to the outline, do not block an ear.
-        others = others[~(others[:, None] == np.stack([a, b, c])).all(axis=2).any(axis=1)]
+        # Neither its own corners nor others at the same points, as where a hole is joined to the outline, block an ear.
+        others = points[~(points[:, None] == np.stack([a, b, c])).all(axis=2).any(axis=1)]
         inside = (_doubled_area(a, b, others) >= 0) & (_doubled_area(b, c, others) >= 0)
         if not (inside & (_doubled_area(c, a, others) >= 0)).any():
             return int(at)

@@ -168,7 +168,7 @@ def _empty_range(
     """
     count = min(EMPTY.neighbours, len(plane) - 1)
     radii = EMPTY.farther * cKDTree(plane).query(plane, k=count + 1)[0][:, -1]
-    octave = np.floor(np.log2(np.maximum(radii / radii.max(), 1e-6))).astype(np.int64)
+    octave = np.floor(np.log2(np.maximum(radii / radii.max(), 1e-9))).astype(np.int64)
     ends, past = np.full(len(centres), np.inf), np.ones(len(centres), dtype=np.bool_)
     for number in np.unique(octave):
         of = np.flatnonzero(octave == number)
