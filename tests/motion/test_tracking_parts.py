@@ -1,5 +1,6 @@
 """Parts of the tracking of a motion: the first frame, times, periods, bases, and how warnings name their frames."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -34,6 +35,33 @@ def test_frames_are_the_same_where_all_their_points_are():
     one = {"a": SPHERE, "b": SPHERE}
     assert tracking._equal(one, {"b": SPHERE.copy(), "a": SPHERE.copy()})
     assert not tracking._equal(one, {"a": SPHERE, "b": SPHERE + 1e-12}) and not tracking._equal(one, {"a": SPHERE})
+
+
+def test_each_frame_starts_from_its_neighbour_on_the_side_of_the_first_one(monkeypatch):
+    """Frame 3 is the first, frame 4 has the same points; the model of a frame is known by its control points."""
+
+    def found(number, start):
+        made.append((int(number), start))
+        box = SimpleNamespace(control_points=np.full(3, number), origin="corner", edges="sides")
+        return SimpleNamespace(model=SimpleNamespace(box=box, surfaces="all"))
+
+    def refine(surfaces, points, *, start, **options):
+        assert (surfaces, options) == ("all", {"box": 3, "base": None})
+        return found(np.ptp(points["a"].points), int(start.control_points[0]))
+
+    made, reported = [], []
+    clouds = [{"a": np.array([[0, 0, 0], [size, 0, 0]])} for size in (10, 11, 12, 20, 20, 14, 15)]
+    of = replace(task(clouds), progress=lambda done, of: reported.append((done, of)), basis=TimeBasis(np.arange(7)))
+    monkeypatch.setattr(tracking, "fit", lambda points, **options: found(np.ptp(points["a"].points), None))
+    monkeypatch.setattr(tracking, "refine", refine)
+    monkeypatch.setattr(tracking, "MovingModel", lambda *parts: parts)
+    monkeypatch.setattr(tracking, "_of_fits", lambda *parts: parts)
+    strategy, _, fits, (surfaces, origin, edges, every, control) = tracking._previous(of)
+    assert made == [(20, None), (14, 20), (15, 14), (12, 20), (11, 12), (10, 11)]
+    assert reported == [(done, 7) for done in range(2, 8)]
+    assert (strategy, surfaces, origin, edges) == ("previous", "all", "corner", "sides")
+    assert control[:, 0].tolist() == [10, 11, 12, 20, 20, 14, 15] and fits[4] is fits[3]
+    np.testing.assert_array_equal(every.knots, np.arange(7))
 
 
 def test_the_same_warning_of_several_frames_is_one_sentence():

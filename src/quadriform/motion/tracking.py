@@ -257,21 +257,21 @@ def _alone(task: _Task) -> Track:
 def _previous(task: _Task) -> Track:
     """Forwards from the frame with the most points to the last, and backwards from it to the first."""
     fits: dict[int, Fit] = {task.first: fit(task.sets[task.first], **task.options_of(task.first))}
-    surfaces = fits[task.first].model.surfaces
+    first = fits[task.first].model
     for order, before in ((range(task.first + 1, len(task.clouds)), -1), (range(task.first - 1, -1, -1), 1)):
         for frame in order:
             done = fits[frame + before]
             fits[frame] = done  # the same points have the same model
             if not _equal(task.clouds[frame], task.clouds[frame + before]):
                 start = done.model.box
-                fits[frame] = refine(surfaces, task.sets[frame], start=start, **task.options_of(frame))
+                fits[frame] = refine(first.surfaces, task.sets[frame], start=start, **task.options_of(frame))
             task.report(len(fits))
     # one superquadric and one undeformed box for all frames: only the control points move
     ordered = [fits[frame] for frame in range(len(task.clouds))]
-    box = ordered[0].model.box
     every = TimeBasis(task.times, task.basis.period)
     control = np.stack([found.model.box.control_points for found in ordered])
-    return _of_fits("previous", task, ordered, MovingModel(surfaces, box.origin, box.edges, every, control))
+    moving = MovingModel(first.surfaces, first.box.origin, first.box.edges, every, control)
+    return _of_fits("previous", task, ordered, moving)
 
 
 def _equal(one: Mapping[str, Array], other: Mapping[str, Array]) -> bool:
