@@ -65,9 +65,7 @@ KNOWN: dict[str, str] = {
     "imaging/object_choice.py: choose_object: `0.5` -> `0.55`": "an image of zeros is empty above any threshold",
     "shapes/comparison.py: _sampled: `0.5` -> `0.55`": "other samples of the same steps of the area, as even as those",
     "files/stl.py: _merged: `1` -> `2`": "rolled by two corners of three, the same edges start at their other ends",
-    "files/label_maps.py: label_map: `96` -> `97`": "how finely a surface is drawn before its voxels are filled",
     "shapes/ridges.py: _octants: `own[index] * mirror` -> `own[index] / mirror`": "both are 1 or -1",
-    "shapes/ridges.py: least: `gain > 0` -> `gain >= 0`": "of two places at the same distance either is as near",
     "shapes/closest.py: _extreme: `1` -> `2`": "one more place in an array, which nothing reads",
     "shapes/voxels.py: voxel_spacing: `3` -> `4`": "the last row of an affine map has zeros in these columns",
     "shapes/fold_bound.py: possible_folds: "

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from shapes_made import KINDS, SKEW, made, single
+from shapes_meshes import box_mesh
 
 from quadriform.errors import DegenerateError, InputError, OptionError
 from quadriform.shapes import comparison
@@ -134,6 +135,13 @@ def test_everything_grows_with_the_scale():
 def test_overlap_of_spheres():
     assert dice(sphere(10), sphere(12)) == pytest.approx(2 * 10**3 / (10**3 + 12**3), abs=1e-3)
     assert dice(sphere(10), sphere(10, CENTRE + 30)) == 0
+
+
+@pytest.mark.parametrize(("height", "counted"), [(64.48, 64), (64.52, 65), (128, 128)])
+def test_voxels_overlap_whose_centres_are_in_both(height, counted):
+    """The longest side has 128 voxels, here of 1; their centres lie at halves."""
+    whole, part = box_mesh((60.0, 100.0, 128.0)), box_mesh((60.0, 100.0, height))
+    assert dice(whole, part) == dice(part, whole) == pytest.approx(2 * counted / (128 + counted), rel=1e-12)
     shift, r = 6.0, 10.0
     lens = np.pi * (4 * r + shift) * (2 * r - shift) ** 2 / 12
     for axis in np.eye(3):

@@ -1,11 +1,13 @@
 """The free-form deformation: linear precision, B, Jacobian, inverse, elevation, index order."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from shapes_made import KINDS, SKEW, even_directions, made
 
 from quadriform.errors import OptionError, PointsError
-from quadriform.shapes import bernstein
+from quadriform.shapes import bernstein, control_box
 from quadriform.shapes.control_box import ControlBox, common_box
 from quadriform.shapes.superquadric import Superquadric
 
@@ -252,3 +254,38 @@ def test_a_common_box_is_that_of_the_largest_surface_enlarged_to_hold_the_others
     for surface in (large, across):
         local = box.local(surface.grid(12)[0])
         assert local.min() > -1e-9 and local.max() < 1 + 1e-9
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.2])
+def test_starts_of_the_inverse_are_the_nodes_of_a_grid_with_the_nearest_images(margin):
+    box, inside = bulged()
+    nodes = box.origin + np.array([*product(np.linspace(-margin, 1 + margin, 13), repeat=3)]) @ box.edges
+    images, targets = box.deform(nodes), box.deform(inside[:9])
+    found = box._starts(targets, margin)
+    for target, starts in zip(targets, found.swapaxes(0, 1)):
+        nearest = np.linalg.norm(images - target, axis=1).argsort()[:6]
+        np.testing.assert_allclose(starts, nodes[nearest], atol=1e-12)
+
+
+def test_the_grids_of_the_inverse_are_that_of_the_box_and_a_wider_one(monkeypatch):
+    box, inside = bulged(size=0.05)
+    asked, starts = [], ControlBox._starts
+    monkeypatch.setattr(ControlBox, "_starts", lambda *given: asked.append(given[1:]) or starts(*given))
+    points = np.vstack([inside[:2], box.origin - 0.02 * box.edges.sum(axis=0)])
+    targets = box.deform(points)
+    np.testing.assert_allclose(box._invert(targets), points, atol=1e-6)
+    assert [margin for _, margin in asked] == [0.0, 0.2]
+    assert all(given is targets for given, _ in asked)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_preimage_is_inside_or_outside_by_less_than_a_side_or_missed(axis):
+    box = ControlBox.undeformed(np.array([1.0, 2, 3]), np.diag([2.0, 3, 4]), (3, 3, 3))
+    local = np.full((8, 3), 0.5)
+    local[:, axis] = [0.0, 1.0, -0.01, 1.01, -0.99, 1.99, -1.01, 2.01]
+    points, slight = box.origin + local @ box.edges, 1e-13
+    expected = [control_box.INSIDE] * 2 + [control_box.OUTSIDE] * 4 + [control_box.MISSED] * 2
+    assert box._grade(points, points + slight).tolist() == expected
+    assert (box._grade(points, points + 1e-6) == control_box.MISSED).all()
+    points[:2, axis] += [-slight, slight]
+    assert box._grade(points, points)[:2].tolist() == expected[:2]

@@ -20,6 +20,8 @@ ALIGNED = 2
 """Code of a NIfTI form: aligned to another file."""
 SQUARE = 1e-5
 """A qform is written when it puts voxels where the sform does, to this share of the smallest voxel."""
+RESOLUTION = 96
+"""Of the meshes that are filled with voxels."""
 
 
 def label_map(model: DeformableModel, shape: tuple[int, ...], world_from_voxel: Array) -> NDArray[np.uint8]:
@@ -30,7 +32,7 @@ def label_map(model: DeformableModel, shape: tuple[int, ...], world_from_voxel: 
         shape: voxels along i, j, k.
         world_from_voxel: (4, 4), into the model's own frame and unit.
     """
-    meshes = sorted((model.mesh(name, 96) for name in model.surfaces), key=lambda mesh: mesh.volume())
+    meshes = sorted((model.mesh(name, RESOLUTION) for name in model.surfaces), key=lambda mesh: mesh.volume())
     labels = np.zeros(shape, dtype=np.uint8)
     # From the outermost to the innermost, which overwrites the labels of the others.
     for number, mesh in reversed(list(enumerate(meshes, start=1))):

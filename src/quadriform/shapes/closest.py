@@ -43,6 +43,8 @@ BESIDE = 0.12
 """A coordinate below this fraction of the largest lies beside its plane."""
 LEFT_OUT = 0.03
 """Foot points farther than the nearest by more than this fraction of the box's diagonal are no starts."""
+SAME = 1e-3
+"""Foot points in one cell of this fraction of the box's diagonal lead to the same minimum."""
 ANY_SHAPE = (np.ones(2), 2.0, 2.0)
 """Exponents, hole radius and cut of a grid of which the numbers of the vertices alone count."""
 ASYMMETRIC = np.array([1.0, 0.618, 0.271])
@@ -185,8 +187,7 @@ def _feet_beside_planes(
     beside = own < BESIDE * own.max(axis=1, keepdims=True)
     near = distance <= _extreme(np.minimum, owner, distance) + LEFT_OUT * size
     index = np.flatnonzero(near & beside.any(axis=1))
-    # Foot points in one cell of a thousandth of the box lead to the same minimum.
-    cells = np.column_stack([owner[index], np.round(origins[index] / (1e-3 * size)).astype(np.int64)])
+    cells = np.column_stack([owner[index], np.round(origins[index] / (SAME * size)).astype(np.int64)])
     kept = index[np.unique(cells, axis=0, return_index=True)[1]]
     return kept, beside[kept]
 

@@ -235,12 +235,12 @@ def _to_triangles(points: Array, corners: Array) -> Array:
     for start, stop in ((first, second), (second, third), (third, first)):
         edge, offset = stop - start, position - start
         length = _dot(edge, edge)
-        along = _dot(offset, edge) / np.where(length > 0, length, 1.0)
+        along = _dot(offset, edge) / np.maximum(length, 1e-300)
         aside = offset - np.clip(along, 0, 1) * edge
         to_edges = np.minimum(to_edges, _dot(aside, aside))
         # The foot of the perpendicular lies inside where it is on the inner side of all edges.
         above &= _dot(np.cross(edge, offset, axis=0), normal) >= 0
-    to_plane = np.abs(_dot(position - first, normal)) / np.sqrt(np.where(squared > 0, squared, 1.0))
+    to_plane = np.abs(_dot(position - first, normal)) / np.sqrt(np.maximum(squared, 1e-300))
     return np.where(above, to_plane, np.sqrt(to_edges))
 
 

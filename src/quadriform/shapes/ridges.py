@@ -236,7 +236,7 @@ class _Search:
             trial = np.clip(at[active] + step, -FAR, FAR)
             found = self.value(active, trial)
             gain = value[active] - found
-            closer = gain > 0
+            closer = found < value[active]
             long = np.hypot(*step.T)
             radius[active] = np.select(
                 [gain < POOR * predicted, gain > GOOD * predicted],
