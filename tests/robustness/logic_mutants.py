@@ -84,7 +84,7 @@ KNOWN: dict[str, str] = {
         "the order decides between points that are equally far only, and any order serves"
     ),
 }
-"""From a change, as it is printed, to why no test can notice it."""
+"""From a change, as it is printed, to why no test can notice it; it counts as survived, and no test is run."""
 
 
 @dataclass(frozen=True)
@@ -299,7 +299,7 @@ def main() -> int:
     with copied() as (folder, environment):
         for number, change in enumerate(drawn(count, seed), 1):
             began, text = time.monotonic(), described(change)
-            by = noticed(change, folder, environment, broken)
+            by = "" if text in KNOWN else noticed(change, folder, environment, broken)
             said = by or KNOWN.get(text, "SURVIVED")
             print(f"{number}. {text}: {said} ({time.monotonic() - began:.0f} s)", flush=True)
             survived += [] if by else [text]
