@@ -63,6 +63,7 @@ def test_a_model_is_brought_to_the_frame_and_unit_of_the_grid():
     metres = np.diag([1e-3, 1e-3, 1e-3, 1]) @ in_ras
     assert np.allclose(grid_of_model(model(), in_ras, "RAS", "mm"), SKEW)
     assert np.allclose(grid_of_model(model(), metres, "RAS", "m"), SKEW)
+    assert np.allclose(grid_of_model(model(), in_ras, "RAS", "unknown"), SKEW)  # counts as mm
     with pytest.raises(OptionError, match="unknown"):
         grid_of_model(model(unit="unknown"), SKEW, "LPS", "mm")
     with pytest.raises(InputError):

@@ -25,6 +25,10 @@ sys.meta_path = [finder for finder in sys.meta_path if "ScikitBuild" not in type
 """The installed package's own finder would lead away from the copy."""
 
 
+ROOM = 4 << 30
+"""Bytes for the data of one process: a list that grows without end must not take the memory of others."""
+
+
 @dataclass(frozen=True)
 class Mutant:
     """A guard, how it is taken out of a file of src/quadriform, and the tests that must notice."""
@@ -235,12 +239,13 @@ def noticed_by(mutant: Mutant, copy: Path, environment: dict[str, str]) -> str:
 def tested(
     names: Sequence[str], copy: Path, environment: dict[str, str], options: Sequence[str] = (), limit: int = 900
 ) -> subprocess.CompletedProcess[str]:
-    """Tests of the copy, up to the first that fails; they end after so many seconds of processor time."""
+    """Tests of the copy, up to the first that fails; of each process so many seconds of the processor, and ROOM."""
     files = [f"tests/{name}" for name in names]
     command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *options, *files]
 
     def limited() -> None:
         resource.setrlimit(resource.RLIMIT_CPU, (limit, limit + 1))
+        resource.setrlimit(resource.RLIMIT_DATA, (ROOM, ROOM))
 
     return subprocess.run(
         command, cwd=copy, env=environment, capture_output=True, encoding="utf-8", timeout=9 * limit, preexec_fn=limited

@@ -106,6 +106,8 @@ def test_the_inside_of_a_mesh_in_any_place_and_unit():
         assert_allclose(volume, moved.volume(), rtol=5e-3)
         again = Mesh(7 * moved.vertices, moved.faces)
         assert solid.scaled(7).overlap(again, None).dice > 0.999
+        for affine in (solid.world_from_voxel, solid.scaled(7).world_from_voxel):
+            assert affine[3].tolist() == [0, 0, 0, 1]
 
 
 def test_open_and_flat_meshes_have_no_inside():
