@@ -163,7 +163,8 @@ def test_contours_of_several_surfaces_are_not_points_of_one(tmp_path, name):
 
 
 @pytest.mark.parametrize(
-    ("text", "value"), [("otsu", "otsu"), ("-12.5", -12.5), ("1e3", 1000.0), ("p99", (1, 99)), ("50%p99.9", (0.5, 99.9))]
+    ("text", "value"),
+    [("otsu", "otsu"), ("-12.5", -12.5), ("1e3", 1000.0), ("p99", (1, 99)), ("50%p99.9", (0.5, 99.9))],
 )
 def test_a_threshold_as_text_is_a_value_otsu_or_a_fraction_of_a_percentile(text, value):
     assert parse_threshold(text) == value
