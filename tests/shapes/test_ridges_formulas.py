@@ -195,21 +195,26 @@ def test_a_step_is_newtons_within_the_radius_and_downhill(kind, exponents):
     assert (gain > 0).all() and (np.abs(step) <= radius[:, None]).all()
 
 
-@pytest.mark.parametrize("steps", [1, 3, 6])
-def test_the_search_shortens_its_radius_after_a_poor_step_and_lengthens_it_after_a_good_one(monkeypatch, steps):
+@pytest.mark.parametrize("exponents", [(1.5, 1.5), (2.5, 1.5)])
+@pytest.mark.parametrize("steps", [1, 3, 6, 9])
+def test_the_search_shortens_its_steps_after_a_poor_one_and_lengthens_them_after_a_good_one(
+    monkeypatch, steps, exponents
+):
     """Point by point, the rule in scalars."""
     monkeypatch.setattr(ridges, "STEPS", steps)
-    of, at = search(exponents=(1.5, 1.5), n=30)
+    of, at = search(exponents=exponents, n=30)
     for i, found in enumerate(of.least(at)):
-        one, here, radius = np.array([i]), at[i : i + 1].copy(), 1.0
+        one, here, radius, growth = np.array([i]), at[i : i + 1].copy(), 1.0, 1.0
         for _ in range(steps):
             step, predicted = of._step(one, here, np.array([radius]))
+            step = step * [growth if abs(each) > 6 else 1 for each in here[0]]
             trial = np.clip(here + step, -FAR, FAR)
             gain = of.value(one, here)[0] - of.value(one, trial)[0]
             if gain < 0.25 * predicted[0]:
                 radius = 0.25 * np.linalg.norm(step)
             elif gain > 0.5 * predicted[0]:
                 radius = min(2 * radius, 8.0)
+            growth = min(2 * growth, 8.0 if max(exponents) <= 2 else 1.0) if gain > 1.2 * predicted[0] else 1.0
             here = trial if gain > 0 else here
         np.testing.assert_allclose(found, here[0], rtol=1e-6, atol=1e-6)
 

@@ -38,8 +38,8 @@ class Limits:
     """Of the mesh whose triangles are the parts."""
     directions: int = 12
     """Of the grid of directions in which a surface can extend beyond the data: one every eight degrees."""
-    at_once: int = 4_000_000
-    """Products of points and directions that are in memory at a time."""
+    at_once: int = 300_000
+    """Products of points and directions that are in memory at a time: more leave the cache."""
 
 
 LIMITS = Limits()

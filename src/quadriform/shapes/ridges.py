@@ -35,6 +35,10 @@ POOR, GOOD = 0.25, 0.5
 """A step that brings less than the first fraction of the predicted gain shortens the next ones, more than the second
 lengthens them: the usual rule of trust regions (Nocedal and Wright, algorithm 4.1). Only their number depends on it."""
 SHORTER, LONGER, LONGEST = 0.25, 2.0, 8.0
+TAIL, MORE = 6.0, 1.2
+"""Beyond the first of these logarithms a step is twice the one before where that brought more than this multiple of its
+predicted gain: the distance tends to its limit at a plane as an exponential, on which all Newton steps are equally
+short, and bring 1.26 times it. Not along an arm, where a long step passes over a minimum."""
 AHEAD = 1e-5
 """Step of the differences that stand for second derivatives, in units of the smaller exponent up to 1."""
 OVERFLOW = 700.0
@@ -48,6 +52,11 @@ Index = NDArray[np.int64]
 def has_ridges(superquadric: Superquadric) -> bool:
     """Whether the curvature is infinite somewhere."""
     return bool((superquadric.exponents > 1).any())
+
+
+def has_arms(superquadric: Superquadric) -> bool:
+    """Whether the surface ends in cusps: along an arm there may be a minimum beside that at its tip."""
+    return bool(superquadric.exponents.max() > EXPONENTS[1])
 
 
 def beside_ridges(
@@ -66,7 +75,7 @@ def beside_ridges(
         return np.empty(0, dtype=np.int64), origins
     index, signs, start = _octants(superquadric, superquadric.scaled(origins), beside)
     scanned = _Search(superquadric, box, targets[index], signs).scanned(start, beside[index])
-    if superquadric.exponents.max() > EXPONENTS[1]:  # along an arm there may be a minimum beside that at its tip
+    if has_arms(superquadric):
         moved = np.flatnonzero((scanned != start).any(axis=1))
         scanned, signs = np.concatenate([scanned, start[moved]]), np.concatenate([signs, signs[moved]])
         index = np.concatenate([index, index[moved]])
@@ -227,12 +236,14 @@ class _Search:
 
     def least(self, start: Array) -> Array:
         """The t and u of the least distance, by Newton steps within a radius that follows their success."""
-        at, active, radius = start.copy(), np.arange(len(start)), np.ones(len(start))
+        at, active, (radius, growth) = start.copy(), np.arange(len(start)), np.ones((2, len(start)))
         size, value = float(np.linalg.norm(self.box.edges)), self.value(active, at)
+        most = 1.0 if has_arms(self.superquadric) else LONGEST
         for _ in range(STEPS):
             if not len(active):
                 break
             step, predicted = self._step(active, at[active], radius[active])
+            step *= np.where(np.abs(at[active]) > TAIL, growth[active, None], 1.0)
             trial = np.clip(at[active] + step, -FAR, FAR)
             found = self.value(active, trial)
             gain = value[active] - found
@@ -243,6 +254,7 @@ class _Search:
                 [SHORTER * long, np.minimum(LONGER * radius[active], LONGEST)],
                 radius[active],
             )
+            growth[active] = np.where(gain > MORE * predicted, np.minimum(LONGER * growth[active], most), 1.0)
             at[active[closer]], value[active[closer]] = trial[closer], found[closer]
             active = active[(predicted > _rounding(size, value[active])) & (radius[active] > 1e-9)]
         return at

@@ -28,7 +28,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import cho_solve, solve_triangular
+from scipy.linalg import cho_solve, lapack, solve_triangular
 from scipy.optimize import minimize_scalar
 
 from quadriform.errors import DegenerateError
@@ -199,11 +199,11 @@ class LinearProblem:
 
     @cached_property
     def _in_eigenbasis(self) -> tuple[Array, Array]:
-        """Matrix (3 k, 3 k) and right side (3 k,) of `equations` in the eigenbasis of K."""
+        """Matrix (3 k, 3 k), in the order of LAPACK, and right side (3 k,) of `equations` in the eigenbasis of K."""
         rotated = self.equations.in_basis(self.eigenvectors)
         null = np.flatnonzero(np.repeat(self.eigenvalues == 0, 3))
         rotated.matrix[null, null] += SELECTION.null_space_weight * np.abs(rotated.matrix.diagonal()).max()
-        return rotated.matrix, rotated.right
+        return np.asfortranarray(rotated.matrix), rotated.right
 
     def cost(self, displacement: Array, strength: float) -> float:
         """The regularised sum of squares of the data, |J p - r|^2 + lambda p' K p, at a displacement."""
@@ -229,8 +229,9 @@ class LinearProblem:
         """The displacement at one strength; None where it leaves control points undetermined."""
         lam = strength * self.total_weight
         matrix, right = self._in_eigenbasis
+        matrix, diagonal = matrix.copy(order="F"), np.arange(len(matrix))
         # in this basis the strength adds to the diagonal alone
-        matrix = matrix + np.diag(lam * np.repeat(self.eigenvalues, 3))
+        matrix[diagonal, diagonal] += lam * np.repeat(self.eigenvalues, 3)
         factor = cholesky_factor(matrix)
         if factor is None:
             return None
@@ -383,7 +384,7 @@ class LinearProblem:
         # strength does not act on it
         regularised = solution.factor[self.null_dimension :, self.null_dimension :]
         # with A + lambda K = L L' the diagonal of the inverse is the sum of squares of the columns of L^-1
-        inverse = solve_triangular(regularised, np.eye(self.rank), lower=True)
+        inverse, _ = lapack.dtrtri(regularised, lower=1)
         traced = np.repeat(self.eigenvalues, 3)[self.null_dimension :] @ (inverse**2).sum(axis=0)
         return float(lam * (effective_dof * energy / squares + traced) - self.rank)
 

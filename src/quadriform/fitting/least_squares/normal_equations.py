@@ -56,8 +56,10 @@ class NormalEquations:
         """The equations in the coefficients of an orthonormal basis, the columns of `vectors` (k, k)."""
         size = len(vectors)
         # one side at a time: the basis acts on control points and leaves coordinates alone
-        half = (vectors.T @ self.matrix.reshape(size, -1)).reshape(3 * size, size, 3).transpose(0, 2, 1) @ vectors
-        matrix = half.transpose(0, 2, 1).reshape(3 * size, 3 * size)
+        half = (vectors.T @ self.matrix.reshape(size, -1)).reshape(3 * size, size, 3)
+        # one product for each coordinate: products of three rows each take several times as long
+        of_coordinates = [np.ascontiguousarray(half[:, :, each]) @ vectors for each in range(3)]
+        matrix = np.stack(of_coordinates, axis=2).reshape(3 * size, 3 * size)
         return NormalEquations(matrix, (vectors.T @ self.right.reshape(size, 3)).ravel(), self.constant)
 
 
