@@ -175,12 +175,11 @@ def test_clusters_that_are_closed_bodies_are_counted():
     assert supports.bodies(few, 0.3) == 1
 
 
-def test_of_many_points_an_even_sample_is_looked_at(monkeypatch):
-    monkeypatch.setattr(supports, "ONE", supports.OneSurface(asked=5))
+def test_of_many_points_an_even_sample_is_looked_at():
     points = np.arange(17.0)[:, None] * [1, 0, 0]
     far = np.abs(points[:, 0] - 8)
-    np.testing.assert_array_equal(far[supports._chosen(points)], np.sort(far)[[0, 4, 8, 12, 16]])
-    np.testing.assert_array_equal(supports._chosen(points[:3]), [1, 0, 2])
+    np.testing.assert_array_equal(far[supports._chosen(points, 5)], np.sort(far)[[0, 4, 8, 12, 16]])
+    np.testing.assert_array_equal(supports._chosen(points[:3], 5), [1, 0, 2])
 
 
 @pytest.mark.parametrize(("cut", "closed"), [(20, True), (44, True), (62, True), (80, False)])

@@ -64,6 +64,7 @@ OF_THE_PAPER = ("M1 rigid", "M2 scale 1e6", "M6 mirror", "M9 offset 1e6")
     ("plain", "change"),
     [(way, change) for way in WAYS for change in (CHANGES if way == "tangent" else OF_THE_PAPER)],
     indirect=["plain"],
+    scope="module",  # else the plain fit would be made anew for each change
 )
 def test_a_fit_moves_with_its_points(plain, change):
     options, tolerance, fit = plain

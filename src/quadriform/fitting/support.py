@@ -219,8 +219,10 @@ def sparse_slices(points: Array) -> int:
     some = points[_chosen(points, LOOKED_AT)]
     for across in _directions(some):
         heights = some @ across
+        edge = (1 - NEARLY_ALL) / 2
+        low, high = np.quantile(heights, [edge, 1 - edge])
         for count in range(2, MOST_SLICES + 1):
-            if _is_in_slices(heights, count):
+            if _is_in_slices(heights, np.linspace(low, high, count)):
                 return count
     return 0
 
@@ -237,17 +239,16 @@ def _directions(points: Array) -> Iterator[Array]:
         yield np.linalg.eigh(steps.T @ steps)[1][:, 0]
 
 
-def _is_in_slices(heights: Array, count: int) -> bool:
-    """Whether heights (n,) lie near so many values, found by k-means in one dimension from even ones."""
-    edge = (1 - NEARLY_ALL) / 2
-    low, high = np.quantile(heights, [edge, 1 - edge])
-    slices = np.linspace(low, high, count)
+def _is_in_slices(heights: Array, slices: Array) -> bool:
+    """Whether heights (n,) lie near as many values as there are slices, found by k-means from these (m,)."""
     for _ in range(SLICE_ROUNDS):
         nearest = np.abs(heights[:, None] - slices).argmin(axis=1)
-        sizes = np.bincount(nearest, minlength=count)
+        sizes = np.bincount(nearest, minlength=len(slices))
         if not sizes.all():
             return False
-        slices = np.bincount(nearest, weights=heights) / sizes
+        before, slices = slices, np.bincount(nearest, weights=heights) / sizes
+        if (slices == before).all():
+            break
     return bool((np.abs(heights - slices[nearest]) < WITHIN_SLICE * np.diff(slices).min()).mean() >= NEARLY_ALL)
 
 

@@ -68,14 +68,12 @@ class _Leaves:
 
     def halved(self) -> "_Leaves":
         """The eight children of each leaf; every axis is halved in turn."""
-        leaves = self
+        coefficients, low, side = self.coefficients, self.low, self.side
         for axis in range(3):
-            half = leaves.side * np.where(np.arange(3) == axis, 0.5, 1)
-            step = half * (np.arange(3) == axis)
-            degree = leaves.coefficients.shape[axis + 1] - 1
-            first, second = (bernstein.along(axis + 1, matrix, leaves.coefficients) for matrix in _halves(degree))
-            leaves = _Leaves(first, leaves.low, half).joined(_Leaves(second, leaves.low + step, half))
-        return leaves
+            half = side * np.where(np.arange(3) == axis, 0.5, 1)
+            low = np.concatenate([low, low + half * (np.arange(3) == axis)])
+            coefficients, side = _halved(coefficients, axis), np.concatenate([half, half])
+        return _Leaves(coefficients, low, side)
 
     def corners(self) -> tuple[Array, Array]:
         """Box coordinates (n, 8, 3) of the corners and the values there (n, 8), which are coefficients."""
@@ -83,6 +81,20 @@ class _Leaves:
         # along each axis the coefficient of index 0 is the value at the low end, and that of index -1 at the high end
         values = self.coefficients[:, -ends[:, 0], -ends[:, 1], -ends[:, 2]]
         return self.low[:, None] + ends * self.side[:, None], values
+
+
+def _halved(coefficients: Array, axis: int) -> Array:
+    """Coefficients (2 n, a, b, c) over the first halves along an axis of n leaves, and then over the second ones."""
+    n, *shape = coefficients.shape
+    found = np.empty((2, n, *shape))
+    rows, count, columns = n * int(np.prod(shape[:axis])), shape[axis], int(np.prod(shape[axis + 1 :]))
+    for half, matrix in zip(found, _halves(count - 1)):
+        # no axis is moved: as many products as there are rows before it, or a single one along the last axis
+        if axis == 2:
+            np.matmul(coefficients.reshape(rows, count), matrix.T, out=half.reshape(rows, count))
+        else:
+            np.matmul(matrix, coefficients.reshape(rows, count, columns), out=half.reshape(rows, count, columns))
+    return found.reshape(2 * n, *shape)
 
 
 @lru_cache(maxsize=32)

@@ -149,19 +149,18 @@ class SurfaceData:
 
     def weighted(self, distances: Array, sigma: float) -> "SurfaceData":
         """The data with inlier probabilities and ratio, by EM at a given sigma, from standardised distances (n,)."""
-        found = replace(self, inlier_ratio=FIRST_RATIO)
+        ratio, total = FIRST_RATIO, self.weights.sum()
         for _ in range(EM_ROUNDS):
-            inliers = found.probabilities(distances, sigma)
+            inliers, before = _inliers(distances, sigma, ratio), ratio
             # below one, so that an outlier of a later round can still be detected
-            ratio = float(np.clip(np.average(inliers, weights=self.weights), 0.02, 1 - 1e-6))
-            found = replace(self, inliers=inliers, inlier_ratio=ratio)
-        return found
+            ratio = float(np.clip((inliers * self.weights).sum() / total, 0.02, 1 - 1e-6))
+            if ratio == before:
+                break
+        return replace(self, inliers=inliers, inlier_ratio=ratio)
 
     def probabilities(self, distances: Array, sigma: float) -> Array:
         """Inlier probabilities (m,) of points at such distances, at the estimated inlier ratio."""
-        # with exact data sigma would be that of the model's own misfit, and every corner an outlier
-        mixture = Mixture(np.array([self.inlier_ratio]), np.array([max(sigma, MISFIT)]))
-        return mixture.densities(distances[None])[0][0]
+        return _inliers(distances, sigma, self.inlier_ratio)
 
     def beside(
         self, points: Array, weights: Array, near: NDArray[np.int64], noise: Array | None = None
@@ -176,6 +175,13 @@ class SurfaceData:
             origins=self.origins[near],
             noise=noise,
         )
+
+
+def _inliers(distances: Array, sigma: float, inlier_ratio: float) -> Array:
+    """Inlier probabilities (n,) of points at such distances."""
+    # with exact data sigma would be that of the model's own misfit, and every corner an outlier
+    mixture = Mixture(np.array([inlier_ratio]), np.array([max(sigma, MISFIT)]))
+    return mixture.densities(distances[None])[0][0]
 
 
 @dataclass(frozen=True)
