@@ -130,11 +130,12 @@ BAD = [
     ("sources", [1], r"field sources\[0\]: expected an object"),
     ("sources", [{"name": "a"}], r"field sources\[0\].surface: expected a value"),
     ("sources", [{"path": "/home/x"}], r"field sources\[0\].path: expected only the fields name"),
-    ("coverage", {"shape": 1.5}, "field coverage.shape: expected a number from 0 to 1"),
+    ("coverage", {"shape": 1.01}, "field coverage.shape: expected a number from 0 to 1"),
     ("coverage", {"shape": True}, "field coverage.shape: expected a finite number"),
     ("coverage", {"other": 0.5}, "field coverage.other: expected the name of a surface"),
     ("coverage", [0.5], "field coverage: expected an object"),
     ("supported", {"shape": -0.1}, "field supported.shape: expected a number from 0 to 1"),
+    ("supported", {"shape": 1.01}, "field supported.shape: expected a number from 0 to 1"),
     ("extends_beyond", {"shape": -1.0}, "field extends_beyond.shape: expected a number of 0 or more"),
     ("extends_beyond", 3, "field extends_beyond: expected an object"),
     ("estimates", {"volume": 3.0}, "field estimates.volume: expected an object"),
@@ -199,7 +200,8 @@ def test_a_model_that_lost_a_surface_loses_what_is_known_of_it(tmp_path, suffix)
 @pytest.mark.parametrize(
     "wrong",
     [
-        {"coverage": {"shape": 1.1}},
+        {"coverage": {"shape": 1.01}},
+        {"supported": {"shape": 1.01}},
         {"coverage": {"shape": np.nan}},
         {"supported": {"shape": -0.1}},
         {"extends_beyond": {"shape": np.inf}},

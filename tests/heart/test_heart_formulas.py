@@ -147,9 +147,13 @@ def test_ends_that_differ_by_less_than_a_twentieth_are_ambiguous(wider, ambiguou
     assert bool(warnings) == ambiguous
 
 
-def test_the_axis_of_a_base_begins_at_the_farthest_point_below_it():
-    model = DeformableModel({"endo": ENDO}, deformed())
-    plane = BasePlane(np.array([0.0, 0, 6.0]), np.array([0.1, 0, 1.0]) / np.hypot(0.1, 1))
+@pytest.mark.parametrize("unit", [1.0, 1e-3])
+def test_the_axis_of_a_base_begins_at_the_farthest_point_below_it(unit):
+    box = deformed()
+    box = ControlBox(unit * box.origin, unit * box.edges, unit * box.control_points)
+    endo = replace(ENDO, semi_axes=unit * ENDO.semi_axes, translation=unit * ENDO.translation)
+    model = DeformableModel({"endo": endo}, box)
+    plane = BasePlane(np.array([0.0, 0, 6.0]) * unit, np.array([0.1, 0, 1.0]) / np.hypot(0.1, 1))
     found, mesh = axes.axis_to_base_plane(model, "endo", plane), model.mesh("endo", 48)
     centre = volumes.section_centre(mesh, plane)
     below = [p for p in mesh.vertices if (p - plane.point) @ plane.direction < 0]
@@ -336,6 +340,9 @@ def test_lines_of_a_wall_and_their_lengths_and_volumes():
         determinant = np.linalg.det(box.jacobian(wall.at(depth)))
         expected = wall.cells * (wall.start + depth * span) ** 2 * span * weights[k] / 2 * determinant
         np.testing.assert_allclose(wall.volumes(box)[:, k], expected, rtol=1e-9)
+    crossing = np.arange(len(span)) % 3 == 0
+    without = np.where(crossing[:, None], 0, wall.volumes(box))
+    np.testing.assert_array_equal(replace(wall, crossing=crossing).volumes(box), without)
     assert wall.cells.sum() == pytest.approx(4 * np.pi * 8 * 9 * 14)
 
 
@@ -345,7 +352,7 @@ def test_frames_have_the_same_undeformed_space_up_to_rounding(field):
     size = np.linalg.norm(box.edges)
     scale = size if field in ("semi_axes", "translation") else 1.0
     one = DeformableModel({"endo": ENDO}, box)
-    for factor, same in ((0.9, True), (1.1, False)):
+    for factor, same in ((0.98, True), (1.02, False)):
         step = factor * heart_cycle.SAME * scale
         value = np.array(getattr(ENDO, field), dtype=float)
         spin = np.array([[1, -step, 0], [step, 1, 0], [0, 0, 1]])

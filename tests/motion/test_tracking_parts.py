@@ -64,6 +64,18 @@ def test_each_frame_starts_from_its_neighbour_on_the_side_of_the_first_one(monke
     np.testing.assert_array_equal(every.knots, np.arange(7))
 
 
+def test_all_frames_begin_as_a_smooth_box_of_one_alone_of_whose_noise_nothing_is_known(monkeypatch):
+    monkeypatch.setattr(tracking, "smooth_box", lambda *given: given)
+    options = {"box": (3, 4, 5), "regularity": "springs", "robust": False, "strength": 2.0}
+    points, base = {"a": SPHERE, "b": SPHERE[:9]}, (np.zeros(3), np.eye(3)[2])
+    given, surfaces = tracking._start({"a": "surface"}, points, base, options)
+    assert surfaces == {"a": "surface"} and given.clouds is points and given.half_space is base
+    assert {name: each.tolist() for name, each in given.weights.items()} == {"a": [1.0] * 60, "b": [1.0] * 9}
+    assert (given.normals, given.noise.relative, given.noise.least_sigma) == ({}, {}, 0.0)
+    chosen = given.options
+    assert (chosen.box, chosen.regularity, chosen.strength, chosen.robust) == ((3, 4, 5), "springs", "auto", False)
+
+
 def test_the_same_warning_of_several_frames_is_one_sentence():
     found = quality.by_frame([{"A": "x", "B": "y"}, {"A": "x"}, {}, {"A": "z"}])
     assert found == {"A": "frames 0, 1: x; frame 3: z", "B": "frame 0: y"}

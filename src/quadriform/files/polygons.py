@@ -90,7 +90,7 @@ def _triangles_of(vertices: Array, rows: Indices, where: str) -> Indices:
     if length == 3:
         return fan
     points = vertices[rows] - vertices[rows[:, :1]]
-    points = points / (np.abs(points).max() or 1.0)  # fourth powers of small sizes would vanish
+    points = points / max(np.abs(points).max(), 1e-300)  # fourth powers of small sizes would vanish
     with np.errstate(all="ignore"):  # vertices that are not finite are refused by those who look at them
         vectors = np.cross(points[:, 1:-1] - points[:, :1], points[:, 2:] - points[:, :1])
         normals = vectors.sum(axis=1)
@@ -109,7 +109,7 @@ def _in_plane(points: Array, normal: Array) -> Array:
     axis = int(np.abs(normal).argmax())
     kept = [(axis + 1) % 3, (axis + 2) % 3] if normal[axis] > 0 else [(axis + 2) % 3, (axis + 1) % 3]
     flat = points[:, kept] - points[:, kept].mean(axis=0)
-    return flat / (np.abs(flat).max() or 1.0)
+    return flat / max(np.abs(flat).max(), 1e-300)
 
 
 def _ears(points: Array) -> Indices:

@@ -184,7 +184,7 @@ def _volume_rows(
 def _of_closed_surfaces(rows: list[Row], frames: HeartCycle) -> list[Row]:
     """Rows about whole closed surfaces, not observed where data does not support these in some frame."""
     recorded = [part for model in frames.models for part in model.record.supported.values()]
-    least = min(recorded, default=1.0)
+    least = min(recorded, default=OBSERVED)
     if least >= OBSERVED:
         return rows
     about = f"not observed, data supports {100 * least:.0f} % of the surface"

@@ -94,12 +94,11 @@ class Slices:
 
 def _crossings(origins: Array, heights: Array, edges: Array) -> Array:
     """Points (m, 3) where edges cross the height 0; inner edges of the mesh occur twice, which changes no mean."""
-    first, second = heights[edges[:, 0]], heights[edges[:, 1]]
+    above = heights > 0
+    first, second = edges[above[edges[:, 0]] != above[edges[:, 1]]].T
     # linear interpolation of the height along each edge
-    cut = (first > 0) != (second > 0)
-    fraction = (first / np.where(cut, first - second, 1.0))[cut, None]
-    low, high = origins[edges[cut, 0]], origins[edges[cut, 1]]
-    return low + fraction * (high - low)
+    fraction = (heights[first] / (heights[first] - heights[second]))[:, None]
+    return origins[first] + fraction * (origins[second] - origins[first])
 
 
 def _centred(points: Array) -> Array:

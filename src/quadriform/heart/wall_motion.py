@@ -67,7 +67,7 @@ class MovingWall:
     @property
     def areas(self) -> Array:
         """Area (n,) of the wall about each line at end diastole: volume over length."""
-        return self.volumes.sum(axis=1) / np.where(self.wall.crossing, 1.0, self.thickness)
+        return self.volumes.sum(axis=1) / np.maximum(self.thickness, 1e-300)
 
     def strain(self, box: ControlBox) -> Array:
         """Return Green's strain (n, 4, 3, 3) of a frame against end diastole, along the local axes."""

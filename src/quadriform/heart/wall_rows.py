@@ -126,8 +126,7 @@ def _part_rows(
 
 def _radial(moving: MovingWall, thickness: Array) -> Array:
     """Change of length per length (n,) of the lines across the wall; 0 where the surfaces cross."""
-    valid = ~moving.wall.crossing
-    return np.where(valid, thickness / np.where(valid, moving.thickness, 1.0) - 1, 0.0)
+    return np.where(~moving.wall.crossing, thickness / np.maximum(moving.thickness, 1e-300) - 1, 0.0)
 
 
 def _strain_rows(moving: MovingWall, strain: Array, part: str, where: NDArray[np.bool_], observed: bool) -> list[Row]:

@@ -3,7 +3,7 @@
 Most of a heart's motion is affine. The affine image T(D(x)) of a map D without folds has none, whatever its volume,
 and is itself a map of the same box: T of each control point. Minimised over the affine maps T_k at the knots is
 
-    sum_i w_i (squared distances) + gamma N  mean over t, x of |d2 T(x) / d u2|^2,
+    sum_i w_i (squared distances) + gamma sum_i mean over t of |d2 T(x_i) / d u2|^2,
 
 the sum of `cycle_equations.py` for a motion that is affine. A frame without data follows from the others in time.
 """
@@ -57,7 +57,7 @@ class AffineMotion:
 
 
 def fitted_motion(
-    rows: Sequence[Sequence[Rows]], start: ControlBox, values: Array, basis: TimeBasis, gamma: float, count: float
+    rows: Sequence[Sequence[Rows]], start: ControlBox, values: Array, basis: TimeBasis, gamma: float
 ) -> AffineMotion | None:
     """The affine motion of a box that fits the data of all frames; None where the data does not determine it.
 
@@ -67,7 +67,6 @@ def fitted_motion(
         values: (F, K), the splines at the frames.
         basis: the splines.
         gamma: strength in time, per data point.
-        count: number of data points of all frames.
     """
     knots = values.shape[1]
     matrix, right, squares = np.zeros((knots, 12, knots, 12)), np.zeros((knots, 12)), np.zeros((4, 4))
@@ -79,9 +78,9 @@ def fitted_motion(
             matrix += np.einsum("k,l,ij->kilj", value, value, normal)
             right += np.outer(value, image)
             squares += points.T @ points
-    # mean over points of |d2 T(x) / d u2|^2
-    in_time = np.kron(basis.bending(), np.kron(squares / max(count, 1.0), np.eye(3)))
-    factor = cholesky_factor(matrix.reshape(12 * knots, -1) + gamma * count * in_time)
+    # sum over points of |d2 T(x) / d u2|^2
+    in_time = np.kron(basis.bending(), np.kron(squares, np.eye(3)))
+    factor = cholesky_factor(matrix.reshape(12 * knots, -1) + gamma * in_time)
     if factor is None:
         return None
     found = AffineMotion(cho_solve((factor, True), right.ravel()).reshape(knots, 4, 3), values)

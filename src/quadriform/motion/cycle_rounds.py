@@ -91,13 +91,12 @@ def _near(cycle: Cycle, undeformed: CycleState, start: ControlBox, report: _Repo
     state, motion = cycle.all_at(undeformed, start), AffineMotion.identity(cycle.weights_in_time)
     sample = [[data.subsample(SCHEDULE.coarse_points, cycle.robust) for data in each] for each in state.datasets]
     gamma = ROUNDS.strongest * _first_in_time(state)
-    count = float(sum(len(data.points) for each in sample for data in each))
     for _ in range(ROUNDS.affine):
         rows = [
             [data_rows(data.with_nearest_foot_points(box), box) for data in each]
             for each, box in zip(sample, motion.boxes(start))
         ]
-        found = fitted_motion(rows, start, cycle.weights_in_time, cycle.basis, gamma, count)
+        found = fitted_motion(rows, start, cycle.weights_in_time, cycle.basis, gamma)
         report.round()
         if found is None:
             break
