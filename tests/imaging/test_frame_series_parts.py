@@ -175,3 +175,10 @@ def test_frames_of_an_image_are_asked_for_by_number(monkeypatch, count, asked):
     frame_series._add_image(frames, "heart.nii.gz", {}, None)
     assert seen == asked
     assert (frames.times is None) if count == 1 else (list(frames.times) == [0.0, 40.0])
+
+
+def test_points_without_a_file_are_of_unknown_noise_and_in_their_own_unit():
+    frames = FrameSeries()
+    frames.add({"endo": np.eye(3)}, ("LPS", "mm"))
+    (found,) = frames.sets
+    assert (found["endo"].factor, found["endo"].noise, found["endo"].solid) == (1.0, None, None)
