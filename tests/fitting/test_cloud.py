@@ -288,8 +288,9 @@ def test_where_errors_are_alike_beyond_the_neighbours_more_of_them_are_asked_for
 
 
 def test_values_are_equal_within_a_billionth_of_their_size():
-    for values, expected in (([1.0, 1 + 0.9e-9], [0, 1]), ([1.0, 1 + 3e-9], [1, 0]), ([0.1, 0.1 + 0.9e-9], [0, 1])):
-        assert clouds.best_first(np.array(values)).tolist() == expected
+    for size, scale in ((1.0, 1.0), (0.1, 1.0), (-30.0, 30.0), (0.0, 1.0), (1e300, 1e300)):
+        for factor, expected in ((0.96, [0, 1]), (1.04, [1, 0])):
+            assert clouds.best_first(np.array([size, size + factor * 1e-9 * scale])).tolist() == expected
     for least, expected in ((1 + 0.9e-9, 0), (1 + 1.1e-9, 1)):
         assert clouds.first_least(np.array([least, 1.0])) == expected
 

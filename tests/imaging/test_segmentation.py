@@ -3,7 +3,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from quadriform.errors import DegenerateError, MaskError, OptionError
-from quadriform.imaging.segmentation import Labels, Percentile, _describe, segment
+from quadriform.imaging.segmentation import Labels, Percentile, _describe, _threshold, segment
 from quadriform.imaging.volume import Volume
 
 
@@ -263,3 +263,11 @@ def test_the_object_stays_in_its_place(box, oblique):
 def test_up_to_twenty_values_are_counted_and_more_are_a_range():
     assert _describe(np.repeat(np.arange(20), 2)).startswith("values and voxels: 0: 2, 1: 2, ")
     assert _describe(np.arange(21)) == "the values run from 0 to 20"
+
+
+@pytest.mark.parametrize(("of", "value"), [(0, -4.0), (0.5, -3.9), (50, 6.0), (100, 16.0)])
+def test_a_percentile_is_taken_of_all_values_from_the_least_to_the_largest(of, value):
+    values = np.arange(-4.0, 17).reshape(3, 7)
+    assert _threshold(values, Percentile(0.3, of)) == pytest.approx(0.3 * value)
+    assert _threshold(values, Percentile(0, of)) == 0
+    assert _threshold(values, 2.5) == 2.5

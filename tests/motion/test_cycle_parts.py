@@ -62,6 +62,10 @@ def test_a_cycle_begins_with_the_undeformed_box_and_the_median_distance():
     assert [each[0].half_space is not None for each in known.datasets] == [False, False, True]
 
 
+def test_a_cycle_begins_with_ellipsoids():
+    assert [surface.exponents.tolist() for surface in SURFACES.values()] == [[1.0, 1.0]]
+
+
 def test_boxes_are_the_knots_times_their_splines():
     of, state = cycle(), moved(cycle())
     for values, box in zip(VALUES, of._boxes(state.displacement)):

@@ -22,7 +22,7 @@ class Equality:
     """Tolerances within which values are equal: smaller differences are rounding."""
 
     values: float = 1e-9
-    """Values that differ by less than this fraction of their size."""
+    """Values that differ by less than this fraction of their size, of values below 1 by less than this."""
     decimals: int = 9
     """Distances that agree to so many decimals, the largest being 1."""
     neighbours: float = 1e-6
@@ -180,7 +180,7 @@ def best_first(values: Array) -> NDArray[np.int64]:
     order = np.argsort(-values, kind="stable")
     falling = values[order]
     # halves, because the difference of the largest numbers would overflow
-    differ = falling[:-1] / 2 - falling[1:] / 2 > EQUAL.values * np.maximum(np.abs(falling[1:]), 1.0)
+    differ = falling[:-1] / 2 - falling[1:] / 2 > EQUAL.values / 2 * np.maximum(np.abs(falling[1:]), 1.0)
     group = np.concatenate([[0], np.cumsum(differ)])
     return order[np.lexsort((order, group))]
 
@@ -358,7 +358,7 @@ def effective_fraction(feet: Array, deviations: Array, weights: Array) -> float:
         weights: (n,), how much each counts; outliers nothing.
     """
     variance = float(weights @ deviations**2 / weights.sum())
-    tree, total = cKDTree(feet), 0.0
+    tree = cKDTree(feet)
     # few neighbours of many points first, then many neighbours of few points, where errors are correlated farther
     for asked, most in NEAR.correlation:
         ranks = _groups_of_ranks(min(most, len(feet) - 1))
