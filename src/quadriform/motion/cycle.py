@@ -151,8 +151,10 @@ class Cycle:
         return CycleState(displacement, shifts, [self.box] * frames, datasets, sigma, [penalty] * frames, self.box)
 
     def _data(self, frame: int, name: str, points: Array) -> SurfaceData:
-        noise = self.known_noise.relative.get(named(frame, name))
-        found = SurfaceData.of(self.surfaces[name], points, np.ones(len(points)), self.bases[frame], noise=noise)
+        noise, least = self.known_noise.relative.get(named(frame, name)), self.known_noise.least_sigma
+        found = SurfaceData.of(
+            self.surfaces[name], points, np.ones(len(points)), self.bases[frame], noise=noise, least_sigma=least
+        )
         return found.with_nearest_foot_points(self.box)
 
     def extremes(self, state: CycleState) -> tuple[int, int]:
@@ -337,9 +339,8 @@ def _sum(penalties: Sequence[Penalty], box: ControlBox) -> NormalEquations:
 
 def _weighted(data: SurfaceData, box: ControlBox, sigma: float) -> SurfaceData:
     """The data with inlier probabilities at the noise of the cycle, or at its own while most points are far."""
-    distances = data.standardised_distances(box)
-    found = data.weighted(distances, sigma)
+    found = data.with_inliers(box, sigma)
     if np.average(found.inliers, weights=data.weights) >= LEAST_INLIERS:
         return found
     # most points are still far from the surface, and no outliers
-    return data.weighted(distances, MAD_TO_SIGMA * float(np.median(distances)))
+    return data.with_inliers(box, MAD_TO_SIGMA * float(np.median(data.standardised_distances(box))))

@@ -118,11 +118,7 @@ class _Surface:
         relative = None if self.noise is None else self.noise[chosen] / (least_sigma * frame.scale) ** 2
         data = self.data.beside(points, self.weights[chosen], self.tree.query(points)[1], relative)
         data = data.with_tangential_steps(box, LARGE.tangential_steps)
-        return (
-            data
-            if sigma is None
-            else replace(data, inliers=data.probabilities(data.standardised_distances(box), sigma))
-        )
+        return data if sigma is None else data.with_inliers_at_ratio(box, sigma)
 
     @property
     def duplicates(self) -> Warnings:
@@ -134,7 +130,7 @@ class _Surface:
     def updated(self, box: ControlBox, sigma: float | None) -> "_Surface":
         """The surface with the sample's foot points, and inlier ratio if a sigma is given, updated to another box."""
         data = self.data.with_tangential_steps(box, LARGE.tangential_steps)
-        return replace(self, data=data if sigma is None else data.weighted(data.standardised_distances(box), sigma))
+        return replace(self, data=data if sigma is None else data.with_inliers(box, sigma))
 
 
 @dataclass(frozen=True)
@@ -210,7 +206,7 @@ def on_all(
     for name, cloud in clouds.items():
         relative = known.relative.get(name)
         some = local.surfaces[name], sample.points[name], sample.weights[name]
-        data = SurfaceData.of(*some, half_space, noise=relative)
+        data = SurfaceData.of(*some, half_space, noise=relative, least_sigma=known.least_sigma)
         data = data.with_nearest_foot_points(local.box)
         # on the scale of the sample's weights, whose mean is one
         even = weights[name] if sample.mean_weight == 1 else weights[name] / sample.mean_weight

@@ -79,11 +79,11 @@ class RefinementInput:
     @cached_property
     def datasets(self) -> list[SurfaceData]:
         """The data of each surface; around spheres, until there are starts."""
-        normals, noise = self.normals.get, self.noise.relative.get
-        return [
-            SurfaceData.of(Superquadric(), cloud, self.weights[name], self.half_space, normals(name), noise(name))
-            for name, cloud in self.clouds.items()
-        ]
+        known, ball, datasets = self.noise, Superquadric(), list[SurfaceData]()
+        for name, cloud in self.clouds.items():
+            of_points = self.normals.get(name), known.relative.get(name), known.least_sigma
+            datasets.append(SurfaceData.of(ball, cloud, self.weights[name], self.half_space, *of_points))
+        return datasets
 
     @cached_property
     def first_sample(self) -> Subsample:

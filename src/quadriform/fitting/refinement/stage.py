@@ -214,10 +214,10 @@ class MixtureWeights:
 
     def weighted(self, box: ControlBox, datasets: Datasets, sigma: float | None) -> Datasets:
         """Data with probabilities at a sigma of the inliers; if it is None, at an estimate from the median distance."""
-        distances = [data.standardised_distances(box) for data in datasets]
-        # of all surfaces together: a median is no estimate for a surface of outliers alone
-        sigma = MAD_TO_SIGMA * float(np.median(np.concatenate(distances))) if sigma is None else sigma
-        return tuple(data.weighted(each, sigma) for data, each in zip(datasets, distances))
+        if sigma is None:  # of all surfaces together: a median is no estimate for a surface of outliers alone
+            distances = [data.standardised_distances(box) for data in datasets]
+            sigma = MAD_TO_SIGMA * float(np.median(np.concatenate(distances)))
+        return tuple(data.with_inliers(box, sigma) for data in datasets)
 
 
 class Independence(Protocol):

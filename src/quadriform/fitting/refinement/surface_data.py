@@ -44,7 +44,9 @@ class SurfaceData:
         origins: (n, 3), foot points on the superquadric.
         inliers: (n,), probabilities.
         inlier_ratio: mean of these, once they were estimated.
-        noise: (n, 3, 3), covariances of the points relative to the variance of the noise; None where all are alike.
+        noise: (n, 3, 3), known covariances of the points, divided by the square of `least_sigma`; None where all points
+            are alike.
+        least_sigma: the known standard deviation of the noise; zero where nothing is known.
     """
 
     superquadric: Superquadric
@@ -57,6 +59,7 @@ class SurfaceData:
     inliers: Array
     inlier_ratio: float = 1.0
     noise: Array | None = None
+    least_sigma: float = 0.0
 
     @classmethod
     def of(
@@ -67,10 +70,11 @@ class SurfaceData:
         half_space: HalfSpace | None = None,
         normals: Array | None = None,
         noise: Array | None = None,
+        least_sigma: float = 0.0,
     ) -> "SurfaceData":
         """The data with all points as inliers, each its own foot point until these are updated."""
         around, ones = Neighbourhood.of(points), np.ones(len(points))
-        return cls(superquadric, points, weights, half_space, normals, around, points, ones, noise=noise)
+        return cls(superquadric, points, weights, half_space, normals, around, points, ones, 1.0, noise, least_sigma)
 
     @property
     def effective_weights(self) -> Array:
@@ -95,7 +99,7 @@ class SurfaceData:
         chosen = evenly_spread(order, count)
         normals, noise = (None if each is None else each[chosen] for each in (self.normals, self.noise))
         some = self.superquadric, self.points[chosen], self.weights[chosen]
-        return SurfaceData.of(*some, self.half_space, normals, noise)
+        return SurfaceData.of(*some, self.half_space, normals, noise, self.least_sigma)
 
     def around(self, superquadric: Superquadric) -> "SurfaceData":
         """The data of another superquadric with the same points."""
@@ -146,6 +150,26 @@ class SurfaceData:
             return self.distances(box)
         normals = surface_normals(self.superquadric, box, self.origins)
         return self.distances(box) / np.sqrt(self.variances(normals))
+
+    def with_inliers(self, box: ControlBox, sigma: float) -> "SurfaceData":
+        """The data with inlier probabilities and ratio at a standard deviation of the noise."""
+        return self.weighted(self._distances_at(box, sigma), sigma)
+
+    def with_inliers_at_ratio(self, box: ControlBox, sigma: float) -> "SurfaceData":
+        """The same with the ratio as it is."""
+        return replace(self, inliers=self.probabilities(self._distances_at(box, sigma), sigma))
+
+    def _distances_at(self, box: ControlBox, sigma: float) -> Array:
+        """Distances (n,) divided by the points' standard deviations, in units of the mean one, `sigma`.
+
+        What is above the known noise is a misfit of the surface, or another error, and alike in all directions: of a
+        mask whose slices are displaced against each other, a point known to a tenth of a voxel is no outlier.
+        """
+        if self.noise is None:
+            return self.distances(box)
+        known = min(self.least_sigma / sigma, 1.0) ** 2
+        normals = surface_normals(self.superquadric, box, self.origins)
+        return self.distances(box) / np.sqrt(known * self.variances(normals) + 1 - known)
 
     def weighted(self, distances: Array, sigma: float) -> "SurfaceData":
         """The data with inlier probabilities and ratio, by EM at a given sigma, from standardised distances (n,)."""
