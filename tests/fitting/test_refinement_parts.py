@@ -388,3 +388,23 @@ def test_known_noise_is_relative_to_its_mean_along_the_normals():
     np.testing.assert_array_equal(KnownNoise({}, 0.0).deviations("a", centred), np.ones(60))
     assert partial_notes({"a": None, "b": None}) == () == partial_notes({"a": noisy()})
     assert "noise of 1 of 2 clouds is known" in partial_notes({"a": None, "b": noisy()})[0]
+
+
+def test_what_exceeds_the_known_noise_is_alike_in_all_directions():
+    of, here = replace(data(noisy()), least_sigma=0.02, inlier_ratio=0.8), box()
+    known = of.variances(surface_normals(SURFACE, here, of.origins)) * 0.02**2
+    for sigma in (0.02, 0.03, 0.3):
+        deviations = np.sqrt(known + (sigma**2 - 0.02**2))
+        expected = of.weighted(sigma * of.distances(here) / deviations, sigma)
+        np.testing.assert_allclose(of.with_inliers(here, sigma).inliers, expected.inliers, rtol=1e-6, atol=1e-12)
+    same = of.with_inliers_at_ratio(here, 0.03)
+    np.testing.assert_allclose(
+        same.inliers,
+        of.probabilities(0.03 * of.distances(here) / np.sqrt(known + 0.03**2 - 0.02**2), 0.03),
+        rtol=1e-6,
+        atol=1e-12,
+    )
+    assert same.inlier_ratio == of.inlier_ratio
+    # no noise below the known one
+    expected = of.weighted(of.standardised_distances(here), 0.01)
+    np.testing.assert_allclose(of.with_inliers(here, 0.01).inliers, expected.inliers, rtol=1e-6, atol=1e-12)
