@@ -233,17 +233,20 @@ def _by_decreasing_strength(
 ) -> Refined | None:
     """The refinement under the penalty at strengths that decrease from one under which nothing folds to the given one.
 
-    Where folds remain at the given strength, the result is the last verified one before; None where there is none.
+    Folds that remain are removed at the least of these strengths at which that succeeds; None where it does at none.
     """
-    strength, found = refined.solution.strength, None
-    for factor in np.geomspace(FOLDS.strongest, 1, FOLDS.descent):
-        refined, above = _after_penalised_rounds(problem, refined, penalty, factor * strength)
-        if above and refined.sigma <= largest_sigma and certified(refined.box, surfaces):
-            found = refined
-        # the noise at the largest strength is that of a nearly affine map: no certified result need be worse
-        if factor == FOLDS.strongest:
-            largest_sigma = min(largest_sigma, refined.sigma)
-    return remove_folds(problem.penalised, refined, penalty, strength, surfaces, largest_sigma) or found
+    states = list[Refined]()
+    for strength in refined.solution.strength * np.geomspace(FOLDS.strongest, 1, FOLDS.descent):
+        refined, _ = _after_penalised_rounds(problem, refined, penalty, float(strength))
+        states.append(refined)
+    # the noise at the largest strength is that of a nearly affine map: no certified result need be worse
+    largest_sigma = min(largest_sigma, states[0].sigma)
+    for state in reversed(states):
+        strength = state.solution.strength
+        found = remove_folds(problem.penalised, state, penalty, strength, surfaces, largest_sigma)
+        if found is not None:
+            return found
+    return None
 
 
 def with_nearest_foot_points(
