@@ -408,3 +408,24 @@ def test_what_exceeds_the_known_noise_is_alike_in_all_directions():
     # no noise below the known one
     expected = of.weighted(of.standardised_distances(here), 0.01)
     np.testing.assert_allclose(of.with_inliers(here, 0.01).inliers, expected.inliers, rtol=1e-6, atol=1e-12)
+
+
+@pytest.mark.parametrize("succeeds", [0, 2, 7, 8], ids=lambda n: f"at step {n} from the weakest")
+def test_folds_are_removed_at_the_least_strength_at_which_that_succeeds(monkeypatch, succeeds):
+    """Old fault: where it failed at the weakest, one of many times that strength was taken, far from its points."""
+    tried = []
+
+    def rounds(problem, state, penalty, strength):
+        return SimpleNamespace(sigma=strength, solution=SimpleNamespace(strength=strength)), False
+
+    def removed(penalised, state, penalty, strength, surfaces, largest):
+        tried.append((state.solution.strength, strength, largest))
+        return state if len(tried) > succeeds else None
+
+    monkeypatch.setattr(unfolding, "_after_penalised_rounds", rounds)
+    monkeypatch.setattr(unfolding, "remove_folds", removed)
+    start = SimpleNamespace(solution=SimpleNamespace(strength=2.0))
+    found = unfolding._by_decreasing_strength(SimpleNamespace(penalised=None), start, None, {}, 500.0)
+    ladder = 2.0 * np.geomspace(1, 1e3, 8)[: succeeds + 1]
+    assert (found is None) == (succeeds == 8)
+    np.testing.assert_allclose(tried, np.stack([ladder, ladder, np.full(len(ladder), 500.0)], axis=1))
