@@ -1,5 +1,6 @@
 """The search for the strength on criteria that are known in closed form, and each formula of a solution by itself."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -219,6 +220,7 @@ def test_degrees_of_freedom_are_counts_less_the_null_space_and_at_least_one(rng)
     assert problem._freedom == (40 - 3, 20 - 3)
     few = stacked_problem(rng, effective_fraction=0.09)
     assert few._freedom == (37, 1)
+    assert replace(problem, total_weight=3.9)._freedom == (1, 1)
     assert problem._variance(74.0) == 2
     assert problem._variance(0.0) == 1e-18
     known = stacked_problem(rng, least_sigma=0.3)
