@@ -175,6 +175,16 @@ def test_few_normals_that_disagree_stay_and_many_are_found(wrong, kept):
     np.testing.assert_array_equal(clouds.oriented(points, given), outward)
 
 
+@pytest.mark.parametrize("away", [0, 5, -5])
+def test_an_open_surface_faces_away_from_its_own_centre_wherever_it_lies(away, rng):
+    """A cap of a sphere, seen from any side; one that is closed would face outwards from any centre."""
+    outward = even_directions(400)
+    outward = outward[outward[:, 2] > 0.5]
+    given = outward * rng.choice([-1.0, 1.0], (len(outward), 1))
+    np.testing.assert_array_equal(clouds.oriented(outward + [0, 0, away], given), outward)
+    np.testing.assert_array_equal(clouds.outward_normals(outward + [0, 0, away], -outward), outward)
+
+
 def test_points_are_dense_whose_tenth_point_is_within_three_times_the_median(rng):
     points = rng.normal(size=(60, 3)) ** 3
     tenth = [np.sort(np.linalg.norm(points - p, axis=1))[9] for p in points]

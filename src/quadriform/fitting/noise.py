@@ -31,8 +31,6 @@ class KnownNoise:
     @classmethod
     def of(cls, covariances: Mapping[str, Array], centred: Centred) -> "KnownNoise":
         """From covariances (n, 3, 3) by name, in the unit of the data, of clouds with copies and weights."""
-        if not covariances:
-            return cls({}, 0.0)
         distinct = {name: centred.distinct[name].of_distinct(each) for name, each in covariances.items()}
         return cls.of_local({name: each / centred.frame.scale**2 for name, each in distinct.items()}, centred.points)
 
