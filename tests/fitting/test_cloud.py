@@ -181,8 +181,9 @@ def test_an_open_surface_faces_away_from_its_own_centre_wherever_it_lies(away, r
     outward = even_directions(400)
     outward = outward[outward[:, 2] > 0.5]
     given = outward * rng.choice([-1.0, 1.0], (len(outward), 1))
-    np.testing.assert_array_equal(clouds.oriented(outward + [0, 0, away], given), outward)
-    np.testing.assert_array_equal(clouds.outward_normals(outward + [0, 0, away], -outward), outward)
+    points = outward + np.array([0, 0, away])
+    np.testing.assert_array_equal(clouds.oriented(points, given), outward)
+    np.testing.assert_array_equal(clouds.outward_normals(points, -outward), outward)
 
 
 def test_points_are_dense_whose_tenth_point_is_within_three_times_the_median(rng):

@@ -1,12 +1,23 @@
 """Patches that are left out: together they are all of the data, and each is predicted by the others."""
 
+from dataclasses import replace
 from itertools import product
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from shapes_made import lumpy
 
-from quadriform.fitting.refinement.left_out import _equations, _patch_of, is_less, signed_rank_p_value
+from quadriform.fitting.refinement.left_out import (
+    LEFT_OUT,
+    _equations,
+    _Patch,
+    _patch_of,
+    _patches,
+    _squares,
+    is_less,
+    signed_rank_p_value,
+)
 from quadriform.fitting.refinement.point_to_plane import data_rows
 from quadriform.fitting.refinement.surface_data import SurfaceData
 from quadriform.points import Frame
@@ -29,6 +40,34 @@ def test_squares_of_the_patches_are_the_distances_to_the_moved_surface(rng):
     for number, (equations, weight) in enumerate(parts):
         assert equations.squares(moves.reshape(-1, 3)) == pytest.approx(squares[patch == number].sum(), rel=1e-9)
         assert weight == pytest.approx(data.effective_weights[patch == number].sum())
+
+
+def test_patches_are_left_out_of_the_equations_of_all_points(rng):
+    """As many of each surface, but two at least; those without inliers say nothing."""
+    ball = Superquadric()
+    box = ControlBox.around(ball, (3, 4, 3))
+    data = SurfaceData.of(ball, CLOUD, rng.uniform(0.5, 2, 400), None).with_nearest_foot_points(box)
+    patch = _patch_of(CLOUD, LEFT_OUT.patches // 2)
+    other, asked = replace(data, inliers=np.where(patch == 1, 0.0, 1.0)), []
+    whole = SimpleNamespace(without_points=lambda own, count: (own, count))
+    problem = SimpleNamespace(linear_problem=lambda *given: asked.append(given) or whole)
+    found = _patches(problem, SimpleNamespace(datasets=(data, other), box=box))
+    assert asked == [((data, other), (None, None), box, 1.0)]
+    weights = [of.effective_weights[patch == n].sum() for of in (data, other) for n in range(LEFT_OUT.patches // 2)]
+    assert [each.others[1] for each in found] == pytest.approx([weight for weight in weights if weight > 0])
+    assert len(found) == LEFT_OUT.patches // 2 * 2 - 1 and all(each.others[0] is each.own for each in found)
+    many = SimpleNamespace(datasets=(data,) * (LEFT_OUT.patches + 1), box=box)
+    assert len(_patches(problem, many)) == 2 * (LEFT_OUT.patches + 1)
+
+
+def test_the_square_of_a_patch_is_that_at_the_solution_without_it():
+    def patch(displacement, square):
+        solution = displacement and SimpleNamespace(displacement=displacement)
+        others = SimpleNamespace(solve=lambda strength: solution if strength == 0.5 else None)
+        return _Patch(others, SimpleNamespace(squares=lambda given: square if given == displacement else None))
+
+    found = _squares([patch("a", 0.3), patch("b", -1e-17), patch(None, 1.0), patch("c", 2.0)], 0.5)
+    assert found.tolist() == [0.3, 0, np.inf, 2]  # a sum below zero is rounding
 
 
 def test_errors_are_less_where_most_patches_agree(rng):

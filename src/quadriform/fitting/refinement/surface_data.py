@@ -16,7 +16,7 @@ from quadriform.fitting.cloud import (
     oriented,
     outward_normals,
 )
-from quadriform.fitting.mixture import Mixture
+from quadriform.fitting.mixture import LEAST_RATIO, Mixture
 from quadriform.fitting.noise import variances_along
 from quadriform.fitting.result import HalfSpace
 from quadriform.points import Array, lengths
@@ -26,6 +26,8 @@ from quadriform.shapes.superquadric import Superquadric
 
 MISFIT = 5e-3
 """Of the cloud's RMS radius: a distance of this size is the model's own misfit, so sigma is at least as large."""
+MOST_INLIERS = 1 - 1e-6
+"""Below one, so that an outlier of a later round can still be detected."""
 FIRST_RATIO, EM_ROUNDS = 0.9, 20
 """The inlier ratio at first, and the rounds of EM, after which it changes by less than a thousandth."""
 
@@ -176,8 +178,7 @@ class SurfaceData:
         ratio, total = FIRST_RATIO, self.weights.sum()
         for _ in range(EM_ROUNDS):
             inliers, before = _inliers(distances, sigma, ratio), ratio
-            # below one, so that an outlier of a later round can still be detected
-            ratio = float(np.clip((inliers * self.weights).sum() / total, 0.02, 1 - 1e-6))
+            ratio = float(np.clip((inliers * self.weights).sum() / total, LEAST_RATIO, MOST_INLIERS))
             if ratio == before:
                 break
         return replace(self, inliers=inliers, inlier_ratio=ratio)

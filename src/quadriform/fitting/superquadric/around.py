@@ -109,7 +109,7 @@ def _support(points: Array, given: Plane) -> tuple[Array, Array]:
             f"option support: {min(above, 1 - above):.0%} of the points lie beyond the plane; expected at most "
             f"{MOST_CUT_OFF:.0%}, for the body does not pass it"
         )
-    return at, normal if above > 0.5 else -normal
+    return at, normal if above > MOST_CUT_OFF else -normal
 
 
 def _rows(given: ArrayLike, option: str) -> Array:
