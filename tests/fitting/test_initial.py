@@ -66,6 +66,21 @@ def test_a_quadric_with_a_far_centre_or_none_has_the_centre_of_the_points(rng):
         np.testing.assert_allclose(initial.quadric_frame(points)[0], expected, atol=1e-9)
 
 
+def test_the_ellipsoid_of_a_sphere_is_the_sphere():
+    found = initial.ellipsoid_by_moments(3 * even_directions(2000) + np.array([1, 2, 3]))
+    np.testing.assert_allclose(found.semi_axes, 3, rtol=1e-3)
+    np.testing.assert_allclose(found.translation, [1, 2, 3], atol=1e-3)
+    np.testing.assert_array_equal(found.exponents, 1)
+
+
+@pytest.mark.parametrize(("reach", "height"), [(4.0, 9.09), (9.05, 9.09), (9.2, 9.2)])
+def test_two_sheets_are_cut_where_points_end_and_behind_their_tips(reach, height):
+    centre, sizes = np.array([1.0, 2, 3]), np.array([9.0, 1.0, 2.0])
+    points = centre + np.array([[reach, 1, 2], [-3.9, 0, 5], [0, -11, 0]])
+    found = initial._hyperboloid(points, "hyperboloid2", centre, np.eye(3), sizes)
+    assert found.height == pytest.approx(height)
+
+
 def test_a_torus_has_the_means_and_deviations_of_its_points():
     points = lopsided()
     centre, axes = points.mean(axis=0), turned(2)

@@ -169,7 +169,7 @@ def hyperboloids(points: Array, kind: str) -> list[Superquadric]:
             f"points do not look like kind={kind!r}; expected them around a hyperboloid, try 'ellipsoid'"
         )
     least = min(cost for cost, _ in found)
-    found.sort(key=lambda each: 0.0 if each[0] <= least * (1 + 1e-9) else each[0])  # of equal ones the first
+    found.sort(key=lambda each: max(each[0], least * (1 + 1e-9)))  # of equal ones the first
     return [each for _, each in found]
 
 
@@ -225,7 +225,7 @@ def sides(points: Array, core: NDArray[np.bool_]) -> Array:
 
 def _moments(points: Array, weights: Array) -> tuple[Array, Array]:
     """Centres (H, 3), second moments (H, 3, 3) of weighted parts (H, n) of a cloud; of all if a part has no weight."""
-    weights = np.where(weights.sum(axis=1, keepdims=True) > 0, weights, 1.0)
+    weights = np.where(weights.any(axis=1, keepdims=True), weights, np.ones_like(weights))
     fraction = weights / weights.sum(axis=1, keepdims=True)
     centres = fraction @ points
     squares = (points[:, :, None] * points[:, None]).reshape(-1, 9)
