@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.errors import FileFormatError
-from quadriform.files.numbers import count_of, floats, whole
+from quadriform.files.numbers import check_last_index, check_last_number, count_of, floats, whole
 from quadriform.files.polygons import NO_CELLS, Cells, Polygons
 from quadriform.files.reading import check_budget, signature
 
@@ -39,10 +39,11 @@ def parse_legacy_vtk(data: bytes, where: str) -> Polygons:
 
 
 class _Cursor:
-    """A place in the file; `where` is for messages."""
+    """A place in the file; `where` is for messages, `last` are the numbers that end the file without a line end."""
 
     def __init__(self, data: bytes, at: int, binary: bool, where: str) -> None:
         self.data, self.at, self.binary, self.where = data, at, binary, where
+        self.last: list[bytes] = []
 
     def line(self) -> list[str]:
         """Words of the next line that is not blank; none at the end."""
@@ -72,6 +73,7 @@ class _Cursor:
             raise FileFormatError(f"{self.where}: {count} numbers declared, found {len(words)}")
         # The last of the split parts is the rest of the file: its length gives the end of the numbers.
         self.at = len(self.data) - (len(words[count]) if len(words) > count else 0)
+        self.last = words if len(words) == count and not self.data[-1:].isspace() else []
         values = floats(words[:count], self.where)
         return values.astype(dtype) if dtype.kind == "f" else whole(values, self.where)
 
@@ -83,9 +85,14 @@ def _sections(cursor: _Cursor, offsets: bool) -> dict[str, Any]:
         match [words[0].lower(), *words[1:]]:
             case ["points", count, kind]:
                 found["points"] = cursor.values(3 * count_of(count, cursor.where), kind)
+                check_last_number(
+                    [word.decode("ascii", "backslashreplace") for word in cursor.last[2::3]], cursor.where
+                )
             case [name, first, second] if name in CELLS:
                 read = _cells_by_offsets if offsets else _cells_by_lengths
                 found[name] = read(cursor, count_of(first, cursor.where), count_of(second, cursor.where))
+                if cursor.last and len(found[name][0]):
+                    check_last_index(int(found[name][0][-1]), len(found.get("points", ())) // 3 - 1, cursor.where)
             case ["metadata", *_]:
                 _pass_metadata(cursor)
             case ["field", _, count]:

@@ -1,6 +1,6 @@
 """Numbers from the words of a text, and what single precision does to them."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -9,6 +9,7 @@ from quadriform.points import Array
 
 SINGLE = 1e-5
 """Coordinates may move by this share of the extent where a format stores single precision."""
+MAY_BE_CUT = "it may be cut; add a line end if it is not"
 
 
 def to_number(word: str) -> float | None:
@@ -52,6 +53,36 @@ def whole(values: Array, where: str) -> np.ndarray:
     if not (np.isfinite(values).all() and np.array_equal(values, np.round(values)) and np.all(np.abs(values) < 2**53)):
         raise FileFormatError(f"{where}: expected whole numbers, found others")
     return values.astype(np.int64)
+
+
+def check_last_number(words: Sequence[str], where: str) -> None:
+    """Refuse a number at the end of a text without a line end that may be cut.
+
+    Args:
+        words: the numbers of one column, row after row; the last one has no line end.
+        where: how the error names the line.
+
+    Raises:
+        FileFormatError: it has fewer digits behind the point than all others, which have equally many.
+    """
+    digits = [len(word.partition(".")[2]) for word in words]
+    if len(digits) > 2 and len(set(digits[:-1])) == 1 and digits[-1] < digits[0]:
+        raise FileFormatError(
+            f"{where}: the line has no end, and its last number has fewer digits than in all other rows: {MAY_BE_CUT}"
+        )
+
+
+def check_last_index(index: int, largest: int, where: str) -> None:
+    """Refuse an index at the end of a text without a line end to which one more digit can be added.
+
+    Raises:
+        FileFormatError: ten times the index is not above the largest; with none that is, nothing can be missing.
+    """
+    if 0 < 10 * index <= largest:
+        raise FileFormatError(
+            f"{where}: the last line has no end, and more digits may follow its last number {index}, for there are "
+            f"indices up to {largest}: {MAY_BE_CUT}"
+        )
 
 
 def moved_by_single_precision(points: Array) -> float:

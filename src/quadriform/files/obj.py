@@ -8,6 +8,7 @@ import numpy as np
 
 from quadriform.errors import FileFormatError
 from quadriform.files.metadata import as_comment
+from quadriform.files.numbers import MAY_BE_CUT, check_last_index, check_last_number
 from quadriform.files.polygons import Polygons
 from quadriform.files.reading import signature
 from quadriform.points import Array
@@ -33,7 +34,8 @@ def parse_obj(data: bytes, where: str) -> Polygons:
     if b"\0" in data:
         raise FileFormatError(f"{where}: expected text, found {signature(data)}")
     rows, corners, lengths = array("d"), array("q"), array("q")
-    for number, words in _lines(data.removeprefix(b"\xef\xbb\xbf").decode("ascii", "surrogateescape")):
+    text, words, line = data.removeprefix(b"\xef\xbb\xbf").decode("ascii", "surrogateescape"), [""], where
+    for number, words in _lines(text):
         word, line = words[0], f"{where}, line {number}"
         if word in FREE_FORM:
             raise FileFormatError(f"{line}: free-form surfaces ({word}) are not read; save polygons")
@@ -45,6 +47,8 @@ def parse_obj(data: bytes, where: str) -> Polygons:
             polygon = _corners(words, len(rows) // 3, line)
             corners.extend(polygon)
             lengths.append(len(polygon))
+    if words[0] in ("v", "f") and _has_no_end(text):
+        _check_last(text, words, (len(rows) // 3, lengths), line)
     vertices: Array = np.frombuffer(rows, dtype=np.float64).reshape(-1, 3) if rows else np.empty((0, 3))
     return Polygons(vertices, np.array(corners, dtype=np.int64), np.array(lengths, dtype=np.int64))
 
@@ -60,6 +64,26 @@ def _lines(text: str) -> Iterator[tuple[int, list[str]]]:
             words = []
     if words:
         yield number, words
+
+
+def _has_no_end(text: str) -> bool:
+    """Whether the last line ends with one of its words."""
+    last = re.split(r"[\r\n]", text[text.rfind("\n") + 1 :])[-1]
+    return bool(last.strip()) and not COMMENT.search(last)
+
+
+def _check_last(text: str, words: list[str], found: tuple[int, array], where: str) -> None:
+    """Refuse a last line without an end that may be cut; `found`: how many vertices, and corners of each polygon."""
+    vertices, lengths = found
+    is_cut_within = not text[-1].isspace()
+    if words[0] == "f":
+        if len(lengths) > 2 and len(set(lengths[:-1])) == 1 and lengths[-1] < lengths[0]:
+            raise FileFormatError(f"{where}: the line has no end, and fewer corners than all others: {MAY_BE_CUT}")
+        if is_cut_within and "/" not in words[-1]:
+            check_last_index(abs(int(words[-1])), vertices, where)
+    elif is_cut_within and len(words) <= 4:
+        rows = (line for _, line in _lines(text) if line[0] == "v")
+        check_last_number([row[len(words) - 1] for row in rows], where)
 
 
 def _numbers(line: list[str], where: str) -> list[float]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from quadriform.errors import FileFormatError
 from quadriform.files.metadata import as_comment
-from quadriform.files.numbers import fits_single_precision, floats, whole
+from quadriform.files.numbers import check_last_index, check_last_number, fits_single_precision, floats, whole
 from quadriform.files.polygons import NO_CELLS, Cells, Polygons
 from quadriform.files.reading import check_budget, signature
 from quadriform.shapes.mesh import Mesh
@@ -174,8 +174,22 @@ def _ascii(elements: list[_Element], body: bytes, total: int, where: str) -> dic
     lines = [words for line in re.split(rb"\r\n|\n|\r", body) if (words := line.split())]
     if len(lines) != total:
         raise FileFormatError(f"{where}: the header declares {total} rows, found {len(lines)}")
+    if lines and not body[-1:].isspace():
+        _check_last(elements, lines, where)
     rows = iter(lines)
     return {each.name: _ascii_rows(each, [next(rows) for _ in range(each.count)], where) for each in elements}
+
+
+def _check_last(elements: list[_Element], lines: list[list[bytes]], where: str) -> None:
+    """Refuse a last word without a line end that may be cut, where it is a coordinate or an index of a vertex."""
+    last = next(each for each in reversed(elements) if each.count)
+    words = [row[-1].decode("ascii", "backslashreplace") for row in lines[-last.count :]]
+    match last.name, last.properties[-1].name if last.properties else "":
+        case "vertex", ("x" | "y" | "z" | "X" | "Y" | "Z"):
+            check_last_number(words, where)
+        case "face", name if name in VERTEX_INDICES and words[-1].isdecimal():
+            vertices = sum(each.count for each in elements if each.name == "vertex")
+            check_last_index(int(words[-1]), vertices - 1, where)
 
 
 def _ascii_rows(element: _Element, rows: list[list[bytes]], where: str) -> Rows:

@@ -12,7 +12,7 @@ import numpy as np
 
 from quadriform.columns import AXES, Chosen, Columns, chosen_columns, columns_of, names_axes, unit_of
 from quadriform.errors import ColumnsError, FileFormatError
-from quadriform.files.numbers import to_number
+from quadriform.files.numbers import check_last_number, to_number
 from quadriform.files.reading import signature, utf8_text
 from quadriform.point_sets import PointSet, naming_hint, unit_normals
 from quadriform.points import Array, check_points
@@ -83,7 +83,7 @@ def parse_table(data: bytes, where: str, columns: Chosen = None) -> PointSet:
             _check_count(stated, len(body), where)
             _check_end(data, where)
     if body and body[-1][0] == len(lines) and not data.endswith(LINE_ENDS):
-        _check_last_number(text, body)
+        check_last_number([text.split(row)[-1] for row in body], f"{where}, line {body[-1][0]}")
     return _point_set(text, body, names, len(first), columns)
 
 
@@ -225,16 +225,6 @@ def _check_end(data: bytes, where: str) -> None:
     if not data.endswith(LINE_ENDS):
         raise FileFormatError(
             f"{where}: the last line has no end: its last number may be cut; add a line end if it is not"
-        )
-
-
-def _check_last_number(text: _Text, body: list[tuple[int, str]]) -> None:
-    """Refuse a line without an end, whose last number has fewer digits behind the point than in all other rows."""
-    digits = [len(text.split(row)[-1].partition(".")[2]) for row in body]
-    if len(digits) > 2 and len(set(digits[:-1])) == 1 and digits[-1] < digits[0]:
-        raise FileFormatError(
-            f"{text.where}, line {body[-1][0]}: the line has no end, and its last number has fewer digits than in "
-            "all other rows: it may be cut; add a line end if it is not"
         )
 
 
