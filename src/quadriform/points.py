@@ -1,5 +1,6 @@
 """Input checks: whatever users pass becomes checked float64 arrays here, once; centre-and-scale and its undoing."""
 
+import os
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol, Self, TypeVar
@@ -79,11 +80,21 @@ def _as_numbers(values: ArrayLike, what: str) -> Array:
     except ValueError as error:
         raise PointsError(f"{what}: rows of unequal length; expected (n, 3)") from error
     if array.dtype.kind not in "iuf":
-        raise PointsError(f"{what}: expected real numbers, found type {array.dtype}")
+        raise PointsError(f"{what}: expected real numbers, found {_what_else(array)}")
     if array.dtype.kind in "iu" and array.size and np.abs(np.atleast_1d(array).astype(object)).max() > 2**53:
         raise PointsError(f"{what}: whole numbers above 2^53 cannot be kept exactly; shift them first")
     with np.errstate(over="ignore"):
         return array.astype(np.float64, copy=False)
+
+
+def _what_else(array: NDArray[Any]) -> str:
+    """What was given in place of numbers, and which functions make points of it."""
+    first = next(iter(array.ravel()), None)
+    if isinstance(first, str | os.PathLike):
+        return "a path; only fit reads files: take read_points(path), of an image points_from_image(read_volume(path))"
+    if hasattr(first, "world_from_voxel"):
+        return "an image; take points_from_image(image).points, of the labels of a heart ventricle_from_labels"
+    return f"type {array.dtype}"
 
 
 def unit_vectors(vectors: NDArray[Any]) -> Array:

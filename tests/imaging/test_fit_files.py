@@ -14,7 +14,7 @@ from shapes_meshes import box_mesh
 
 import quadriform as qf
 from quadriform.cli.main import main
-from quadriform.errors import FileFormatError, InputError, MaskError, OptionError, WarningKind
+from quadriform.errors import FileFormatError, InputError, MaskError, OptionError, PointsError, WarningKind
 from quadriform.files import sha256_of, write_mesh
 from quadriform.files.save_and_load import content_of
 from quadriform.imaging.file_points import kind_of, parse_labels, parse_threshold
@@ -179,3 +179,18 @@ def test_another_threshold_is_refused(text):
 @pytest.mark.parametrize(("text", "labels"), [("1", (1,)), ("1,2,4", (1, 2, 4)), ("blood, left 2", ("blood, left 2",))])
 def test_labels_as_text_are_numbers_or_one_name(text, labels):
     assert parse_labels(text) == labels
+
+
+def test_where_only_arrays_are_taken_a_path_or_an_image_is_answered_by_what_makes_points_of_it(files):
+    image = qf.read_volume("ball.nii.gz")
+    for call in (
+        lambda given: qf.fit_superquadric(given),
+        lambda given: qf.refine(qf.Superquadric(), {"a": given}),
+        lambda given: qf.track([given, given]),
+        lambda given: qf.track([{"a": Path(given)}] * 2) if isinstance(given, str) else qf.fit(given),
+    ):
+        with pytest.raises(PointsError, match=r"found a path; only fit reads files: take read_points\(path\)"):
+            call("points.xyz")
+        with pytest.raises(PointsError, match=r"found an image; take points_from_image\(image\)"):
+            call(image)
+    assert len(qf.read_points("points.xyz")) == 300 and len(qf.points_from_image(image).points) > 100

@@ -52,7 +52,7 @@ def test_the_first_number_is_that_of_dimensions(dim, expected):
         (np.nan, 0, (1, 0)),
         (2, 5, (2, 5)),
         (1, 0, (1, 0)),
-        (np.nan, 3, None),
+        (np.nan, 3, (1, 0)),
         (np.inf, 0, None),
         (2, np.nan, None),
     ],

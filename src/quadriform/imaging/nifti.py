@@ -252,10 +252,10 @@ def _skip(stream: IO[bytes], count: int) -> int:
 
 
 def _scale(header: "Nifti1Header") -> tuple[float, float]:
-    """Slope and intercept; a scl_slope of 0 means that the values are not scaled."""
+    """Slope and intercept; a scl_slope of 0 means that the values are not scaled, whatever the intercept is."""
     factor, offset = float(header["scl_slope"]), float(header["scl_inter"])
     # nibabel keeps "none" as NaN in memory, and other programs write it
-    if factor == 0 or (np.isnan(factor) and (np.isnan(offset) or offset == 0)):
+    if factor == 0 or np.isnan(factor):
         return 1.0, 0.0
     if not np.isfinite([factor, offset]).all():
         raise FileFormatError(f"slope {factor:g} and intercept {offset:g}; expected finite numbers")
