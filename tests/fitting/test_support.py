@@ -8,6 +8,7 @@ from clouds_made import random_directions
 from shapes_made import even_directions, lumpy, turned
 
 import quadriform as qf
+from quadriform.errors import status_of
 from quadriform.fitting.diagnostics import unsupported
 from quadriform.fitting.noise import sampling_step
 from quadriform.fitting.support import LIMITS, Reach, Support, support_of
@@ -226,3 +227,11 @@ def test_too_few_points_for_the_box_are_uncertain():
     cloud = lumpy(60) + 2 * rng.normal(size=(60, 3))
     found = qf.fit(cloud, strength=1e-9, box=(4, 4, 4))
     assert "UNCERTAIN" in found.warnings and found.uncertainty(cloud).mean() > found.noise
+
+
+def test_isolated_points_are_data_of_no_surface_and_no_width_of_theirs_is_stated():
+    """As in a frame of `track` with few points; it was said that the surface "reaches beyond data that is 0 wide"."""
+    points = even_directions(12)
+    found = unsupported(support(points))
+    assert found.keys() == {"PARTIAL_COVERAGE", "UNSUPPORTED"} and status_of(found) == "unreliable"
+    assert found["UNSUPPORTED"].startswith("all points are isolated")

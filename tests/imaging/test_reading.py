@@ -133,7 +133,7 @@ def test_a_bad_slope_or_intercept_is_refused(save_nifti, values, slope, intercep
 
 @pytest.mark.parametrize("intercept", [np.nan, 0, 7, np.inf])
 def test_a_slope_that_is_no_number_means_none(save_nifti, values, intercept):
-    """nibabel keeps "no slope" so in memory, and programs that write its header as it is write that; it reads so too."""
+    """nibabel keeps "no slope" so in memory, programs that write its header as it is write that, and it reads it so."""
     path = save_nifti(values, scl_slope=np.nan, scl_inter=intercept)
     found = read_volume(path)
     assert_array_equal(found.values, values)

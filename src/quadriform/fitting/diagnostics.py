@@ -168,6 +168,11 @@ def unsupported(found: Support, open_deviation: float = np.inf) -> Warnings:
         found: in the unit of the points.
         open_deviation: standard deviation of the part without data, in RMS radii of the points.
     """
+    if not found.has_data:
+        return {
+            WarningKind.PARTIAL_COVERAGE: "the whole surface is extrapolated",
+            WarningKind.UNSUPPORTED: "all points are isolated: none has two others near it, which could confirm it",
+        }
     distance, width = found.reach.distance, found.reach.width
     text = (
         f"{100 * (1 - found.within):.0f} % of the surface is farther than {found.limit:.3g} from all data, and the "

@@ -90,6 +90,11 @@ class Support:
     reach: Reach
     slices: int = 0
 
+    @property
+    def has_data(self) -> bool:
+        """Whether some points are near enough to others to be data of a surface."""
+        return self.limit > 0
+
     def scaled(self, scale: float) -> "Support":
         """The support with its lengths times `scale`."""
         reach = Reach(scale * self.reach.distance, scale * self.reach.width)
