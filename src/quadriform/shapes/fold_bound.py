@@ -187,7 +187,7 @@ def determinant_rows(box: ControlBox, points: Array) -> Array:
     """
     a, b, c = np.moveaxis(box.jacobian(points), 1, 0)
     cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
-    return np.einsum("nab,nkb->nka", cofactors, box.matrix_gradient(points)).reshape(len(points), -1)
+    return (box.matrix_gradient(points) @ cofactors.transpose(0, 2, 1)).reshape(len(points), -1)
 
 
 def _root(box: ControlBox, surfaces: tuple[Superquadric, ...]) -> tuple[_Leaves, float]:
