@@ -63,6 +63,7 @@ class _ProcessPool(WorkerPool):
         super().__init__(_Processes(workers), workers)
 
     def restart(self) -> None:
+        """End the processes that are left and start as many anew."""
         self.executor.shutdown(wait=True, cancel_futures=True)
         self.executor = _Processes(self.workers)
 
@@ -77,6 +78,7 @@ class _DaskCluster(WorkerPool):
         self.client, self._requested = client, -REFRESH
 
     def max_pending(self) -> int:
+        """How many tasks may wait at once, by the workers that the cluster has now."""
         if time.monotonic() - self._requested > REFRESH:
             self.workers, self._requested = max(1, sum(self.client.nthreads().values())), time.monotonic()
         return super().max_pending()

@@ -44,6 +44,7 @@ class _Text:
     where: str
 
     def split(self, row: tuple[int, str]) -> list[str]:
+        """The fields of a row."""
         return _split(row[1], self.separator, self.where, row[0])
 
 

@@ -1,6 +1,6 @@
-"""The rounds of a cycle: from a single fit of one frame to the strengths of the points, and to maps without folds.
+"""The rounds of a cycle: from a smooth fit of one frame to the strengths of the points, and to maps without folds.
 
-All frames start from the single fit of one of them. The surface is smooth at first, for an estimated strength has two
+All frames start from the smooth fit of one of them. The surface is smooth at first, for an estimated strength has two
 fixed points: once a surface follows correlated errors, its residuals look independent.
 """
 

@@ -242,6 +242,7 @@ class _Task:
         return self.options | {"base": None if base is None else (base.point, base.direction)}
 
     def report(self, done: int) -> None:
+        """Call back with how many frames are done."""
         if self.progress is not None:
             self.progress(done, len(self.clouds))
 

@@ -57,13 +57,16 @@ class _Leaves:
     side: Array
 
     def at(self, index: NDArray) -> "_Leaves":
+        """The leaves at an index or where a mask is true."""
         return _Leaves(self.coefficients[index], self.low[index], self.side[index])
 
     def joined(self, other: "_Leaves") -> "_Leaves":
+        """These leaves and then others."""
         pairs = ((getattr(self, name), getattr(other, name)) for name in ("coefficients", "low", "side"))
         return _Leaves(*(np.concatenate(pair) for pair in pairs))
 
     def lowest(self) -> Array:
+        """The least coefficient (n,) of each leaf, a lower bound of the determinant there."""
         return self.coefficients.min(axis=(1, 2, 3))
 
     def halved(self) -> "_Leaves":
