@@ -202,6 +202,7 @@ def known_options(function: Callable[P, R]) -> Callable[P, R]:
 
     @wraps(function)
     def checked(*args: P.args, **options: P.kwargs) -> R:
+        """Call the function with options that it has."""
         for name in options.keys() - set(names):
             near = get_close_matches(name, names, n=1)
             hint = f"did you mean {near[0]}?" if near else f"expected one of {', '.join(names)}"

@@ -216,6 +216,7 @@ def _field_names(field: str, dtype: np.dtype[Any]) -> list[str]:
 
 def _picked(table: Any, names: Sequence[str] | None, chosen: Columns, what: str) -> PointSet:
     def taken(positions: tuple[int, int, int]) -> NDArray[Any]:
+        """The columns at three positions, (n, 3)."""
         columns = [table[:, position] if names is None else _column(table, position, what) for position in positions]
         return np.stack(columns, axis=1)
 

@@ -67,6 +67,7 @@ def _reporting(show_ids: bool) -> Iterator[OnOutcome]:
     with _bar() if sys.stderr.isatty() else _log() as update:
 
         def report(outcome: Outcome, done: int, total: int) -> None:
+            """Show an outcome: advance the bar, and print the first failures."""
             nonlocal lines
             if outcome.failure is not None:
                 lines += 1
@@ -99,6 +100,7 @@ def _bar() -> Iterator[Callable[[int, int], None]]:
         task = bar.add_task("", total=None, rate="")
 
         def update(done: int, total: int) -> None:
+            """Draw the bar."""
             bar.update(task, completed=done, total=total, rate=f"{done / (time.monotonic() - begin):.3g}/s")
 
         yield update
@@ -109,6 +111,7 @@ def _log() -> Iterator[Callable[[int, int], None]]:
     begin = last = time.monotonic()
 
     def update(done: int, total: int) -> None:
+        """Print a line every few seconds."""
         nonlocal last
         now = time.monotonic()
         if now - last >= EVERY:

@@ -109,6 +109,7 @@ def progress_bar(what: str) -> Iterator[Callable[[int, int], None]]:
     begin = time.monotonic()
 
     def update(done: int, total: int) -> None:
+        """Draw the bar, which appears only when the work takes long."""
         bar.update(task, completed=done, total=total)
         if time.monotonic() - begin > QUIET_SECONDS:
             bar.start()

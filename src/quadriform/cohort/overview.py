@@ -79,6 +79,7 @@ def overview(results: Path, most: int) -> Overview:
     found = Overview([], Counter(), 0, array("d"), {})
 
     def counted() -> Iterator[SubjectSummary]:
+        """The subjects, each counted as it passes."""
         for subject in _subjects(results, found.units):
             found.kinds.update(subject.warnings.keys())
             found.warned += bool(subject.warnings)

@@ -266,6 +266,7 @@ def parse_json(data: bytes, where: str) -> Any:
     """
 
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        """The fields of one object as a dictionary."""
         if len(dict(pairs)) != len(pairs):
             names = [name for name, _ in pairs]
             twice = next(name for name in names if names.count(name) > 1)

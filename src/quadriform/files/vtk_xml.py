@@ -294,6 +294,7 @@ def _lz4(where: str) -> Callable[[bytes, int], bytes]:
         ) from error
 
     def decompress(packed: bytes, length: int) -> bytes:
+        """The bytes of a block; ValueError where it is damaged, as from the other libraries."""
         try:
             return bytes(block.decompress(packed, uncompressed_size=length))
         except block.LZ4BlockError as error:

@@ -20,6 +20,7 @@ def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
 
     @wraps(function)
     def limited(*args: P.args, **kwargs: P.kwargs) -> R:
+        """Call the function with one thread of BLAS."""
         with _libraries().limit(limits=1, user_api="blas"):
             return function(*args, **kwargs)
 

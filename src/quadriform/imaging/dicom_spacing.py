@@ -99,10 +99,12 @@ def check_same_grid(planes: Sequence[ImagePlane]) -> None:
     allowed = SAME_ORIENTATION * shorter_step / max(first.size)
 
     def differs(plane: ImagePlane) -> bool:
+        """Whether the steps of a plane are not those of the first."""
         change = (plane.along_row - first.along_row, plane.along_column - first.along_column)
         return bool(np.linalg.norm(change, axis=1).max() > allowed)
 
     def steps(plane: ImagePlane) -> str:
+        """The steps of a plane in words."""
         return f"steps {plane.along_row.round(4).tolist()} and {plane.along_column.round(4).tolist()}"
 
     _refuse("images of different orientations or pixel sizes", planes, differs, steps)

@@ -235,9 +235,11 @@ class Cycle:
         shifted = solution.shifts - state.shifts.ravel()
 
         def at(length: float) -> tuple[Array, Array]:
+            """Displacements and shifts at a fraction of the step."""
             return state.displacement + length * direction, state.shifts.ravel() + length * shifted
 
         def total(length: float) -> float:
+            """The whole cost at a fraction of the step."""
             return self.total(state, linear, penalties, *at(length), strengths)
 
         displacement, shifts = at(step_length(total))

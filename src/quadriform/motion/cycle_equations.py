@@ -183,6 +183,7 @@ class LinearCycleProblem:
         """
 
         def criterion(log_gamma: float) -> float:
+            """The criterion at a strength in time; infinite where that determines nothing."""
             solution = self.solve(alpha, float(np.exp(log_gamma)))
             return np.inf if solution is None else solution.criterion
 

@@ -81,6 +81,7 @@ def penalised_step(b: Array, penalty: Array, strength: float, on_displacement: b
     rows = len(b)
 
     def step(target: Array, control: Array, rest: Array) -> Array:
+        """The next control points (k, 3)."""
         penalised = control - rest if on_displacement else control
         right = q[:rows].T @ target - q[rows:].T @ (root @ penalised)  # P9
         return solve_triangular(r, right)

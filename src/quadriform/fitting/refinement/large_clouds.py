@@ -153,6 +153,7 @@ class _All:
         """Normal equations for a box that deforms like the one with the foot points, and the sum of weights."""
 
         def of_part(surface: _Surface, chosen: slice) -> tuple[NormalEquations, float]:
+            """Normal equations of a part of the points, and how many these count for."""
             data = surface.part(chosen, self.frame, box, sigma if self.robust else None, self.least_sigma)
             return data_rows(data, box).equations(box, elevated.degrees), data.count
 
@@ -267,6 +268,7 @@ def _unfolded(points: _All, linear: LinearProblem, box: ControlBox, solution: So
     penalty = JacobianPenalty.of(box, surfaces, linear.total_weight, solution.sigma)
 
     def penalised(state: _Solved, penalty: JacobianPenalty, strength: float) -> _Solved | None:
+        """The box after one round with a penalty on folds, None where nothing determines it."""
         # the penalty is linear about the state's box; the sums over all points are not taken anew
         found = linear.with_extra_terms(penalty.equations(state.box)).solve(strength)
         return None if found is None else _Solved(displaced(state.box, found), found)
@@ -305,6 +307,7 @@ def _with_arrays(points: _All, fit: Fit) -> Fit:
         made = [np.empty(len(surface.cloud)) for _ in arrays]
 
         def of_part(surface: _Surface, chosen: slice, made: Sequence[Array] = made) -> None:
+            """Write distances and inlier probabilities of a part of the points into the arrays."""
             local = frame.to_local(surface.cloud[chosen])
             distances = after.distance(local, surface.name)
             made[0][chosen] = frame.scale * distances

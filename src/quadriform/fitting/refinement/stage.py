@@ -342,13 +342,14 @@ class Problem:
             return None
         whole, penalties = displaced(box, solution), (penalty, *base_priors(datasets, box))
 
-        # the penalty is linear only near the box, so a whole step may make it larger. The cost of the linear problem is
-        # that of data and regulariser alone: its extra terms, such as the base priors, are no part of it
+        # the penalty is linear only near the box, so a whole step may make it larger
         def at(length: float) -> ControlBox:
+            """The box at a fraction of the step."""
             step = length * (whole.control_points - box.control_points)
             return whole if length == 1 else box.with_control_points(box.control_points + step)
 
         def total(length: float) -> float:
+            """The cost of data and regulariser there, with that of the extra terms, such as the base priors."""
             trial = at(length)
             cost = linear.cost(trial.control_points - trial.rest, solution.strength)
             return cost + sum(each.cost(trial) for each in penalties)

@@ -72,6 +72,7 @@ def fit_paper(points: Array, kind: str) -> SuperquadricFit:
     rotated = points @ coordinates.axes
 
     def criterion(unbounded: Array) -> tuple[float, Array]:
+        """The paper's criterion and its gradient."""
         candidate, derivative = coordinates.bound(unbounded)
         # Euler angles are unbounded parameters themselves, so no gimbal lock can exchange them
         value, by_parameter = candidate.parameter_derivatives(rotated)
@@ -119,14 +120,19 @@ def least_criterion(points: Array, kind: str) -> Superquadric:
     rotated = points @ coordinates.axes
 
     def residual(unbounded: Array) -> Array:
+        """F - 1 (n,) at all points."""
         return coordinates.bound(unbounded)[0].implicit(rotated) - 1
 
     def jacobian(unbounded: Array) -> Array:
+        """Derivatives (n, p) of `residual` by the parameters."""
         candidate, derivative = coordinates.bound(unbounded)
         return candidate.parameter_derivatives(rotated)[1] * derivative
 
     def least(begin: Array, moving: NDArray[np.bool_]) -> Array:
+        """The parameters of the least squares, of which only some move."""
+
         def whole(part: Array) -> Array:
+            """All parameters, with those that move in their places."""
             every = begin.copy()
             every[moving] = part
             return every

@@ -51,6 +51,7 @@ def measure_convergence(subject: Subject, box: Box) -> Convergence:
     start = subject.paper.model.surfaces
 
     def after(iterations: int, tolerance: float | None) -> Fit:
+        """The fit after so many iterations."""
         return refine(start, subject.points, method="paper", box=box, iterations=iterations, tolerance=tolerance)
 
     long = after(LONGEST, STOP)

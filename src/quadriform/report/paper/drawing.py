@@ -103,6 +103,7 @@ def chart(
     """A diagram as vectors; `draw` puts curves into its axes."""
 
     def whole(axes: Any) -> None:
+        """Draw, then label the axes."""
         axes.set(xlabel=xlabel, ylabel=ylabel, xscale=xscale, yscale=yscale)
         draw(axes)
         axes.grid(alpha=0.3, which="both")
@@ -115,6 +116,7 @@ def plane(draw: Callable[[Any], object], words: str) -> Markup:
     """A drawing in the plane, without axes and with equal lengths along both, as vectors."""
 
     def whole(axes: Any) -> None:
+        """Draw, with equal lengths along both axes."""
         draw(axes)
         axes.set_aspect("equal")
         axes.set_axis_off()

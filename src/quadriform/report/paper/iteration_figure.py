@@ -39,6 +39,7 @@ def iterations(material: Material) -> Remake:
 
 def _curves(found: list[Convergence], quantity: str, label: str) -> Markup:
     def draw(axes: Any) -> None:
+        """Draw a curve for each set of data."""
         for each, colour in zip(found, COLOURS):
             values = np.array([getattr(record, quantity) for record in each.long.history])
             shown_ = values > LEAST
@@ -52,6 +53,7 @@ def _distances(found: list[Convergence], label: str) -> Markup:
     """Errors of the paper's method after some iterations, and of the default, in the same measure."""
 
     def draw(axes: Any) -> None:
+        """Draw the error after each number of iterations, and that of the default method."""
         for each, colour in zip(found, COLOURS):
             axes.plot(each.steps, each.errors, "o-", color=colour, markersize=4)
             axes.axhline(each.subject.default.rms, color=colour, linestyle="--")

@@ -60,7 +60,10 @@ def four_boxes(material: Material) -> Remake:
 
 def _error_and_motion_curves(four: Curve, bending: Curve) -> list[tuple[str, Markup]]:
     def draw(quantity: str) -> Any:
+        """What draws a quantity."""
+
         def curves(axes: Any) -> None:
+            """Draw a curve for each regularity over its settings."""
             for each, style, colour in ((four, "o-", drawing.BY_PAPER), (bending, "s--", drawing.BY_DEFAULT)):
                 axes.plot(np.arange(1, len(each.settings) + 1), getattr(each, quantity), style, color=colour)
             axes.set(xticks=np.arange(1, len(four.settings) + 1))
@@ -111,12 +114,14 @@ def _both_curves(trade: TradeOff) -> list[tuple[str, Markup]]:
     """The curves of all settings, and their part of small errors."""
 
     def draw(axes: Any) -> None:
+        """Draw a curve for each regularity."""
         for _, attribute, style, colour in CURVES:
             each = getattr(trade, attribute)
             axes.plot(each.error, each.moved, style, color=colour, markersize=4)
         axes.plot(trade.auto.rms, moved(trade.auto), "*", color=drawing.GREY, markersize=11)
 
     def draw_near(axes: Any) -> None:
+        """Draw the same near the error of the automatic strength."""
         draw(axes)
         axes.set(xlim=(0.9 * trade.auto.rms, NEAR * trade.auto.rms))
 
@@ -184,6 +189,7 @@ def outliers(material: Material) -> Remake:
     percent = 100 * np.array(found.ratios)
 
     def draw(axes: Any) -> None:
+        """Draw the errors of both methods."""
         axes.plot(percent, found.paper, "o-", color=drawing.BY_PAPER)
         axes.plot(percent, found.default, "s--", color=drawing.BY_DEFAULT)
 

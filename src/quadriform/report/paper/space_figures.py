@@ -174,6 +174,7 @@ def _picture(section: tuple[list[Array], list[Array]], words: str) -> Markup:
     room = 0.15 * (high - low).max()
 
     def draw(axes: Any) -> None:
+        """Draw the lines of the box and the walls."""
         axes.add_collection(LineCollection(lines, colors=drawing.GREY, linewidths=0.6))
         for wall, colour in zip(walls, WALL_COLOURS):
             axes.add_collection(LineCollection(list(wall), colors=colour, linewidths=2))

@@ -68,6 +68,7 @@ def measure_trade_off(box: Box, resolution: int = 16) -> TradeOff:
     start = {ALONE: fit_superquadric(points, method="paper").superquadric}
 
     def by_paper(regularity: str, strength: float | str) -> Fit:
+        """The paper's fit at a strength."""
         return refine(start, {ALONE: points}, method="paper", box=box, regularity=regularity, strength=strength)
 
     # the same shares for other boxes than 5 x 5 x 5
