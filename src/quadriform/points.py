@@ -90,7 +90,7 @@ def _as_numbers(values: ArrayLike, what: str) -> Array:
 def _what_else(array: NDArray[Any]) -> str:
     """What was given in place of numbers, and which functions make points of it."""
     first = next(iter(array.ravel()), None)
-    if isinstance(first, str | os.PathLike):
+    if array.ndim < 2 and isinstance(first, str | os.PathLike):
         return "a path; only fit reads files: take read_points(path), of an image points_from_image(read_volume(path))"
     if hasattr(first, "world_from_voxel"):
         return "an image; take points_from_image(image).points, of the labels of a heart ventricle_from_labels"

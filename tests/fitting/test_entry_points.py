@@ -84,7 +84,7 @@ def test_bad_clouds(door, row, points, error, message):
 
 @pytest.mark.parametrize("entry", [qf.fit_superquadric, lambda p: qf.refine(made(), p)])
 def test_paths_are_for_fit_alone(entry):
-    with pytest.raises(PointsError, match="type <U"):
+    with pytest.raises(PointsError, match="found a path; only fit reads files"):
         entry("points.xyz")
 
 
