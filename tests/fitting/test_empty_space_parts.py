@@ -115,6 +115,19 @@ def test_rays_of_a_sensor_pass_the_body_and_end_where_it_may_end(rng):
     assert len(expected) > 50
 
 
+def test_rays_begin_at_a_sensor_that_is_nearer_than_the_body_is_wide():
+    """They go on behind what was seen by its width there, for they meet nothing that was measured."""
+    ball = random_directions(900, 3)
+    seen, eye = ball[ball[:, 2] > 0.6], np.array([0, 0, 1.7])
+    found = empty_space._seen_from(eye, seen, np.ones(len(seen), dtype=bool))
+    ranges = np.linalg.norm(seen - eye, axis=1)
+    width = np.ptp((seen - eye)[:, :2] / (eye - seen)[:, 2:], axis=0).max()  # the axis of view is z but for a degree
+    assert ranges.max() * width > ranges.min() and len(found.rays) > 50
+    np.testing.assert_array_equal(found.rays[:, 0], np.broadcast_to(eye, (len(found.rays), 3)))
+    ends = np.linalg.norm(found.rays[:, -1] - eye, axis=1)
+    np.testing.assert_allclose(ends, ranges.max() * (1 + width), rtol=0.05)
+
+
 def test_positions_with_few_inliers_show_no_outline():
     ball = random_directions(1200, 2)
     eyes = np.repeat([[0.0, 0, 10], [0.0, 10, 0], [10.0, 0, 0]], 400, axis=0)
