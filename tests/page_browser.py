@@ -40,13 +40,17 @@ class Browser:
 
     def open(self, path):
         """Open a file, wait until its title says ready, and see that nothing went wrong and nothing left the page."""
-        from selenium.webdriver.support.ui import WebDriverWait
-
         self.log("performance")
         self.driver.get(Path(path).resolve().as_uri())
-        WebDriverWait(self.driver, 30, 0.05).until(lambda driver: driver.title.startswith("ready"))
+        self.wait_until(lambda: self.driver.title.startswith("ready"))
         self.check()
         return self
+
+    def wait_until(self, is_so):
+        """Wait until something is so, however slow the machine is."""
+        from selenium.webdriver.support.ui import WebDriverWait
+
+        WebDriverWait(self.driver, 30, 0.05).until(lambda _driver: is_so())
 
     def check(self):
         """No error on the console, no request but for the page itself."""

@@ -113,11 +113,13 @@ def test_time_moves_surface_and_volume(browser, tmp_path):
 def test_play_runs_and_stops(browser, tmp_path):
     browser.open(written(tmp_path, beating(2), Scene(errors=[None] * 2)))
     browser.run("document.getElementById('play').click()")
-    browser.driver.execute_async_script("setTimeout(arguments[0], 600)")
+    browser.wait_until(lambda: browser.number("time-now") > 0)
     browser.run("document.getElementById('play').click()")
     stopped = browser.number("time-now")
-    browser.driver.execute_async_script("setTimeout(arguments[0], 200)")
-    assert 0 < stopped == browser.number("time-now")
+    browser.driver.execute_async_script(
+        "const frame = requestAnimationFrame, done = arguments[0]; frame(() => frame(() => frame(done)))"
+    )
+    assert browser.number("time-now") == stopped
 
 
 @pytest.mark.slow

@@ -260,6 +260,7 @@ def test_row_76_two_runs_write_the_same_bytes(cloud, tmp_path):
     fit = ["fit", str(cloud), "--box", "2,2,2", "-o"]
     done = quadriform(*fit, tmp_path / "fresh", PYTHONHASHSEED="1")
     assert done.returncode == 0, done.stderr
+    assert all(line.startswith("warning: ") for line in done.stderr.splitlines())
     assert main([*fit, str(tmp_path / "here")]) == 0
     found = contents(tmp_path / "fresh")
     assert sorted(found) == ["model.json", "report.html", "surface.ply"]

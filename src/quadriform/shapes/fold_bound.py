@@ -90,13 +90,15 @@ def _halved(coefficients: Array, axis: int) -> Array:
     """Coefficients (2 n, a, b, c) over the first halves along an axis of n leaves, and then over the second ones."""
     n, *shape = coefficients.shape
     found = np.empty((2, n, *shape))
-    rows, count, columns = n * int(np.prod(shape[:axis])), shape[axis], int(np.prod(shape[axis + 1 :]))
+    before, count, after = n * int(np.prod(shape[:axis])), shape[axis], int(np.prod(shape[axis + 1 :]))
     for half, matrix in zip(found, _halves(count - 1)):
-        # no axis is moved: as many products as there are rows before it, or a single one along the last axis
+        # no axis is moved, and each product is too small for BLAS to start threads, which take longer than it
         if axis == 2:
-            np.matmul(coefficients.reshape(rows, count), matrix.T, out=half.reshape(rows, count))
+            leaves = n, shape[0] * shape[1], count
+            np.matmul(coefficients.reshape(leaves), matrix.T, out=half.reshape(leaves))
         else:
-            np.matmul(matrix, coefficients.reshape(rows, count, columns), out=half.reshape(rows, count, columns))
+            rows = before, count, after
+            np.matmul(matrix, coefficients.reshape(rows), out=half.reshape(rows))
     return found.reshape(2 * n, *shape)
 
 
