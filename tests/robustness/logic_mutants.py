@@ -58,7 +58,6 @@ TURNED = {ast.Lt: ast.GtE, ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.GtE: ast.Lt, as
 BORDER = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt}
 TURNED |= {ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In}
 KNOWN: dict[str, str] = {
-    "imaging/dicom_values.py: seconds_of_day: `3600` -> `3601`": "the clock of acquisitions only orders frames",
     "shapes/mesh_points.py: _unit_corners: `2` -> `3`": (
         "another unit of length, in which nothing but the cells of the curve that orders triangles is measured"
     ),
