@@ -7,7 +7,7 @@ The sites are all places in shapes, fitting, motion, heart, imaging and files wh
 - `and` and `or` exchanged, `not` left out
 - a number in an expression: a whole one and 0.0 plus 1, another times 1.1
 - a statement without a value left out: a call, `x += ...`
-- the first two arguments of a call exchanged, where both are names; not of the smallest or largest of numbers
+- the first two arguments of a call exchanged, where both are names and their order matters
 
 Left out are checks of what is given (`if` with nothing but `raise`; functions named check, and calls of them), messages
 (what stands in `raise` and in texts), types, and what only tunes how well or how fast: the constants at the head of a
@@ -36,7 +36,7 @@ from mutants import ROOT, copied, tested
 
 PACKAGES = ("shapes", "fitting", "motion", "heart", "imaging", "files")
 CALLED = ast.Constant | ast.Call
-SYMMETRIC = ("min", "max", "minimum", "maximum")
+SYMMETRIC = ("min", "max", "minimum", "maximum", "array_equal", "_dot")
 CHECK = re.compile(r"(?:[\w.]*\.)?_?(?:check|refuse|must)")
 FAILED = re.compile(r"^(?:FAILED|ERROR) tests/(.+?)(?: - .*)?$", re.MULTILINE)
 """The test of a line of pytest's summary; its name may have spaces."""

@@ -1,11 +1,13 @@
 """The inside of a mesh on a grid: a voxel counts by its centre, however the mesh lies or is wound."""
 
 import numpy as np
+import pytest
 from shapes_made import made
+from shapes_meshes import box_mesh
 
 from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.superquadric import Superquadric
-from quadriform.shapes.voxels import voxels_inside
+from quadriform.shapes.voxels import OFF_GRID, voxels_inside
 
 
 def test_a_box_along_the_grid_holds_the_centres_inside_it():
@@ -35,3 +37,19 @@ def test_what_lies_beyond_the_grid_is_cut_off():
     mesh = Superquadric(semi_axes=(50, 50, 50)).mesh(16)
     assert voxels_inside(mesh, (4, 5, 6)).all()
     assert not voxels_inside(Mesh(mesh.vertices + 100.0, mesh.faces), (4, 5, 6)).any()
+
+
+def test_centres_on_a_face_count_on_the_lower_side_of_each_axis():
+    """So that of two bodies that touch each centre on their common face belongs to one of them."""
+    expected = np.zeros((5, 5, 5), dtype=bool)
+    expected[:3, :3, :3] = True
+    np.testing.assert_array_equal(voxels_inside(box_mesh((3.0, 3.0, 3.0)), expected.shape), expected)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_triangles_that_are_seen_edge_on_enclose_nothing(axis):
+    """Also where they lie in the line of a column of voxels."""
+    box, upright = box_mesh((6.0, 6.0, 6.0)), np.zeros((3, 3))
+    upright[:, axis], upright[:, 1 - axis], upright[:, 2] = 2 + OFF_GRID[axis], [1, 5, 9], [0, 3, 1]
+    both = Mesh(np.concatenate([box.vertices, upright]), np.concatenate([box.faces, [[8, 9, 10]]]))
+    np.testing.assert_array_equal(voxels_inside(both, (7, 7, 7)), voxels_inside(box, (7, 7, 7)))
