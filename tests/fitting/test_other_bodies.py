@@ -1,13 +1,15 @@
 """Points of something else are left out of a fit; parts of the body that are no superquadric are not."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from shapes_made import even_directions, ventricle
 
 from quadriform import fit, fit_superquadric
-from quadriform.fitting.other_bodies import extended_to_clouds, points_of_others
+from quadriform.fitting.connected import connection_distance
+from quadriform.fitting.other_bodies import _of_one, extended_to_clouds, points_of_others
 
 
 def left_out(points):
@@ -57,6 +59,20 @@ def test_slices_that_the_superquadric_leaves_aside_stay(rng):
     points = np.concatenate(slices)
     start, inliers = fit_superquadric(points), np.r_[np.zeros(120), np.ones(len(points) - 120)]
     assert not points_of_others({"": points}, {"": replace(start, inliers=inliers)})[""].any()
+
+
+@pytest.mark.parametrize(("count", "other"), [(40, False), (99, False), (101, True), (300, True)])
+def test_a_part_is_of_the_body_where_a_hundredth_of_it_is_near(count, other):
+    """A line of outliers that leads away from a ball, with one point within the limit; and points far from both."""
+    ball = np.concatenate([[[1.0, 0, 0]], even_directions(500)])
+    step = 0.6 * connection_distance(ball)
+    line = np.column_stack([1 + step * np.arange(1, count + 1), np.zeros((count, 2))])
+    cloud = np.concatenate([line, ball, [[0, 90.0, 0], [0, 0, 90.0]]])
+    inliers = np.concatenate([np.zeros(count), np.ones(501), np.zeros(2)])
+    found = _of_one("a", {"a": cloud}, {"a": SimpleNamespace(inliers=inliers)})
+    expected = np.concatenate([np.full(count, other), np.zeros(501, dtype=bool), [True, True]])
+    np.testing.assert_array_equal(found, expected)
+    assert not _of_one("a", {"a": ball}, {"a": SimpleNamespace(inliers=np.ones(501))}).any()
 
 
 def test_of_a_sample_each_point_is_as_the_nearest_of_it():
