@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from shapes_made import SKEW, even_directions, made, turned
 
-from quadriform.fitting.mixture import Mixture
-from quadriform.fitting.superquadric import multistart
+from quadriform.fitting.mixture import Mixture, density_log_odds
+from quadriform.fitting.superquadric import initial, multistart
 from quadriform.fitting.superquadric.candidates import Candidates
 from quadriform.fitting.superquadric.initial import START_ROTATIONS, ellipsoids, other_kind, principal_axes
 from quadriform.fitting.superquadric.multistart import ENOUGH_PAIRS, Search
@@ -187,6 +187,19 @@ def test_most_steps_are_made_on_growing_samples(monkeypatch, n, samples):
     assert log == expected
     assert found.alternatives == 5 and found.converged
     assert found.descent.mixture.sigma.tolist() == [0.2]
+
+
+def test_isolated_outliers_of_a_best_candidate_lose_odds(rng):
+    """By their distances to near neighbours among a sample of all, at the inlier probabilities of the candidate."""
+    points = np.concatenate([even_directions(1900), 3 * rng.normal(size=(100, 3))])
+    best = Candidates.of([made(exponents=(1, 1), semi_axes=(1, 1, 1))])
+    best = replace(best, translations=np.zeros((1, 3)))
+    of, mixture = problem(points), Mixture(np.array([0.9]), np.array([0.02]))
+    found = multistart._with_density_log_odds(of, (best, mixture), 9.0)
+    distances = initial.reach(points, of.sample(1500).points)
+    expected = density_log_odds(distances, of.descent(best, mixture, 9.0).inliers[0])
+    np.testing.assert_array_equal(found.log_odds, expected)
+    assert expected[:1900].mean() > -0.1 and expected[1900:].mean() < -1
 
 
 def test_starts_of_parts_are_annealed_on_a_sample(monkeypatch):
