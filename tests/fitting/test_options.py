@@ -6,7 +6,7 @@ from shapes_made import lumpy, made
 
 import quadriform as qf
 from quadriform.errors import OptionError, PointsError
-from quadriform.fitting.options import PaperOptions, TangentOptions, options_for
+from quadriform.fitting.options import PaperOptions, TangentOptions, options_for, scaled_base
 
 CLOUD = lumpy(200)
 
@@ -144,3 +144,13 @@ def test_two_surfaces_with_the_same_points_have_no_wall():
     for call in (lambda: qf.fit(clouds), lambda: qf.track([clouds, clouds])):
         with pytest.raises(PointsError, match=r"'endo' and 'epi' have the same .* no wall between them"):
             call()
+
+
+def test_lengths_of_a_base_are_scaled_and_its_direction_is_not():
+    point, direction = scaled_base(([1, 2, 3], (0, 0, 2)), 1000.0)
+    assert point.tolist() == [1000, 2000, 3000] and direction == (0, 0, 2)
+    loop = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]])
+    np.testing.assert_array_equal(scaled_base(loop, 0.1), 0.1 * loop)
+    assert scaled_base(None, 7.0) is None and scaled_base(loop, 1) is loop
+    with pytest.raises(PointsError, match="base"):
+        scaled_base(([1, 2], (0, 0, 2)), 10.0)
