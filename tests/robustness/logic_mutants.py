@@ -65,6 +65,9 @@ KNOWN: dict[str, str] = {
     "shapes/comparison.py: _sampled: `0.5` -> `0.55`": "other samples of the same steps of the area, as even as those",
     "files/stl.py: _merged: `1` -> `2`": "rolled by two corners of three, the same edges start at their other ends",
     "shapes/ridges.py: _octants: `own[index] * mirror` -> `own[index] / mirror`": "both are 1 or -1",
+    "shapes/ridges.py: _hole: `0.0` -> `1.0`": "asked of kinds with a hole alone",
+    "shapes/ridges.py: _octants: `0.0` -> `1.0`": "asked of kinds with a hole alone",
+    "shapes/ridges.py: _parts: `0.0` -> `1.0`": "stands where nothing is scanned, and is not read there",
     "shapes/closest.py: _extreme: `1` -> `2`": "one more place in an array, which nothing reads",
     "shapes/voxels.py: voxel_spacing: `3` -> `4`": "the last row of an affine map has zeros in these columns",
     "shapes/fold_bound.py: possible_folds: "
