@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from quadriform.errors import OptionError
-from quadriform.files.vtk_xml import encode_vtu
+from quadriform.files.vtk_xml import _data_array, encode_vtu
 from quadriform.files.vtkhdf import encode_vtkhdf
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.model import DeformableModel
@@ -61,3 +61,13 @@ def test_a_time_series_has_every_state():
 def test_times_that_are_none_are_refused(times):
     with pytest.raises(OptionError, match="increasing"):
         encode_vtkhdf([state(), state()], times)
+
+
+@pytest.mark.parametrize(("shape", "components"), [((4,), None), ((4, 3), "3"), ((2, 1), "1")])
+def test_arrays_of_vectors_state_their_components(shape, components):
+    values = np.arange(np.prod(shape), dtype=float).reshape(shape)
+    found = ElementTree.fromstring(_data_array("name", values))
+    assert (found.get("type"), found.get("Name"), found.get("NumberOfComponents")) == ("Float64", "name", components)
+    content = base64.b64decode(found.text)
+    assert int.from_bytes(content[:8], "little") == values.nbytes == len(content) - 8
+    np.testing.assert_array_equal(np.frombuffer(content[8:], "<f8"), values.ravel())
