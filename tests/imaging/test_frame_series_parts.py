@@ -1,5 +1,6 @@
 """Frames one by one: their slices, times, bases, noise and notes."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -182,3 +183,10 @@ def test_points_without_a_file_are_of_unknown_noise_and_in_their_own_unit():
     frames.add({"endo": np.eye(3)}, ("LPS", "mm"))
     (found,) = frames.sets
     assert (found["endo"].factor, found["endo"].noise, found["endo"].solid) == (1.0, None, None)
+
+
+@pytest.mark.parametrize(("count", "notes"), [(1, 0), (2, 1), (3, 1)])
+def test_the_order_of_several_files_is_noted(count, notes):
+    frames = FrameSeries()
+    frame_series._note_order(frames, [Path(f"frame_{n}.csv") for n in range(count)])
+    assert len(frames.notes) == notes and all(note.startswith(f"{count} files") for note in frames.notes)
