@@ -225,8 +225,8 @@ def test_beyond_a_base_the_share_without_data_is_stated_of_each_surface():
     assert diagnostics.base_not_observed(refined(1.0, 0.1), quality) == {}
 
 
-def solution(sigma, condition=1.0):
-    return SimpleNamespace(sigma=sigma, condition=condition, strength=1e-4)
+def solution(condition=1.0):
+    return SimpleNamespace(condition=condition, strength=1e-4)
 
 
 def test_a_body_thinner_than_four_times_the_noise_has_no_two_sides():
@@ -235,8 +235,8 @@ def test_a_body_thinner_than_four_times_the_noise_has_no_two_sides():
     model = single(plate, ControlBox.around(plate))
     mesh = model.mesh(resolution=16)
     thickness = 2 * mesh.volume() / mesh.area()
-    assert diagnostics.ill_conditioned(model, solution(thickness / 4.01)) == {}
-    text = diagnostics.ill_conditioned(model, solution(thickness / 3.99))["ILL_CONDITIONED"]
+    assert diagnostics.ill_conditioned(model, solution(), thickness / 4.01) == {}
+    text = diagnostics.ill_conditioned(model, solution(), thickness / 3.99)["ILL_CONDITIONED"]
     assert text.startswith("the body is 3.99 times as thick as the noise")
     tube = made("hyperboloid1")
     assert diagnostics._thin(single(tube, ControlBox.around(tube)), 1e9) == []
@@ -244,8 +244,8 @@ def test_a_body_thinner_than_four_times_the_noise_has_no_two_sides():
 
 def test_a_condition_of_which_rounding_moves_the_surface_is_stated():
     model = refined(1.0, 0.1).model
-    assert diagnostics.ill_conditioned(model, solution(1e-9, 4.9e9)) == {}
-    assert "condition 5.1e+09" in diagnostics.ill_conditioned(model, solution(1e-9, 5.1e9))["ILL_CONDITIONED"]
+    assert diagnostics.ill_conditioned(model, solution(4.9e9), 1e-9) == {}
+    assert "condition 5.1e+09" in diagnostics.ill_conditioned(model, solution(5.1e9), 1e-9)["ILL_CONDITIONED"]
 
 
 def test_control_points_a_million_radii_away_are_too_far():

@@ -15,12 +15,14 @@ from quadriform.fitting.refinement.stage import (
     FixedWeights,
     MixtureWeights,
     Problem,
+    Refined,
     Report,
     Stage,
     StoppingRule,
     TangentialSteps,
 )
 from quadriform.fitting.refinement.surface_data import SurfaceData
+from quadriform.shapes.closest import surface_normals
 from quadriform.shapes.control_box import ControlBox
 
 SURFACE = replace(made(exponents=(1, 1), semi_axes=(1.2, 0.9, 0.8)), translation=np.zeros(3))
@@ -104,3 +106,24 @@ def test_a_step_under_a_penalty_is_halved_where_the_sum_would_grow(wrong, length
     assert len(found.history) == 2 and found.solution.strength == 1e-3
     shift = found.box.control_points - found.box.rest
     np.testing.assert_allclose(shift if wrong == 1 else target, target, atol=1e-5)
+
+
+def test_the_noise_of_distances_is_sigma_where_what_is_known_is_true_and_smaller_where_known_points_are_far():
+    plain, rng = data(2000, bump=0), np.random.default_rng(2)
+    scale = np.where(np.arange(2000) % 2, 0.1, 1.0)
+    noise = (scale**2 / np.mean(scale**2))[:, None, None] * np.eye(3)
+
+    def of(size):
+        """Points whose distances from the surface have standard deviations `size`, of which `noise` is known."""
+        normals = surface_normals(SURFACE, BOX, plain.origins)
+        moved = BOX.deform(plain.origins) + (size * rng.normal(size=2000))[:, None] * normals
+        found = replace(plain, points=moved, noise=noise).with_nearest_foot_points(BOX)
+        sigma = np.sqrt((found.standardised_distances(BOX) ** 2).mean())
+        return Refined(BOX, (found,), SimpleNamespace(sigma=sigma), ()).sigma_of_distances, sigma
+
+    true, sigma = of(0.02 * scale)
+    assert true == pytest.approx(sigma, rel=0.05)
+    false, sigma = of(np.full(2000, 0.02))
+    assert false == pytest.approx(0.02, rel=0.05) and sigma > 2 * false
+    alike = Refined(BOX, (plain,), SimpleNamespace(sigma=0.3), ())
+    assert alike.sigma_of_distances == 0.3

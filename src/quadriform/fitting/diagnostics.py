@@ -317,9 +317,9 @@ def folding(model: DeformableModel) -> Warnings:
     return {WarningKind.FOLDING: text}
 
 
-def ill_conditioned(model: DeformableModel, solution: Solution) -> Warnings:
-    """ILL_CONDITIONED of bodies too thin for the noise, or of a solution that rounding moves."""
-    if thin := _thin(model, solution.sigma):
+def ill_conditioned(model: DeformableModel, solution: Solution, noise: float) -> Warnings:
+    """ILL_CONDITIONED of bodies too thin for the noise of their points, or of a solution that rounding moves."""
+    if thin := _thin(model, noise):
         text = (
             f"{', '.join(thin)}: their sides are not distinguished and volumes mean nothing; expected 4 times or more"
         )

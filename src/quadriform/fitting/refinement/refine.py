@@ -297,7 +297,7 @@ def _result(attempt: Attempt, warnings: Warnings) -> Result:
         covariance=refined.solution.covariance(),
         enriched=_enriched(trial.problem, refined),
         inliers={name: data.inliers for name, data in zip(given.clouds, refined.datasets)},
-        warnings=warnings | ill_conditioned(model, refined.solution),
+        warnings=warnings | ill_conditioned(model, refined.solution, refined.sigma_of_distances),
         half_space=given.half_space,
     )
 
