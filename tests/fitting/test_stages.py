@@ -1,10 +1,15 @@
 """Stages of the refinement: steps return new states, and stopping rules end them."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from shapes_made import even_directions
 
+from quadriform.fitting.refinement import stages
 from quadriform.fitting.refinement.stage import (
+    ALL_INDEPENDENT,
+    Correlated,
     FixedWeights,
     InitialState,
     MixtureWeights,
@@ -48,8 +53,8 @@ def test_a_step_leaves_its_state_as_it_was(problem, start, foot_points, weightin
 
 
 def test_a_stage_ends_by_its_motion_or_after_its_rounds(problem, start):
-    stages = [Stage(problem, TangentialSteps(), FixedWeights(), StoppingRule(5, motion)) for motion in (0.0, np.inf)]
-    assert [len(stage.run(start).history) for stage in stages] == [5, 1]
+    made = [Stage(problem, TangentialSteps(), FixedWeights(), StoppingRule(5, motion)) for motion in (0.0, np.inf)]
+    assert [len(stage.run(start).history) for stage in made] == [5, 1]
 
 
 def test_rounds_are_counted_for_the_caller(problem, start):
@@ -58,3 +63,30 @@ def test_rounds_are_counted_for_the_caller(problem, start):
     problem = Problem(problem.box, problem.probes, "bending", None, True, report)
     Stage(problem, TangentialSteps(), FixedWeights(), StoppingRule(3)).run(start)
     assert counts == [(1, 7), (2, 7), (3, 7)]
+
+
+@pytest.mark.parametrize("intersecting", range(4))
+def test_coarse_stages_that_intersect_themselves_are_repeated_at_last_with_independent_points(
+    monkeypatch, intersecting
+):
+    """Old fault: a surface followed displaced slices from the start, folded, and amplified rounding to millimetres."""
+    used = []
+
+    def coarse(problem, first, sample, rule=ALL_INDEPENDENT):
+        used.append((first, sample, rule))
+        number = len(used)
+        return SimpleNamespace(number=number, self_intersecting=lambda: number <= intersecting)
+
+    monkeypatch.setattr(stages, "coarse_stages", coarse)
+    monkeypatch.setattr(stages, "first_stage", lambda problem, sample: f"first of {sample}")
+    monkeypatch.setattr(stages.Subsample, "of", lambda datasets, count, robust: count)
+    monkeypatch.setattr(stages, "_not_worse", lambda problem, state, datasets: state)
+    box = ControlBox.around(BALL, (3, 3, 3))
+    found = stages.all_coarse_stages(SimpleNamespace(box=box, robust=True), "given", [])
+    expected = [
+        ("given", 1000, ALL_INDEPENDENT),
+        ("first of 700", 700, ALL_INDEPENDENT),
+        ("first of 1500", 1500, ALL_INDEPENDENT),
+        ("first of 1500", 1500, Correlated(81.0)),
+    ]
+    assert used == expected[: intersecting + 1] and found.number == len(used)

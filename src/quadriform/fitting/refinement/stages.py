@@ -9,10 +9,12 @@ from quadriform.errors import OptionError
 from quadriform.fitting.cloud import nearest
 from quadriform.fitting.refinement.left_out import better_strength
 from quadriform.fitting.refinement.stage import (
+    ALL_INDEPENDENT,
     SCHEDULE,
     Correlated,
     FacingPairs,
     FixedWeights,
+    Independence,
     InitialState,
     Nearest,
     Problem,
@@ -44,7 +46,9 @@ def first_stage(problem: Problem, sample: Subsample) -> Refined:
     )
 
 
-def coarse_stages(problem: Problem, first: Refined, sample: Subsample) -> Refined:
+def coarse_stages(
+    problem: Problem, first: Refined, sample: Subsample, independence: Independence = ALL_INDEPENDENT
+) -> Refined:
     """The state after all further stages on few points with new correspondences in each round.
 
     A last round has no attraction of model points. A box that has only one stage repeats that stage.
@@ -53,18 +57,25 @@ def coarse_stages(problem: Problem, first: Refined, sample: Subsample) -> Refine
         problem: of all rounds.
         first: after the first stage, maybe on other points.
         sample: the points.
+        independence: the rule for how many of them are independent.
     """
     box, history = first.box, first.history
     for l, m, n in control_point_counts(problem.box)[1:] or control_point_counts(problem.box):
-        found = _coarse_stage(problem, box.elevate((l - 1, m - 1, n - 1)), sample, history)
+        found = _coarse_stage(problem, box.elevate((l - 1, m - 1, n - 1)), sample, history, independence)
         box, history = found.box, found.history
-    alone = Stage(problem, TangentialSteps(), FixedWeights(), ONCE)
+    alone = Stage(problem, TangentialSteps(), FixedWeights(), ONCE, independence)
     return alone.step(InitialState(box, found.datasets, history=history))  # strengths so far included the attraction
 
 
-def _coarse_stage(problem: Problem, box: ControlBox, sample: Subsample, history: tuple[Iteration, ...]) -> Refined:
+def _coarse_stage(
+    problem: Problem,
+    box: ControlBox,
+    sample: Subsample,
+    history: tuple[Iteration, ...],
+    independence: Independence = ALL_INDEPENDENT,
+) -> Refined:
     stop = StoppingRule(SCHEDULE.coarse_rounds, SCHEDULE.coarse_motion)
-    stage = Stage(problem, FacingPairs.of(sample), FixedWeights(), stop)
+    stage = Stage(problem, FacingPairs.of(sample), FixedWeights(), stop, independence)
     return stage.run(InitialState(box, sample.datasets, history=history))
 
 
@@ -78,13 +89,19 @@ def warm_start(
 
 
 def all_coarse_stages(problem: Problem, first: Refined, datasets: Sequence[SurfaceData]) -> Refined:
-    """The result of the coarse stages, repeated on other points while it self-intersects."""
+    """The result of the coarse stages, repeated on other points while it self-intersects.
+
+    At last it is repeated with as many points as have independent errors: surfaces that follow correlated ones, as of
+    slices that are displaced, intersect themselves on all points, and the folds of later rounds amplify rounding.
+    """
     for count in (SCHEDULE.coarse_points, *SCHEDULE.other_coarse_points):
         sample = Subsample.of(datasets, count, problem.robust)
         start = first if count == SCHEDULE.coarse_points else first_stage(problem, sample)
         found = coarse_stages(problem, start, sample)
         if not found.self_intersecting():
             break
+    else:
+        found = coarse_stages(problem, start, sample, Correlated(float(problem.box.rest.size)))
     return _not_worse(problem, found, datasets)
 
 
