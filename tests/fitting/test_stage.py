@@ -9,6 +9,7 @@ from shapes_made import even_directions, made
 
 from quadriform.fitting.refinement import stage as stages
 from quadriform.fitting.refinement.point_to_plane import displaced, probes
+from quadriform.fitting.refinement.refine import sigma_of_distances
 from quadriform.fitting.refinement.stage import (
     ALL_INDEPENDENT,
     Correlated,
@@ -119,11 +120,11 @@ def test_the_noise_of_distances_is_sigma_where_what_is_known_is_true_and_smaller
         moved = BOX.deform(plain.origins) + (size * rng.normal(size=2000))[:, None] * normals
         found = replace(plain, points=moved, noise=noise).with_nearest_foot_points(BOX)
         sigma = np.sqrt((found.standardised_distances(BOX) ** 2).mean())
-        return Refined(BOX, (found,), SimpleNamespace(sigma=sigma), ()).sigma_of_distances, sigma
+        return sigma_of_distances(Refined(BOX, (found,), SimpleNamespace(sigma=sigma), ())), sigma
 
     true, sigma = of(0.02 * scale)
     assert true == pytest.approx(sigma, rel=0.05)
     false, sigma = of(np.full(2000, 0.02))
     assert false == pytest.approx(0.02, rel=0.05) and sigma > 2 * false
     alike = Refined(BOX, (plain,), SimpleNamespace(sigma=0.3), ())
-    assert alike.sigma_of_distances == 0.3
+    assert sigma_of_distances(alike) == 0.3

@@ -297,9 +297,23 @@ def _result(attempt: Attempt, warnings: Warnings) -> Result:
         covariance=refined.solution.covariance(),
         enriched=_enriched(trial.problem, refined),
         inliers={name: data.inliers for name, data in zip(given.clouds, refined.datasets)},
-        warnings=warnings | ill_conditioned(model, refined.solution, refined.sigma_of_distances),
+        warnings=warnings | ill_conditioned(model, refined.solution, sigma_of_distances(refined)),
         half_space=given.half_space,
     )
+
+
+def sigma_of_distances(refined: Refined) -> float:
+    """Standard deviation of the inliers' distances: `sigma` where all that is known of their noise is true.
+
+    `sigma` is the standard deviation of points of mean known noise. Where surfaces are farther from well-known
+    points than these permit, as from displaced slices of a mask, it is larger than the distances themselves.
+    """
+    if all(data.noise is None for data in refined.datasets):
+        return refined.sigma
+    weights = np.concatenate([data.effective_weights for data in refined.datasets])
+    squares = np.concatenate([data.distances(refined.box) ** 2 for data in refined.datasets])
+    standardised = np.concatenate([data.standardised_distances(refined.box) ** 2 for data in refined.datasets])
+    return refined.sigma * float(np.sqrt((weights @ squares) / max(weights @ standardised, 1e-300)))
 
 
 def _enriched(problem: Problem, refined: Refined) -> EnrichedBox:

@@ -107,20 +107,6 @@ class Refined:
         """Standard deviation of the inliers' point-to-plane residuals."""
         return self.solution.sigma
 
-    @property
-    def sigma_of_distances(self) -> float:
-        """Standard deviation of the inliers' distances: `sigma` where all that is known of their noise is true.
-
-        `sigma` is the standard deviation of points of mean known noise. Where surfaces are farther from well-known
-        points than these permit, as from displaced slices of a mask, it is larger than the distances themselves.
-        """
-        if all(data.noise is None for data in self.datasets):
-            return self.sigma
-        weights = np.concatenate([data.effective_weights for data in self.datasets])
-        squares = np.concatenate([data.distances(self.box) ** 2 for data in self.datasets])
-        standardised = np.concatenate([data.standardised_distances(self.box) ** 2 for data in self.datasets])
-        return self.sigma * float(np.sqrt((weights @ squares) / max(weights @ standardised, 1e-300)))
-
     def is_covered(self) -> bool:
         """Whether the data samples all of every surface."""
         return all(data.is_covered() for data in self.datasets)
