@@ -405,9 +405,10 @@ def test_what_exceeds_the_known_noise_is_alike_in_all_directions():
         atol=1e-12,
     )
     assert same.inlier_ratio == of.inlier_ratio
-    # no noise below the known one
-    expected = of.weighted(of.standardised_distances(here), 0.01)
-    np.testing.assert_allclose(of.with_inliers(here, 0.01).inliers, expected.inliers, rtol=1e-6, atol=1e-12)
+    # no noise is below the known one, that of exact points neither
+    for sigma in (0.01, 0.0):
+        expected = of.weighted(of.standardised_distances(here), sigma)
+        np.testing.assert_allclose(of.with_inliers(here, sigma).inliers, expected.inliers, rtol=1e-6, atol=1e-12)
 
 
 @pytest.mark.parametrize("succeeds", [0, 2, 7, 8], ids=lambda n: f"at step {n} from the weakest")

@@ -169,7 +169,7 @@ class SurfaceData:
         """
         if self.noise is None:
             return self.distances(box)
-        known = min(self.least_sigma / sigma, 1.0) ** 2
+        known = (self.least_sigma / max(sigma, self.least_sigma)) ** 2
         normals = surface_normals(self.superquadric, box, self.origins)
         return self.distances(box) / np.sqrt(known * self.variances(normals) + 1 - known)
 
