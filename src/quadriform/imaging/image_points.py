@@ -186,10 +186,8 @@ def outer_side(found: ImagePoints) -> ImagePoints:
 
 def _fraction_facing_centre(mesh: Mesh) -> float:
     """The fraction of the area of a mesh whose outward normal points towards the centre of the surface."""
-    # area vector of a triangle: half the cross product of two edges, along the outward normal
-    corners = mesh.vertices[mesh.faces]
-    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
-    centroids, sizes = corners.mean(axis=1), np.linalg.norm(areas, axis=1)
+    areas, centroids = mesh.area_vectors(), mesh.vertices[mesh.faces].mean(axis=1)
+    sizes = np.linalg.norm(areas, axis=1)
     if not sizes.sum() > 0:
         return 0.0
     centre = sizes @ centroids / sizes.sum()
