@@ -153,3 +153,25 @@ def test_inputs_stay_as_they_are():
     before = a.vertices.copy(), b.vertices.copy()
     crossings(a, b)
     assert (a.vertices == before[0]).all() and (b.vertices == before[1]).all()
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "is_crossed"),
+    [
+        (0.25, 0.25, True),
+        (0.0, 0.5, True),
+        (0.5, 0.0, True),
+        (0.5, 0.5, True),
+        (0.0, 0.0, True),
+        (-0.01, 0.5, False),
+        (0.5, -0.01, False),
+        (0.5, 0.51, False),
+    ],
+)
+def test_a_triangle_is_crossed_within_it_and_at_its_edges(x, y, is_crossed):
+    """Else surfaces that cross along edges, as those of the same grid, would not."""
+    triangle = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    other = np.array([[x, y, -1], [x, y, 1], [5, 5, 1]])
+    found = module._pierced(other[None], triangle[None])
+    expected = [[x, y, 0]] if is_crossed else np.empty((0, 3))
+    np.testing.assert_allclose(found, expected, atol=1e-15)
