@@ -1,4 +1,4 @@
-"""Clouds the tests of the refinement are made of: an egg with bumps, a thick-walled cup, noise, strangers, scans."""
+"""Clouds the tests of the refinement are made of: an egg with bumps, a thick-walled cup, noise, outliers, scans."""
 
 import numpy as np
 from shapes_made import even_directions
@@ -26,7 +26,7 @@ EGG = egg(even_directions(1500))
 """Points of the true surface."""
 
 
-def with_strangers(points, count, seed=5):
+def with_outliers(points, count, seed=5):
     """The last `count` points thrown anywhere into 1.3 times the cloud's own extent."""
     middle, half = (points.max(axis=0) + points.min(axis=0)) / 2, np.ptp(points, axis=0) / 2
     result = points.copy()

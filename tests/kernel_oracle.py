@@ -116,15 +116,15 @@ def _distance(candidates, index, points):
     hole = KINDS[candidates.kind].has_hole * (1 + np.exp(candidates.log_holes[index, 0]))
     local = (points - candidates.translations[index]) @ rotation
 
-    def felt(x):
+    def gradient(x):
         at = KINDS[candidates.kind].derivatives(x / axes, candidates.exponents[index], hole)
         by_local = at.point / axes
         return at, by_local, np.maximum(np.linalg.norm(by_local, axis=1), FLATTEST / axes.max())
 
-    at, by_local, steep = felt(local)
+    at, by_local, steep = gradient(local)
     distance = (at.value - 1) / steep
     foot = local - (distance / steep)[:, None] * by_local
-    at, by_local, steep = felt(foot)
+    at, by_local, steep = gradient(foot)
     slopes, normal = np.empty((candidates.n_parameters, len(points))), by_local / steep[:, None]
     slopes[AXES] = (-foot / axes * at.point / steep[:, None]).T
     slopes[POWERS], slopes[ROTATION], slopes[SHIFT] = (

@@ -67,8 +67,8 @@ def test_lines_of_code_are_counted():
 
 
 def test_everything_public_has_a_docstring():
-    bare = [(name, each) for name, tree in parsed() for each in public_without_docstring(tree.body)]
-    assert bare == []
+    undocumented = [(name, each) for name, tree in parsed() for each in public_without_docstring(tree.body)]
+    assert undocumented == []
     assert [name for name, tree in parsed() if tree.body and not ast.get_docstring(tree)] == []
 
 
@@ -82,11 +82,11 @@ def test_nothing_runs_code_from_data_or_inverts_matrices():
 
 
 def without_docstrings(tree):
-    """The tree with every bare string taken out: prose may name what code may not do."""
+    """The tree with every string that stands alone taken out: prose may name what code may not do."""
     for node in ast.walk(tree):
         if isinstance(getattr(node, "body", None), list):
-            bare = [e for e in node.body if isinstance(e, ast.Expr) and isinstance(e.value, ast.Constant)]
-            node.body = [e for e in node.body if e not in bare] or [ast.Pass()]
+            alone = [e for e in node.body if isinstance(e, ast.Expr) and isinstance(e.value, ast.Constant)]
+            node.body = [e for e in node.body if e not in alone] or [ast.Pass()]
     return tree
 
 

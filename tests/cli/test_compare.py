@@ -36,7 +36,7 @@ def files(tmp_path, monkeypatch):
     mesh = model(OUTER).mesh(resolution=16)
     write_mesh(mesh, tmp_path / "b.vtp", "LPS", "mm")
     write_mesh(type(mesh)(mesh.vertices * [-1, -1, 1], mesh.faces), tmp_path / "ras.ply", "RAS", "mm")
-    write_mesh(mesh, tmp_path / "bare.stl")
+    write_mesh(mesh, tmp_path / "unknown.stl")
     write_mesh(type(mesh)(mesh.vertices, mesh.faces[9:]), tmp_path / "open.obj", "LPS", "mm")
 
 
@@ -83,8 +83,8 @@ def test_a_surface_is_chosen_by_name(terminal, files):
 
 
 def test_what_is_unknown_or_open_is_noted(terminal, files):
-    result = terminal("compare", "bare.stl", "a.json", "--json")
-    assert result.code == 0 and "bare.stl: its space is unknown, taken as LPS" in result.err
+    result = terminal("compare", "unknown.stl", "a.json", "--json")
+    assert result.code == 0 and "unknown.stl: its space is unknown, taken as LPS" in result.err
     assert json.loads(result.out)["unit"] == "mm"
     result = terminal("compare", "a.json", "open.obj", "--json")
     record = json.loads(result.out)

@@ -93,7 +93,7 @@ def test_options_reach_the_fit(terminal, cloud):
 
 @pytest.mark.slow
 def test_the_default_method_its_options_and_what_it_reports(terminal, lump):
-    """JSON holds what Python returns; strangers are counted; the box is certified."""
+    """JSON holds what Python returns; outliers are counted; the box is certified."""
     points = read_points(lump)
     np.savetxt("mixed.xyz", np.concatenate([points, [[90.0, 10, 0], [-20, 80, 5]]]), fmt="%.17g")
     words = ("--box", "3,3,3", "--regularity", "springs", "--strength", "1e-6")

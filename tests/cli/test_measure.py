@@ -180,14 +180,18 @@ def test_models_are_taken_in_the_order_of_their_numbers(terminal, beating, tmp_p
 
 def test_contours_that_do_not_fit_are_named(terminal, beating, tmp_path):
     files = contours_written(tmp_path / "frames")
-    contours_written(tmp_path / "bare", valve=0)
+    contours_written(tmp_path / "without", valve=0)
     contours_written(tmp_path / "two", valve=2)
     for name in ("metres.json", "also.json"):
         save(replace(beating[0], unit="m"), tmp_path / name)
     save(beating[0].in_space("RAS"), tmp_path / "ras.json")
     for words, code, said in (
         (["0.json", "1.json", "--contours", files[0]], 2, "each of 2 frames, found 1"),
-        (["0.json", "1.json", "--contours", "bare"], 4, "'bare', frame 0: expected 3 or more points MITRAL_VALVE"),
+        (
+            ["0.json", "1.json", "--contours", "without"],
+            4,
+            "'without', frame 0: expected 3 or more points MITRAL_VALVE",
+        ),
         (["0.json", "1.json", "--contours", "two"], 4, "found 2"),
         (["0.json", "1.json", "--contours", "frames", "--base", "0.8"], 2, "exclude each other"),
         (["0.json", "1.json", "--contours", "."], 4, "no files GPFile_NNN.txt"),

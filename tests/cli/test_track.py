@@ -215,7 +215,7 @@ def test_each_alone_gives_a_model_a_frame(terminal, ellipsoid, tmp_path):
 def test_the_noise_that_is_stated_is_used_and_shown(terminal, contours, nifti, body, known):
     record = json.loads(terminal("track", *contours, "-o", "out", "--noise", "1.5", "--json").out)
     assert known["stated"] == 1.5 and record["known_noise"] == "1.5 mm, by --noise"
-    assert "nothing" in terminal("track", *contours, "-o", "bare").out and known["stated"] is None
+    assert "nothing" in terminal("track", *contours, "-o", "without").out and known["stated"] is None
     path = nifti("cine.nii", np.stack([body == 1] * 2, axis=-1).astype(np.uint8))
     shown = terminal("track", path, "-o", "mask", "--surface", "endo=label:1")
     assert "0.866 mm along the edges of voxels" in " ".join(shown.out.replace("\u2502", " ").split())

@@ -121,8 +121,8 @@ def test_the_reach_beyond_the_base_is_stated(terminal, exact, tmp_path):
 def test_insertions_of_the_contours_anchor_the_segments(terminal, exact, tmp_path):
     terminal("track", written(tmp_path / "frames"), "-o", "out")
     assert "UNANCHORED" not in terminal("measure", "out/model.json").err
-    terminal("track", written(tmp_path / "without", inserts=False), "-o", "bare")
-    assert "UNANCHORED" in terminal("measure", "bare/model.json").err
+    terminal("track", written(tmp_path / "without", inserts=False), "-o", "unanchored")
+    assert "UNANCHORED" in terminal("measure", "unanchored/model.json").err
 
 
 @pytest.mark.slow

@@ -202,8 +202,8 @@ def test_a_larger_ruler_gives_larger_numbers(plain):
 
 @pytest.mark.slow
 def test_outliers_are_detected_and_only_on_request():
-    strangers = np.array([[90.0, 10, 0], [-20, 80, 5], [0, 0, -120.0]])
-    mixed = np.concatenate([CLOUD, strangers])
+    outliers = np.array([[90.0, 10, 0], [-20, 80, 5], [0, 0, -120.0]])
+    mixed = np.concatenate([CLOUD, outliers])
     start = qf.fit_superquadric(mixed).superquadric
     fit = qf.refine(start, mixed, **SMALL)
     assert (fit.inliers[300:] < 0.01).all() and (fit.inliers[:300] > 0.5).mean() > 0.97

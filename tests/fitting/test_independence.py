@@ -50,8 +50,8 @@ def test_neighbours_are_those_of_the_feet():
 def test_points_of_no_weight_say_nothing():
     rng = np.random.default_rng(3)
     noise, weights = rng.normal(size=len(FEET)), np.ones(len(FEET))
-    strangers = FEET[:, 2] > 15
-    noise[strangers], weights[strangers] = 40, 0
+    outliers = FEET[:, 2] > 15
+    noise[outliers], weights[outliers] = 40, 0
     assert effective_fraction(FEET, noise, weights) == 1
 
 

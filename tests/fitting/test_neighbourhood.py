@@ -117,9 +117,9 @@ def test_an_edge_is_seen_through_noise_and_outliers(rng):
 
 def test_outliers_are_alone():
     """A hundred scattered through twenty-seven times the room of a sphere of 900."""
-    strangers = np.random.default_rng(2).uniform(-3, 3, (100, 3))
-    strangers = strangers[np.abs(np.linalg.norm(strangers, axis=1) - 1) > 0.5]
-    near = dense_points(np.concatenate([even_directions(900), strangers]))
+    outliers = np.random.default_rng(2).uniform(-3, 3, (100, 3))
+    outliers = outliers[np.abs(np.linalg.norm(outliers, axis=1) - 1) > 0.5]
+    near = dense_points(np.concatenate([even_directions(900), outliers]))
     assert near[:900].all()
     assert near[900:].mean() < 0.1
 

@@ -39,9 +39,9 @@ def test_points_keep_their_weights(rng):
 
 
 def test_isolated_points_are_left_out_only_where_requested(rng):
-    strangers = rng.uniform(-6, 6, (60, 3))
-    strangers = strangers[np.linalg.norm(strangers, axis=1) > 2.5]
-    both = data_of(np.concatenate([CLOUD, strangers]))
+    outliers = rng.uniform(-6, 6, (60, 3))
+    outliers = outliers[np.linalg.norm(outliers, axis=1) > 2.5]
+    both = data_of(np.concatenate([CLOUD, outliers]))
     assert (np.linalg.norm(both.subsample(500, True).points, axis=1) < 2.5).all()
     assert (np.linalg.norm(both.subsample(500, False).points, axis=1) > 2.5).any()
 
@@ -50,8 +50,8 @@ def test_isolated_points_are_left_out_only_where_requested(rng):
 def test_the_ratio_of_outliers_is_found(outlier_ratio, rng):
     n, sigma = 4000, 0.02
     distances = np.abs(rng.normal(0, sigma, n))
-    stranger = np.arange(n) < outlier_ratio * n
-    distances[stranger] = rng.uniform(0, 2, stranger.sum())
+    outlier = np.arange(n) < outlier_ratio * n
+    distances[outlier] = rng.uniform(0, 2, outlier.sum())
     one = data_of(rng.normal(size=(n, 3)))
     one = one.weighted(distances, sigma)
     assert one.inliers.mean() == pytest.approx(1 - outlier_ratio, abs=0.015)
@@ -60,7 +60,7 @@ def test_the_ratio_of_outliers_is_found(outlier_ratio, rng):
 
 
 def test_weights_count_in_the_inlier_ratio(rng):
-    """Strangers that count ten times as much make an uncertain point more of a stranger."""
+    """Outliers that count ten times as much make it likelier that an uncertain point is one."""
     distances = np.concatenate([np.abs(rng.normal(0, 0.02, 900)), rng.uniform(0.2, 2, 100)])
     plain, heavy = data_of(rng.normal(size=(1000, 3))), data_of(rng.normal(size=(1000, 3)))
     heavy = replace(heavy, weights=np.where(distances > 0.15, 10.0, 1.0))
@@ -149,7 +149,7 @@ def test_toroids_are_matched_too():
 
 
 def test_the_inlier_ratio_stays_below_one(rng):
-    """Where all points are inliers a later stranger is still told from them."""
+    """Where all points are inliers a later outlier is still distinguished from them."""
     found = data_of()
     found = found.weighted(np.abs(rng.normal(size=len(CLOUD))) * 1e-3, sigma=1e-3)
     assert 0.9 < found.inlier_ratio < 1

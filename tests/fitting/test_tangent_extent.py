@@ -30,8 +30,8 @@ def based(cut):
 
 @pytest.mark.slow
 def test_a_cut_shape_is_warned_of_unless_the_cut_is_on_purpose(cut, based):
-    bare = qf.refine(BODY, cut)
-    assert "extrapolated" in bare.warnings["PARTIAL_COVERAGE"]
+    without = qf.refine(BODY, cut)
+    assert "extrapolated" in without.warnings["PARTIAL_COVERAGE"]
     assert based.status == "ok"
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from clouds_made import EGG, error, noisy_egg, with_strangers
+from clouds_made import EGG, error, noisy_egg, with_outliers
 from notes import note_of
 from shapes_made import even_directions, gap, made
 
@@ -48,7 +48,7 @@ def test_superquadrics_are_met_exactly(body):
     assert not fit.warnings and fit.model.min_jacobian() > 0.9
 
 
-@pytest.mark.skip(reason="a foot point caught at a sharp edge makes an exact point a stranger: the last look is local")
+@pytest.mark.skip(reason="a foot point caught at a sharp edge makes an exact point an outlier: the last look is local")
 def test_a_pinched_superquadric_has_no_outliers():
     points = made().surface(even_directions(500))
     fit = qf.fit(points)
@@ -113,7 +113,7 @@ def test_what_few_control_points_cannot_say_is_in_the_uncertainty():
 
 @pytest.mark.slow
 def test_outliers_hardly_matter_and_are_named(fitted):
-    fit = qf.fit(with_strangers(NOISY, 100))
+    fit = qf.fit(with_outliers(NOISY, 100))
     assert error(fit.model) < 1.2 * error(fitted.model)
     assert fit.noise == pytest.approx(1.0, rel=0.06)
     assert fit.inliers[:900].mean() > 0.98
@@ -124,7 +124,7 @@ def test_outliers_hardly_matter_and_are_named(fitted):
 
 @pytest.mark.slow
 def test_without_robustness_all_points_are_inliers_and_matter(start):
-    cloud = with_strangers(FEW, 50)
+    cloud = with_outliers(FEW, 50)
     plain, robust = (qf.refine(start, cloud, robust=robust, box=(4, 4, 4)) for robust in (False, True))
     np.testing.assert_array_equal(plain.inliers, 1)
     assert not note_of(plain, "OUTLIERS")

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from clouds_made import noisy_egg, with_strangers
+from clouds_made import noisy_egg, with_outliers
 from notes import note_of
 from shapes_made import gap, turned
 
@@ -40,7 +40,7 @@ def refined(start):
 @pytest.fixture(scope="module")
 def left_out(start):
     """Its last fifty points are anywhere, and have no weight; and the cloud with them."""
-    cloud, weights = with_strangers(CLOUD, 50), np.ones(len(CLOUD))
+    cloud, weights = with_outliers(CLOUD, 50), np.ones(len(CLOUD))
     weights[-50:] = 0
     return qf.refine(start, cloud, weights=weights, **BOX), cloud
 
@@ -104,7 +104,7 @@ def test_a_weight_of_zero_is_an_absent_point(start, left_out):
 @pytest.mark.slow
 def test_a_whole_fit_does_not_see_points_of_weight_zero():
     """M4."""
-    cloud, weights = with_strangers(CLOUD, 50), np.ones(len(CLOUD))
+    cloud, weights = with_outliers(CLOUD, 50), np.ones(len(CLOUD))
     weights[-50:] = 0
     zero, absent = qf.fit(cloud, weights=weights, **BOX), qf.fit(cloud[:-50], **BOX)
     assert gap(absent.model, zero.model) < 1e-7

@@ -1,4 +1,4 @@
-"""Folds are pressed out of the space inside, and the surface stays where the data is."""
+"""Folds are removed from the space inside, and the surface stays where the data is."""
 
 from dataclasses import replace
 
@@ -21,7 +21,7 @@ FEW = noisy_egg(150)
 
 
 def dented(directions):
-    """An ellipsoid with half of its radius pressed in on one side."""
+    """An ellipsoid with a dent of half its radius on one side."""
     pole = np.array([0.94, 0.28, 0.19])
     angle = np.arccos(np.clip(directions @ pole / np.linalg.norm(pole), -1, 1))
     return directions * (1 - 0.5 * np.exp(-((angle / 0.5) ** 2)))[:, None] * [30, 30, 39]
@@ -77,7 +77,7 @@ def test_lattice_points_lie_inside():
 
 @pytest.mark.parametrize("seed", range(4))
 def test_lattice_points_that_touch_the_surface_are_inside_whatever_rounding_says(seed):
-    """Six do where the box touches it; without one of them a cure went another way."""
+    """Six do where the box touches it; without one of them fold removal gave another result."""
     surface = replace(made(), rotation=turned(seed))
     points = grid_inside(ControlBox.around(surface), [surface], 15)
     assert (np.abs(surface.implicit(points) - 1) < 1e-12).sum() == 6
@@ -85,7 +85,7 @@ def test_lattice_points_that_touch_the_surface_are_inside_whatever_rounding_says
 
 @pytest.mark.slow
 def test_removing_folds_leaves_the_surface_alone(start, folded):
-    """Old bug: more strength everywhere cured a small fold inside, and the error grew eightfold."""
+    """Old bug: a larger strength everywhere removed a small fold inside, and the error grew eightfold."""
     unfolded = qf.refine(start, DENTED)
     assert folded.model.min_jacobian() < 0 < unfolded.model.min_jacobian()
     assert "FOLDING" not in unfolded.warnings and not unfolded.model.crossings()
@@ -96,9 +96,9 @@ def test_removing_folds_leaves_the_surface_alone(start, folded):
 
 @pytest.mark.slow
 def test_a_crossing_leaves_no_trace_after_its_removal(monkeypatch, start):
-    """Old bug: foot points of a tangled surface led its cure astray, to 2 mm apart from two files of one image."""
+    """Old bug: fold removal from misleading foot points of a self-intersecting surface gave results 2 mm apart."""
 
-    def tangled(seed):
+    def self_intersecting(seed):
         rng = np.random.default_rng(seed)
 
         def wrecked(problem, refined, surfaces, most):
@@ -110,7 +110,7 @@ def test_a_crossing_leaves_no_trace_after_its_removal(monkeypatch, start):
         monkeypatch.setattr(refinement, "without_folds", wrecked)
         return qf.refine(start, DENTED).model
 
-    one, other = tangled(0), tangled(1)
+    one, other = self_intersecting(0), self_intersecting(1)
     assert one.min_jacobian() > 0 and not one.crossings()
     assert off(one) < 0.1
     assert np.abs(one.distance(other.mesh().vertices)).max() < 1e-4
@@ -141,7 +141,7 @@ def test_a_fold_whose_removal_raises_the_noise_too_much_is_reported(monkeypatch,
     fit = qf.refine(start, DENTED)
     assert "sampled points" in fit.warnings["FOLDING"]
     assert fit.model.min_jacobian() < 0
-    assert off(fit.model) == off(folded.model)  # what the cure tried has left no trace
+    assert off(fit.model) == off(folded.model)  # the removal that was tried has left no trace
 
 
 def test_only_what_neither_folds_nor_crosses_is_certified():

@@ -319,9 +319,9 @@ class TestObjectsWithoutImages:
             little, implicit = not syntax.endswith(".2.2"), syntax.endswith("1.2") and len(syntax) == 17
             content.PixelData = content.pixel_array.astype("<i2" if little else ">i2").tobytes()
             content.file_meta = pydicom.dataset.FileMetaDataset()
-            bare = pydicom.Dataset(content)
+            without_meta = pydicom.Dataset(content)
             file.unlink()
-            bare.save_as(file.with_suffix(""), implicit_vr=implicit, little_endian=little)
+            without_meta.save_as(file.with_suffix(""), implicit_vr=implicit, little_endian=little)
         assert_array_equal(read_volume(folder).values, values[..., 0])
 
 

@@ -45,8 +45,8 @@ def test_triangles_face_outwards_whatever_the_sign_of_the_affine(ball, oblique, 
     height, centre = ball(14.0, mirror @ oblique)
     mesh = isosurface(height, 0.0, border=border).mesh
     assert mesh.volume() > 0
-    outwards = mesh.vertices[mesh.faces].mean(axis=1) - centre
-    assert (np.einsum("ij,ij->i", mesh.area_vectors(), outwards) > 0).all()
+    outward = mesh.vertices[mesh.faces].mean(axis=1) - centre
+    assert (np.einsum("ij,ij->i", mesh.area_vectors(), outward) > 0).all()
 
 
 def test_a_box_has_points_half_a_voxel_outside_its_voxel_centres():

@@ -152,8 +152,8 @@ def test_a_cavity_without_wall_is_named_and_has_no_epicardium():
     """The wall is missing on an oblique side, which is no end of a stack of slices."""
     volume = labelled()
     at, _ = grid()
-    bare = (volume.values == 2) & (at @ [0.6, 0, 0.8] > 12)
-    found = from_labels(replace(volume, values=np.where(bare, 0, volume.values)))
+    removed = (volume.values == 2) & (at @ [0.6, 0, 0.8] > 12)
+    found = from_labels(replace(volume, values=np.where(removed, 0, volume.values)))
     assert WarningKind.OPEN_WALL in found.warnings and found.base is None
     lid = found.isosurfaces["epi"]
     assert not (lid @ [0.6, 0, 0.8] > 14).any()

@@ -46,14 +46,14 @@ def ball():
     return points * (rng.uniform(size=1500) ** (1 / 3) / np.linalg.norm(points, axis=1))[:, None]
 
 
-def strangers(share, others, seed=0):
+def outliers(share, others, seed=0):
     """Points anywhere, as many as make up a share of all."""
     count = int(others * share / (1 - share))
     return np.random.default_rng(seed).uniform(-70, 70, (count, 3))
 
 
-def with_strangers(share):
-    return np.vstack([lumpy(200), strangers(share, 200)])
+def with_outliers(share):
+    return np.vstack([lumpy(200), outliers(share, 200)])
 
 
 def structured():
@@ -120,8 +120,8 @@ WARNED = {
     "10": (lambda: made(semi_axes=(3.0, 2.0, 1e-3)).surface(SPHERE)[:, [2, 0, 1]], set()),
     "14": (lambda: (CLOUD + 1e6).astype(np.float32), {"PRECISION_LOSS"}),
     "18 float16": (lambda: CLOUD.astype(np.float16), {"PRECISION_LOSS"}),
-    "24 30 %": (lambda: with_strangers(0.3), {"MANY_OUTLIERS"}),
-    "24 50 %": (lambda: with_strangers(0.5), set()),
+    "24 30 %": (lambda: with_outliers(0.3), {"MANY_OUTLIERS"}),
+    "24 50 %": (lambda: with_outliers(0.5), set()),
     "25 half": (lambda: BODY[BODY[:, 2] > 0], {"PARTIAL_COVERAGE"}),
     "25 quarter": (lambda: BODY[(BODY[:, 1:] > 0).all(axis=1)], {"PARTIAL_COVERAGE"}),
     "25 octant": (lambda: BODY[(BODY > 0).all(axis=1)], {"PARTIAL_COVERAGE"}),
@@ -201,9 +201,9 @@ def test_row_23_one_gross_outlier_moves_nothing(plain):
 @pytest.mark.slow
 @pytest.mark.parametrize(("count", "share", "seed", "tolerance"), [(400, 0.1, 0, 2e-2), (1200, 0.3, 0, 5e-2)])
 def test_row_24_outliers_change_little(count, share, seed, tolerance):
-    """With 30 % of strangers 400 points are too few for the box, which is warned of: see `WARNED`."""
+    """With 30 % of outliers 400 points are too few for the box, which is warned of: see `WARNED`."""
     cloud = lumpy(count)
-    found = qf.fit(np.vstack([cloud, strangers(share, count, seed)]), box=(4, 4, 4))
+    found = qf.fit(np.vstack([cloud, outliers(share, count, seed)]), box=(4, 4, 4))
     same_surface(found, qf.fit(cloud, box=(4, 4, 4)), tolerance=tolerance)
     assert note_of(found, "OUTLIERS") or "MANY_OUTLIERS" in found.warnings
 

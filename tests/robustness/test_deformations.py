@@ -15,7 +15,7 @@ PLY = "ply\nformat ascii 1.0\nelement vertex {}\n" + "".join(f"property double {
 NORMALS = "".join(f"property double n{c}\n" for c in "xyz")
 
 
-@pytest.mark.parametrize("sign", [1, -1, 0], ids=["34 outwards", "34 flipped", "34 zero"])
+@pytest.mark.parametrize("sign", [1, -1, 0], ids=["34 outward", "34 flipped", "34 zero"])
 def test_normals_of_a_file_are_not_read(tmp_path, sign):
     points = lumpy(50)
     rows = "".join(" ".join(map(repr, row)) + "\n" for row in np.hstack([points, sign * points]).tolist())
@@ -54,14 +54,16 @@ def test_row_35_a_box_without_regularisation_is_refused():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("count", "strength", "vague"), [(40, 1e-12, True), (40, "auto", False), (150, 1e-10, False)])
-def test_row_35_a_strength_that_leaves_control_points_to_rounding_is_named(count, strength, vague):
+@pytest.mark.parametrize(
+    ("count", "strength", "ill_conditioned"), [(40, 1e-12, True), (40, "auto", False), (150, 1e-10, False)]
+)
+def test_row_35_a_strength_that_leaves_control_points_to_rounding_is_named(count, strength, ill_conditioned):
     """Points in another order, of which sums round otherwise, have the same surface to 1e-6 r unless it is named."""
     points = lumpy(count)
     found, other = (qf.fit(each, strength=strength) for each in (points, points[::-1]))
-    assert ("ILL_CONDITIONED" in found.warnings) == vague
+    assert ("ILL_CONDITIONED" in found.warnings) == ill_conditioned
     one, two = (fit.model.mesh(resolution=8).vertices for fit in (found, other))
-    assert vague or np.abs(one - two).max() < 1e-6 * np.sqrt(points.var(axis=0).sum())
+    assert ill_conditioned or np.abs(one - two).max() < 1e-6 * np.sqrt(points.var(axis=0).sum())
 
 
 def side_by_side():

@@ -9,10 +9,11 @@ import wording
 from wording import LIST, main, read_list, search, without_prose
 
 ENTRIES = [
-    {"words": [["stranger"]], "allowed": [], "use": "outlier"},
+    {"words": [["gadget"]], "allowed": [], "use": "outlier"},
     {"words": [["at", "rest"]], "allowed": [], "use": "undeformed"},
     {"words": [["#", "numbers"]], "allowed": [], "use": "parameters"},
     {"words": [["turn"]], "allowed": [["turn", "table"]], "use": "rotation", "where": "names"},
+    {"words": [["gizmo"]], "allowed": [], "use": "tool", "tests": True},
 ]
 
 
@@ -21,9 +22,9 @@ def found(name, text):
 
 
 def test_words_are_found_in_prose_and_within_identifiers():
-    assert found("a.md", "# A\nNo Stranger here") == {0: ["a.md:2: stranger"]}
-    assert found("a.py", "stranger_count = firstStranger = 1") == {0: ["a.py:1: stranger"] * 2}
-    assert found("a.md", "estranged strangers' strangeness") == {}
+    assert found("a.md", "# A\nNo Gadget here") == {0: ["a.md:2: gadget"]}
+    assert found("a.py", "gadget_count = firstGadget = 1") == {0: ["a.py:1: gadget"] * 2}
+    assert found("a.md", "gadgetry gadgets' begadgeted") == {}
 
 
 def test_phrases_go_on_in_the_next_line_of_a_comment():
@@ -39,15 +40,21 @@ def test_plain_english_counts_in_identifiers_only():
     assert found("a.md", "turn") == {}
 
 
+def test_the_bodies_of_tests_are_searched_for_some_words():
+    text = "gizmo = at = 1  # a gadget at rest"
+    assert found("tests/test_a.py", text) == {4: ["tests/test_a.py:1: gizmo"]}
+    assert found("tests/test_a.py (names)", "test_gadget") == {0: ["tests/test_a.py (names):1: gadget"]}
+
+
 def test_lines_stay_where_they_are():
     assert without_prose("a.py", '"""a\nb"""\nc').split("\n")[2] == "c"
 
 
 def test_a_word_on_the_list_fails(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(wording, "texts", lambda: [("a.md", "a stranger")])
+    monkeypatch.setattr(wording, "texts", lambda: [("a.md", "a gadget")])
     path = tmp_path / "list.toml"
-    path.write_text('[[term]]\nwords = ["stranger"]\nuse = "outlier"\n', encoding="utf-8")
-    assert main(path) == 1 and "a.md:1: stranger\n  -> outlier" in capsys.readouterr().out
+    path.write_text('[[term]]\nwords = ["gadget"]\nuse = "outlier"\n', encoding="utf-8")
+    assert main(path) == 1 and "a.md:1: gadget\n  -> outlier" in capsys.readouterr().out
     path.write_text('[[term]]\nwords = ["outsider"]\nuse = "outlier"\n', encoding="utf-8")
     assert main(path) == 0 and capsys.readouterr().out == ""
 

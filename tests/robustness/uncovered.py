@@ -45,11 +45,11 @@ def main() -> int:
     for package, (lines, branches) in shares.items():
         print(f"| {package} | {lines:.1f} | {branches:.1f} |")
     listed = set(LISTED.findall((ROOT / "docs" / "reliability.md").read_text(encoding="utf-8")))
-    bare = [(file, function, n) for file, all_of in uncovered(measured).items() for function, n in all_of.items()]
-    for file, function, count in bare:
+    rows = [(file, function, n) for file, all_of in uncovered(measured).items() for function, n in all_of.items()]
+    for file, function, count in rows:
         print(f"- `{file}::{function}`: {count} lines{'' if (file, function) in listed else ' (NOT LISTED)'}")
     low = [package for package, both in shares.items() if min(both) < LEAST]
-    return int(bool(low) or any((file, function) not in listed for file, function, _ in bare))
+    return int(bool(low) or any((file, function) not in listed for file, function, _ in rows))
 
 
 if __name__ == "__main__":

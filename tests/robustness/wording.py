@@ -36,9 +36,16 @@ def texts(root=ROOT):
         if path.suffix in SEARCHED and path.is_file() and path.name != LIST.name:
             yield str(path.relative_to(root)), path.read_text(encoding="utf-8")
     yield "CHANGELOG.md", (root / "CHANGELOG.md").read_text(encoding="utf-8").split("\n## [0")[0]
-    for path in sorted((root / "tests").rglob("test_*.py")):
-        names = re.findall(r"^def (test_\w+)", path.read_text(encoding="utf-8"), re.MULTILINE)
+    for path in sorted((root / "tests").rglob("*.py")):
+        text = path.read_text(encoding="utf-8")
+        yield str(path.relative_to(root)), text
+        names = re.findall(r"^def (test_\w+)", text, re.MULTILINE)
         yield f"{path.relative_to(root)} (names)", "\n".join([path.stem, *names])
+
+
+def is_test(name):
+    """Whether a text is all of a file of tests, and not the names of its tests alone."""
+    return name.startswith("tests/") and name.endswith(CODE)
 
 
 def without_prose(name, text):
@@ -73,7 +80,7 @@ def search(entries, named_texts):
             for number, entry in enumerate(entries):
                 if (entry.get("where") == "names") != names_only or present.isdisjoint(p[0] for p in entry["words"]):
                     continue
-                if not name.startswith(entry.get("within", "")):
+                if not name.startswith(entry.get("within", "")) or (is_test(name) and not entry.get("tests")):
                     continue
                 for i in uses(entry, words):
                     line = separate.count("\n", 0, matches[i].start()) + 1
