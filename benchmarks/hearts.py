@@ -11,11 +11,11 @@ from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 
 import numpy as np
+from blood_pool import blood_pool
 from common import SHARED, rms, table
 
 import quadriform as qf
 from quadriform.heart.volumes import volume
-from quadriform.imaging.blood_pool import blood_pool
 from quadriform.imaging.reading import read_volume
 from quadriform.imaging.segmentation import Labels
 from quadriform.imaging.ventricle import VentriclePoints, ventricle_from_labels, ventricle_from_perfusion
@@ -90,7 +90,7 @@ def pig_blood() -> float:
     """Dice of the blood pool of grey frame 0 in slices 1 to 13 with the label."""
     grey = read_volume(PIG / "sax_cine_crop_4d.nii.gz", 0)
     label = read_volume(PIG / "sax_lv_labels_crop_4d.nii.gz", 0).crop(PIG_SLICES).values == 1
-    found = blood_pool(grey, seed=PIG_SEED, region=PIG_REGION).mask[:, :, 1:14]
+    found = blood_pool(grey, PIG_SEED, PIG_REGION)[:, :, 1:14]
     return float(2 * (found & label).sum() / (found.sum() + label.sum()))
 
 

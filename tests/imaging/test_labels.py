@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from quadriform.errors import InputError, MaskError, OptionError
+from quadriform.errors import MaskError, OptionError
 from quadriform.imaging.image_points import points_from_image
-from quadriform.imaging.labels import STRUCTURES, Preset, parse_surface, preset_labels, read_structures
+from quadriform.imaging.labels import Preset, parse_surface, preset_labels
 from quadriform.imaging.reading import read_volume
 from quadriform.imaging.segmentation import Labels, segment
 from quadriform.imaging.segments import Segment
@@ -139,46 +139,6 @@ class TestParsing:
     def test_an_unknown_preset_or_surface_is_refused_with_those_known(self, text, said):
         with pytest.raises(OptionError, match=said):
             parse_surface(text)
-
-
-class TestStructures:
-    @pytest.fixture
-    def folder(self, save_nifti, tmp_path):
-        volume = heart(3, 1, 5)
-        for name, label in STRUCTURES.items():
-            save_nifti((volume.values == label).astype(np.uint8), name=f"{name}.nii.gz")
-        return tmp_path
-
-    def test_masks_become_one_label_image(self, folder):
-        volume = read_structures(folder)
-        np.testing.assert_array_equal(volume.values, heart(3, 1, 5).values)
-        assert by_preset(volume, "totalsegmentator", "endo") == 4**3
-        assert (volume.space, volume.unit) == ("LPS", "mm")
-
-    def test_the_right_ventricle_may_be_missing(self, folder):
-        (folder / "heart_ventricle_right.nii.gz").unlink()
-        np.testing.assert_array_equal(read_structures(folder).values, heart(3, 1, 0).values)
-
-    def test_the_wall_may_not(self, folder):
-        (folder / "heart_myocardium.nii.gz").unlink()
-        with pytest.raises(InputError, match=r"missing: .*heart_myocardium"):
-            read_structures(folder)
-
-    @pytest.mark.parametrize(
-        "values, shift, said",
-        [
-            (np.ones((16, 10, 9)), 0, "voxels; expected"),
-            (np.ones((16, 10, 10)), 1, "off the left ventricle's grid"),
-            (np.zeros((16, 10, 10)), 0, "empty"),
-            (np.ones((16, 10, 10)), 0, "64 voxels are of another structure"),
-        ],
-    )
-    def test_masks_that_do_not_fit_are_refused_by_name(self, folder, save_nifti, values, shift, said):
-        affine = np.eye(4)
-        affine[0, 3] = shift
-        save_nifti(values.astype(np.uint8), affine, name="heart_myocardium.nii.gz")
-        with pytest.raises(MaskError, match=f"heart_myocardium.*{said}"):
-            read_structures(folder)
 
 
 def test_a_real_wall_lies_around_its_cavity(shared):

@@ -8,7 +8,6 @@ import pytest
 from scipy import ndimage
 
 from quadriform.errors import MaskError, OptionError, WarningKind
-from quadriform.imaging.blood_pool import blood_pool
 from quadriform.imaging.file_points import ImageOptions
 from quadriform.imaging.reading import read_volume
 from quadriform.imaging.segmentation import Labels
@@ -316,27 +315,6 @@ def test_a_hole_within_the_wall_is_wall():
     plain = ventricle_from_perfusion(volume)
     for name in plain.clouds:
         assert np.array_equal(in_order(plain.clouds[name]), in_order(pricked.clouds[name]))
-
-
-def test_blood_is_found_where_the_coil_fades_and_papillaries_stand():
-    at, affine = grid(spacing=np.array([1.5, 1.5, 4.0]), shape=(40, 40, 16))
-    cavity = inside(at, (16, 15, 40))
-    papillary = np.hypot(at[..., 0] - 15, at[..., 1]) < 4
-    blood = np.where(cavity & ~papillary, 200.0, 30.0) * np.exp(-at[..., 2] / 20)
-    region = ((2, 38), (2, 38), (4, 12))
-    found = blood_pool(Volume(blood, affine), seed=(20, 20, 8), region=region).mask
-    cavity[:, :, :4] = cavity[:, :, 12:] = False
-    assert 2 * (found & cavity).sum() / (found.sum() + cavity.sum()) > 0.95
-    with pytest.raises(MaskError, match="background"):
-        blood_pool(Volume(blood, affine), seed=(3, 3, 8), region=region)
-
-
-def test_the_real_blood_pool_is_the_label(shared):
-    folder = shared / "data" / "pig_cine_mri"
-    grey = read_volume(folder / "sax_cine_crop_4d.nii.gz", 0)
-    label = read_volume(folder / "sax_lv_labels_crop_4d.nii.gz", 0).values[:, :, 1:14] == 1
-    found = blood_pool(grey, seed=(78, 72, 9), region=((35, 122), (35, 112), (1, 14))).mask[:, :, 1:14]
-    assert 2 * (found & label).sum() / (found.sum() + label.sum()) > 0.9
 
 
 def test_real_perfusion_images_give_both_walls(shared):

@@ -5,15 +5,12 @@ image is checked against the convention before it is used.
 """
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from quadriform.errors import InputError, MaskError, OptionError, choose
-from quadriform.files.reading import PathLike, quoted
+from quadriform.errors import MaskError, OptionError, choose
 from quadriform.imaging.object_choice import Labels
-from quadriform.imaging.reading import read_volume
-from quadriform.imaging.segments import LISTED, Segment
+from quadriform.imaging.segments import LISTED
 from quadriform.imaging.volume import Volume
 from quadriform.imaging.voxel_faces import BACKGROUND, CAVITY, WALL, enclosed_fraction
 from quadriform.words import first_of
@@ -63,9 +60,6 @@ task total of its first version; total of the second version has the heart as on
 SURFACES = ("endo", "epi", "rv")
 ENCLOSED = 0.5
 """The cavity of a left ventricle touches its wall over at least this fraction of its surface."""
-
-STRUCTURES = {"heart_ventricle_left": 3, "heart_myocardium": 1, "heart_ventricle_right": 5}
-"""TotalSegmentator's files, one for each structure -> the labels of its task heartchambers_highres."""
 
 
 def parse_surface(text: str) -> tuple[str, Labels | Preset]:
@@ -151,47 +145,3 @@ def _enclosed_by(volume: Volume, part: tuple[int, ...], wall: tuple[int, ...]) -
     inside = np.isin(volume.values, part)
     tissue = np.where(inside, CAVITY, np.where(np.isin(volume.values, wall), WALL, BACKGROUND)).astype(np.int8)
     return enclosed_fraction(tissue, volume.world_from_voxel)
-
-
-def read_structures(folder: PathLike) -> Volume:
-    """Return TotalSegmentator's masks of the ventricles, a NIfTI file for each structure, as one label image.
-
-    Myocardium is 1, cavity 3, right ventricle 5, with their names, as in TotalSegmentator's own file of several labels.
-
-    Args:
-        folder: with heart_ventricle_left.nii.gz, heart_myocardium.nii.gz and, where there is one,
-            heart_ventricle_right.nii.gz.
-
-    Raises:
-        InputError: a file is missing.
-        MaskError: the files have different grids, a mask is empty, or two masks share voxels.
-        QuadriformError: as `quadriform.imaging.reading.read_volume`.
-    """
-    files = {name: Path(folder) / f"{name}.nii.gz" for name in STRUCTURES}
-    missing = [file.name for name, file in files.items() if not file.is_file()]
-    if set(missing) - {"heart_ventricle_right.nii.gz"}:
-        raise InputError(f"{quoted(folder)}: expected {', '.join(f.name for f in files.values())}; missing: {missing}")
-    masks = {name: read_volume(file) for name, file in files.items() if file.is_file()}
-    first = masks["heart_ventricle_left"]
-    values = np.zeros(first.values.shape, dtype=np.uint8)
-    for name, mask in masks.items():
-        _check_mask(mask, first, files[name])
-        inside = mask.values != 0
-        if taken := int((values[inside] != 0).sum()):
-            raise MaskError(f"{quoted(files[name])}: {taken} voxels are of another structure too; expected none")
-        values[inside] = STRUCTURES[name]
-    segments = tuple(Segment(name, STRUCTURES[name], (STRUCTURES[name],)) for name in masks)
-    return Volume(values, first.world_from_voxel, first.space, first.unit, first.warnings, segments, is_label_map=True)
-
-
-def _check_mask(mask: Volume, first: Volume, file: Path) -> None:
-    if mask.values.shape != first.values.shape:
-        raise MaskError(
-            f"{quoted(file)}: {mask.values.shape} voxels; expected {first.values.shape} as in the left ventricle's file"
-        )
-    # no corner of the image moves by more than the sum of the changes of all columns
-    off = np.abs(mask.world_from_voxel - first.world_from_voxel)[:3] @ (*first.values.shape, 1)
-    if off.max() > 0.1 * first.spacing.min():
-        raise MaskError(f"{quoted(file)}: lies {off.max():.3g} mm off the left ventricle's grid; expected the same")
-    if not mask.values.any():
-        raise MaskError(f"{quoted(file)}: the mask is empty")

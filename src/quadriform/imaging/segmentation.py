@@ -104,7 +104,7 @@ def segment(
 
     mask = np.zeros(volume.values.shape, dtype=bool)
     mask[slices(region)] = kept
-    warnings = volume.warnings | segment_warnings(kept, inner)
+    warnings = volume.warnings | _warnings_of(kept, inner)
     return Segmentation(mask, volume, region, threshold, sizes, n_kept, int(holes.sum()), warnings, notes)
 
 
@@ -114,17 +114,8 @@ def _check_options(component: Component, connectivity: int, closing: int) -> Non
         raise OptionError(f"option component={component!r}; expected 'largest', 'all' or a voxel (i, j, k)")
     if connectivity not in (6, 26):
         raise OptionError(f"option connectivity={connectivity!r}; expected 6 or 26")
-    check_steps(closing, "closing")
-
-
-def check_steps(steps: int, option: str) -> None:
-    """Check that `steps` is a number of morphological steps.
-
-    Raises:
-        OptionError: not whole, or below 0.
-    """
-    if not _whole(steps) or steps < 0:
-        raise OptionError(f"option {option}={steps!r}; expected a whole number of steps >= 0")
+    if not _whole(closing) or closing < 0:
+        raise OptionError(f"option closing={closing!r}; expected a whole number of steps >= 0")
 
 
 def _whole(*numbers: object) -> bool:
@@ -247,8 +238,8 @@ def _describe(values: NDArray[Any]) -> str:
     return "values and voxels: " + ", ".join(f"{value:g}: {n}" for value, n in zip(present, counts))
 
 
-def segment_warnings(mask: Mask, volume: Volume) -> Warnings:
-    """Return BORDER_CUT and ANISOTROPIC of an object in an image."""
+def _warnings_of(mask: Mask, volume: Volume) -> Warnings:
+    """BORDER_CUT and ANISOTROPIC of an object in an image."""
     warnings: Warnings = {}
     if cut := border_cut(mask, volume.world_from_voxel):
         warnings[WarningKind.BORDER_CUT] = cut
