@@ -72,6 +72,13 @@ def test_an_unknown_figure_or_box_is_refused_before_the_work(terminal, tmp_path,
     assert not (tmp_path / "page.html").exists()
 
 
+def test_another_suffix_is_refused_before_the_work(terminal, tmp_path, work):
+    for name in ("page", "page.pdf"):
+        result = terminal("paper", "-o", name)
+        assert result.code == 4 and f"'{name}': a page cannot have the suffix" in result.err
+    assert work == [] and list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.slow
 def test_one_figure_alone_is_made(terminal, tmp_path):
     assert terminal("paper", "--figure", "5", "-o", "page.html").code == 0

@@ -235,7 +235,7 @@ def test_a_moving_surface_has_its_points_one_step_after_the_other(tmp_path):
     states = [single(surfaces, box.with_control_points(scale * box.control_points)) for scale in (1.0, 1.1, 0.8)]
     path = tmp_path / "m.vtkhdf"
     path.write_bytes(
-        encode_vtkhdf([s.__class__(s.surfaces, s.box, "LPS", "mm") for s in states], [0.0, 0.5, 2.0], None, 4)
+        encode_vtkhdf([s.__class__(s.surfaces, s.box, "LPS", "mm") for s in states], [0.0, 0.5, 2.0], resolution=4)
     )
     rest, quads = surfaces.grid(4)
     faces = split_quads(quads, states[0].deform(rest))

@@ -12,18 +12,18 @@ from quadriform.words import plain
 USAGE, NO_MEMORY, SOME_FAILED, INTERNAL, INTERRUPTED = 2, 6, 7, 70, 130
 
 
-def report_error(error: Exception, about: str = "") -> int:
+def report_error(error: Exception) -> int:
     """The exit code of an error, after one line about it on stderr; an unforeseen error leaves a report file."""
     if isinstance(error, QuadriformError):
-        return error_line(f"{about}{error}", error.exit_code)
+        return error_line(str(error), error.exit_code)
     if isinstance(error, MemoryError):
-        return error_line(f"{about}out of memory; try fewer points or a smaller region", NO_MEMORY)
+        return error_line("out of memory; try fewer points or a smaller region", NO_MEMORY)
     # a traceback is for developers, so it is written to a file
     with tempfile.NamedTemporaryFile(
         "w", prefix="quadriform-report-", suffix=".txt", delete=False, encoding="utf-8"
     ) as report:
         report.write(f"quadriform {__version__}, Python {sys.version}, {os.name}\n{traceback.format_exc()}")
-    line = f"{about}internal error, a fault of ours ({type(error).__name__}: {error}); report in {report.name!r}"
+    line = f"internal error, a fault of ours ({type(error).__name__}: {error}); report in {report.name!r}"
     return error_line(line, INTERNAL)
 
 

@@ -1,5 +1,6 @@
 """`quadriform info`: what a file holds."""
 
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
 
 SHOWN = ("title", "status", "warnings", "notes", "sources", "coverage", "supported", "extends_beyond", "estimates")
 """Fields of a record."""
-ESTIMATE = {"value", "unit", "supported", "sd"}
 
 
 @subcommand
@@ -53,8 +53,8 @@ def info(
 
 
 def _words(value: Any) -> str:
-    if isinstance(value, dict) and ESTIMATE.issubset(value):
-        return str(Estimate(*(value[name] for name in ("value", "unit", "supported", "sd"))))
+    if isinstance(value, dict) and value.keys() == {each.name for each in fields(Estimate)}:
+        return str(Estimate(**value))
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, dict):
@@ -136,7 +136,7 @@ def _image(file: Path, frame: int | None, affine: str | None) -> dict[str, Any]:
 
 
 def _model(file: Path, frame: int | None, affine: str | None) -> dict[str, Any]:
-    from quadriform.cli.inputs import read_any_model
+    from quadriform.files.models import read_any_model
     from quadriform.shapes.model import DeformableModel
 
     model = read_any_model(file)

@@ -1,4 +1,4 @@
-"""Models of files of any kind, and points of files in the frame of the world of a model."""
+"""The frame of the world of points in files beside that of a model."""
 
 from pathlib import Path
 
@@ -6,22 +6,9 @@ import numpy as np
 
 from quadriform.cli.screen import note
 from quadriform.errors import InputError
-from quadriform.files.models import is_moving_model, read_model, read_moving_model
 from quadriform.imaging.file_points import SpaceAndUnit
 from quadriform.points import Array
-from quadriform.shapes.model import DeformableModel
-from quadriform.shapes.moving_model import MovingModel
 from quadriform.shapes.spaces import rotation_between
-
-
-def read_any_model(file: Path) -> DeformableModel | MovingModel:
-    """The model or the moving model of a file.
-
-    Raises:
-        InputError, FileFormatError, FileLimitError: it cannot be read.
-    """
-    moving = file.suffix.lower() == ".json" and is_moving_model(file)
-    return read_moving_model(file) if moving else read_model(file)
 
 
 def rotation_to_model(file: Path, metadata: SpaceAndUnit, model: SpaceAndUnit) -> Array:

@@ -8,7 +8,13 @@ from typing import TYPE_CHECKING
 from quadriform.cli.inputs import rotation_to_model
 from quadriform.cli.options import decimals
 from quadriform.errors import InputError, OptionError
-from quadriform.files.guide_points import GuidePoints, is_guide_points, read_guide_point_frames, read_guide_points
+from quadriform.files.guide_points import (
+    MIN_MITRAL_POINTS,
+    GuidePoints,
+    is_guide_points,
+    read_guide_point_frames,
+    read_guide_points,
+)
 from quadriform.files.points import read_point_set
 from quadriform.imaging.file_points import SpaceAndUnit, space_and_unit_of
 from quadriform.points import Array
@@ -19,8 +25,6 @@ if TYPE_CHECKING:
 CONTOURS: SpaceAndUnit = ("LPS", "mm")
 PLANE = re.compile(r"[^/,]*,[^/,]*,[^/,]*[/,][^/,]*,[^/,]*,[^/,]*")
 """x,y,z/nx,ny,nz as `fit` takes and shows it, or six numbers between commas."""
-MIN_MITRAL_POINTS = 3
-"""So many span a plane."""
 
 
 def read_base(options: Sequence[str], metadata: SpaceAndUnit) -> "Base":

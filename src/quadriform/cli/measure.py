@@ -80,9 +80,8 @@ def _rows(found: "Measures") -> list[tuple[str, str, str, str]]:
 
 def load_frames(files: list[Path]) -> tuple[list["DeformableModel"], "Array | None"]:
     """The models of files in the order of the numbers in their names, or the frames of a moving model with times."""
-    from quadriform.cli.inputs import read_any_model
-    from quadriform.files import read_model
     from quadriform.files.frame_numbers import in_time, names_of
+    from quadriform.files.models import read_any_model, read_model
     from quadriform.shapes.model import DeformableModel
 
     if len(files) == 1:

@@ -28,9 +28,11 @@ def paper(
         data: Folder of real hearts: spect_mpi, pig_cine_mri, human_lv_guidepoints. [default: none]
     """
     from quadriform.files.atomic import check_writable, write_bytes
+    from quadriform.files.reading import suffix_of
     from quadriform.report.paper.whole import paper_page
 
     # before the work, which takes minutes
+    suffix_of(output, (".html",), "a page")
     check_writable(output, force)
     names = [name.strip() for text in figure or () for name in text.split(",")]
     i, j, k = numbers(box, 3, "--box")

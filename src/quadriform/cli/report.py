@@ -29,10 +29,10 @@ def report(
         model: A model or a moving model, .json or .npz.
         output: The page.
     """
-    from quadriform.cli.inputs import read_any_model
     from quadriform.cli.measure import load_frames
     from quadriform.cli.status import check_strict, status_fields
     from quadriform.files.atomic import check_writable, write_bytes
+    from quadriform.files.models import read_any_model
     from quadriform.files.reading import suffix_of
     from quadriform.report.reports import model_report
 

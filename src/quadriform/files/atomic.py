@@ -9,8 +9,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from quadriform.errors import OutputError
-
-PathLike = str | os.PathLike[str]
+from quadriform.files.reading import PathLike
 
 FAILED = "writing failed, nothing was changed"
 

@@ -32,6 +32,8 @@ SLICE_NAMES = ("slice", "sliceid", "frameid")
 SURFACES = {"endo": "LV_ENDOCARDIAL", "epi": "LV_EPICARDIAL"}
 """From our surfaces to the contour types, behind SAX_ for short-axis slices and LAX_ for long-axis ones."""
 FILE_NAME = re.compile(r".*GPFile.*\.txt", re.IGNORECASE)
+MIN_MITRAL_POINTS = 3
+"""As many span a plane."""
 BEGINNING = 4096
 """Bytes of a file that show whether it holds guide points."""
 

@@ -1,6 +1,5 @@
 """Reading and writing of triangle meshes, with frame and unit in the header where the format allows it."""
 
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -11,7 +10,7 @@ from quadriform.files.metadata import check_space_and_unit, parse_record, parse_
 from quadriform.files.obj import encode_obj, parse_obj
 from quadriform.files.ply import encode_ply, parse_ply
 from quadriform.files.polygons import Polygons
-from quadriform.files.reading import quoted, read_bytes, suffix_of, suffix_to_read
+from quadriform.files.reading import PathLike, quoted, read_bytes, suffix_of, suffix_to_read
 from quadriform.files.stl import encode_stl, parse_stl
 from quadriform.files.vtk_xml import encode_vtp, parse_vtp
 from quadriform.points import check_points
@@ -55,7 +54,7 @@ READ_SUFFIXES = tuple(FORMATS)
 
 def write_mesh(
     mesh: Mesh,
-    path: str | os.PathLike[str],
+    path: PathLike,
     space: str = "unknown",
     unit: str = "unknown",
     force: bool = False,
@@ -94,7 +93,7 @@ def encode_mesh(mesh: Mesh, suffix: str, space: str, unit: str, more: Mapping[st
     return ENCODERS[suffix](mesh, {"SPACE": space, "UNIT": unit} | dict(more or {}))
 
 
-def read_mesh(path: str | os.PathLike[str]) -> Mesh:
+def read_mesh(path: PathLike) -> Mesh:
     """Return the triangles of a .ply, .stl, .obj, .vtp or legacy .vtk file.
 
     Polygons with more corners are divided into triangles over the same area. Corners of an STL are one vertex where
@@ -113,7 +112,7 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
     return mesh
 
 
-def read_mesh_or_points(path: str | os.PathLike[str]) -> Mesh:
+def read_mesh_or_points(path: PathLike) -> Mesh:
     """Return the mesh of a file as `read_mesh` does; of points in a mesh format a mesh without triangles."""
     suffix = suffix_to_read(path, READ_SUFFIXES, "a mesh")
     return parse_mesh(read_bytes(path), suffix, quoted(path))
@@ -134,7 +133,7 @@ def parse_mesh(data: bytes, suffix: str, where: str) -> Mesh:
     return Mesh(polygons.vertices, polygons.triangles(where))
 
 
-def read_space_and_unit(path: str | os.PathLike[str]) -> tuple[str, str]:
+def read_space_and_unit(path: PathLike) -> tuple[str, str]:
     """Frame and unit ("unknown" where it has none) that a mesh file is marked with.
 
     Raises:
@@ -143,7 +142,7 @@ def read_space_and_unit(path: str | os.PathLike[str]) -> tuple[str, str]:
     return parse_space_and_unit(read_bytes(path)[:HEAD])
 
 
-def read_record(path: str | os.PathLike[str]) -> ModelRecord | None:
+def read_record(path: PathLike) -> ModelRecord | None:
     """Status and kinds of warnings of the fit that a mesh file is marked with; None where it is not.
 
     Raises:

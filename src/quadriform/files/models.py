@@ -131,14 +131,17 @@ def is_model_file(path: PathLike) -> bool:
     return bool({"format", TEXT} & parse_npz(read_bytes(path), quoted(path)).keys())
 
 
-def is_moving_model(path: PathLike) -> bool:
-    """Whether a .json is a moving model by its fields; damaged files are errors.
+def read_any_model(path: PathLike) -> DeformableModel | MovingModel:
+    """The model of a file, still or, of a .json that has the fields of one, moving.
 
     Raises:
-        InputError, FileFormatError, FileLimitError: as for `read_moving_model`.
+        InputError, FileFormatError, FileLimitError: as for `read_model`.
     """
-    document = parse_json(read_bytes(path), quoted(path))
-    return isinstance(document, dict) and document.get("format") == MOVING
+    if suffix_to_read(path, MODEL_SUFFIXES, "a model") == ".json":
+        document = parse_json(read_bytes(path), quoted(path))
+        if isinstance(document, dict) and document.get("format") == MOVING:
+            return read_moving_model(path)
+    return read_model(path)
 
 
 # --- model -> document -------------------------------------------------------------------------------------------

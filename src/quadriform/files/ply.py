@@ -67,7 +67,6 @@ def parse_ply(data: bytes, where: str) -> Polygons:
 def _header(data: bytes, where: str) -> tuple[str, list[_Element], bytes]:
     """Byte order ("" for ASCII), the elements, and what follows the header."""
     # A binary body may begin with the byte of "\n", which is no part of the last line end.
-    # A binary body may begin with the byte of "\n", which is no part of the last line end.
     first = re.match(rb"ply[ \t]*(\r\n|\n|\r)", data)
     end = re.search(rb"[\r\n]end_header[ \t]*" + first[1], data) if first else None
     if end is None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,7 @@ from quadriform.files.arrays import parse_npy, parse_npz
 from quadriform.files.atomic import write_bytes
 from quadriform.files.meshes import HEAD, READ_SUFFIXES, parse_mesh
 from quadriform.files.metadata import parse_space_and_unit
-from quadriform.files.reading import quoted, read_bytes, suffix_of, suffix_to_read
+from quadriform.files.reading import PathLike, quoted, read_bytes, suffix_of, suffix_to_read
 from quadriform.files.tables import parse_table, written_table
 from quadriform.point_sets import PointSet, point_set
 from quadriform.points import Array, check_points
@@ -24,7 +23,7 @@ TABLE_SUFFIXES = (".xyz", ".csv", ".txt")
 POINT_SUFFIXES = (*TABLE_SUFFIXES, ".npy", ".npz")
 
 
-def read_points(path: str | os.PathLike[str], columns: Chosen = None) -> Array:
+def read_points(path: PathLike, columns: Chosen = None) -> Array:
     """The points (n, 3) of a file, in its unit and frame.
 
     Text (.xyz .csv .txt) is a table with three columns, or whose columns have names; an array (.npy .npz) has three
@@ -47,7 +46,7 @@ def read_points(path: str | os.PathLike[str], columns: Chosen = None) -> Array:
     return read_point_set(path, columns).points
 
 
-def read_point_set(path: str | os.PathLike[str], columns: Chosen = None) -> PointSet:
+def read_point_set(path: PathLike, columns: Chosen = None) -> PointSet:
     """The points of a file, with the unit, the normals and the type of the numbers where it has them.
 
     Arguments and errors are those of `read_points`.
@@ -66,7 +65,7 @@ def read_point_set(path: str | os.PathLike[str], columns: Chosen = None) -> Poin
     return PointSet(parse_mesh(data, suffix, where).vertices, unit=parse_space_and_unit(data[:HEAD])[1])
 
 
-def write_points(points: ArrayLike, path: str | os.PathLike[str], force: bool = False) -> None:
+def write_points(points: ArrayLike, path: PathLike, force: bool = False) -> None:
     """Write points (n, 3) as .xyz or .txt (blanks), .csv (with the header x,y,z,rows), .npy or .npz, all or nothing.
 
     Text has the fewest digits that give back exactly the same float64. It contains the number of points, which

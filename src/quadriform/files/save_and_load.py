@@ -10,9 +10,7 @@ from quadriform.files.meshes import READ_SUFFIXES, WRITE_SUFFIXES, read_mesh, wr
 from quadriform.files.models import (
     MODEL_SUFFIXES,
     is_model_file,
-    is_moving_model,
-    read_model,
-    read_moving_model,
+    read_any_model,
     write_model,
     write_moving_model,
 )
@@ -89,6 +87,5 @@ def load(path: PathLike) -> DeformableModel | MovingModel | Mesh:
         FileLimitError: beyond the budget.
     """
     if suffix_to_read(path, MODEL_SUFFIXES + READ_SUFFIXES, "a model or a mesh") in MODEL_SUFFIXES:
-        moving = str(path).lower().endswith(".json") and is_moving_model(path)
-        return read_moving_model(path) if moving else read_model(path)
+        return read_any_model(path)
     return read_mesh(path)

@@ -19,30 +19,24 @@ from quadriform.shapes.model import DeformableModel
 KINDS = ("Vertices", "Lines", "Polygons", "Strips")
 
 
-def encode_vtkhdf(
-    states: Sequence[DeformableModel],
-    times: Sequence[float],
-    surfaces: Sequence[str] | None = None,
-    resolution: int = 24,
-) -> bytes:
+def encode_vtkhdf(states: Sequence[DeformableModel], times: Sequence[float], resolution: int = 24) -> bytes:
     """The bytes of a temporal .vtkhdf file.
 
     Args:
-        states: the model at each time; all with the same undeformed surfaces, so that a vertex is a material point.
+        states: the model at each time; all with the same undeformed surfaces, so that a vertex is a material point. The
+            point data `surface` counts the surfaces from 0; attributes hold their names, the frame, the unit, and the
+            status of the fit.
         times: as many increasing numbers.
-        surfaces: names; None is all. The point data `surface` counts them from 0; attributes hold their names, the
-            frame, the unit, and the status of the fit.
         resolution: as in `Superquadric.mesh`.
 
     Raises:
-        OptionError: times that do not increase or do not fit the states, an unknown surface, or h5py is missing.
+        OptionError: times that do not increase or do not fit the states, or h5py is missing.
     """
     steps = np.asarray(times, dtype=np.float64)
     if not len(states) or steps.shape != (len(states),) or not np.isfinite(steps).all() or (np.diff(steps) <= 0).any():
         raise OptionError(f"times: expected {len(states)} increasing numbers, one a state, found {list(times)}")
     check_space_and_unit(states[0].space, states[0].unit)
-    names = list(states[0].surfaces) if surfaces is None else list(surfaces)
-    rest, faces, owner = _triangles(states[0], names, resolution)
+    rest, faces, owner = _triangles(states[0], resolution)
     # In memory, so that the file can be written all or nothing.
     stream = io.BytesIO()
     with _h5py().File(stream, "w") as file:
@@ -52,7 +46,7 @@ def encode_vtkhdf(
         root.attrs["SPACE"], root.attrs["UNIT"] = np.bytes_(states[0].space), np.bytes_(states[0].unit)
         for name, value in states[0].record.metadata.items():
             root.attrs[name] = np.bytes_(value)
-        root.attrs["SURFACES"] = np.bytes_(",".join(names).encode())
+        root.attrs["SURFACES"] = np.bytes_(",".join(states[0].surfaces).encode())
         root["NumberOfPoints"] = np.array([len(rest)], dtype="<i8")
         root["Points"] = np.concatenate([state.deform(rest) for state in states]).astype("<f8")
         for kind in KINDS:
@@ -62,11 +56,11 @@ def encode_vtkhdf(
     return stream.getvalue()
 
 
-def _triangles(model: DeformableModel, names: Sequence[str], resolution: int) -> tuple[Array, Faces, Faces]:
+def _triangles(model: DeformableModel, resolution: int) -> tuple[Array, Faces, Faces]:
     """Undeformed vertices and triangles of all surfaces, cut as in the first state, and the owner of each vertex."""
     vertices, faces, owner, first = [], [], [], 0
-    for number, name in enumerate(names):
-        before, quads = model.superquadric(name).grid(resolution)
+    for number, surface in enumerate(model.surfaces.values()):
+        before, quads = surface.grid(resolution)
         vertices.append(before)
         faces.append(first + split_quads(quads, model.deform(before)))
         owner.append(np.full(len(before), number, dtype="<i8"))

@@ -4,18 +4,19 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from quadriform.errors import DegenerateError
-from quadriform.files.guide_points import GuidePoints
+from quadriform.files.guide_points import MIN_MITRAL_POINTS, GuidePoints
 from quadriform.shapes.landmarks import BasePlane, Landmarks, plane_through
 
 FROM_POINTS = "the plane of each frame's own mitral points"
-SPAN = 3
-"""So many points span a plane."""
 
 
 def landmarks_of_contours(frames: Sequence[GuidePoints]) -> tuple[Landmarks, ...]:
     """Return the landmarks of each frame; empty where there are none in any.
 
-    A base in some frames only is left out: a volume below it and one without it are not comparable.
+    1. Every frame has mitral points that span a plane: each frame has its base, and its RV insertions.
+    2. Some frames have: no frame has a base, since a volume below one and a volume without one are not comparable; but
+       there is an entry for each frame.
+    3. None has: the RV insertions alone, and no entries at all where no frame has these either.
 
     Args:
         frames: with points of the left ventricle.
@@ -24,13 +25,12 @@ def landmarks_of_contours(frames: Sequence[GuidePoints]) -> tuple[Landmarks, ...
     found = [Landmarks(rv_inserts=frame.rv_inserts) for frame in frames]
     if None not in planes:
         found = [replace(each, base=plane, base_from=FROM_POINTS) for each, plane in zip(found, planes)]
-    known = any(each.base is not None or len(each.rv_inserts) for each in found) or any(planes)
-    return tuple(found) if known else ()
+    return tuple(found) if any(planes) or any(len(frame.rv_inserts) for frame in frames) else ()
 
 
 def _plane(frame: GuidePoints) -> BasePlane | None:
     """The plane of the mitral points; None where they span none."""
-    if len(frame.mitral) < SPAN:
+    if len(frame.mitral) < MIN_MITRAL_POINTS:
         return None
     inside = frame.surface("endo" if frame.has("endo") else "epi")[0].mean(axis=0)
     try:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from quadriform.errors import OptionError, choose, join_warnings
 from quadriform.files.metadata import SPACES
-from quadriform.files.reading import sha256_of
+from quadriform.files.reading import PathLike, sha256_of
 from quadriform.fitting import fit as fitting
 from quadriform.fitting.result import Fit
 from quadriform.imaging.file_points import (
@@ -29,7 +29,6 @@ from quadriform.imaging.file_points import (
 from quadriform.point_sets import ALONE
 from quadriform.shapes.mesh import Mesh
 
-PathLike = str | os.PathLike[str]
 Input = ArrayLike | Mesh | PathLike | Mapping[str, ArrayLike | Mesh] | Mapping[str, PathLike]
 Files = Mapping[str, tuple[Path, ImageOptions]]
 """Surface name -> file and how to read it."""
