@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -59,6 +60,24 @@ class Browser:
         urls = [one["params"]["request"]["url"] for one in asked if one["method"] == "Network.requestWillBeSent"]
         assert [url for url in urls if not url.startswith(("file:", "data:"))] == []
         assert sum(url.startswith("file:") for url in urls) <= 1
+
+    @contextmanager
+    def phone(self):
+        """The window of a phone, 390 pixels wide."""
+        size = {"width": 390, "height": 844, "deviceScaleFactor": 1, "mobile": True}
+        self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+        yield
+        self.driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+    def faults_of_layout(self):
+        """What ends beyond the right edge of the window, and text in HTML or drawings smaller than 11.5 pixels."""
+        return self.run(
+            """const every = [...document.body.querySelectorAll('*')].filter(e => e.checkVisibility());
+            const scale = (e, m = e.getScreenCTM?.()) => m ? Math.hypot(m.a, m.b) : 1;
+            const cut = e => !e.closest('svg') && e.getBoundingClientRect().right > innerWidth;
+            const small = e => e.textContent.trim() && parseFloat(getComputedStyle(e).fontSize) * scale(e) < 11.5;
+            return every.filter(e => cut(e) || small(e) && !e.closest('tspan')).map(e => e.outerHTML.slice(0, 80))"""
+        )
 
     def log(self, kind):
         return self.driver.get_log(kind)

@@ -150,6 +150,15 @@ def test_columns_sort_both_ways_and_rows_are_chosen(browser, results):
 
 
 @pytest.mark.slow
+def test_the_page_can_be_read_and_sorted_on_a_phone(browser, results):
+    with browser.phone():
+        browser.open(results / "cohort.html")
+        assert browser.run("return document.documentElement.scrollWidth") == 390
+        assert browser.faults_of_layout() == []
+        assert browser.run("return [...document.querySelectorAll('button.sort')].every(e => e.offsetWidth > 0)")
+
+
+@pytest.mark.slow
 def test_a_slider_moves_the_mean_as_python_says(every_browser, results):
     every_browser.open(results / "cohort.html")
     modes = write_modes(results, read_layout(results))

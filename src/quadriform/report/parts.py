@@ -3,7 +3,7 @@
 import base64
 import io
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from markupsafe import Markup
@@ -44,6 +44,28 @@ def svg(drawing: "Figure", words: str) -> Markup:
     return Markup(text)
 
 
+def png(drawing: "Figure", dpi: int) -> bytes:
+    """The bytes of a drawing as pixels."""
+    stream = io.BytesIO()
+    drawing.savefig(stream, format="png", dpi=dpi, facecolor="white")
+    return stream.getvalue()
+
+
 def image(data: bytes, words: str) -> Markup:
     """The bytes of a PNG inside the page."""
     return Markup('<img alt="{}" src="data:image/png;base64,{}">').format(words, base64.b64encode(data).decode())
+
+
+def tiles(named: Iterable[tuple[str, Markup]], size: str = "") -> Markup:
+    """Pictures side by side, as many as fit, each under its title; `size` "small", or "charts" for wide ones."""
+    each = [
+        Markup('<div class="tile"><div class="tile-title">{}</div>{}</div>').format(title, picture)
+        for title, picture in named
+    ]
+    return Markup('<div class="tiles{}">{}</div>').format(f" {size}" if size else "", Markup("").join(each))
+
+
+def legend(entries: Iterable[tuple[str, str]]) -> Markup:
+    """The legend of pictures, from (name, colour) of each."""
+    items = [Markup('<li><span style="background:{}"></span>{}</li>').format(colour, name) for name, colour in entries]
+    return Markup('<ul class="legend">{}</ul>').format(Markup("").join(items))

@@ -1,7 +1,7 @@
 """Small pictures that stand side by side on the page: points, surfaces, boxes and arrows in space, and charts."""
 
 import io
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -9,7 +9,7 @@ from markupsafe import Markup
 from PIL import Image
 
 from quadriform.points import Array
-from quadriform.report.parts import image, svg
+from quadriform.report.parts import image, png, svg
 from quadriform.report.slices import COLOURS
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.mesh import Mesh
@@ -148,26 +148,9 @@ def _plain(axes: Any) -> None:
         axis.set_tick_params(which="both", labelsize=TEXT)
 
 
-def tiles(named: Iterable[tuple[str, Markup]], size: str = "") -> Markup:
-    """Pictures side by side, as many as fit, each under its title; `size` "small", or "charts" for wide ones."""
-    each = [
-        Markup('<div class="tile"><div class="tile-title">{}</div>{}</div>').format(title, picture)
-        for title, picture in named
-    ]
-    return Markup('<div class="tiles{}">{}</div>').format(f" {size}" if size else "", Markup("").join(each))
-
-
-def legend(entries: Sequence[tuple[str, str]]) -> Markup:
-    """The legend of pictures, from (name, colour) of each."""
-    items = [Markup('<li><span style="background:{}"></span>{}</li>').format(colour, name) for name, colour in entries]
-    return Markup('<ul class="legend">{}</ul>').format(Markup("").join(items))
-
-
 def _packed(figure: Any, words: str) -> Markup:
     """A drawing as pixels of few colours inside the page."""
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=100, facecolor="white")
-    pixels = Image.open(stream).convert("RGB")
+    pixels = Image.open(io.BytesIO(png(figure, 100))).convert("RGB")
     # without dithering, which PNG cannot compress
     pixels = pixels.quantize(PALETTE, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
     packed = io.BytesIO()

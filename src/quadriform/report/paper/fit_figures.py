@@ -9,6 +9,7 @@ from quadriform.report.paper import drawing
 from quadriform.report.paper.material import Material
 from quadriform.report.paper.remake import NONE, SIMILAR, Remake, Row, beside, listed, mm, shown, similar
 from quadriform.report.paper.subjects import Sparse, Subject, before, displacement_field
+from quadriform.report.parts import tiles
 
 METHODS = ('method="paper"', "default")
 MODELS = ("paper's model", "default's model")
@@ -36,7 +37,7 @@ def crossing_superquadrics(material: Material) -> Remake:
         "part": errors[0] / rms(radius),
         "compared": beside(errors[1], errors[0]),
     }
-    picture = shown("3", drawing.tiles(pictures), subject.source, subject=subject.name)
+    picture = shown("3", tiles(pictures), subject.source, subject=subject.name)
     return Remake("3", words, [picture], [_row("error RMS of the superellipsoid", errors)])
 
 
@@ -51,7 +52,7 @@ def from_start_to_end(key: str, subject: Subject) -> Remake:
     return Remake(
         key,
         {"ratios": ratios, "compared": beside(errors[1][1], errors[1][0]), "note": subject.note},
-        [shown(key, drawing.tiles(_four_steps(subject)), subject.source, subject=subject.name)],
+        [shown(key, tiles(_four_steps(subject)), subject.source, subject=subject.name)],
         [
             _row("error RMS of the superellipsoid", errors[0]),
             _row("error RMS of the model", errors[1]),
@@ -106,15 +107,14 @@ def displacement_fields(material: Material) -> Remake:
     rows += [_row(f"longest displacement, {when}", [float(b[k].max()) for b in lengths]) for k, when in enumerate(WHEN)]
     ratios = [rms(both[1]) / rms(both[0]) for both in lengths]
     words = {"count": count, "ratios": ratios, "iterations": subject.paper.iterations}
-    return Remake("8", words, [shown("8", drawing.tiles(pictures), subject.source, count=count)], rows)
+    return Remake("8", words, [shown("8", tiles(pictures), subject.source, count=count)], rows)
 
 
 def sparse_data(material: Material) -> Remake:
     """Fig. 9."""
     sets = [sparse for sparse in (material.sparse, material.sparse_heart) if sparse is not None]
     pictures = [
-        shown("9", drawing.tiles(_sparse_pictures(each), "thirds"), each.whole.source, subject=each.whole.name)
-        for each in sets
+        shown("9", tiles(_sparse_pictures(each), "thirds"), each.whole.source, subject=each.whole.name) for each in sets
     ]
     words: dict[str, object] = {
         "similar": SIMILAR,

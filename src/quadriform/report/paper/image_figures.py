@@ -1,6 +1,6 @@
 """Figs. 13 to 18: slices of images, with the segmentation and the models over them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from markupsafe import Markup
@@ -11,7 +11,7 @@ from quadriform.report.paper import drawing
 from quadriform.report.paper.material import Material
 from quadriform.report.paper.remake import NONE, Remake, Row, beside, listed, mm, shown, text
 from quadriform.report.paper.scans import Scan
-from quadriform.report.parts import image
+from quadriform.report.parts import image, legend, tiles
 from quadriform.report.slices import slice_pictures
 from quadriform.shapes.mesh import Mesh
 
@@ -42,9 +42,9 @@ def _spacing(scan: Scan) -> str:
 
 
 def _slices(key: str, scan: Scan) -> Markup:
-    tiles, subject = _tiles(scan.volume, {}), scan.subject
-    size = {"voxels": _voxels(scan), "spacing": _spacing(scan), "count": len(tiles)}
-    return shown(key, drawing.tiles(tiles, "small"), subject.source, subject=subject.name, **size)
+    pictures, subject = _tiles(scan.volume, []), scan.subject
+    size = {"voxels": _voxels(scan), "spacing": _spacing(scan), "count": len(pictures)}
+    return shown(key, tiles(pictures, "small"), subject.source, subject=subject.name, **size)
 
 
 def segmentation(material: Material) -> Remake:
@@ -60,15 +60,14 @@ def segmentation(material: Material) -> Remake:
 
 
 def _overlay(scan: Scan, outlines: Mapping[str, tuple[Mesh, str]]) -> Markup:
-    meshes = {name: mesh for name, (mesh, _) in outlines.items()}
-    key = drawing.legend([(name, colour) for name, (_, colour) in outlines.items()])
-    near = _around(scan.volume, [*meshes.values(), scan.outline])
-    colours = [colour for _, colour in outlines.values()]
-    words = {"subject": scan.subject.name, "outlines": " and ".join(meshes)}
-    return shown("overlay", drawing.tiles(_tiles(near, meshes, colours), "small") + key, scan.subject.source, **words)
+    meshes, colours = zip(*outlines.values())
+    pictures = _tiles(_around(scan.volume, [*meshes, scan.outline]), meshes, colours)
+    words = {"subject": scan.subject.name, "outlines": " and ".join(outlines)}
+    key = legend(zip(outlines, colours))
+    return shown("overlay", tiles(pictures, "small") + key, scan.subject.source, **words)
 
 
-def _tiles(volume: Volume, meshes: Mapping[str, Mesh], colours: list[str] | None = None) -> list[tuple[str, Markup]]:
+def _tiles(volume: Volume, meshes: Sequence[Mesh], colours: Sequence[str] = ()) -> list[tuple[str, Markup]]:
     found = slice_pictures(volume.values, volume.world_from_voxel, meshes, SLICES, colours)
     return [(f"slice {k}", image(data, f"slice {k}")) for k, data in found.items()]
 

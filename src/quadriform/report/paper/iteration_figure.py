@@ -9,6 +9,7 @@ from quadriform.report.paper import drawing
 from quadriform.report.paper.convergence import LONGEST, STOP, WITHIN, Convergence
 from quadriform.report.paper.material import Material
 from quadriform.report.paper.remake import NONE, NOT, Remake, Row, beside, listed, mm, shown
+from quadriform.report.parts import legend, tiles
 
 QUANTITIES = {
     "error": "least-squares error RMS, mm",
@@ -27,12 +28,12 @@ def iterations(material: Material) -> Remake:
     pictures = [(label, _curves(found, quantity, label)) for quantity, label in QUANTITIES.items()]
     label = "distance of the points to the model RMS, mm"
     pictures.append((f"{label}; dashed: default", _distances(found, label)))
-    key = drawing.legend([(each.subject.name, colour) for each, colour in zip(found, COLOURS)])
+    key = legend([(each.subject.name, colour) for each, colour in zip(found, COLOURS)])
     sources = "; ".join(dict.fromkeys(each.subject.source for each in found))
     return Remake(
         "22",
         _words(found),
-        [shown("22", drawing.tiles(pictures, "charts") + key, sources)],
+        [shown("22", tiles(pictures, "charts") + key, sources)],
         [row for each in found for row in _rows(each)],
     )
 

@@ -14,7 +14,7 @@ from quadriform.report.paper.material import Material
 from quadriform.report.paper.remake import FIGURES, NOT, SAME, Remake, beside, listed, shown
 from quadriform.report.paper.robustness import DIRECTIONS, Matching
 from quadriform.report.paper.subjects import SYNTHETIC
-from quadriform.report.parts import table
+from quadriform.report.parts import table, tiles
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
@@ -47,7 +47,7 @@ def distances(material: Material) -> Remake:
     return Remake(
         "4",
         _words(of_two, of_data) | {"subject": subject.name} | _judged(found),
-        [shown("4", drawing.tiles(pictures, "charts"), SYNTHETIC)],
+        [shown("4", tiles(pictures, "charts"), SYNTHETIC)],
         [],
         [
             table(texts(FIGURES)["4"]["measured"], _distance_rows(of_two, of_data)),

@@ -11,7 +11,7 @@ from quadriform.report.paper.material import Material
 from quadriform.report.paper.remake import NONE, NOT, Remake, Row, beside, listed, mm, shown, text
 from quadriform.report.paper.subjects import SYNTHETIC
 from quadriform.report.paper.trade_off import FOUR, Curve, TradeOff, moved, ratios, turning
-from quadriform.report.parts import table
+from quadriform.report.parts import legend, table, tiles
 
 EQUIVALENT = 1.25
 """Two regularities are called equivalent when at equal errors their motions differ by less than this factor."""
@@ -55,7 +55,7 @@ def four_boxes(material: Material) -> Remake:
         "falling": "less" if falling else "not less",
         "default": default,
     }
-    return Remake("10", words, [shown("10", drawing.tiles(pictures), SYNTHETIC)], rows)
+    return Remake("10", words, [shown("10", tiles(pictures), SYNTHETIC)], rows)
 
 
 def _error_and_motion_curves(four: Curve, bending: Curve) -> list[tuple[str, Markup]]:
@@ -82,8 +82,8 @@ def error_and_motion(material: Material) -> Remake:
     """Fig. 11."""
     trade = material.trade_off
     four, bending = trade.svd.take(FOUR), trade.bending
-    key = drawing.legend([(TRUNCATION, drawing.BY_PAPER), ("bending, default", drawing.BY_DEFAULT)])
-    picture = drawing.tiles(_error_and_motion_curves(four, bending), "charts") + key
+    key = legend([(TRUNCATION, drawing.BY_PAPER), ("bending, default", drawing.BY_DEFAULT)])
+    picture = tiles(_error_and_motion_curves(four, bending), "charts") + key
     settings = {"kept": listed(_kept(trade)), "strengths": _numbers(bending.settings)}
     return Remake(
         "11",
@@ -150,7 +150,7 @@ def both_regularities(material: Material) -> Remake:
         ("error RMS at the estimated strength", NONE, NOT, mm(trade.auto.rms)),
     ]
     words: dict[str, object] = {"compared": _equivalent(found), "turn": _curve_of_p9(trade.springs_paper)}
-    picture = drawing.tiles(_both_curves(trade), "charts") + drawing.legend(key)
+    picture = tiles(_both_curves(trade), "charts") + legend(key)
     return Remake("12", words, [shown("12", picture, SYNTHETIC)], rows, [table(header, listing)])
 
 
@@ -195,7 +195,7 @@ def outliers(material: Material) -> Remake:
 
     label = "error of the true surface RMS, mm"
     picture = drawing.chart(draw, label, "outliers, % of the points", label)
-    key = drawing.legend([('method="paper"', drawing.BY_PAPER), ("default", drawing.BY_DEFAULT)])
+    key = legend([('method="paper"', drawing.BY_PAPER), ("default", drawing.BY_DEFAULT)])
     rows: list[Row] = [
         (f"error with {ratio:.0%} outliers", "claimed, not measured", mm(paper), mm(default))
         for ratio, paper, default in zip(found.ratios, found.paper, found.default)
@@ -206,5 +206,5 @@ def outliers(material: Material) -> Remake:
         "default": found.default[-1] / found.default[0],
         "compared": beside(found.default[-1], found.paper[-1]),
     }
-    tiles = drawing.tiles([(label, picture)], "charts")
-    return Remake("outliers", words, [shown("outliers", tiles + key, SYNTHETIC, count=found.count)], rows)
+    shown_ = shown("outliers", tiles([(label, picture)], "charts") + key, SYNTHETIC, count=found.count)
+    return Remake("outliers", words, [shown_], rows)

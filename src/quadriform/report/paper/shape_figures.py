@@ -12,6 +12,7 @@ from quadriform.report.paper.kinds import Bent
 from quadriform.report.paper.material import Material
 from quadriform.report.paper.remake import NONE, NOT, SAME, Remake, Row, mm, shown
 from quadriform.report.paper.subjects import SYNTHETIC
+from quadriform.report.parts import tiles
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.model import DeformableModel
@@ -48,7 +49,7 @@ def gallery(_: Material) -> Remake:
         "octahedron": 1 / 6,
         "worst": worst,
     }
-    return Remake("1", words, [shown("1", drawing.tiles(pictures, "fives"), SYNTHETIC, count=len(pictures))], rows)
+    return Remake("1", words, [shown("1", tiles(pictures, "fives"), SYNTHETIC, count=len(pictures))], rows)
 
 
 def parametrisations(_: Material) -> Remake:
@@ -82,7 +83,7 @@ def parametrisations(_: Material) -> Remake:
         # a pole ends each of the meridians, of which the closed grid has the first twice
         "pole": 2 * 20 + 1,
     }
-    return Remake("2", words, [shown("2", drawing.tiles(pictures.items()), SYNTHETIC)], rows)
+    return Remake("2", words, [shown("2", tiles(pictures.items()), SYNTHETIC)], rows)
 
 
 def _largest_distance(points: Array) -> float:
@@ -119,7 +120,7 @@ def free_form(_: Material) -> Remake:
         ("volume of the object before and after", NONE, *[f"{volumes[0]:.0f} and {volumes[1]:.0f} ml"] * 2),
         ("proven lower bound of det J inside", NONE, NOT, f"{bound:.2f}"),
     ]
-    return Remake("5", words, [shown("5", drawing.tiles(_object_and_box(body, undeformed, model)), SYNTHETIC)], rows)
+    return Remake("5", words, [shown("5", tiles(_object_and_box(body, undeformed, model)), SYNTHETIC)], rows)
 
 
 def _object_and_box(body: Superquadric, undeformed: ControlBox, model: DeformableModel) -> list[tuple[str, Markup]]:
@@ -157,7 +158,7 @@ def other_kinds(material: Material) -> Remake:
         "same": SAME,
         "nearer": [_nearer(material, method) for method in (0, 1)],
     }
-    return Remake("kinds", words, [shown("kinds", drawing.tiles(pictures), SYNTHETIC)], rows)
+    return Remake("kinds", words, [shown("kinds", tiles(pictures), SYNTHETIC)], rows)
 
 
 def _nearer(material: Material, method: int) -> str:

@@ -13,6 +13,7 @@ from quadriform.report.paper import drawing
 from quadriform.report.paper.material import Material
 from quadriform.report.paper.remake import NONE, SAME, Remake, Row, listed, mm, shown
 from quadriform.report.paper.subjects import Subject, Walls, before
+from quadriform.report.parts import legend, tiles
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.model import DeformableModel
@@ -91,14 +92,14 @@ def whole_space(material: Material) -> Remake:
     pictures = [
         (name, _picture(_section(model, rest.box), name)) for name, model in ({"undeformed box": rest} | models).items()
     ]
-    key = drawing.legend(list(zip(subject.points, WALL_COLOURS)))
+    key = legend(list(zip(subject.points, WALL_COLOURS)))
     folded = [f"{_folded(model.box):.1%}" for model in models.values()]
     kept = round(TRUNCATED * int(np.prod(material.box)))
     rows: list[Row] = [
         (f"volume of the box where det J <= 0, {which} singular values", NONE, by_paper, folded[2])
         for which, by_paper in (("all", folded[0]), (kept, folded[1]))
     ]
-    picture = shown("space", drawing.tiles(pictures) + key, subject.source, subject=subject.name, lines=LINES)
+    picture = shown("space", tiles(pictures) + key, subject.source, subject=subject.name, lines=LINES)
     return Remake("space", {"folded": folded, "kept": kept, "samples": SAMPLES}, [picture], rows)
 
 

@@ -10,6 +10,7 @@ from quadriform.report.paper.material import Material
 from quadriform.report.paper.remake import NONE, Remake, Row, beside, mm, shown, text
 from quadriform.report.paper.scans import Scan
 from quadriform.report.paper.space_figures import wall_rows, wall_words
+from quadriform.report.parts import tiles
 
 VIEWS = ((18, -58), (18, 32), (80, -58))
 """Elevation and azimuth, degrees."""
@@ -62,4 +63,4 @@ def _beside(key: str, scan: Scan, views: int) -> Markup:
         for (title, mesh), colour in zip(meshes.items(), COLOURS)
     ]
     count = f"{views} view point{'s' if views > 1 else ''}"
-    return shown(key, drawing.tiles(pictures, "thirds"), subject.source, subject=subject.name, views=count)
+    return shown(key, tiles(pictures, "thirds"), subject.source, subject=subject.name, views=count)

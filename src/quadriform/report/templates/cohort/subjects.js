@@ -26,6 +26,7 @@
     document.getElementById("shown").textContent = `${count} shown`;
   };
 
+  for (const row of body.rows) [...row.cells].forEach((cell, k) => { cell.dataset.name = heads[k].textContent; });
   heads.forEach((head, k) => head.firstElementChild.addEventListener("click", () => sort(k)));
   for (const id of ["gate", "search"]) document.getElementById(id).addEventListener("input", choose);
   choose();

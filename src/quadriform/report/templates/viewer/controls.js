@@ -83,13 +83,13 @@ function curve() {
 
 function curvePoint(t, v) {
   const low = Math.min(...volumes), high = Math.max(...volumes);
-  return `${60 + 520 * (t - frames[0]) / (last - frames[0] || 1)},${90 - 76 * (v - low) / (high - low || 1)}`;
+  return `${3 + 94 * (t - frames[0]) / (last - frames[0] || 1)},${90 - 80 * (v - low) / (high - low || 1)}`;
 }
 
 function marker() {
   if (!volumes.length) return;
-  const [x, y] = curvePoint(state.time, volumeOf(closed.find((s) => s.name === data.cavity), state.time)).split(",");
-  $("now").setAttribute("cx", x); $("now").setAttribute("cy", y);
+  const at = curvePoint(state.time, volumeOf(closed.find((s) => s.name === data.cavity), state.time));
+  $("now").setAttribute("d", `M${at}h0`);
 }
 
 // --- fields ----------------------------------------------------------------------------------------------------------
@@ -101,8 +101,8 @@ $("reset").addEventListener("click", () => { camera.reset(); draw(); });
 $("time").addEventListener("input", () => setTime(Number($("time").value)));
 $("play").addEventListener("click", play);
 $("volume-curve").addEventListener("click", (e) => {
-  const area = e.currentTarget.getBoundingClientRect(), x = (e.clientX - area.left) * 600 / area.width;
-  setTime(Math.min(Math.max(frames[0] + (x - 60) / 520 * (last - frames[0]), frames[0]), last));
+  const area = e.currentTarget.getBoundingClientRect(), x = (e.clientX - area.left) * 100 / area.width;
+  setTime(Math.min(Math.max(frames[0] + (x - 3) / 94 * (last - frames[0]), frames[0]), last));
 });
 $("move").addEventListener("submit", (e) => {
   e.preventDefault();
