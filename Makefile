@@ -28,7 +28,7 @@ check: $(READY)
 	$(BIN)/ruff check src tests benchmarks docs examples
 	$(BIN)/ruff format --check src tests benchmarks docs examples
 	$(BIN)/clang-format --dry-run --Werror src/quadriform/shapes/kernel/*
-	$(BIN)/mypy
+	$(BIN)/mypy -n auto
 	$(BIN)/lint-imports
 	$(BIN)/python tests/robustness/wording.py
 	$(BIN)/python benchmarks/write_results.py --stale

@@ -56,16 +56,33 @@ def without_prose(name, text):
     return prose.sub(lambda match: re.sub(r"[^\n]", " ", match[0]), text)
 
 
-def positions(words, phrase):
-    """Where the phrase begins among the words; # stands for any number."""
-    first = [i for i, word in enumerate(words) if word == phrase[0] or (phrase[0] == "#" and word[0].isdigit())]
-    return [i for i in first if words[i + 1 : i + len(phrase)] == phrase[1:]]
+def places_of(words):
+    """From each word to where it stands; # to where any number stands."""
+    places = defaultdict(list)
+    for i, word in enumerate(words):
+        places[word].append(i)
+        if word[0].isdigit():
+            places["#"].append(i)
+    return places
 
 
-def uses(entry, words):
+def positions(words, places, phrase):
+    """Where the phrase begins among the words."""
+    return [i for i in places.get(phrase[0], ()) if words[i + 1 : i + len(phrase)] == phrase[1:]]
+
+
+def uses(entry, words, places):
     """Positions of an entry's words that no allowed phrase covers."""
-    allowed = {i + k for phrase in entry["allowed"] for i in positions(words, phrase) for k in range(len(phrase))}
-    return [i for phrase in entry["words"] for i in positions(words, phrase) if i not in allowed]
+    starts = ((i, len(phrase)) for phrase in entry["allowed"] for i in positions(words, places, phrase))
+    allowed = {i + k for i, length in starts for k in range(length)}
+    return [i for phrase in entry["words"] for i in positions(words, places, phrase) if i not in allowed]
+
+
+def applies(entry, name, names_only):
+    """Whether an entry counts in a text, or in its names alone."""
+    if (entry.get("where") == "names") != names_only or not name.startswith(entry.get("within", "")):
+        return False
+    return not is_test(name) or bool(entry.get("tests"))
 
 
 def search(entries, named_texts):
@@ -76,13 +93,11 @@ def search(entries, named_texts):
             separate = CAPITAL.sub(" ", COMMENT_START.sub("", searched)).replace("_", " ").lower()
             matches = list(WORD.finditer(separate))
             words = [match[0] for match in matches]
-            present = set(words) | ({"#"} if any(word[0].isdigit() for word in words) else set())
+            places = places_of(words)
             for number, entry in enumerate(entries):
-                if (entry.get("where") == "names") != names_only or present.isdisjoint(p[0] for p in entry["words"]):
+                if not applies(entry, name, names_only):
                     continue
-                if not name.startswith(entry.get("within", "")) or (is_test(name) and not entry.get("tests")):
-                    continue
-                for i in uses(entry, words):
+                for i in uses(entry, words, places):
                     line = separate.count("\n", 0, matches[i].start()) + 1
                     found[number].append(f"{name}:{line}: {words[i]}")
     return found
