@@ -254,7 +254,7 @@ def stl_refused():
 # --- VTK ---------------------------------------------------------------------------------------------------------
 
 PACKERS = {"": None, "vtkZLibDataCompressor": zlib.compress}
-PACKERS["vtkLZMADataCompressor"] = lambda block: lzma.compress(block, lzma.FORMAT_XZ)
+PACKERS["vtkLZMADataCompressor"] = lambda block: lzma.compress(block, lzma.FORMAT_XZ, preset=0)
 VTK_NAMES = {
     "f4": "Float32",
     "f8": "Float64",
