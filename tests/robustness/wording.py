@@ -90,13 +90,14 @@ def search(entries, named_texts):
     found = defaultdict(list)
     for name, text in named_texts:
         for names_only, searched in ((False, text), (True, without_prose(name, text))):
+            counting = [(n, entry) for n, entry in enumerate(entries) if applies(entry, name, names_only)]
+            if not counting:
+                continue
             separate = CAPITAL.sub(" ", COMMENT_START.sub("", searched)).replace("_", " ").lower()
             matches = list(WORD.finditer(separate))
             words = [match[0] for match in matches]
             places = places_of(words)
-            for number, entry in enumerate(entries):
-                if not applies(entry, name, names_only):
-                    continue
+            for number, entry in counting:
                 for i in uses(entry, words, places):
                     line = separate.count("\n", 0, matches[i].start()) + 1
                     found[number].append(f"{name}:{line}: {words[i]}")
