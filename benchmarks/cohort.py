@@ -301,7 +301,7 @@ def modes(folder, subjects):
     def angles(found):
         ends = [found.shapes.transform([model(h * np.eye(4)[k]) for h in (0.1, -0.1)]) for k in range(len(drawn))]
         truth = np.array([one[0] - one[1] for one in ends])
-        return np.degrees(subspace_angles(truth.T, found.pca.components_[: len(drawn)].T))
+        return np.degrees(subspace_angles(truth.T, found.components[: len(drawn)].T))
 
     def explained(found, given):
         known = np.column_stack([amounts[: len(given)], np.ones(len(given))])
@@ -324,7 +324,7 @@ def modes(folder, subjects):
         found = shape_modes(given)
         print(f"{name}: {len(given)} shapes, {len(drawn)} modes drawn;", end=" ")
         print(f"principal angles {', '.join(f'{angle:.2f}' for angle in angles(found)[::-1])} degrees;", end=" ")
-        print(f"{100 * found.shares[: len(drawn)].sum():.2f} % of the variance in as many modes,", end=" ")
+        print(f"{100 * found.variance_ratios[: len(drawn)].sum():.2f} % of the variance in as many modes,", end=" ")
         print(f"95 % in {found.modes_for(0.95)};", end=" ")
         print(
             f"of the scores the drawn amounts explain {', '.join(f'{share:.3f}' for share in explained(found, given))}"

@@ -76,7 +76,7 @@ def test_known_modes_are_found(statistics, place):
     found = statistics.shape_modes(place([model(amounts) for amounts in draws()]))
     steps = [found.shapes.transform([model(h * row) for h in (0.5, -0.5)]) for row in np.eye(4)]
     truth = np.array([one - other for one, other in steps])
-    angles = np.degrees(subspace_angles(truth.T, found.pca.components_[:4].T))
+    angles = np.degrees(subspace_angles(truth.T, found.components[:4].T))
     assert angles.max() < 5
     assert found.variance_ratios[:4].sum() > 0.999  # all the variance lies in as many modes as were drawn
     assert found.modes_for(0.95) <= 4
@@ -158,6 +158,19 @@ def test_two_walls_have_one_box(statistics):
     assert found.variance_ratios[0] > 0.95  # one motion
     volumes = [[one.volume(name) for name in ("endo", "epi")] for one in found.reconstruct(found.scores(walls))]
     assert np.allclose(volumes, [[one.volume(name) for name in ("endo", "epi")] for one in walls], rtol=2e-3)
+
+
+def test_modes_are_those_of_scikit_learn(statistics):
+    from sklearn.decomposition import PCA
+
+    shapes = [model(amounts) for amounts in draws(6)]
+    found = statistics.shape_modes(shapes, modes=4)
+    rows = found.shapes.transform(shapes)
+    other = PCA(4, svd_solver="full").fit(rows)
+    np.testing.assert_allclose(found.components, other.components_, atol=1e-12)
+    np.testing.assert_allclose(found.deviations**2, other.explained_variance_)
+    np.testing.assert_allclose(found.variance_ratios, other.explained_variance_ratio_)
+    np.testing.assert_allclose(found.scores(shapes) * found.deviations, other.transform(rows), atol=1e-9)
 
 
 @pytest.mark.slow

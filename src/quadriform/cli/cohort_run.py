@@ -16,6 +16,7 @@ from quadriform.cohort.run import Choices, OnOutcome, Summary, run
 from quadriform.cohort.scheduling import WorkerPool
 from quadriform.cohort.subject import FAILED, FITTED, KEPT, Outcome
 from quadriform.errors import OptionError
+from quadriform.shapes.threads import cores
 
 EVERY = 30.0
 """Seconds between two lines where no bar can be drawn."""
@@ -51,7 +52,7 @@ def _engine(chosen: EngineChoice) -> Callable[[], AbstractContextManager[WorkerP
     if sum(value is not None for value in astuple(chosen)) > 1:
         raise OptionError("options --processes, --workers and --scheduler exclude each other; give one")
     if chosen.workers is None and chosen.scheduler is None:
-        return partial(executors.processes, chosen.processes or executors.cores())
+        return partial(executors.processes, chosen.processes or cores())
     # before anything is read: the message says how to install it
     stores.require_library("distributed")
     return partial(executors.cluster, chosen.scheduler, chosen.workers or 0)

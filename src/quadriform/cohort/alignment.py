@@ -6,7 +6,7 @@ the reference onto it point by point, and the control box of the model maps thes
 analysis aligns them to the mean of all models, and least squares give the control points over the reference.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import permutations, product
@@ -32,6 +32,8 @@ SAME_ORIENTATION = 0.5
 """Bodies have one orientation in the world when the mean of their matrices deviates from a ball's by this fraction of
 their own mean deviation."""
 STEPS = 20
+PASSES = 3
+"""Alternations of poses and mean."""
 FAR = 0.25
 """An orientation is replaced only by one that leaves less than this fraction of the distance: round bodies are alike
 from many sides, and the nearest of these by chance is not the right one."""
@@ -172,35 +174,6 @@ def _cube_rotations() -> list[Array]:
     return [matrix for matrix in signed if np.linalg.det(matrix) > 0]
 
 
-def reference_of(
-    models: Sequence[DeformableModel], shape: tuple[int, int, int], passes: int
-) -> tuple[Reference, Array, bool]:
-    """Return a reference for models, their mean points (n, 3), and whether they have one orientation in the world.
-
-    Its ellipsoids are the means of those of the models; orientations and means are computed alternately. Models with
-    one orientation start with it, others with that of the first.
-
-    Args:
-        models: one or more, with the same surfaces, all ellipsoids.
-        shape: control points along each axis.
-        passes: the number of alternations.
-
-    Raises:
-        InputError: the models have different surfaces.
-    """
-    check_same_surfaces(models, tuple(models[0].surfaces))
-    in_world = _same_orientation(models)
-    first = models if in_world else models[:1]
-    reference = _mean_reference(first, [np.eye(3)] * len(first), shape)
-    mean = np.mean([_centred(corresponding(model, reference, np.eye(3))) for model in first], axis=0)
-    for _ in range(passes):
-        rotations = [aligned(model, reference, mean, in_world)[1] for model in models]
-        reference = _mean_reference(models, rotations, shape)
-        pairs = zip(models, rotations)
-        mean = np.mean([aligned_rigidly(corresponding(m, reference, rotation), mean) for m, rotation in pairs], axis=0)
-    return reference, mean, in_world
-
-
 def _same_orientation(models: Sequence[DeformableModel]) -> bool:
     """Whether models have one orientation in the world; balls have, for nothing contradicts it."""
     name = next(iter(models[0].surfaces))
@@ -216,12 +189,7 @@ def _deviation(matrix: Array) -> float:
     return float(np.linalg.norm(matrix - np.trace(matrix) / 3 * np.eye(3)))
 
 
-def check_same_surfaces(models: Sequence[DeformableModel], names: tuple[str, ...]) -> None:
-    """Check that models have the same surfaces, and only ellipsoids.
-
-    Raises:
-        InputError: one has not.
-    """
+def _check_same_surfaces(models: Sequence[DeformableModel], names: Collection[str]) -> None:
     for number, model in enumerate(models):
         if set(model.surfaces) != set(names) or any(not s.is_radial for s in model.surfaces.values()):
             raise InputError(f"model {number}: expected the surfaces {', '.join(names)}, all of kind 'ellipsoid'")
@@ -248,3 +216,70 @@ def _mean_reference(
         centre = np.mean([rotation @ offset for rotation, offset in zip(rotations, offsets)], axis=0)
         surfaces[name] = Superquadric("ellipsoid", lengths.mean(axis=0), rotation=axes, translation=centre)
     return Reference(surfaces, common_box(surfaces, shape), uncertainties[0])
+
+
+@dataclass(frozen=True)
+class Correspondence:
+    """Shapes as rows of corresponding features: control points over one reference, in one coordinate frame.
+
+    A row has three features for each control point, 375 for 5 x 5 x 5. The distance of two rows is the RMS distance of
+    corresponding points of two surfaces, in the unit of the data. Position and orientation are removed, size is not.
+
+    Attributes:
+        reference: ellipsoids and box over which shapes are expressed.
+        mean_points: (n, 3), the mean of the shapes over the reference's points.
+        in_world: whether the shapes have one orientation in the world, as images of patients do; else they were
+            rotated by the axes of their superquadrics.
+        space: of the models.
+        unit: of their lengths.
+    """
+
+    reference: Reference
+    mean_points: Array
+    in_world: bool
+    space: str
+    unit: str
+
+    @classmethod
+    def of(
+        cls, models: Sequence[DeformableModel], shape: tuple[int, int, int], passes: int = PASSES
+    ) -> "Correspondence":
+        """Return the correspondence of one or more models, over the mean of their ellipsoids.
+
+        Orientations and means are computed alternately. Models with one orientation start with it, others with that
+        of the first.
+
+        Args:
+            models: with the same surfaces, all ellipsoids.
+            shape: control points along each axis.
+            passes: the number of alternations.
+
+        Raises:
+            InputError: the models have different surfaces.
+        """
+        _check_same_surfaces(models, models[0].surfaces)
+        in_world = _same_orientation(models)
+        first = models if in_world else models[:1]
+        reference = _mean_reference(first, [np.eye(3)] * len(first), shape)
+        mean = np.mean([_centred(corresponding(model, reference, np.eye(3))) for model in first], axis=0)
+        for _ in range(passes):
+            rotations = [aligned(model, reference, mean, in_world)[1] for model in models]
+            reference = _mean_reference(models, rotations, shape)
+            pairs = zip(models, rotations)
+            points = [aligned_rigidly(corresponding(m, reference, rotation), mean) for m, rotation in pairs]
+            mean = np.mean(points, axis=0)
+        return cls(reference, mean, in_world, models[0].space, models[0].unit)
+
+    def transform(self, models: Sequence[DeformableModel]) -> Array:
+        """Return rows (len(models), 3 k), each independent of the others.
+
+        Raises:
+            InputError: models with other surfaces than those of the reference.
+        """
+        _check_same_surfaces(models, self.reference.surfaces)
+        points = [aligned(model, self.reference, self.mean_points, self.in_world)[0] for model in models]
+        return np.array([self.reference.row(each) for each in points])
+
+    def inverse_transform(self, rows: Array) -> list[DeformableModel]:
+        """Return models of rows (n, 3 k), about the origin."""
+        return [self.reference.model(row, self.space, self.unit) for row in np.atleast_2d(rows)]

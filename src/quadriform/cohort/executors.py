@@ -27,11 +27,6 @@ REFRESH = 10.0
 """Seconds after which the number of workers of a cluster is requested again."""
 
 
-def cores() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 class _Processes(ProcessPoolExecutor):
     """Processes of this machine, all started before the first task.
 

@@ -80,8 +80,8 @@ def _of_the_heart(models: Sequence[DeformableModel], times: Array) -> list[Measu
 
 
 def kinds_of(measures: Sequence[Measure]) -> tuple[str, ...]:
-    """Return the kinds of the warnings among the measures of a subject."""
-    return tuple(m.quantity.removeprefix(WARNING) for m in measures if m.quantity.startswith(WARNING))
+    """Return the kinds of the warnings among the measures of a subject, each once and in order."""
+    return tuple({m.quantity.removeprefix(WARNING): None for m in measures if m.quantity.startswith(WARNING)})
 
 
 def _warning_rows(warnings: Warnings) -> list[Measure]:

@@ -1,22 +1,18 @@
 """Mean and modes of a cohort, from a sample of subjects where it is large, and the scores of every subject."""
 
 import io
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from quadriform.cohort.layout import Layout
+from quadriform.cohort.principal_modes import ShapeModes, shape_modes
 from quadriform.cohort.stores import models
 from quadriform.files import save
 from quadriform.files.atomic import make_folder, write_bytes
 from quadriform.points import Array
-
-if TYPE_CHECKING:
-    from quadriform.cohort.statistics import ShapeModes
 
 FOLDER = "modes"
 COUNT = 5
@@ -36,7 +32,7 @@ class Modes:
         subjects: number of subjects from which they were computed.
     """
 
-    found: "ShapeModes"
+    found: ShapeModes
     displacements: Array
     subjects: int
 
@@ -47,8 +43,6 @@ def write_modes(results: Path, layout: Layout) -> Modes | None:
     Raises:
         OutputError: they cannot be written.
     """
-    from quadriform.cohort.statistics import shape_modes
-
     even = np.linspace(0, layout.subjects - 1, min(MAX_SHAPES, layout.subjects)).astype(int).tolist()
     sample = [model for _, model in models(results, layout, even)]
     if len(sample) < 3:
@@ -64,7 +58,7 @@ def write_modes(results: Path, layout: Layout) -> Modes | None:
     return Modes(found, moved, len(sample))
 
 
-def _arrays(modes: "ShapeModes", displacements: Array) -> bytes:
+def _arrays(modes: ShapeModes, displacements: Array) -> bytes:
     stream = io.BytesIO()
     np.savez(
         stream,
@@ -76,22 +70,19 @@ def _arrays(modes: "ShapeModes", displacements: Array) -> bytes:
     return stream.getvalue()
 
 
-def _scores(found: "ShapeModes", results: Path, layout: Layout) -> bytes:
+def _scores(found: ShapeModes, results: Path, layout: Layout) -> bytes:
     """A table with one row for each subject and mode; scores in standard deviations."""
     import pyarrow as pa
     from pyarrow import parquet
 
+    every = models(results, layout, range(layout.subjects))
     stream = io.BytesIO()
     schema = pa.schema([("subject", pa.string()), ("mode", pa.int32()), ("score", pa.float64())])
     with parquet.ParquetWriter(stream, schema, compression="zstd") as writer:
-        for names, scores in _in_parts(found, results, layout):
+        while part := list(islice(every, BATCH)):
+            names, shapes = zip(*part)
+            scores = found.scores(shapes)
             count = scores.shape[1]
             columns = [np.repeat(names, count), np.tile(np.arange(1, count + 1), len(names)), scores.ravel()]
             writer.write_table(pa.table([pa.array(c, f.type) for c, f in zip(columns, schema)], schema=schema))
     return stream.getvalue()
-
-
-def _in_parts(found: "ShapeModes", results: Path, layout: Layout) -> Iterator[tuple[list[str], Array]]:
-    every = models(results, layout, range(layout.subjects))
-    while part := list(islice(every, BATCH)):
-        yield [name for name, _ in part], found.scores([model for _, model in part])

@@ -102,12 +102,15 @@ def run(
     tasks = _tasks(listed, results, layout, blocks, choices)
     total = sum(len(layout.members(block)) for block in blocks)
     counts: Counter[str] = Counter()
-    warned: Counter[tuple[str, ...]] = Counter()
+    kinds: Counter[str] = Counter()
+    warned = 0
     try:
         with engine() as pool:
             for outcome in _stored(results, layout, _outcomes(tasks, pool)):
                 counts[outcome.how] += 1
-                warned[kinds_of(outcome.measures)] += 1
+                found = kinds_of(outcome.measures)
+                kinds.update(found)
+                warned += bool(found)
                 report(outcome, counts.total(), total)
     except BrokenExecutor as error:
         raise OutputError(f"the workers are gone: {error}; results are kept, run again with --resume") from error
@@ -115,17 +118,12 @@ def run(
     complete = len(stores.parts(results)) == layout.blocks
     if complete:
         write_page(results, layout, write_modes(results, layout))
-    kinds: Counter[str] = Counter()
-    for each, times in warned.items():
-        kinds.update(dict.fromkeys(each, times))
-    # the outcomes without warnings, failed subjects included, have an empty tuple of kinds
-    duration = time.perf_counter() - begin
-    return Summary(total, counts, complete, failed, total - warned[()], kinds, duration, layout)
+    return Summary(total, counts, complete, failed, warned, kinds, time.perf_counter() - begin, layout)
 
 
 def _prepared(manifest: Path, results: Path, choices: Choices) -> tuple[Manifest, Layout, range]:
     """The checked list, the layout of the results, and the blocks of this run; the store exists afterwards."""
-    for library in ("zarr", "pyarrow", "sklearn"):
+    for library in ("zarr", "pyarrow"):
         stores.require_library(library)
     listed = read_manifest(manifest, choices.options)
     check_folder(results)
