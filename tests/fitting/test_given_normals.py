@@ -14,7 +14,7 @@ SPHERE = even_directions(200)
 
 
 def facing(points, normals):
-    return SurfaceData.of(Superquadric(), points, np.ones(len(points)), None, normals).facing()
+    return SurfaceData.of(Superquadric(), points, np.ones(len(points)), None, normals).oriented()
 
 
 @pytest.mark.parametrize("sign", [1, -1])

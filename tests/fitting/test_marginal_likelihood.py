@@ -8,12 +8,13 @@ import pytest
 
 from quadriform.fitting.least_squares import marginal_likelihood as likelihood
 from quadriform.fitting.least_squares.factorisation import cholesky_factor, spectrum
-from quadriform.fitting.least_squares.marginal_likelihood import SELECTION, LinearProblem, Minimum, Solution
+from quadriform.fitting.least_squares.marginal_likelihood import LinearProblem, Minimum, Solution
 from quadriform.fitting.least_squares.normal_equations import NormalEquations
+from quadriform.fitting.least_squares.selection import SELECTION
 
 
 def searched(derivative):
-    """What `LinearProblem._root` finds for a derivative of the criterion, and where the derivative was evaluated."""
+    """What `LinearProblem._by_secants` finds for a derivative of the criterion, and where that was evaluated."""
     at = []
 
     def recorded(x):
@@ -22,7 +23,7 @@ def searched(derivative):
 
     def root(*arguments):
         at.clear()
-        return LinearProblem._root(SimpleNamespace(_derivative=recorded), *arguments)
+        return LinearProblem._by_secants(SimpleNamespace(_derivative=recorded), *arguments)
 
     return root, at
 
@@ -94,10 +95,10 @@ def stand_in(criterion, derivative=lambda x: None, **methods):
     made = SimpleNamespace(
         _criterion=lambda strength: criterion(np.log(strength)),
         _derivative=derivative,
-        _determined=lambda minimum: minimum[:2],
+        _at_minimum=lambda minimum: minimum[:2],
         **methods,
     )
-    for name in ("_root", "_first", "_by_values", "best", "after"):
+    for name in ("_by_secants", "_best_decade", "_without_derivatives", "best", "best_after"):
         if not hasattr(made, name):
             setattr(made, name, getattr(LinearProblem, name).__get__(made))
     return made
@@ -106,20 +107,20 @@ def stand_in(criterion, derivative=lambda x: None, **methods):
 def test_the_first_search_begins_at_the_least_of_the_best_decades():
     decades = np.arange(-13, 4)
     for best in (-13, -4, 3):
-        found = stand_in(lambda x, best=best: abs(x - np.log(10.0) * best))._first()
+        found = stand_in(lambda x, best=best: abs(x - np.log(10.0) * best))._best_decade()
         assert found == pytest.approx(10.0**best)
     values = np.where(decades >= -2, 5.0, 9.0)
     values[decades == -5] = 5.0099
     flat = stand_in(lambda x: values[np.abs(decades - x / np.log(10)).argmin()])
-    assert flat._first() == pytest.approx(1e-5)
+    assert flat._best_decade() == pytest.approx(1e-5)
     values[decades == -5] = 5.0101
-    assert flat._first() == pytest.approx(1e-2)
+    assert flat._best_decade() == pytest.approx(1e-2)
 
 
 def test_without_derivatives_the_minimum_is_found_to_a_tenth():
     made = stand_in(lambda x: (x + 3) ** 2 if x > -4 else np.inf)
-    assert made._by_values(-9.0, 5.0) == pytest.approx(-3, abs=0.1)
-    assert made._by_values(-2.0, 5.0) == pytest.approx(-2, abs=0.2)
+    assert made._without_derivatives(-9.0, 5.0) == pytest.approx(-3, abs=0.1)
+    assert made._without_derivatives(-2.0, 5.0) == pytest.approx(-2, abs=0.2)
 
 
 def test_the_best_strength_is_the_root_of_the_derivative():
@@ -133,7 +134,7 @@ def test_the_best_strength_is_the_root_of_the_derivative():
 
 def test_where_the_derivative_is_flat_the_whole_range_is_searched_and_then_it_is_taken():
     made = stand_in(lambda x: 0.0 if x > 0 else x**2, lambda x: 0.0 if x > 0 else 2 * x)
-    assert made.best(np.exp(2.0))[0] == pytest.approx(np.log(made._first()), abs=0.5)
+    assert made.best(np.exp(2.0))[0] == pytest.approx(np.log(made._best_decade()), abs=0.5)
     everywhere = stand_in(lambda x: 0.0, lambda x: 0.0)
     assert everywhere.best() == pytest.approx((np.log(1e-13), 0))
 
@@ -146,20 +147,20 @@ def test_where_steps_fail_values_lead_near_and_steps_are_tried_again_from_there(
         calls.append((x, other, bounds, tolerance))
         return None if len(calls) == 1 else Minimum(-2.9, 1.5)
 
-    made = stand_in(lambda x: (x + 3) ** 2, _root=root)
+    made = stand_in(lambda x: (x + 3) ** 2, _by_secants=root)
     assert made.best(np.exp(-2.0)) == (-2.9, 1.5)
     (_, _, _, _), (x, other, bounds, tolerance) = calls
     assert x == pytest.approx(-3, abs=0.1) and other == pytest.approx(x + 0.1)
     assert bounds == pytest.approx((x - 0.3, x + 0.3)) and tolerance == SELECTION.tolerance
     calls.clear()
-    made._root = lambda *of: calls.append(of)
+    made._by_secants = lambda *of: calls.append(of)
     x, curvature = made.best(np.exp(-2.0))
     assert x == pytest.approx(-3, abs=0.1) and curvature == 0 and len(calls) == 2
 
 
 def test_the_second_point_of_a_search_stays_in_the_range():
     calls = []
-    made = stand_in(lambda x: 0.0, _root=lambda *of: calls.append(of) or Minimum(0.0, 1.0))
+    made = stand_in(lambda x: 0.0, _by_secants=lambda *of: calls.append(of) or Minimum(0.0, 1.0))
     made.best(3e4)
     assert calls[0][:2] == pytest.approx([np.log(3e4)] * 2)
     assert calls[0][2] == pytest.approx((np.log(1e3), np.log(3e4)))
@@ -173,24 +174,24 @@ def before(strength, curvature):
 
 def test_a_later_round_takes_one_newton_step_with_the_curvature_before():
     line = stand_in(lambda x: 0.0, lambda x: 2 * (x - 1))
-    assert line.after(before(np.exp(1.01), 2.0)) == pytest.approx((1, 2))  # a short step: taken
-    assert line.after(before(np.exp(1.029), 2.0)) == pytest.approx((1, 2))
-    assert line.after(before(np.exp(1.01), 1.0)) == pytest.approx((0.99, 1))
+    assert line.best_after(before(np.exp(1.01), 2.0)) == pytest.approx((1, 2))  # a short step: taken
+    assert line.best_after(before(np.exp(1.029), 2.0)) == pytest.approx((1, 2))
+    assert line.best_after(before(np.exp(1.01), 1.0)) == pytest.approx((0.99, 1))
     # a step of more than 0.03 is followed by those of a search, from the derivative that is known
     calls = []
-    line._root = lambda *of: calls.append(of) or Minimum(0.5, 3.0)
-    assert line.after(before(np.exp(1.031), 2.0)) == (0.5, 3)
+    line._by_secants = lambda *of: calls.append(of) or Minimum(0.5, 3.0)
+    assert line.best_after(before(np.exp(1.031), 2.0)) == (0.5, 3)
     x, step, bounds, tolerance, derivative = calls[0]
     assert (x, step, derivative) == pytest.approx((1.031, 1, 0.062))
     assert bounds == pytest.approx((1.031 - np.log(30), 1.031 + np.log(30))) and tolerance == 0.03
-    assert line.after(before(np.exp(0.969), 2.0)) == (0.5, 3)
+    assert line.best_after(before(np.exp(0.969), 2.0)) == (0.5, 3)
     # neither without a curvature, nor without a derivative, nor where the steps fail
     line.best = lambda strength: ("best", strength)
-    assert line.after(before(np.exp(1.01), 0.0)) == ("best", pytest.approx(np.exp(1.01)))
-    line._root = lambda *of: None
-    assert line.after(before(np.exp(2.0), 2.0)) == ("best", pytest.approx(np.exp(2.0)))
+    assert line.best_after(before(np.exp(1.01), 0.0)) == ("best", pytest.approx(np.exp(1.01)))
+    line._by_secants = lambda *of: None
+    assert line.best_after(before(np.exp(2.0), 2.0)) == ("best", pytest.approx(np.exp(2.0)))
     line._derivative = lambda x: None
-    assert line.after(before(np.exp(1.01), 2.0)) == ("best", pytest.approx(np.exp(1.01)))
+    assert line.best_after(before(np.exp(1.01), 2.0)) == ("best", pytest.approx(np.exp(1.01)))
 
 
 def test_an_undetermined_strength_is_raised_until_it_determines_the_control_points():
@@ -202,7 +203,7 @@ def test_an_undetermined_strength_is_raised_until_it_determines_the_control_poin
 
     for tries, factor in ((0, 1.0), (1, 10.0), (16, 1e16)):
         asked.clear()
-        found = LinearProblem._determined(SimpleNamespace(solve=solve), Minimum(np.log(2.0), 7.0))
+        found = LinearProblem._at_minimum(SimpleNamespace(solve=solve), Minimum(np.log(2.0), 7.0))
         assert found.strength == pytest.approx(2 * factor)
         assert found.curvature == (0 if tries else 7)
     np.testing.assert_allclose(np.diff(np.log10(asked[1:])), 1)

@@ -33,10 +33,11 @@ def trial(criterion=0.0, sigma=1.0, undeformed=9.0, intersects=False, surfaces=(
     return SimpleNamespace(
         first=SimpleNamespace(solution=SimpleNamespace(criterion=criterion), sigma=sigma),
         undeformed_rms=undeformed,
-        coarse=SimpleNamespace(self_intersecting=lambda: intersects),
+        coarse=SimpleNamespace(crosses_though_covered=intersects),
         surfaces=dict.fromkeys(surfaces),
         problem="problem",
         datasets=(),
+        identity=object(),  # so that trials alike are not equal
     )
 
 
@@ -53,7 +54,7 @@ def test_starts_are_ordered_by_evidence_and_a_much_nearer_one_comes_first(monkey
     assert ordered(monkeypatch, [trial(1.0), trial(2.0, sigma=0.9, undeformed=0.46)]) == [0, 1]
     assert ordered(monkeypatch, [trial(1.0, undeformed=0.1)]) == [0]
     last = [trial(intersects=True), trial(), trial(intersects=True), trial()]
-    assert [last.index(each) for each in refine._self_intersecting_last(last)] == [1, 3, 0, 2]
+    assert [last.index(each) for each in refine._crossing_last(last)] == [1, 3, 0, 2]
 
 
 def certified(monkeypatch, trials, noises, unfolded, largest=None):
@@ -225,15 +226,19 @@ def test_details_are_sought_while_patches_left_out_are_predicted_better(monkeypa
 def test_many_points_come_after_fewer_of_them(monkeypatch, n, runs):
     log = []
 
-    def run(datasets, coarse, stage, start):
-        log.append((len(datasets[0].points), stage))
-        return SimpleNamespace(solution=SimpleNamespace(strength=1e-3))
+    class Ran:
+        def __init__(self, rounds):
+            self.rounds = rounds
+
+        def run(self, datasets):
+            log.append((len(datasets[0].points), self.rounds))
+            return SimpleNamespace(solution=SimpleNamespace(strength=1e-3))
 
     sampled = lambda count, robust: SimpleNamespace(points=range(count))  # noqa: E731
     datasets = [SimpleNamespace(points=range(n), subsample=sampled)]
     coarse = SimpleNamespace(box=None, datasets=(), history=())
-    monkeypatch.setattr(stages, "_run_on_points", run)
-    monkeypatch.setattr(stages, "_stage", lambda problem, rounds: rounds)
+    monkeypatch.setattr(stages, "_on_points", lambda state, datasets, coarse: datasets)
+    monkeypatch.setattr(stages, "_stage", lambda problem, rounds: Ran(rounds))
     stages.fine_stage(SimpleNamespace(strength=1e-3), datasets, coarse)
     assert log == runs
     with pytest.raises(OptionError, match=r"largest at 1\.0e-03"):

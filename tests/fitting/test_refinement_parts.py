@@ -12,7 +12,7 @@ from quadriform.fitting.mixture import Mixture
 from quadriform.fitting.noise import KnownNoise, mean_variance, partial_notes, variances_along
 from quadriform.fitting.refinement import base_prior, large_clouds, left_out, point_to_plane, unfolding
 from quadriform.fitting.refinement.correspondence import Correspondence
-from quadriform.fitting.refinement.surface_data import FacingCloud, SurfaceData
+from quadriform.fitting.refinement.surface_data import OrientedCloud, SurfaceData, inlier_probabilities
 from quadriform.shapes.closest import surface_normals, surface_points
 from quadriform.shapes.control_box import ControlBox
 
@@ -35,7 +35,7 @@ def noisy():
 
 def data(noise=None, half_space=None, weights=None):
     weights = np.random.default_rng(6).uniform(0.5, 2, 60) if weights is None else weights
-    found = SurfaceData.of(SURFACE, POINTS, weights, half_space, noise=noise)
+    found = SurfaceData.of(SURFACE, POINTS, weights, half_space, covariances=noise)
     return replace(found, inliers=np.random.default_rng(7).uniform(0, 1, 60)).with_nearest_foot_points(box())
 
 
@@ -75,7 +75,7 @@ def test_given_normals_are_sure_and_missing_ones_are_those_of_the_neighbours():
     normals = SURFACE.gradient(POINTS)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     normals[::3] = 0
-    found = replace(of, normals=normals).facing()
+    found = replace(of, normals=normals).oriented()
     given = np.arange(60) % 3 > 0
     np.testing.assert_array_equal(found.normals[given], normals[given])
     np.testing.assert_array_equal(found.flatness, np.where(given, 1.0, of.neighbourhood.flatness))
@@ -88,11 +88,11 @@ def test_data_beside_others_has_their_neighbourhoods_and_feet():
     found = of.beside(POINTS[near] + 0.01, np.array([1.0, 2, 3]), near)
     np.testing.assert_array_equal(found.origins, of.origins[near])
     np.testing.assert_array_equal(found.neighbourhood.flatness, of.neighbourhood.flatness[near])
-    assert found.inliers.tolist() == [1, 1, 1] and found.noise is None and found.count == 6
+    assert found.inliers.tolist() == [1, 1, 1] and found.covariances is None and found.count == 6
 
 
 def test_costs_of_pairs_are_by_distance_and_by_the_angle_of_their_normals():
-    cloud = FacingCloud(POINTS[:9], turned(1)[[0, 1, 2] * 3], np.linspace(0, 1, 9))
+    cloud = OrientedCloud(POINTS[:9], turned(1)[[0, 1, 2] * 3], np.linspace(0, 1, 9))
     of, here = Correspondence.between(SURFACE, cloud), box()
     model, normals = surface_points(SURFACE, here, of.origins)
     costs = of.costs(here)
@@ -101,7 +101,7 @@ def test_costs_of_pairs_are_by_distance_and_by_the_angle_of_their_normals():
             distance = ((cloud.points[i] - model[j]) ** 2).sum()
             angle = 0.4**2 * cloud.flatness[i] * (1 - cloud.normals[i] @ normals[j])
             assert costs[i, j] == pytest.approx(distance + angle, rel=1e-9, abs=1e-12)
-    np.testing.assert_array_equal(of.facing(costs), of.origins[costs.argmin(axis=1)])
+    np.testing.assert_array_equal(of.matched(costs), of.origins[costs.argmin(axis=1)])
     matched = of.origins[[5, 5, 7]] + 1e-6
     origins, targets = of.unmatched(costs, matched)
     left = [j for j in range(len(of.origins)) if j not in (5, 7)]
@@ -110,7 +110,7 @@ def test_costs_of_pairs_are_by_distance_and_by_the_angle_of_their_normals():
 
 
 def test_model_points_in_the_half_space_are_not_attracted():
-    cloud = FacingCloud(POINTS, SURFACE.gradient(POINTS), np.zeros(60))
+    cloud = OrientedCloud(POINTS, SURFACE.gradient(POINTS), np.zeros(60))
     of, here = Correspondence.between(SURFACE, cloud), box()
     costs, some = of.costs(here), data(half_space=PLANE)
     found = of.attraction(costs, here, some)
@@ -155,7 +155,7 @@ def test_the_linear_problem_is_the_sum_over_data_and_attracted_points(rng):
 
 def test_the_fraction_of_several_surfaces_is_a_mean_over_their_points():
     here, one = box(), data(noisy())
-    other = replace(one, inliers=one.inliers**2, noise=None)
+    other = replace(one, inliers=one.inliers**2, covariances=None)
     none = replace(one, inliers=np.zeros(60))
     fractions = []
     for of in (one, other):
@@ -400,7 +400,7 @@ def test_what_exceeds_the_known_noise_is_alike_in_all_directions():
     same = of.with_inliers_at_ratio(here, 0.03)
     np.testing.assert_allclose(
         same.inliers,
-        of.probabilities(0.03 * of.distances(here) / np.sqrt(known + 0.03**2 - 0.02**2), 0.03),
+        inlier_probabilities(0.03 * of.distances(here) / np.sqrt(known + 0.03**2 - 0.02**2), 0.03, 0.8),
         rtol=1e-6,
         atol=1e-12,
     )

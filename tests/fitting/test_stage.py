@@ -11,16 +11,12 @@ from quadriform.fitting.refinement import stage as stages
 from quadriform.fitting.refinement.point_to_plane import displaced, probes
 from quadriform.fitting.refinement.refine import sigma_of_distances
 from quadriform.fitting.refinement.stage import (
-    ALL_INDEPENDENT,
-    Correlated,
-    FixedWeights,
-    MixtureWeights,
     Problem,
     Refined,
     Report,
     Stage,
-    StoppingRule,
-    TangentialSteps,
+    independent_fraction,
+    tangential_steps,
 )
 from quadriform.fitting.refinement.surface_data import SurfaceData
 from quadriform.shapes.closest import surface_normals
@@ -42,25 +38,24 @@ def data(n=80, bump=0.05, seed=1):
 def test_at_least_as_many_points_count_as_there_are_unknowns(monkeypatch, least, found, first, later):
     monkeypatch.setattr(stages, "fraction_of", lambda datasets, box: found)
     datasets = (SimpleNamespace(count=50.0), SimpleNamespace(count=30.0))
-    rule = Correlated(least)
-    assert rule.fraction(BOX, datasets, True) == first and rule.fraction(BOX, datasets, False) == later
-    assert ALL_INDEPENDENT.fraction(BOX, datasets, True) == 1
+    assert independent_fraction(datasets, None, least) == first and independent_fraction(datasets, BOX, least) == later
 
 
 def test_at_first_the_noise_is_that_of_the_median_distance_of_all_surfaces():
     of = (data(), data(30, 0.2))
     distances = np.concatenate([each.standardised_distances(BOX) for each in of])
     sigma = 1.4826 * np.median(distances)
+    robust, plain = (replace(stage(1, 0.0)[0].problem, robust=each) for each in (True, False))
     for noise, used in ((None, sigma), (0.3, 0.3)):
-        for found, each in zip(MixtureWeights().weighted(BOX, of, noise), of):
+        for found, each in zip(robust.weighted(BOX, of, noise), of):
             np.testing.assert_array_equal(found.inliers, each.weighted(each.standardised_distances(BOX), used).inliers)
-    assert FixedWeights().weighted(BOX, of, None) is of
+    assert plain.weighted(BOX, of, None) is of
 
 
 def stage(rounds, motion, strength=1e-3):
     log = []
     problem = Problem(BOX, probes([SURFACE]), "bending", strength, False, Report(lambda *of: log.append(of), 9))
-    return Stage(problem, TangentialSteps(), FixedWeights(), StoppingRule(rounds, motion)), log
+    return Stage(problem, tangential_steps, rounds, motion), log
 
 
 def test_a_stage_ends_after_its_rounds_or_where_the_surface_is_still():
@@ -118,7 +113,7 @@ def test_the_noise_of_distances_is_sigma_where_what_is_known_is_true_and_smaller
         """Points whose distances from the surface have standard deviations `size`, of which `noise` is known."""
         normals = surface_normals(SURFACE, BOX, plain.origins)
         moved = BOX.deform(plain.origins) + (size * rng.normal(size=2000))[:, None] * normals
-        found = replace(plain, points=moved, noise=noise).with_nearest_foot_points(BOX)
+        found = replace(plain, points=moved, covariances=noise).with_nearest_foot_points(BOX)
         sigma = np.sqrt((found.standardised_distances(BOX) ** 2).mean())
         return sigma_of_distances(Refined(BOX, (found,), SimpleNamespace(sigma=sigma), ())), sigma
 

@@ -1,5 +1,6 @@
 """Stages of the refinement: steps return new states, and stopping rules end them."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,17 +9,12 @@ from shapes_made import even_directions
 
 from quadriform.fitting.refinement import stages
 from quadriform.fitting.refinement.stage import (
-    ALL_INDEPENDENT,
-    Correlated,
-    FixedWeights,
     InitialState,
-    MixtureWeights,
-    Nearest,
     Problem,
     Report,
     Stage,
-    StoppingRule,
-    TangentialSteps,
+    nearest_foot_points,
+    tangential_steps,
 )
 from quadriform.fitting.refinement.surface_data import SurfaceData
 from quadriform.shapes.control_box import ControlBox
@@ -30,7 +26,7 @@ POINTS = even_directions(400) * [1.2, 1.0, 0.9]
 
 @pytest.fixture
 def problem():
-    return Problem(ControlBox.around(BALL, (3, 3, 3)), BALL.grid(4)[0], "bending", None, True, Report(None, 1))
+    return Problem(ControlBox.around(BALL, (3, 3, 3)), BALL.grid(4)[0], "bending", None, False, Report(None, 1))
 
 
 @pytest.fixture
@@ -39,11 +35,11 @@ def start(problem):
     return InitialState(problem.box, (data,))
 
 
-@pytest.mark.parametrize("foot_points", [TangentialSteps(), Nearest()])
-@pytest.mark.parametrize("weighting", [FixedWeights(), MixtureWeights()])
-def test_a_step_leaves_its_state_as_it_was(problem, start, foot_points, weighting):
+@pytest.mark.parametrize("foot_points", [tangential_steps, nearest_foot_points])
+@pytest.mark.parametrize("robust", [False, True])
+def test_a_step_leaves_its_state_as_it_was(problem, start, foot_points, robust):
     """Old design: foot points and inliers of the caller changed, so that the order of calls mattered."""
-    stage, (data,) = Stage(problem, foot_points, weighting, StoppingRule(1)), start.datasets
+    stage, (data,) = Stage(replace(problem, robust=robust), foot_points), start.datasets
     origins, inliers = data.origins.copy(), data.inliers.copy()
     one, other = stage.step(start), stage.step(start)
     np.testing.assert_array_equal(one.box.control_points, other.box.control_points)
@@ -53,29 +49,27 @@ def test_a_step_leaves_its_state_as_it_was(problem, start, foot_points, weightin
 
 
 def test_a_stage_ends_by_its_motion_or_after_its_rounds(problem, start):
-    made = [Stage(problem, TangentialSteps(), FixedWeights(), StoppingRule(5, motion)) for motion in (0.0, np.inf)]
+    made = [Stage(problem, tangential_steps, 5, motion) for motion in (0.0, np.inf)]
     assert [len(stage.run(start).history) for stage in made] == [5, 1]
 
 
 def test_rounds_are_counted_for_the_caller(problem, start):
     counts = []
     report = Report(lambda done, total: counts.append((done, total)), 7)
-    problem = Problem(problem.box, problem.probes, "bending", None, True, report)
-    Stage(problem, TangentialSteps(), FixedWeights(), StoppingRule(3)).run(start)
+    problem = Problem(problem.box, problem.probes, "bending", None, False, report)
+    Stage(problem, tangential_steps, 3).run(start)
     assert counts == [(1, 7), (2, 7), (3, 7)]
 
 
 @pytest.mark.parametrize("intersecting", range(4))
-def test_coarse_stages_that_intersect_themselves_are_repeated_at_last_with_independent_points(
-    monkeypatch, intersecting
-):
+def test_coarse_stages_that_intersect_themselves_are_repeated_at_last_with_correlated_errors(monkeypatch, intersecting):
     """Old fault: a surface followed displaced slices from the start, folded, and amplified rounding to millimetres."""
     used = []
 
-    def coarse(problem, first, sample, rule=ALL_INDEPENDENT):
-        used.append((first, sample, rule))
+    def coarse(problem, first, sample, correlated=False):
+        used.append((first, sample, correlated))
         number = len(used)
-        return SimpleNamespace(number=number, self_intersecting=lambda: number <= intersecting)
+        return SimpleNamespace(number=number, crosses_though_covered=number <= intersecting)
 
     monkeypatch.setattr(stages, "coarse_stages", coarse)
     monkeypatch.setattr(stages, "first_stage", lambda problem, sample: f"first of {sample}")
@@ -84,9 +78,9 @@ def test_coarse_stages_that_intersect_themselves_are_repeated_at_last_with_indep
     box = ControlBox.around(BALL, (3, 3, 3))
     found = stages.all_coarse_stages(SimpleNamespace(box=box, robust=True), "given", [])
     expected = [
-        ("given", 1000, ALL_INDEPENDENT),
-        ("first of 700", 700, ALL_INDEPENDENT),
-        ("first of 1500", 1500, ALL_INDEPENDENT),
-        ("first of 1500", 1500, Correlated(81.0)),
+        ("given", 1000, False),
+        ("first of 700", 700, False),
+        ("first of 1500", 1500, False),
+        ("first of 1500", 1500, True),
     ]
     assert used == expected[: intersecting + 1] and found.number == len(used)

@@ -8,7 +8,7 @@ from shapes_made import even_directions, lumpy, made, turned
 
 from quadriform.fitting.refinement.correspondence import MODEL_RESOLUTION, Correspondence
 from quadriform.fitting.refinement.point_to_plane import data_rows
-from quadriform.fitting.refinement.surface_data import FacingCloud, SurfaceData
+from quadriform.fitting.refinement.surface_data import OrientedCloud, SurfaceData, inlier_probabilities
 from quadriform.points import Frame
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superquadric import Superquadric
@@ -85,13 +85,13 @@ PLATE = Superquadric("ellipsoid", (1.0, 1.0, 0.05), (1.0, 1.0), np.eye(3), (0.0,
 
 def facing(superquadric, cloud):
     pairs = Correspondence.between(superquadric, cloud)
-    return pairs.facing(pairs.costs(ControlBox.around(superquadric)))
+    return pairs.matched(pairs.costs(ControlBox.around(superquadric)))
 
 
 def crossed_over(flatness):
     """Points just below the middle of a thin plate that face up."""
     points = np.column_stack([0.5 * even_directions(200)[:, :2], np.full(200, -0.02)])
-    return FacingCloud(points, np.tile([0.0, 0, 1], (200, 1)), np.full(200, flatness))
+    return OrientedCloud(points, np.tile([0.0, 0, 1], (200, 1)), np.full(200, flatness))
 
 
 def test_a_point_belongs_to_the_side_that_faces_as_it_does():
@@ -104,7 +104,7 @@ def test_a_normal_without_trust_does_not_count():
 
 def test_model_points_without_a_data_point_are_attracted_to_data():
     """Upper half matched: the lower half's model points choose data points below, near and facing alike."""
-    cloud = FacingCloud(even_directions(600), even_directions(600), np.ones(600))
+    cloud = OrientedCloud(even_directions(600), even_directions(600), np.ones(600))
     grid, _ = BALL.grid(MODEL_RESOLUTION)
     pairs = Correspondence.between(BALL, cloud)
     costs = pairs.costs(ControlBox.around(BALL))
@@ -144,7 +144,7 @@ def test_toroids_are_matched_too():
     ring = made("toroid", (1, 1))
     grid, _ = ring.grid(12)
     normals = ring.gradient(grid) / np.linalg.norm(ring.gradient(grid), axis=1, keepdims=True)
-    found = facing(ring, FacingCloud(grid, normals, np.ones(len(grid))))
+    found = facing(ring, OrientedCloud(grid, normals, np.ones(len(grid))))
     assert np.linalg.norm(found - grid, axis=1).max() < 0.15 * np.linalg.norm(np.ptp(grid, axis=0))
 
 
@@ -153,5 +153,5 @@ def test_the_inlier_ratio_stays_below_one(rng):
     found = data_of()
     found = found.weighted(np.abs(rng.normal(size=len(CLOUD))) * 1e-3, sigma=1e-3)
     assert 0.9 < found.inlier_ratio < 1
-    assert found.probabilities(np.array([1.0]), 1e-3)[0] < 1e-3
-    assert found.probabilities(np.array([1e-4]), 1e-3)[0] > 0.9
+    assert inlier_probabilities(np.array([1.0]), 1e-3, found.inlier_ratio)[0] < 1e-3
+    assert inlier_probabilities(np.array([1e-4]), 1e-3, found.inlier_ratio)[0] > 0.9

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from quadriform.fitting.least_squares.marginal_likelihood import SELECTION
 from quadriform.fitting.least_squares.normal_equations import NormalEquations
 from quadriform.fitting.least_squares.regularisers import Bending
+from quadriform.fitting.least_squares.selection import SELECTION
 from quadriform.motion.cycle_equations import LinearCycleProblem
 from quadriform.shapes.bernstein import gram
 from quadriform.shapes.splines import TimeBasis

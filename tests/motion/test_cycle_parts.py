@@ -10,7 +10,7 @@ from quadriform.fitting.least_squares.marginal_likelihood import LinearProblem
 from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.refinement.base_prior import base_priors
 from quadriform.fitting.refinement.point_to_plane import data_rows, fraction_of
-from quadriform.fitting.refinement.stage import Correlated
+from quadriform.fitting.refinement.stage import independent_fraction
 from quadriform.fitting.refinement.starts import nested_ellipsoids
 from quadriform.motion import cycle as cycles
 from quadriform.motion.cycle import Cycle, named
@@ -58,7 +58,7 @@ def test_a_cycle_begins_with_the_undeformed_box_and_the_median_distance():
     assert with_planes.shifts.shape == (3, 2)
     noise = np.tile(np.eye(3), (60, 1, 1))
     known = cycle(noise={named(1, "surface"): noise}, bases=(None, None, PLANE)).init()
-    assert [each[0].noise is not None for each in known.datasets] == [False, True, False]
+    assert [each[0].covariances is not None for each in known.datasets] == [False, True, False]
     assert [each[0].half_space is not None for each in known.datasets] == [False, False, True]
 
 
@@ -85,14 +85,13 @@ def test_the_extreme_frames_are_those_of_the_least_and_the_largest_distances():
 def test_the_strength_in_space_is_the_smallest_of_its_frames(monkeypatch):
     of, state, given = cycle(), moved(cycle()), []
 
-    def select(self, strength, before):
-        given.append((self.effective_fraction, before))
+    def best(self, start):
+        given.append((self.effective_fraction, start))
         return type("S", (), {"strength": [3.0, 1.0, 2.0][len(given) - 1]})
 
-    monkeypatch.setattr(LinearProblem, "select", select)
+    monkeypatch.setattr(LinearProblem, "best", best)
     assert of.strength_in_space(state, (0, 2, 1), 0.5) == 1
-    rule = Correlated(81.0)
-    expected = [rule.fraction(state.boxes[k], tuple(state.datasets[k]), False) for k in (0, 2, 1)]
+    expected = [independent_fraction(tuple(state.datasets[k]), state.boxes[k], 81.0) for k in (0, 2, 1)]
     assert given == [(pytest.approx(each), 0.5) for each in expected]
 
 

@@ -16,7 +16,7 @@ from quadriform.fitting.least_squares.regularisers import Regulariser, regularis
 from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.refinement.base_prior import base_priors
 from quadriform.fitting.refinement.point_to_plane import data_rows, linear_problem_of, step_length
-from quadriform.fitting.refinement.stage import MAD_TO_SIGMA, Correlated, Penalty
+from quadriform.fitting.refinement.stage import MAD_TO_SIGMA, Penalty, independent_fraction
 from quadriform.fitting.refinement.surface_data import SurfaceData
 from quadriform.fitting.refinement.unfolding import JacobianPenalty
 from quadriform.fitting.result import HalfSpace
@@ -151,10 +151,9 @@ class Cycle:
         return CycleState(displacement, shifts, [self.box] * frames, datasets, sigma, [penalty] * frames, self.box)
 
     def _data(self, frame: int, name: str, points: Array) -> SurfaceData:
-        noise, least = self.known_noise.relative.get(named(frame, name)), self.known_noise.least_sigma
-        found = SurfaceData.of(
-            self.surfaces[name], points, np.ones(len(points)), self.bases[frame], noise=noise, least_sigma=least
-        )
+        covariances, least = self.known_noise.relative.get(named(frame, name)), self.known_noise.least_sigma
+        surface, ones = self.surfaces[name], np.ones(len(points))
+        found = SurfaceData.of(surface, points, ones, self.bases[frame], None, covariances, least)
         return found.with_nearest_foot_points(self.box)
 
     def extremes(self, state: CycleState) -> tuple[int, int]:
@@ -178,25 +177,25 @@ class Cycle:
             frames: their indices.
             near: an earlier strength, or None.
             first: whether there was no round before, so that only as many points count as there are unknowns; see
-                `Correlated`.
+                `independent_fraction`.
         """
-        none, rule = [None] * len(self.surfaces), Correlated(float(self.box.rest.size))
+        none, unknowns = [None] * len(self.surfaces), float(self.box.rest.size)
         found = []
         for frame in frames:
             box, datasets = state.boxes[frame], state.datasets[frame]
-            fraction = rule.fraction(box, tuple(datasets), first)
+            fraction = independent_fraction(tuple(datasets), None if first else box, unknowns)
             linear = linear_problem_of(datasets, none, box, self.regularity, fraction, self.known_noise.least_sigma)
-            found.append(linear.select(None, near).strength)
+            found.append(linear.best(near).strength)
         return min(found)
 
     def effective_fraction(self, state: CycleState, first: bool = False) -> float:
         """Number of independent points over that of all points, of all frames together.
 
-        The least effective number of points of a frame (`Correlated.least`) is its part of all unknowns. That is
-        smaller than in single fits: splines in time have fewer unknowns than all frames alone.
+        The least effective number of points of a frame (`least` of `independent_fraction`) is its part of all unknowns.
+        That is smaller than in single fits: splines in time have fewer unknowns than all frames alone.
         """
-        rule = Correlated(state.displacement.size / len(self.frames))
-        found = [rule.fraction(box, tuple(each), first) for box, each in zip(state.boxes, state.datasets)]
+        least, every = state.displacement.size / len(self.frames), zip(state.boxes, state.datasets)
+        found = [independent_fraction(tuple(each), None if first else box, least) for box, each in every]
         counts = [sum(float((data.weights * data.inliers).sum()) for data in each) for each in state.datasets]
         return float(np.average(found, weights=counts))
 

@@ -23,8 +23,8 @@ from scipy.linalg import cho_solve, eigh
 from scipy.optimize import minimize_scalar
 
 from quadriform.fitting.least_squares.factorisation import cholesky_factor, spectrum
-from quadriform.fitting.least_squares.marginal_likelihood import SELECTION
 from quadriform.fitting.least_squares.normal_equations import NormalEquations
+from quadriform.fitting.least_squares.selection import SELECTION
 from quadriform.points import Array
 from quadriform.shapes.bernstein import gram, kronecker
 from quadriform.shapes.splines import TimeBasis

@@ -1,7 +1,8 @@
 """The rounds of a cycle: from a smooth fit of one frame to the strengths of the points, and to maps without folds.
 
-All frames start from the smooth fit of one of them. The surface is smooth at first, for an estimated strength has two
-fixed points: once a surface follows correlated errors, its residuals look independent.
+All frames start from the smooth fit of one of them. The surface is smooth at first: once a surface follows
+correlated errors its residuals look independent, and the estimated strength stays too small (`independent_fraction` of
+`fitting/refinement/stage.py`).
 """
 
 from dataclasses import dataclass, replace

@@ -4,20 +4,38 @@ It is also called the evidence; for a linear model its maximisation is REML. A f
 its rounds (iterations), with the foot points and weights of that round.
 
 The model is r = J p + e, with e ~ N(0, s^2) and p ~ N(0, s^2 (lambda K)^+), an improper uniform prior on the null space
-of K. p are the displacements P - P0 of the control points; r leads from the undeformed surface to the data, J has the
-data's rows of the deformation matrix, and both are multiplied by the root of each point's weight. K is the matrix of
-the regulariser, the same for each coordinate. So p minimises |J p - r|^2 + lambda p' K p. With A = J' J, n the sum of
-the weights (`total_weight`) and d the dimension of the null space of K,
+of K:
 
-    lambda = alpha n, alpha the `strength`, per data point; `lam` in the code
-    s^2 = (|J p - r|^2 + lambda p' K p) / (n - d), the REML estimate
-    C = m log s^2 + log|A + lambda K| - rank K log lambda, m = f n - d
+    p       (3 k,), the displacements P - P0 of the k control points from their undeformed positions
+    r, J    the vectors from the undeformed surface to the data, and the data's rows of the deformation matrix, both
+            multiplied by the root of each point's weight
+    K       the matrix of the regulariser, (k, k), the same for each coordinate
+    A, b, c J' J, J' r and r' r, the normal equations of the data (`normal_equations.py`)
+    n       the sum of the weights (`total_weight`)
+    f       the fraction of the points that count as independent (`effective_fraction`)
+    d       the dimension of the null space of K, for all coordinates
+    lambda  alpha n, where alpha is the `strength`, per data point; `lam` in the code
+    q(p)    extra quadratic terms that are no data: priors on surfaces beyond a base, the Jacobian penalty; mostly zero
 
-and the best strength minimises the criterion C, minus twice the log marginal likelihood up to a constant.
+At a given strength p minimises R(p) = |J p - r|^2 + lambda p' K p + q(p). Below, A includes the matrix of q. With R the
+least value and m = f n - d,
 
-Correlated residuals: where only f n of n are independent (f the `effective_fraction`), A, lambda and n count f times.
-This changes neither p nor s^2, in C only m, and the covariance of p is s^2 / f (A + lambda K)^-1. `variance` and
-`covariance` are without this factor; who needs it takes `independent_sigma`, s / sqrt(f), for the noise.
+    s^2 = max(R / (n - d), s0^2), the REML estimate; s0 is the known noise (`least_sigma`)
+    C = m log s^2 + m R / ((n - d) s^2) + log|A + lambda K| - rank K log lambda
+
+and the best strength minimises the criterion C, minus twice the log marginal likelihood up to a constant. The second
+term is the constant m unless s^2 is at its lower bound. The noise that is returned as `Solution.sigma` is without the
+extra terms: s^2 with R - q(p) in place of R.
+
+Correlated residuals: where only f n of n are independent, A, lambda and n count f times. This changes neither p nor
+s^2, and in C only m. The posterior covariance of p is then s^2 / f (A + lambda K)^-1; the methods `variance` and
+`covariance` return s^2 (A + lambda K)^-1, that of independent residuals, WITHOUT 1 / f.
+
+How the best strength is found, in x = log alpha: `best` looks at every decade (`_best_decade`), then seeks the root of
+dC/dx by secant steps (`_by_secants`), or, where these fail, the minimum of C without derivatives
+(`_without_derivatives`) and from there the root. `best_after` takes one Newton step from the strength of the round
+before, and falls back on `best`. Both solve the problem at the minimum they found (`_at_minimum`). `solve` is at a
+given strength, and `solve_or_best` chooses between them.
 
 The unit of length is the RMS radius of the points. All is solved in the eigenbasis of K, where lambda adds to the
 diagonal alone: even for a very large one the data's part on the null space of K is not lost in rounding.
@@ -34,39 +52,8 @@ from scipy.optimize import minimize_scalar
 from quadriform.errors import DegenerateError
 from quadriform.fitting.least_squares.factorisation import cholesky_factor, condition_number, spectrum
 from quadriform.fitting.least_squares.normal_equations import NormalEquations
+from quadriform.fitting.least_squares.selection import SELECTION
 from quadriform.points import Array
-
-
-@dataclass(frozen=True)
-class Selection:
-    """The constants of the search for the strength; steps and tolerances are in its logarithm."""
-
-    widest: tuple[float, float] = (1e-13, 1e3)
-    """Range of strengths of the first search, in steps of a decade: from no regularisation to an affine map."""
-    search_factor: float = 30.0
-    """A later search stays within this factor of the strength at which it starts."""
-    coarse_tolerance: float = 0.1
-    """Tolerance of the derivative-free minimisation. The root of the derivative is found from there, for rounding of
-    the data may change the result of the minimisation by this much."""
-    most_steps: int = 8
-    """Secant steps to the root; where they do not converge, the minimum is sought without derivatives."""
-    tolerance: float = 1e-6
-    """Length of the last secant step to the root; what is left is of higher order."""
-    iteration_tolerance: float = 0.03
-    """The same within the rounds of a fit, of which each continues where the one before stopped."""
-    flat_derivative: float = 0.02
-    """The criterion is flat where its derivative by the logarithm of the strength is below this: for data that the null
-    space of K fits, the criterion decreases for ever with the strength, and its derivative tends to zero."""
-    equal_criteria: float = 0.01
-    """Criteria that differ by less are equally good in the first search."""
-    sigma_floor: float = 1e-9
-    """Least standard deviation: the logarithm of the variance stays finite where a fit is exact."""
-    null_space_weight: float = 1e-12
-    """Added on the null space of K, relative to the largest diagonal entry of A: what no point determines there is
-    zero."""
-
-
-SELECTION = Selection()
 
 
 class Minimum(NamedTuple):
@@ -90,9 +77,8 @@ class Solution:
     Attributes:
         displacement: (k, 3).
         strength: alpha.
-        sigma: standard deviation of the residuals, the REML estimate.
-        criterion: minus twice the log marginal likelihood, up to a constant; extra terms enter like squares of the
-            data, without adding to n and without a normaliser.
+        sigma: standard deviation of the residuals of the data, s without the extra terms.
+        criterion: C, minus twice the log marginal likelihood up to a constant.
         factor: lower Cholesky factor (3 k, 3 k) of A + lambda K in the eigenbasis of K.
         eigenvectors: (k, k), of K, as columns, for one coordinate.
         effective_fraction: number of independent residuals over that of all, in (0, 1]; below 1 where neighbours are
@@ -120,17 +106,23 @@ class Solution:
         return condition_number(self.factor)
 
     def variance(self, rows: Array) -> Array:
-        """Posterior variance of linear functions (n, 3 k) of the displacement, for independent residuals."""
+        """Posterior variance of linear functions (n, 3 k) of the displacement if all residuals are independent."""
         return self.sigma**2 * (self._halved(rows) ** 2).sum(axis=0)
 
     def covariance(self) -> Array:
-        """Posterior covariance (3 k, 3 k) of the control points, for independent residuals."""
+        """Posterior covariance (3 k, 3 k) of the control points if all residuals are independent.
+
+        It is s^2 (A + lambda K)^-1; with correlated residuals it would be divided by `effective_fraction`.
+        """
         # by the factor, not by an inverse: the result stays symmetric and positive
         half = self._halved(np.eye(len(self.factor)))
         return self.sigma**2 * half.T @ half
 
     def _halved(self, rows: Array) -> Array:
-        """L^-1 times linear functions (n, 3 k), L the factor: squares of its columns sum up to variances over s^2."""
+        """L^-1 V' (3 k, n) of linear functions V (n, 3 k), L the factor; its columns squared sum up to variance / s^2.
+
+        For V (L L')^-1 V' = (L^-1 V')' (L^-1 V').
+        """
         rotated = np.einsum("nki,kj->jin", rows.reshape(len(rows), -1, 3), self.eigenvectors, optimize=True)
         halved: Array = solve_triangular(self.factor, rotated.reshape(len(self.factor), -1), lower=True)
         return halved
@@ -145,10 +137,9 @@ class LinearProblem:
         regulariser_matrix: (k, k), K, for one coordinate.
         total_weight: n, the sum of weight times inlier probability of the data points; the weights of a cloud have mean
             one, so it is a number of points.
-        effective_fraction: as in `Solution`.
-        least_sigma: lower bound of the standard deviation of the noise, as known from the measurement.
-        with_extra: the sum of `data` and of extra quadratic terms, which are no part of the noise (priors on surfaces
-            beyond a base, the Jacobian penalty); None where there are none.
+        effective_fraction: f, as in `Solution`.
+        least_sigma: s0, the standard deviation of the noise that is known from the measurement, a lower bound of s.
+        with_extra: the sum of `data` and of the extra terms q(p); None where there are none.
         eigenvalues, eigenvectors: of K.
         rank, null_dimension: of K for all coordinates.
 
@@ -176,7 +167,7 @@ class LinearProblem:
 
     @property
     def equations(self) -> NormalEquations:
-        """Those of all terms but the regulariser."""
+        """The normal equations of all terms but the regulariser: of data and extra terms."""
         return self.data if self.with_extra is None else self.with_extra
 
     def with_extra_terms(self, equations: NormalEquations) -> "LinearProblem":
@@ -191,10 +182,7 @@ class LinearProblem:
 
     @cached_property
     def _all_as_data(self) -> "LinearProblem":
-        """The problem in which the extra terms count as data: the displacement minimises its sum of squares.
-
-        So the derivative of the least sum by the strength, through the displacement, is zero (envelope theorem).
-        """
+        """The problem in which the extra terms count as data, so that s^2 is that of the criterion."""
         return self if self.with_extra is None else replace(self, data=self.with_extra, with_extra=None)
 
     @cached_property
@@ -216,8 +204,7 @@ class LinearProblem:
 
     @property
     def _freedom(self) -> tuple[float, float]:
-        """Degrees of freedom of all residuals, and of the independent ones."""
-        # the noise is estimated from all residuals, also from correlated ones
+        """Degrees of freedom of all residuals, n - d, and m = f n - d, each at least one."""
         n, d = self.total_weight, self.null_dimension
         return max(n - d, 1.0), max(self.effective_fraction * n - d, 1.0)
 
@@ -237,27 +224,26 @@ class LinearProblem:
             return None
         rotated = cho_solve((factor, True), right)
         displacement = self.eigenvectors @ rotated.reshape(-1, 3)
-        # the least sum of squares with extra terms, c - b' p, without forming residuals
+        # R = c - b' p at its minimum, without forming residuals
         least = self.equations.constant - right @ rotated
         variance = self._variance(least)
         log_determinant = 2 * np.log(np.diag(factor)).sum()
         dof, effective_dof = self._freedom
-        # minus twice the log of the likelihood with the control points integrated out (REML); extra terms count as
-        # data in it, so that its derivative is known (see `_all_as_data`)
-        squares = effective_dof * float(least) / dof / variance  # a constant unless the noise is at its lower bound
+        squares = effective_dof * float(least) / dof / variance
         criterion = effective_dof * np.log(variance) + squares + log_determinant - self.rank * np.log(max(lam, 1e-300))
-        # in the noise they do not count
         if self.with_extra is not None:
             variance = self._variance(self.cost(displacement, strength))
         sigma, vectors = float(np.sqrt(variance)), self.eigenvectors
         return Solution(displacement, strength, sigma, float(criterion), factor, vectors, self.effective_fraction)
 
-    def select(self, strength: float | None, previous: Solution | float | None) -> Solution:
+    def solve_or_best(self, strength: float | None, previous: Solution | None) -> Solution:
         """The solution at a given strength, or at the best one where none is given or it leaves points undetermined.
+
+        The strength of the solution shows which of them it is: it is exactly the given one, or another.
 
         Args:
             strength: alpha per data point, or None.
-            previous: the solution, or only the strength, of an earlier, similar problem, where there is one.
+            previous: the solution of an earlier, similar problem, where there is one.
 
         Raises:
             DegenerateError: no strength determines the control points.
@@ -265,7 +251,7 @@ class LinearProblem:
         given = None if strength is None else self.solve(strength)
         if given is not None:
             return given
-        return self.after(previous) if isinstance(previous, Solution) else self.best(previous)
+        return self.best() if previous is None else self.best_after(previous)
 
     def best(self, start: float | None = None) -> Solution:
         """The solution at the strength of the largest marginal likelihood.
@@ -277,20 +263,20 @@ class LinearProblem:
         Raises:
             DegenerateError: no strength determines the control points.
         """
-        first = self._first() if start is None else start
+        first = self._best_decade() if start is None else start
         low, high = _search_range(first)
         x = float(np.clip(np.log(first), low, high))
         coarse = SELECTION.coarse_tolerance
-        found = self._root(x, min(x + coarse, high), (low, high), SELECTION.tolerance)
+        found = self._by_secants(x, min(x + coarse, high), (low, high), SELECTION.tolerance)
         if found is not None and found.is_flat and start is not None:
             return self.best()
         if found is None:
-            x = self._by_values(low, high)
+            x = self._without_derivatives(low, high)
             bounds = x - 3 * coarse, x + 3 * coarse
-            found = self._root(x, x + coarse, bounds, SELECTION.tolerance) or Minimum(x)
-        return self._determined(found)
+            found = self._by_secants(x, x + coarse, bounds, SELECTION.tolerance) or Minimum(x)
+        return self._at_minimum(found)
 
-    def after(self, previous: Solution) -> Solution:
+    def best_after(self, previous: Solution) -> Solution:
         """The solution near the best strength, by one Newton step from the strength of the round before.
 
         The strength is found to within about `iteration_tolerance`; later rounds refine it.
@@ -302,16 +288,16 @@ class LinearProblem:
         derivative = self._derivative(x)
         if previous.curvature <= 0 or derivative is None:
             return self.best(previous.strength)
-        # with the curvature of the round before: rounds differ little
+        # the second derivative is that of the round before: rounds differ little
         step = x - derivative / previous.curvature
         found: Minimum | None = Minimum(step, previous.curvature)
         if abs(step - x) >= SELECTION.iteration_tolerance:
             bounds = _search_range(previous.strength)
-            found = self._root(x, step, bounds, SELECTION.iteration_tolerance, derivative)
-        return self.best(previous.strength) if found is None else self._determined(found)
+            found = self._by_secants(x, step, bounds, SELECTION.iteration_tolerance, derivative)
+        return self.best(previous.strength) if found is None else self._at_minimum(found)
 
-    def _determined(self, minimum: Minimum) -> Solution:
-        """The solution at a minimum, or at the nearest larger strength that determines it."""
+    def _at_minimum(self, minimum: Minimum) -> Solution:
+        """The solution at a minimum, or at the nearest larger strength that determines the control points."""
         for factor in (1.0, *np.geomspace(10, SELECTION.widest[1] / SELECTION.widest[0], 16)):
             found = self.solve(float(factor * np.exp(minimum.log_strength)))
             if found is not None:
@@ -321,14 +307,14 @@ class LinearProblem:
             "extent in three dimensions that is not made of outliers alone"
         )
 
-    def _first(self) -> float:
+    def _best_decade(self) -> float:
         """Where a first search begins: the least of the strengths, a decade apart, that are as good as the best."""
         # the criterion has flat ends, where a local search would stop: look at every decade first
         strengths = np.geomspace(*SELECTION.widest, 17)
         criteria = np.array([self._criterion(float(strength)) for strength in strengths])
         return float(strengths[np.argmax(criteria <= criteria.min() + SELECTION.equal_criteria)])
 
-    def _by_values(self, low: float, high: float) -> float:
+    def _without_derivatives(self, low: float, high: float) -> float:
         """The logarithm of the best strength between two logarithms, to within `coarse_tolerance`."""
         with np.errstate(invalid="ignore"):  # a parabola through an infinite criterion: it halves instead
             found = minimize_scalar(
@@ -339,13 +325,14 @@ class LinearProblem:
             )
         return float(found.x)
 
-    def _root(
+    def _by_secants(
         self, x0: float, x1: float, bounds: tuple[float, float], tolerance: float, derivative: float | None = None
     ) -> Minimum | None:
-        """The minimum of the criterion by secant steps on its derivative; flat, at x0, where both first points are.
+        """The minimum of the criterion by secant steps to the root of its derivative.
 
-        None where a step leaves the bounds, the curvature is not positive, a strength leaves control points
-        undetermined, or the steps do not converge.
+        Where the criterion is flat at x0 and at x1, the minimum is x0, marked as flat. None where a step leaves the
+        bounds, the curvature is not positive, a strength leaves control points undetermined, or the steps do not
+        converge.
 
         Args:
             x0, x1: first two logarithms of the strength.
@@ -371,7 +358,11 @@ class LinearProblem:
         return None
 
     def _derivative(self, x: float) -> float | None:
-        """Derivative of the criterion by the logarithm of the strength."""
+        """dC/dx, the derivative of the criterion by the logarithm of the strength; None where undetermined.
+
+        dC/dx = lambda (m p' K p / ((n - d) s^2) + tr K (A + lambda K)^-1) - rank K. The derivative through p is zero,
+        since p minimises R (envelope theorem).
+        """
         solution = self._all_as_data.solve(float(np.exp(x)))
         if solution is None:
             return None
@@ -379,9 +370,7 @@ class LinearProblem:
         dof, effective_dof = self._freedom
         squares = dof * solution.sigma**2
         energy = self._energy(self.eigenvectors.T @ solution.displacement)
-        # d C / d log(lambda) = lambda (m p'Kp / regularised squares + tr K (A + lambda K)^-1) - rank K; by the envelope
-        # theorem the derivative through p vanishes; the null space comes first in the order of eigenvalues, and the
-        # strength does not act on it
+        # the null space comes first in the order of eigenvalues, and the strength does not act on it
         regularised = solution.factor[self.null_dimension :, self.null_dimension :]
         # with A + lambda K = L L' the diagonal of the inverse is the sum of squares of the columns of L^-1
         inverse, _ = lapack.dtrtri(regularised, lower=1)

@@ -7,15 +7,17 @@ from scipy.spatial import cKDTree
 
 from quadriform.fitting.cloud import first_least
 from quadriform.fitting.refinement.point_to_plane import Attraction
-from quadriform.fitting.refinement.surface_data import FacingCloud, SurfaceData
+from quadriform.fitting.refinement.surface_data import OrientedCloud, SurfaceData
 from quadriform.points import Array
 from quadriform.shapes.closest import surface_points
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superquadric import Superquadric
 
 FACING = 0.4
-"""Distance, in RMS radii, that a pair with opposite normals counts as farther, divided by the square root of two."""
+"""Weight of the angle between the normals of a pair, in RMS radii. With opposite normals the squared distance counts as
+larger by 2 FACING^2, that of .57 RMS radii: more than the thickness of a thin body, less than its length."""
 MODEL_RESOLUTION = 14
+"""Cells along an edge of the grid of model points: 1,178 of them, about as many as data points in the coarse stages."""
 
 
 @dataclass(frozen=True)
@@ -30,12 +32,12 @@ class Correspondence:
     """
 
     superquadric: Superquadric
-    cloud: FacingCloud
+    cloud: OrientedCloud
     origins: Array
     tree: cKDTree
 
     @classmethod
-    def between(cls, superquadric: Superquadric, cloud: FacingCloud) -> "Correspondence":
+    def between(cls, superquadric: Superquadric, cloud: OrientedCloud) -> "Correspondence":
         """Of the cloud and an even grid of the surface."""
         origins, _ = superquadric.grid(MODEL_RESOLUTION)
         return cls(superquadric, cloud, origins, cKDTree(origins))
@@ -54,7 +56,7 @@ class Correspondence:
         costs += (model**2).sum(axis=1)
         return costs
 
-    def facing(self, costs: Array) -> Array:
+    def matched(self, costs: Array) -> Array:
         """The origins (n, 3) of the model points of least cost for each data point."""
         return self.origins[first_least(costs)]
 

@@ -207,7 +207,7 @@ def on_all(
     for name, cloud in clouds.items():
         relative = known.relative.get(name)
         some = local.surfaces[name], sample.points[name], sample.weights[name]
-        data = SurfaceData.of(*some, half_space, noise=relative, least_sigma=known.least_sigma)
+        data = SurfaceData.of(*some, half_space, covariances=relative, least_sigma=known.least_sigma)
         data = data.with_nearest_foot_points(local.box)
         # on the scale of the sample's weights, whose mean is one
         even = weights[name] if sample.mean_weight == 1 else weights[name] / sample.mean_weight
@@ -233,8 +233,11 @@ def _rounds(
         equations, count = points.sums(box, box, sigma)
         linear = linear_problem_from(equations, box, options.regularity, count, effective_fraction, points.least_sigma)
         linear = points.with_priors(linear, box)
-        first = linear.select(strength, solutions[-1] if solutions else found.strength)
-        after = _unfolded(points, linear, box, first) if strength in (None, first.strength) else None
+        if strength is not None:
+            first = linear.solve(strength)
+        else:
+            first = linear.best_after(solutions[-1]) if solutions else linear.best(found.strength)
+        after = None if first is None else _unfolded(points, linear, box, first)
         if after is None:
             return points, found
         before, box, solution = box, after.box, after.solution

@@ -181,9 +181,9 @@ def _first_and_best(
 ) -> tuple["Attempt", "Attempt | None"]:
     """The refinement of the first start, and the first certified one of accepted noise, else that of least noise.
 
-    Starts are tried in the order of the marginal likelihood after their first stage, self-intersecting ones last. With
-    several surfaces in one box the space between them must not fold: there any noise is accepted where none is better.
-    None in place of the second where no refinement is certified within the accepted noise.
+    Starts are tried in the order of the marginal likelihood after their first stage, those whose surfaces cross last.
+    With several surfaces in one box the space between them must not fold: there any noise is accepted where none is
+    better. None in place of the second where no refinement is certified within the accepted noise.
 
     Args:
         given: points and options.
@@ -192,7 +192,7 @@ def _first_and_best(
         largest_sigma: the accepted noise; None for one relative to that of the first start.
     """
     attempts, noisy = list["Attempt"](), list["Attempt"]()
-    for trial in _self_intersecting_last(_ordered(given, starts, shape)):
+    for trial in _crossing_last(_ordered(given, starts, shape)):
         refined = fine_stage(trial.problem, trial.datasets, trial.coarse)
         attempts.append(Attempt(trial, refined))
         accepted = accepted_sigma(attempts[0].refined.sigma) if largest_sigma is None else largest_sigma
@@ -245,18 +245,18 @@ class _Trial:
         strength = check_strength(options.strength)
         measured = probes(surfaces.values())
         problem = Problem(box, measured, options.regularity, strength, options.robust, report, given.noise.least_sigma)
-        datasets = [data.around(each) for data, each in zip(given.datasets, surfaces.values())]
+        datasets = [data.with_superquadric(each) for data, each in zip(given.datasets, surfaces.values())]
         return cls(given, surfaces, problem, datasets)
 
     @cached_property
     def first(self) -> Refined:
         """After the first stage."""
-        return first_stage(self.problem, self.given.first_sample.around(list(self.surfaces.values())))
+        return first_stage(self.problem, self.given.first_sample.with_superquadrics(self.surfaces.values()))
 
     @cached_property
     def undeformed_rms(self) -> float:
         """RMS distance of the points of the first stage to the superquadrics."""
-        box, datasets = self.problem.box, self.given.first_sample.around(list(self.surfaces.values())).datasets
+        box, datasets = self.problem.box, self.given.first_sample.with_superquadrics(self.surfaces.values()).datasets
         distances = [data.with_nearest_foot_points(box).distances(box) for data in datasets]
         return float(np.sqrt((np.concatenate(distances) ** 2).mean()))
 
@@ -275,11 +275,11 @@ class Attempt(NamedTuple):
     refined: Refined
 
 
-def _self_intersecting_last(trials: Sequence[_Trial]) -> Iterator[_Trial]:
-    """The trials in their order, those whose surfaces intersect after the coarse stages at the end."""
+def _crossing_last(trials: Sequence[_Trial]) -> Iterator[_Trial]:
+    """The trials in their order, those whose surfaces cross after the coarse stages at the end."""
     last = []
     for trial in trials:
-        if trial.coarse.self_intersecting():
+        if trial.coarse.crosses_though_covered:
             last.append(trial)
         else:
             yield trial
@@ -308,7 +308,7 @@ def sigma_of_distances(refined: Refined) -> float:
     `sigma` is the standard deviation of points of mean known noise. Where surfaces are farther from well-known
     points than these permit, as from displaced slices of a mask, it is larger than the distances themselves.
     """
-    if all(data.noise is None for data in refined.datasets):
+    if all(data.covariances is None for data in refined.datasets):
         return refined.sigma
     weights = np.concatenate([data.effective_weights for data in refined.datasets])
     squares = np.concatenate([data.distances(refined.box) ** 2 for data in refined.datasets])

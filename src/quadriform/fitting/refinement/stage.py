@@ -1,13 +1,13 @@
 """One stage of the coarse-to-fine refinement: its state, its parts, and the rounds at one number of control points.
 
-A round updates the foot points (a correspondence), the inlier probabilities (a weighting rule) and the control points
-(the linear problem at a selected strength). A stage makes rounds until its stopping rule is met. `stages.py` has the
-sequence of stages, from few control points and few data points to all of them. All lengths are in the centred, scaled
-frame: the origin is the centroid of the points, the unit their RMS distance from it. The foot point of a data point is
-stored by its origin, the point of the undeformed superquadric that the box moves there.
+A round updates the foot points, the inlier probabilities and the control points (the linear problem at a selected
+strength). A stage makes rounds until the surface hardly moves. `stages.py` has the sequence of stages, from few control
+points and few data points to all of them. The glossary is in `quadriform/fitting/__init__.py`.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -33,6 +33,8 @@ from quadriform.shapes.model import DeformableModel
 
 Datasets = tuple[SurfaceData, ...]
 Attractions = tuple[Attraction | None, ...]
+FootPointUpdate = Callable[[ControlBox, Datasets], tuple[Datasets, Attractions]]
+"""From a deformed box and data to the data with new foot points, and attractions of model points, or None for each."""
 
 
 @dataclass(frozen=True)
@@ -75,15 +77,18 @@ class InitialState:
         box: deformed.
         datasets: one for each surface.
         solution: of the stage before, where the search for the strength begins; or None.
-        sigma: standard deviation of the inliers' point-to-plane residuals, or None where it is not known.
         history: one record for each round so far.
     """
 
     box: ControlBox
     datasets: Datasets
     solution: Solution | None = None
-    sigma: float | None = None
     history: tuple[Iteration, ...] = ()
+
+    @property
+    def sigma(self) -> float | None:
+        """Standard deviation of the inliers' point-to-plane residuals; None before there is a solution."""
+        return None if self.solution is None else self.solution.sigma
 
 
 @dataclass(frozen=True)
@@ -107,16 +112,13 @@ class Refined:
         """Standard deviation of the inliers' point-to-plane residuals."""
         return self.solution.sigma
 
-    def is_covered(self) -> bool:
-        """Whether the data samples all of every surface."""
-        return all(data.is_covered() for data in self.datasets)
-
-    def self_intersecting(self) -> bool:
-        """Whether a surface intersects itself or another, of data that covers every surface.
+    @cached_property
+    def crosses_though_covered(self) -> bool:
+        """Whether a surface crosses itself or another although the data covers every surface.
 
         False for data with gaps: there a greater strength is tried instead.
         """
-        if not self.is_covered():
+        if not all(data.is_covered() for data in self.datasets):
             return False
         surfaces = {str(number): data.superquadric for number, data in enumerate(self.datasets)}
         return bool(DeformableModel(surfaces, self.box).crossings())
@@ -136,28 +138,15 @@ class Penalty(Protocol):
         """The cost itself."""
 
 
-class FootPointUpdate(Protocol):
-    """A correspondence of data points and the surface."""
-
-    def update(self, box: ControlBox, datasets: Datasets) -> tuple[Datasets, Attractions]:
-        """Data with new foot points, and residuals from model points to the data where there are some."""
-
-
-class TangentialSteps:
-    """Foot points that move along the surface from where they are."""
-
-    def update(self, box: ControlBox, datasets: Datasets) -> tuple[Datasets, Attractions]:
-        """Data with foot points after a few tangential Gauss-Newton steps."""
-        steps = SCHEDULE.tangential_steps
-        return tuple(data.with_tangential_steps(box, steps) for data in datasets), (None,) * len(datasets)
+def tangential_steps(box: ControlBox, datasets: Datasets) -> tuple[Datasets, Attractions]:
+    """Data with foot points after a few tangential Gauss-Newton steps from where they are; no attractions."""
+    steps = SCHEDULE.tangential_steps
+    return tuple(data.with_tangential_steps(box, steps) for data in datasets), (None,) * len(datasets)
 
 
-class Nearest:
-    """Foot points that are the nearest points of the whole surface."""
-
-    def update(self, box: ControlBox, datasets: Datasets) -> tuple[Datasets, Attractions]:
-        """Data with the nearest foot points."""
-        return tuple(data.with_nearest_foot_points(box) for data in datasets), (None,) * len(datasets)
+def nearest_foot_points(box: ControlBox, datasets: Datasets) -> tuple[Datasets, Attractions]:
+    """Data with the nearest foot points of the whole surface; no attractions."""
+    return tuple(data.with_nearest_foot_points(box) for data in datasets), (None,) * len(datasets)
 
 
 @dataclass(frozen=True)
@@ -187,86 +176,31 @@ class FacingPairs:
         for pairs, covered, data in zip(self.pairs, self.covered, datasets):
             # pairs are points of a grid; tangential steps move the foot points to positions between them
             costs = pairs.costs(box)
-            result.append(
-                replace(data, origins=pairs.facing(costs)).with_tangential_steps(box, SCHEDULE.tangential_steps)
-            )
+            paired = replace(data, origins=pairs.matched(costs))
+            result.append(paired.with_tangential_steps(box, SCHEDULE.tangential_steps))
             attractions.append(pairs.attraction(costs, box, result[-1]) if covered else None)
         return tuple(result), tuple(attractions)
 
 
-class WeightingRule(Protocol):
-    """A rule for the inlier probabilities."""
+def independent_fraction(datasets: Datasets, fitted: ControlBox | None, least: float) -> float:
+    """Effective number of independent points over the number of all points, in (0, 1].
 
-    def weighted(self, box: ControlBox, datasets: Datasets, sigma: float | None) -> Datasets:
-        """Data with new inlier probabilities."""
+    Errors of neighbours may be correlated, as those of a contour, a mask or a scan are. The correlation is estimated
+    from the residuals of a fit, and the fit depends on it, through the strength. Two kinds of fits agree with their own
+    residuals. A smooth fit leaves the correlated errors as residuals: few points count, and the strength is large. A
+    fit that follows these errors leaves residuals that look independent: all points count, and the strength is small.
+    The smooth one is meant. So before there is a fit only `least` points count, which gives a smooth surface; each
+    later round uses the residuals of the round before.
 
-
-class FixedWeights:
-    """Inlier probabilities that are not updated; at first they are one."""
-
-    def weighted(self, box: ControlBox, datasets: Datasets, sigma: float | None) -> Datasets:
-        """The same data."""
-        return datasets
-
-
-class MixtureWeights:
-    """Inlier probabilities by a mixture of Gaussian inliers and uniform outliers."""
-
-    def weighted(self, box: ControlBox, datasets: Datasets, sigma: float | None) -> Datasets:
-        """Data with probabilities at a sigma of the inliers; if it is None, at an estimate from the median distance."""
-        if sigma is None:  # of all surfaces together: a median is no estimate for a surface of outliers alone
-            distances = [data.standardised_distances(box) for data in datasets]
-            sigma = MAD_TO_SIGMA * float(np.median(np.concatenate(distances)))
-        return tuple(data.with_inliers(box, sigma) for data in datasets)
-
-
-class Independence(Protocol):
-    """A rule for the fraction of the data points that count as independent."""
-
-    def fraction(self, box: ControlBox, datasets: Datasets, first: bool) -> float:
-        """Effective number of independent points over that of all, in (0, 1]; `first`: there is no fit yet."""
-
-
-class AllIndependent:
-    """Every point counts."""
-
-    def fraction(self, box: ControlBox, datasets: Datasets, first: bool) -> float:
-        """One."""
-        return 1.0
-
-
-ALL_INDEPENDENT = AllIndependent()
-
-
-@dataclass(frozen=True)
-class Correlated:
-    """Errors of neighbours may be correlated, as those of a contour, a mask or a scan are.
-
-    The rounds, which select the strength for the effective number of points and estimate that number from the residuals
-    at this strength, can converge to two results: once a fit follows correlated errors its residuals look independent,
-    and the strength stays too small. So the first round counts only as many points as there are unknowns, which gives a
-    smooth surface; later rounds use the residuals of the round before.
-
-    Attributes:
+    Args:
+        datasets: one for each surface.
+        fitted: the box of a fit; None before there is one.
         least: least effective number of points. With fewer than there are unknowns the evidence would have no maximum
             where a surface without details fits.
     """
-
-    least: float
-
-    def fraction(self, box: ControlBox, datasets: Datasets, first: bool) -> float:
-        """The fraction by the correlation of the residuals at a box; the least one before there is a fit."""
-        count = sum(data.count for data in datasets)
-        least = self.least / max(count, self.least)
-        return least if first else max(least, fraction_of(datasets, box))
-
-
-@dataclass(frozen=True)
-class StoppingRule:
-    """At most so many rounds, fewer when the surface moves less than a fraction of the noise."""
-
-    rounds: int
-    motion: float = 0.0
+    count = sum(data.count for data in datasets)
+    least_fraction = least / max(count, least)
+    return least_fraction if fitted is None else max(least_fraction, fraction_of(datasets, fitted))
 
 
 class Report:
@@ -292,9 +226,9 @@ class Problem:
         regularity: name or object.
         strength: alpha, the weight of the regulariser per data point; None for that of the largest marginal likelihood,
             or a smaller one by left-out patches (`stages.py`).
-        robust: whether outliers are down-weighted.
+        robust: whether outliers are down-weighted: inlier probabilities are updated in each round.
         report: of the rounds.
-        least_sigma: lower bound of the standard deviation of the noise.
+        least_sigma: lower bound of sigma, the standard deviation of the residuals.
     """
 
     box: ControlBox
@@ -306,9 +240,21 @@ class Problem:
     least_sigma: float = 0.0
 
     @property
-    def weighting(self) -> WeightingRule:
-        """The rule for the inlier probabilities in the fine stage; coarse stages keep those of their data."""
-        return MixtureWeights() if self.robust else FixedWeights()
+    def unknowns(self) -> float:
+        """The number of coordinates of the control points."""
+        return float(self.box.rest.size)
+
+    def weighted(self, box: ControlBox, datasets: Datasets, sigma: float | None) -> Datasets:
+        """Data with the inlier probabilities at a sigma of the inliers; as it is unless the problem is `robust`.
+
+        A sigma of None stands for an estimate from the median distance.
+        """
+        if not self.robust:
+            return datasets
+        if sigma is None:  # of all surfaces together: a median is no estimate for a surface of outliers alone
+            distances = [data.standardised_distances(box) for data in datasets]
+            sigma = MAD_TO_SIGMA * float(np.median(np.concatenate(distances)))
+        return tuple(data.with_inliers(box, sigma) for data in datasets)
 
     def linear_problem(
         self, datasets: Datasets, attractions: Attractions, box: ControlBox, effective_fraction: float
@@ -318,10 +264,6 @@ class Problem:
         for prior in base_priors(datasets, box):
             found = found.with_extra_terms(prior.equations(box))
         return found
-
-    def weighted(self, state: Refined) -> Refined:
-        """The state with inlier probabilities at a noise estimated anew from its distances."""
-        return replace(state, datasets=self.weighting.weighted(state.box, state.datasets, None))
 
     def recorded(self, before: ControlBox, state: Refined) -> Refined:
         """The state with a record of its round, which is reported."""
@@ -335,7 +277,7 @@ class Problem:
         The step is shortened until the sum of data, regulariser and penalties does not increase, down to a
         shortest step (`step_length`). None where the control points are undetermined.
         """
-        box, (datasets, no_attractions) = state.box, TangentialSteps().update(state.box, state.datasets)
+        box, (datasets, no_attractions) = state.box, tangential_steps(state.box, state.datasets)
         linear = self.linear_problem(datasets, no_attractions, box, state.solution.effective_fraction)
         solution = linear.with_extra_terms(penalty.equations(box)).solve(strength)
         if solution is None:
@@ -360,41 +302,38 @@ class Problem:
 
 @dataclass(frozen=True)
 class Stage:
-    """Rounds with one correspondence and one weighting rule until a stopping rule is met.
+    """Rounds with one update of the foot points.
 
     Attributes:
         problem: what the stages have in common.
-        foot_points: the correspondence.
-        weighting: the rule for the inlier probabilities.
-        stop: the stopping rule.
-        independence: the rule for how many points are independent.
+        foot_points: the update of the foot points.
+        rounds: at most so many.
+        motion: a stage ends earlier when the RMS motion of the surface is below this fraction of sigma.
+        correlated: whether points count by `independent_fraction`; else each counts as independent.
     """
 
     problem: Problem
     foot_points: FootPointUpdate
-    weighting: WeightingRule
-    stop: StoppingRule
-    independence: Independence = ALL_INDEPENDENT
+    rounds: int = 1
+    motion: float = 0.0
+    correlated: bool = False
 
     def step(self, state: InitialState | Refined) -> Refined:
         """The state after one round."""
-        datasets, attractions = self.foot_points.update(state.box, state.datasets)
-        datasets = self.weighting.weighted(state.box, datasets, state.sigma)
-        fraction = self.independence.fraction(state.box, datasets, state.solution is None)
-        linear = self.problem.linear_problem(datasets, attractions, state.box, fraction)
-        solution = linear.select(self.problem.strength, state.solution)
-        after = Refined(displaced(state.box, solution), datasets, solution, state.history)
-        return self.problem.recorded(state.box, after)
+        problem, box = self.problem, state.box
+        datasets, attractions = self.foot_points(box, state.datasets)
+        datasets = problem.weighted(box, datasets, state.sigma)
+        fitted = None if state.solution is None else box
+        fraction = independent_fraction(datasets, fitted, problem.unknowns) if self.correlated else 1.0
+        linear = problem.linear_problem(datasets, attractions, box, fraction)
+        solution = linear.solve_or_best(problem.strength, state.solution)
+        return problem.recorded(box, Refined(displaced(box, solution), datasets, solution, state.history))
 
-    def converged(self, state: Refined) -> bool:
-        """Whether the surface moved less than the stopping rule's fraction of the noise."""
-        return state.history[-1].surface_motion < self.stop.motion * state.sigma
-
-    def run(self, start: InitialState) -> Refined:
-        """The state when the stopping rule is met."""
+    def run(self, start: InitialState | Refined) -> Refined:
+        """The state after the last round."""
         state = self.step(start)
-        for _ in range(self.stop.rounds - 1):
-            if self.converged(state):
+        for _ in range(self.rounds - 1):
+            if state.history[-1].surface_motion < self.motion * state.sigma:
                 break
             state = self.step(state)
         return state

@@ -9,26 +9,19 @@ from quadriform.errors import OptionError
 from quadriform.fitting.cloud import nearest
 from quadriform.fitting.refinement.left_out import better_strength
 from quadriform.fitting.refinement.stage import (
-    ALL_INDEPENDENT,
     SCHEDULE,
-    Correlated,
     FacingPairs,
-    FixedWeights,
-    Independence,
     InitialState,
-    Nearest,
     Problem,
     Refined,
     Stage,
-    StoppingRule,
-    TangentialSteps,
+    nearest_foot_points,
+    tangential_steps,
 )
 from quadriform.fitting.refinement.surface_data import Subsample, SurfaceData
 from quadriform.fitting.result import Iteration
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
-
-ONCE = StoppingRule(1)
 
 
 def control_point_counts(box: ControlBox) -> list[tuple[int, int, int]]:
@@ -46,9 +39,7 @@ def first_stage(problem: Problem, sample: Subsample) -> Refined:
     )
 
 
-def coarse_stages(
-    problem: Problem, first: Refined, sample: Subsample, independence: Independence = ALL_INDEPENDENT
-) -> Refined:
+def coarse_stages(problem: Problem, first: Refined, sample: Subsample, correlated: bool = False) -> Refined:
     """The state after all further stages on few points with new correspondences in each round.
 
     A last round has no attraction of model points. A box that has only one stage repeats that stage.
@@ -57,14 +48,15 @@ def coarse_stages(
         problem: of all rounds.
         first: after the first stage, maybe on other points.
         sample: the points.
-        independence: the rule for how many of them are independent.
+        correlated: whether only the effective number of them counts (`independent_fraction`).
     """
     box, history = first.box, first.history
     for l, m, n in control_point_counts(problem.box)[1:] or control_point_counts(problem.box):
-        found = _coarse_stage(problem, box.elevate((l - 1, m - 1, n - 1)), sample, history, independence)
+        found = _coarse_stage(problem, box.elevate((l - 1, m - 1, n - 1)), sample, history, correlated)
         box, history = found.box, found.history
-    alone = Stage(problem, TangentialSteps(), FixedWeights(), ONCE, independence)
-    return alone.step(InitialState(box, found.datasets, history=history))  # strengths so far included the attraction
+    # from no solution, for its strength would be that of data and attractions
+    last = Stage(_unweighted(problem), tangential_steps, correlated=correlated)
+    return last.step(InitialState(box, found.datasets, history=history))
 
 
 def _coarse_stage(
@@ -72,11 +64,16 @@ def _coarse_stage(
     box: ControlBox,
     sample: Subsample,
     history: tuple[Iteration, ...],
-    independence: Independence = ALL_INDEPENDENT,
+    correlated: bool = False,
 ) -> Refined:
-    stop = StoppingRule(SCHEDULE.coarse_rounds, SCHEDULE.coarse_motion)
-    stage = Stage(problem, FacingPairs.of(sample), FixedWeights(), stop, independence)
+    update, rounds, motion = FacingPairs.of(sample).update, SCHEDULE.coarse_rounds, SCHEDULE.coarse_motion
+    stage = Stage(_unweighted(problem), update, rounds, motion, correlated)
     return stage.run(InitialState(box, sample.datasets, history=history))
+
+
+def _unweighted(problem: Problem) -> Problem:
+    """The problem of the coarse stages, which keep the inlier probabilities of their data: one for each point."""
+    return replace(problem, robust=False)
 
 
 def warm_start(
@@ -85,23 +82,25 @@ def warm_start(
     """The state after one round on few points from a given box, in place of the coarse stages."""
     chosen = tuple(data.subsample(SCHEDULE.coarse_points, problem.robust) for data in datasets)
     solution, history = (None, ()) if before is None else (before.solution, before.history)
-    return Stage(problem, Nearest(), FixedWeights(), ONCE).step(InitialState(box, chosen, solution, history=history))
+    return Stage(_unweighted(problem), nearest_foot_points).step(InitialState(box, chosen, solution, history))
 
 
 def all_coarse_stages(problem: Problem, first: Refined, datasets: Sequence[SurfaceData]) -> Refined:
-    """The result of the coarse stages, repeated on other points while it self-intersects.
+    """The result of the coarse stages, repeated on other points while its surfaces cross.
 
-    At last it is repeated with as many points as have independent errors: surfaces that follow correlated ones, as of
-    slices that are displaced, intersect themselves on all points, and the folds of later rounds amplify rounding.
+    Where they cross on each sample, the last sample is used once more with correlated errors, so that its points count
+    as fewer and the surface is smoother. A surface that follows correlated errors, as of displaced slices, crosses
+    itself on all samples, and the folds of later rounds amplify rounding.
     """
-    for count in (SCHEDULE.coarse_points, *SCHEDULE.other_coarse_points):
-        sample = Subsample.of(datasets, count, problem.robust)
-        start = first if count == SCHEDULE.coarse_points else first_stage(problem, sample)
-        found = coarse_stages(problem, start, sample)
-        if not found.self_intersecting():
-            break
-    else:
-        found = coarse_stages(problem, start, sample, Correlated(float(problem.box.rest.size)))
+    sample = Subsample.of(datasets, SCHEDULE.coarse_points, problem.robust)
+    found = coarse_stages(problem, first, sample)
+    for count in SCHEDULE.other_coarse_points:
+        if found.crosses_though_covered:
+            sample = Subsample.of(datasets, count, problem.robust)
+            first = first_stage(problem, sample)
+            found = coarse_stages(problem, first, sample)
+    if found.crosses_though_covered:
+        found = coarse_stages(problem, first, sample, correlated=True)
     return _not_worse(problem, found, datasets)
 
 
@@ -129,10 +128,11 @@ def fine_stage(problem: Problem, datasets: Sequence[SurfaceData], coarse: Refine
     rounds = SCHEDULE.fine_rounds
     if max(len(data.points) for data in datasets) > SCHEDULE.fine_points:
         some = [data.subsample(SCHEDULE.fine_points, robust=False) for data in datasets]
-        state, rounds = _run_on_points(some, coarse, _stage(problem, rounds), state), SCHEDULE.last_rounds
-    found = _run_on_points(datasets, coarse, _stage(problem, rounds), state)
+        state, rounds = _stage(problem, rounds).run(_on_points(state, some, coarse)), SCHEDULE.last_rounds
+    found = _stage(problem, rounds).run(_on_points(state, datasets, coarse))
     if problem.strength is None:
         return _with_details(problem, found)
+    # the solution has exactly the given strength, or, where that was singular, the best one (`solve_or_best`)
     if found.solution.strength != problem.strength:
         raise OptionError(
             f"option strength={problem.strength:g} leaves control points undetermined; expected a larger one, more "
@@ -144,30 +144,28 @@ def fine_stage(problem: Problem, datasets: Sequence[SurfaceData], coarse: Refine
 def _with_details(problem: Problem, found: Refined) -> Refined:
     """The result, or one at a smaller strength where residuals are correlated and that predicts points left out better.
 
-    Correlated errors of the data leave correlated residuals, and so do details that a smooth surface misses; only of
-    the latter does a patch of the surface follow from the others.
+    Residuals are correlated where the errors of the data are, and also where the surface misses details of the body. A
+    real detail can be predicted from neighbouring patches of the surface, correlated errors cannot.
     """
     for _ in range(SCHEDULE.renewals):
         independent = found.solution.effective_fraction == 1
         strength = None if independent else better_strength(problem, found)
         if strength is None:
             break
-        stage = _stage(replace(problem, strength=strength), SCHEDULE.last_rounds)
-        found = stage.run(InitialState(found.box, found.datasets, found.solution, found.sigma, found.history))
+        found = _stage(replace(problem, strength=strength), SCHEDULE.last_rounds).run(found)
     return found
 
 
 def _stage(problem: Problem, rounds: int) -> Stage:
-    stop = StoppingRule(rounds, SCHEDULE.fine_motion)
-    return Stage(problem, TangentialSteps(), problem.weighting, stop, Correlated(float(problem.box.rest.size)))
+    return Stage(problem, tangential_steps, rounds, SCHEDULE.fine_motion, correlated=True)
 
 
-def _run_on_points(
-    datasets: Sequence[SurfaceData], coarse: Refined, stage: Stage, state: InitialState | Refined
-) -> Refined:
-    """The result of a stage on other points than those of the state."""
-    first = tuple(replace(data, origins=_first_origins(data, part)) for data, part in zip(datasets, coarse.datasets))
-    return stage.run(InitialState(state.box, first, state.solution, state.sigma, state.history))
+def _on_points(
+    state: InitialState | Refined, datasets: Sequence[SurfaceData], coarse: Refined
+) -> InitialState | Refined:
+    """The state with other data, whose first foot points are those of the nearest points of the coarse stages."""
+    parts = zip(datasets, coarse.datasets)
+    return replace(state, datasets=tuple(replace(data, origins=_first_origins(data, part)) for data, part in parts))
 
 
 def _first_origins(data: SurfaceData, part: SurfaceData) -> Array:

@@ -1,6 +1,6 @@
 """The data of one surface during the refinement: points, weights, neighbourhoods, foot points and inliers."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,7 +25,8 @@ from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superquadric import Superquadric
 
 MISFIT = 5e-3
-"""Of the cloud's RMS radius: a distance of this size is the model's own misfit, so sigma is at least as large."""
+"""Least sigma of the inliers, in RMS radii of the cloud: smaller distances are the model's own misfit. It is a choice,
+a tenth of the distance of a poor fit."""
 MOST_INLIERS = 1 - 1e-6
 """Below one, so that an outlier of a later round can still be detected."""
 FIRST_RATIO, EM_ROUNDS = 0.9, 20
@@ -43,12 +44,13 @@ class SurfaceData:
         half_space: where the data ends on purpose (point, direction), or None.
         normals: (n, 3) that were given, unit or zero where a point has none; None without.
         neighbourhood: principal axes of the neighbours of each point.
-        origins: (n, 3), foot points on the superquadric.
+        origins: (n, 3), points of the undeformed superquadric that the box moves to the foot points; the data points
+            themselves until these are first found.
         inliers: (n,), probabilities.
         inlier_ratio: mean of these, once they were estimated.
-        noise: (n, 3, 3), known covariances of the points, divided by the square of `least_sigma`; None where all points
-            are alike.
-        least_sigma: the known standard deviation of the noise; zero where nothing is known.
+        covariances: (n, 3, 3) of the measurement errors of the points, divided by the square of `least_sigma`; None
+            where all points are alike.
+        least_sigma: the known standard deviation of the measurement errors, s0; zero where nothing is known.
     """
 
     superquadric: Superquadric
@@ -60,7 +62,7 @@ class SurfaceData:
     origins: Array
     inliers: Array
     inlier_ratio: float = 1.0
-    noise: Array | None = None
+    covariances: Array | None = None
     least_sigma: float = 0.0
 
     @classmethod
@@ -71,12 +73,14 @@ class SurfaceData:
         weights: Array,
         half_space: HalfSpace | None = None,
         normals: Array | None = None,
-        noise: Array | None = None,
+        covariances: Array | None = None,
         least_sigma: float = 0.0,
     ) -> "SurfaceData":
         """The data with all points as inliers, each its own foot point until these are updated."""
-        around, ones = Neighbourhood.of(points), np.ones(len(points))
-        return cls(superquadric, points, weights, half_space, normals, around, points, ones, 1.0, noise, least_sigma)
+        near, ones = Neighbourhood.of(points), np.ones(len(points))
+        return cls(
+            superquadric, points, weights, half_space, normals, near, points, ones, 1.0, covariances, least_sigma
+        )
 
     @property
     def effective_weights(self) -> Array:
@@ -99,11 +103,11 @@ class SurfaceData:
         if robust:
             order = order[dense_points(self.points)[order]]
         chosen = evenly_spread(order, count)
-        normals, noise = (None if each is None else each[chosen] for each in (self.normals, self.noise))
+        normals, covariances = (None if each is None else each[chosen] for each in (self.normals, self.covariances))
         some = self.superquadric, self.points[chosen], self.weights[chosen]
-        return SurfaceData.of(*some, self.half_space, normals, noise, self.least_sigma)
+        return SurfaceData.of(*some, self.half_space, normals, covariances, self.least_sigma)
 
-    def around(self, superquadric: Superquadric) -> "SurfaceData":
+    def with_superquadric(self, superquadric: Superquadric) -> "SurfaceData":
         """The data of another superquadric with the same points."""
         return replace(self, superquadric=superquadric)
 
@@ -116,14 +120,14 @@ class SurfaceData:
         """The data with the nearest foot points on the deformed surface."""
         return replace(self, origins=closest_on(self.superquadric, box, self.points).origins)
 
-    def facing(self) -> "FacingCloud":
-        """The points with outward normals: the given ones where there are any."""
-        around = self.neighbourhood
+    def oriented(self) -> "OrientedCloud":
+        """The points with outward normals: the given ones where there are any, else those of the neighbourhoods."""
+        near = self.neighbourhood
         if self.normals is None:
-            return FacingCloud(self.points, oriented(self.points, around.normals), around.flatness)
+            return OrientedCloud(self.points, oriented(self.points, near.normals), near.flatness)
         given: NDArray[np.bool_] = np.any(self.normals, axis=1)  # zero where a point has none
-        normals = outward_normals(self.points, np.where(given[:, None], self.normals, around.normals))
-        return FacingCloud(self.points, normals, np.where(given, 1.0, around.flatness))
+        normals = outward_normals(self.points, np.where(given[:, None], self.normals, near.normals))
+        return OrientedCloud(self.points, normals, np.where(given, 1.0, near.flatness))
 
     def is_covered(self) -> bool:
         """Whether the data samples the whole surface, or all of it on this side of the base."""
@@ -143,52 +147,52 @@ class SurfaceData:
         return lengths(self.points - box.deform(self.origins))
 
     def variances(self, normals: Array) -> Array:
-        """Variance (n,) of each point along a normal (n, 3), relative to that of the noise."""
-        return np.ones(len(normals)) if self.noise is None else variances_along(self.noise, normals)
+        """v_i, the variance (n,) of the measurement error of each point along a normal (n, 3), over s0^2."""
+        return np.ones(len(normals)) if self.covariances is None else variances_along(self.covariances, normals)
 
     def standardised_distances(self, box: ControlBox) -> Array:
-        """Distances (n,) from the points to their foot points, divided by the points' relative standard deviations."""
-        if self.noise is None:
+        """Distances (n,) from the points to their foot points, divided by the root of v_i (`variances`)."""
+        if self.covariances is None:
             return self.distances(box)
         normals = surface_normals(self.superquadric, box, self.origins)
         return self.distances(box) / np.sqrt(self.variances(normals))
 
     def with_inliers(self, box: ControlBox, sigma: float) -> "SurfaceData":
-        """The data with inlier probabilities and ratio at a standard deviation of the noise."""
+        """The data with inlier probabilities and inlier ratio at a standard deviation of the residuals."""
         return self.weighted(self._distances_at(box, sigma), sigma)
 
     def with_inliers_at_ratio(self, box: ControlBox, sigma: float) -> "SurfaceData":
-        """The same with the ratio as it is."""
-        return replace(self, inliers=self.probabilities(self._distances_at(box, sigma), sigma))
+        """The data with inlier probabilities at a standard deviation of the residuals; the inlier ratio is kept."""
+        distances = self._distances_at(box, sigma)
+        return replace(self, inliers=inlier_probabilities(distances, sigma, self.inlier_ratio))
 
     def _distances_at(self, box: ControlBox, sigma: float) -> Array:
-        """Distances (n,) divided by the points' standard deviations, in units of the mean one, `sigma`.
+        """sigma d_i / sqrt(var_i), (n,), where d_i is the distance from a point to its foot point.
 
-        What is above the known noise is a misfit of the surface, or another error, and alike in all directions: of a
-        mask whose slices are displaced against each other, a point known to a tenth of a voxel is no outlier.
+        With s0 the known standard deviation and v_i the relative variance along the normal (`variances`), it is
+        var_i = s0^2 v_i + (sigma^2 - s0^2). The estimated variance exceeds the known one because the surface does not
+        fit or because other errors were not known, and that excess is the same for all points. So in a mask whose
+        slices are displaced against each other, a point that is known to a tenth of a voxel is no outlier. A sigma
+        below s0 counts as s0.
         """
-        if self.noise is None:
+        if self.covariances is None:
             return self.distances(box)
-        known = (self.least_sigma / max(sigma, self.least_sigma)) ** 2
+        known_fraction = (self.least_sigma / max(sigma, self.least_sigma)) ** 2
         normals = surface_normals(self.superquadric, box, self.origins)
-        return self.distances(box) / np.sqrt(known * self.variances(normals) + 1 - known)
+        return self.distances(box) / np.sqrt(known_fraction * self.variances(normals) + 1 - known_fraction)
 
     def weighted(self, distances: Array, sigma: float) -> "SurfaceData":
         """The data with inlier probabilities and ratio, by EM at a given sigma, from standardised distances (n,)."""
         ratio, total = FIRST_RATIO, self.weights.sum()
         for _ in range(EM_ROUNDS):
-            inliers, before = _inliers(distances, sigma, ratio), ratio
+            inliers, before = inlier_probabilities(distances, sigma, ratio), ratio
             ratio = float(np.clip((inliers * self.weights).sum() / total, LEAST_RATIO, MOST_INLIERS))
             if ratio == before:
                 break
         return replace(self, inliers=inliers, inlier_ratio=ratio)
 
-    def probabilities(self, distances: Array, sigma: float) -> Array:
-        """Inlier probabilities (m,) of points at such distances, at the estimated inlier ratio."""
-        return _inliers(distances, sigma, self.inlier_ratio)
-
     def beside(
-        self, points: Array, weights: Array, near: NDArray[np.int64], noise: Array | None = None
+        self, points: Array, weights: Array, near: NDArray[np.int64], covariances: Array | None = None
     ) -> "SurfaceData":
         """The data of other points (m, 3), with neighbourhoods and foot points of the points at the indices `near`."""
         return replace(
@@ -198,19 +202,23 @@ class SurfaceData:
             inliers=np.ones(len(points)),
             neighbourhood=self.neighbourhood.take(near),
             origins=self.origins[near],
-            noise=noise,
+            covariances=covariances,
         )
 
 
-def _inliers(distances: Array, sigma: float, inlier_ratio: float) -> Array:
-    """Inlier probabilities (n,) of points at such distances."""
+def inlier_probabilities(distances: Array, sigma: float, inlier_ratio: float) -> Array:
+    """Inlier probabilities (n,) of points at Euclidean distances (n,) from their foot points.
+
+    `sigma` is of the residuals along the normal. At a foot point that has converged the residual is normal to the
+    surface, so both are the same there; elsewhere the Euclidean distance is the larger one, and the point counts less.
+    """
     # with exact data sigma would be that of the model's own misfit, and every corner an outlier
     mixture = Mixture(np.array([inlier_ratio]), np.array([max(sigma, MISFIT)]))
     return mixture.densities(distances[None])[0][0]
 
 
 @dataclass(frozen=True)
-class FacingCloud:
+class OrientedCloud:
     """Points with outward normals.
 
     Attributes:
@@ -235,16 +243,16 @@ class Subsample:
     """
 
     datasets: tuple[SurfaceData, ...]
-    clouds: tuple[FacingCloud, ...]
+    clouds: tuple[OrientedCloud, ...]
     covered: tuple[bool, ...]
 
     @classmethod
     def of(cls, datasets: Sequence[SurfaceData], count: int, robust: bool) -> "Subsample":
         """About `count` points of each."""
         chosen = tuple(data.subsample(count, robust) for data in datasets)
-        return cls(chosen, tuple(data.facing() for data in chosen), tuple(data.is_covered() for data in chosen))
+        return cls(chosen, tuple(data.oriented() for data in chosen), tuple(data.is_covered() for data in chosen))
 
-    def around(self, superquadrics: Sequence[Superquadric]) -> "Subsample":
+    def with_superquadrics(self, superquadrics: Iterable[Superquadric]) -> "Subsample":
         """The subsample of other superquadrics with the same points."""
-        datasets = tuple(data.around(each) for data, each in zip(self.datasets, superquadrics))
+        datasets = tuple(data.with_superquadric(each) for data, each in zip(self.datasets, superquadrics))
         return replace(self, datasets=datasets)

@@ -12,7 +12,7 @@ import numpy as np
 
 from quadriform.fitting.least_squares.marginal_likelihood import Solution
 from quadriform.fitting.least_squares.normal_equations import NormalEquations
-from quadriform.fitting.refinement.stage import MixtureWeights, Problem, Refined
+from quadriform.fitting.refinement.stage import Problem, Refined
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.fold_bound import determinant_rows, grid_inside, jacobian_bound, never_folds
@@ -192,7 +192,8 @@ def least_regularised(problem: Problem, refined: Refined, surfaces: dict[str, Su
     # one strength a decade: each map begins near that of the last
     decades = int(np.ceil(np.log10(FOLDS.affine / refined.solution.strength)))
     for strength in np.geomspace(FOLDS.affine, refined.solution.strength, max(decades, 0) + 1):
-        unfolded, above = _after_penalised_rounds(problem, problem.weighted(unfolded), penalty, float(strength))
+        unfolded = replace(unfolded, datasets=problem.weighted(unfolded.box, unfolded.datasets, None))
+        unfolded, above = _after_penalised_rounds(problem, unfolded, penalty, float(strength))
         if not above or not certified(unfolded.box, surfaces):
             break
         if best is None or unfolded.sigma < best.sigma:
@@ -212,7 +213,7 @@ def without_folds(
     accepted = refined.sigma <= largest_sigma
     if accepted and penalty.minimum(refined.box) > FOLDS.verifiable and certified(refined.box, surfaces):
         yield refined
-    for undeformed in (True, False) if refined.self_intersecting() else (False, True):
+    for undeformed in (True, False) if refined.crosses_though_covered else (False, True):
         start = _undeformed(refined) if undeformed else refined
         found = _by_decreasing_strength(problem, start, penalty, surfaces, largest_sigma)
         if found is not None:
@@ -261,9 +262,7 @@ def with_nearest_foot_points(
         renewed = refined.nearest()
         if _misfit(renewed) > FOLDS.not_nearer * _misfit(refined):
             return refined
-        if problem.robust:
-            datasets = MixtureWeights().weighted(renewed.box, renewed.datasets, refined.sigma)
-            renewed = replace(renewed, datasets=datasets)
+        renewed = replace(renewed, datasets=problem.weighted(renewed.box, renewed.datasets, refined.sigma))
         strength, sigma = refined.solution.strength, refined.sigma
         penalised, _ = _after_penalised_rounds(problem, renewed, penalty, strength)
         unfolded = remove_folds(problem.penalised, penalised, penalty, strength, surfaces, sigma)
