@@ -69,7 +69,7 @@ def test_the_curvature_of_the_criterion_is_known_at_the_best_strength():
     linear = drawn(BENDING, 1e-5, 0.02)[0]
     best, step = linear.best(), 0.3
     low, middle, high = (linear.solve(best.strength * np.exp(x)).criterion for x in (-step, 0.0, step))
-    assert best.curvature == pytest.approx((high - 2 * middle + low) / step**2, rel=0.05)
+    assert best.criterion_curvature == pytest.approx((high - 2 * middle + low) / step**2, rel=0.05)
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])

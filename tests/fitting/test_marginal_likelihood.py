@@ -169,7 +169,7 @@ def test_the_second_point_of_a_search_stays_in_the_range():
 
 
 def before(strength, curvature):
-    return Solution(np.zeros((1, 3)), strength, 1.0, 0.0, np.eye(3), np.eye(1), curvature=curvature)
+    return Solution(np.zeros((1, 3)), strength, 1.0, 0.0, np.eye(3), np.eye(1), criterion_curvature=curvature)
 
 
 def test_a_later_round_takes_one_newton_step_with_the_curvature_before():
@@ -205,7 +205,7 @@ def test_an_undetermined_strength_is_raised_until_it_determines_the_control_poin
         asked.clear()
         found = LinearProblem._at_minimum(SimpleNamespace(solve=solve), Minimum(np.log(2.0), 7.0))
         assert found.strength == pytest.approx(2 * factor)
-        assert found.curvature == (0 if tries else 7)
+        assert found.criterion_curvature == (0 if tries else 7)
     np.testing.assert_allclose(np.diff(np.log10(asked[1:])), 1)
 
 

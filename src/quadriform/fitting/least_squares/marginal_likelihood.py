@@ -83,7 +83,8 @@ class Solution:
         eigenvectors: (k, k), of K, as columns, for one coordinate.
         effective_fraction: number of independent residuals over that of all, in (0, 1]; below 1 where neighbours are
             correlated.
-        curvature: second derivative of the criterion by the logarithm of the strength; 0 where it was not computed.
+        criterion_curvature: second derivative of the criterion by the logarithm of the strength; 0 where it was not
+            computed.
     """
 
     displacement: Array
@@ -93,7 +94,7 @@ class Solution:
     factor: Array
     eigenvectors: Array
     effective_fraction: float = 1.0
-    curvature: float = 0.0
+    criterion_curvature: float = 0.0
 
     @property
     def independent_sigma(self) -> float:
@@ -286,11 +287,11 @@ class LinearProblem:
         """
         x = float(np.log(previous.strength))
         derivative = self._derivative(x)
-        if previous.curvature <= 0 or derivative is None:
+        if previous.criterion_curvature <= 0 or derivative is None:
             return self.best(previous.strength)
         # the second derivative is that of the round before: rounds differ little
-        step = x - derivative / previous.curvature
-        found: Minimum | None = Minimum(step, previous.curvature)
+        step = x - derivative / previous.criterion_curvature
+        found: Minimum | None = Minimum(step, previous.criterion_curvature)
         if abs(step - x) >= SELECTION.iteration_tolerance:
             bounds = _search_range(previous.strength)
             found = self._by_secants(x, step, bounds, SELECTION.iteration_tolerance, derivative)
@@ -301,7 +302,7 @@ class LinearProblem:
         for factor in (1.0, *np.geomspace(10, SELECTION.widest[1] / SELECTION.widest[0], 16)):
             found = self.solve(float(factor * np.exp(minimum.log_strength)))
             if found is not None:
-                return replace(found, curvature=minimum.curvature if factor == 1 else 0.0)
+                return replace(found, criterion_curvature=minimum.curvature if factor == 1 else 0.0)
         raise DegenerateError(
             "points: those with a weight do not determine the control points at any strength; expected a cloud with an "
             "extent in three dimensions that is not made of outliers alone"

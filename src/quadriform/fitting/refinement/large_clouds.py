@@ -18,7 +18,6 @@ from quadriform.fitting.cloud import Centred
 from quadriform.fitting.diagnostics import duplicates, named_texts, outliers
 from quadriform.fitting.least_squares.marginal_likelihood import LinearProblem, Solution
 from quadriform.fitting.least_squares.normal_equations import NormalEquations
-from quadriform.fitting.least_squares.regularisers import Regulariser
 from quadriform.fitting.least_squares.uncertainty import EnrichedBox
 from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.options import TangentOptions, check_strength
@@ -55,7 +54,8 @@ class LargeClouds:
 
 LARGE = LargeClouds()
 MIX = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
-"""Odd numbers without a pattern in their bits, that of the golden ratio among them."""
+"""Odd numbers without a pattern in their bits, 2^64 over the golden ratio among them: as factors modulo 2^64 they can
+be undone, so different coordinates stay different."""
 T = TypeVar("T")
 
 
@@ -73,7 +73,8 @@ def sampled(cloud: Array, weights: Array) -> NDArray[np.int64]:
     """
     if len(cloud) <= LARGE.many:
         return np.arange(len(cloud))
-    # hashes are uniform in 64 bits, so the fraction below the limit is the fraction of points that is chosen
+    # hashes are uniform in 64 bits, so the fraction below the limit is the fraction of points that is chosen;
+    # 2^64 - 2^11 is the largest float below 2^64
     limit = np.uint64(min(LARGE.sample / int(np.count_nonzero(weights)), 1.0) * (2**64 - 2**11))
     chosen = []
     for part in _parts(len(cloud)):
@@ -83,7 +84,11 @@ def sampled(cloud: Array, weights: Array) -> NDArray[np.int64]:
 
 
 def _hashes(points: Array) -> NDArray[np.uint64]:
-    """Hashes (n,) of points (n, 3): bits of the coordinates mixed by odd constants, unrelated between neighbours."""
+    """Hashes (n,) of points (n, 3): bits of the coordinates mixed by odd constants, unrelated between neighbours.
+
+    A product moves information to higher bits only, and the shifts move it down again: by about half of the 64 bits in
+    the last two lines. Those of 0, 21 and 42 differ between the coordinates, so that equal ones do not cancel.
+    """
     words = (points + 0.0).view(np.uint64) * MIX  # a zero has one sign
     mixed = words[:, 0] ^ (words[:, 1] >> np.uint64(21)) ^ (words[:, 2] >> np.uint64(42))
     mixed = (mixed ^ (mixed >> np.uint64(29))) * MIX[1]
@@ -96,10 +101,16 @@ def _parts(count: int) -> Iterator[slice]:
 
 @dataclass(frozen=True)
 class _Surface:
-    """All points of one surface, in the world, and the data of its sample in the centred, scaled frame.
+    """All points of one surface.
 
-    The noise, where it is known, is that of all points: covariances (n, 3, 3) in the world. Points that are counted but
-    have no weight here belong to something else: they are outliers.
+    Attributes:
+        name: of the surface.
+        cloud: (n, 3), in the world.
+        weights: (n,), on the scale of those of the sample; zero for points of other bodies, which are outliers.
+        counted: (n,), which points the user gave a weight above zero.
+        noise: (n, 3, 3), covariances of the points in the world, or None.
+        data: of the sample, in the centred, scaled frame.
+        tree: of the points of the sample, likewise.
     """
 
     name: str
@@ -110,27 +121,12 @@ class _Surface:
     data: SurfaceData
     tree: cKDTree
 
-    def part(
-        self, chosen: slice, frame: Frame, box: ControlBox, sigma: float | None, least_sigma: float
-    ) -> SurfaceData:
-        """The data of some points with foot points; with probabilities at the sample's ratio if a sigma is given."""
-        points = frame.to_local(self.cloud[chosen])
-        relative = None if self.noise is None else self.noise[chosen] / (least_sigma * frame.scale) ** 2
-        data = self.data.beside(points, self.weights[chosen], self.tree.query(points)[1], relative)
-        data = data.with_tangential_steps(box, LARGE.tangential_steps)
-        return data if sigma is None else data.with_inliers_at_ratio(box, sigma)
-
     @property
     def duplicates(self) -> Warnings:
         """DUPLICATES of all points that have a weight, by their hashes: eight bytes a point, no sorted rows."""
         parts = list(_parts(len(self.cloud)))
-        counted = np.concatenate([_hashes(self.cloud[part])[self.weights[part] > 0] for part in parts])
-        return duplicates(len(counted) - len(np.unique(counted)), len(self.cloud))
-
-    def updated(self, box: ControlBox, sigma: float | None) -> "_Surface":
-        """The surface with the sample's foot points, and inlier ratio if a sigma is given, updated to another box."""
-        data = self.data.with_tangential_steps(box, LARGE.tangential_steps)
-        return replace(self, data=data if sigma is None else data.with_inliers(box, sigma))
+        hashes = np.concatenate([_hashes(self.cloud[part])[self.weights[part] > 0] for part in parts])
+        return duplicates(len(hashes) - len(np.unique(hashes)), len(self.cloud))
 
 
 @dataclass(frozen=True)
@@ -139,8 +135,25 @@ class _All:
 
     surfaces: Sequence[_Surface]
     frame: Frame
-    robust: bool
-    least_sigma: float
+    known: KnownNoise
+    options: TangentOptions
+
+    def part(self, surface: _Surface, chosen: slice, box: ControlBox, sigma: float) -> SurfaceData:
+        """The data of some points with foot points, and if robust with probabilities at the sample's inlier ratio."""
+        points, relative = self.frame.to_local(surface.cloud[chosen]), None
+        if surface.noise is not None:
+            relative = surface.noise[chosen] / (self.known.least_sigma * self.frame.scale) ** 2
+        data = surface.data.beside(points, surface.weights[chosen], surface.tree.query(points)[1], relative)
+        data = data.with_tangential_steps(box, LARGE.tangential_steps)
+        return data.with_inliers_at_ratio(box, sigma) if self.options.robust else data
+
+    def updated(self, box: ControlBox, sigma: float) -> "_All":
+        """The points with the samples' foot points, and if robust their inlier ratios, updated to another box."""
+        surfaces = []
+        for surface in self.surfaces:
+            data = surface.data.with_tangential_steps(box, LARGE.tangential_steps)
+            surfaces.append(replace(surface, data=data.with_inliers(box, sigma) if self.options.robust else data))
+        return replace(self, surfaces=surfaces)
 
     def each(self, surfaces: Sequence[_Surface], work: Callable[[_Surface, slice], T]) -> Iterator[T]:
         """The results of a function of each part, in the order of the parts."""
@@ -149,19 +162,22 @@ class _All:
         with ThreadPoolExecutor(threads_for(LARGE.part * len(jobs))) as pool:
             yield from pool.map(lambda job: work(*job), jobs)
 
-    def sums(self, box: ControlBox, elevated: ControlBox, sigma: float) -> tuple[NormalEquations, float]:
-        """Normal equations for a box that deforms like the one with the foot points, and the sum of weights."""
+    def linear_problem(
+        self, box: ControlBox, elevated: ControlBox, sigma: float, effective_fraction: float
+    ) -> LinearProblem:
+        """The linear problem of all points for a box `elevated` that deforms like `box`, without priors."""
 
         def of_part(surface: _Surface, chosen: slice) -> tuple[NormalEquations, float]:
             """Normal equations of a part of the points, and how many these count for."""
-            data = surface.part(chosen, self.frame, box, sigma if self.robust else None, self.least_sigma)
+            data = self.part(surface, chosen, box, sigma)
             return data_rows(data, box).equations(box, elevated.degrees), data.count
 
         parts = self.each(self.surfaces, of_part)
         total, count = next(parts)
         for equations, weight in parts:
             total, count = total + equations, count + weight
-        return total, count
+        least = self.known.least_sigma
+        return linear_problem_from(total, elevated, self.options.regularity, count, effective_fraction, least)
 
     def with_priors(self, linear: LinearProblem, box: ControlBox) -> LinearProblem:
         """The problem with the priors of the surfaces that have a base."""
@@ -171,10 +187,6 @@ class _All:
             for prior in base_prior(surface.data, box, ratio * float(surface.weights.sum())):
                 linear = linear.with_extra_terms(prior.equations(box))
         return linear
-
-    def updated(self, box: ControlBox, sigma: float) -> "_All":
-        """All surfaces with foot points and inlier ratios of their samples updated to another box."""
-        return replace(self, surfaces=[each.updated(box, sigma if self.robust else None) for each in self.surfaces])
 
 
 def on_all(
@@ -195,7 +207,7 @@ def on_all(
         enriched: the same data with more control points.
         clouds: name -> (n, 3), all points.
         weights: name -> (n,), 0 also for points of something else.
-        counted: name -> (n,), which points were given a weight.
+        counted: name -> (n,), which points the user gave a weight above zero.
         noise: name -> (n, 3, 3), covariances of all points; empty where they are not known.
         sample: the points that were fitted.
         known: what is known of the noise of these.
@@ -205,46 +217,36 @@ def on_all(
     base, surfaces = local.landmarks.base, []
     half_space = None if base is None else (base.point, base.direction)
     for name, cloud in clouds.items():
-        relative = known.relative.get(name)
         some = local.surfaces[name], sample.points[name], sample.weights[name]
-        data = SurfaceData.of(*some, half_space, covariances=relative, least_sigma=known.least_sigma)
+        data = SurfaceData.of(*some, half_space, None, known.relative.get(name), known.least_sigma)
         data = data.with_nearest_foot_points(local.box)
-        # on the scale of the sample's weights, whose mean is one
-        even = weights[name] if sample.mean_weight == 1 else weights[name] / sample.mean_weight
-        surfaces.append(_Surface(name, cloud, even, counted[name], noise.get(name), data, cKDTree(data.points)))
-    points = _All(surfaces, sample.frame, options.robust, known.least_sigma)
-    return _with_arrays(*_rounds(points, found, enriched, local.box, options))
+        # the weights of the sample have mean one
+        scaled = weights[name] if sample.mean_weight == 1 else weights[name] / sample.mean_weight
+        surfaces.append(_Surface(name, cloud, scaled, counted[name], noise.get(name), data, cKDTree(data.points)))
+    points = _All(surfaces, sample.frame, known, options)
+    return _with_arrays(*_rounds(points, found, enriched, local.box))
 
 
-def _rounds(
-    points: _All, found: Fit, enriched: EnrichedBox, box: ControlBox, options: TangentOptions
-) -> tuple[_All, Fit]:
+def _rounds(points: _All, found: Fit, enriched: EnrichedBox, box: ControlBox) -> tuple[_All, Fit]:
     """The points and the fit, in the world, after a few rounds from the box of the sample.
 
     The fit to the sample itself where their results fold or leave control points undetermined.
     """
-    strength, scale = check_strength(options.strength), points.frame.scale
-    sigma, history = found.noise / scale, list(found.history)
-    effective_fraction = enriched.linear.effective_fraction
-    solutions = list[Solution]()
+    scale, fraction = points.frame.scale, enriched.linear.effective_fraction
+    sigma, history, after = found.noise / scale, list(found.history), None
     measured = probes(surface.data.superquadric for surface in points.surfaces)
     for _ in range(LARGE.rounds):
         points = points.updated(box, sigma)
-        equations, count = points.sums(box, box, sigma)
-        linear = linear_problem_from(equations, box, options.regularity, count, effective_fraction, points.least_sigma)
-        linear = points.with_priors(linear, box)
-        if strength is not None:
-            first = linear.solve(strength)
-        else:
-            first = linear.best_after(solutions[-1]) if solutions else linear.best(found.strength)
-        after = None if first is None else _unfolded(points, linear, box, first)
+        linear = points.with_priors(points.linear_problem(box, box, sigma, fraction), box)
+        after = _next(points, linear, box, found.strength, after)
         if after is None:
-            return points, found
-        before, box, solution = box, after.box, after.solution
-        solutions.append(solution)
-        sigma = solution.sigma
+            break
+        before, box, sigma = box, after.box, after.solution.sigma
         history.append(record(before, box, measured, sigma).scaled(scale))
-    solution = solutions[-1]
+    if after is None:
+        return points, found
+    solution, elevated = after.solution, box.elevate(enriched.degrees)
+    linear = points.updated(box, sigma).linear_problem(box, elevated, sigma, fraction)
     result = replace(
         found,
         model=replace(found.model, box=points.frame.shape_to_world(box)),
@@ -252,7 +254,7 @@ def _rounds(
         strength=solution.strength,
         noise=scale * sigma,
         covariance=scale**2 * solution.covariance(),
-        enriched=_enriched(points, box.elevate(enriched.degrees), box, sigma, solution, options.regularity),
+        enriched=EnrichedBox(elevated, linear, solution.strength, scale),
     )
     return points, result
 
@@ -263,6 +265,26 @@ class _Solved:
 
     box: ControlBox
     solution: Solution
+
+
+def _next(
+    points: _All, linear: LinearProblem, box: ControlBox, strength: float, previous: _Solved | None
+) -> _Solved | None:
+    """The box after a round, without folds, at the strength of the options or at the best one; None where neither is.
+
+    Args:
+        points: with foot points.
+        linear: the problem of the round.
+        box: before the round.
+        strength: of the fit to the sample.
+        previous: the round before, or None.
+    """
+    given = check_strength(points.options.strength)
+    if given is not None:
+        solution = linear.solve(given)
+    else:
+        solution = linear.best(strength) if previous is None else linear.best_after(previous.solution)
+    return None if solution is None else _unfolded(points, linear, box, solution)
 
 
 def _unfolded(points: _All, linear: LinearProblem, box: ControlBox, solution: Solution) -> _Solved | None:
@@ -284,19 +306,9 @@ def _unfolded(points: _All, linear: LinearProblem, box: ControlBox, solution: So
         largest_sigma = LARGE.accepted * solution.sigma
         found = remove_folds(penalised, state, penalty, first.strength, surfaces, largest_sigma)
         if found is not None:
-            return replace(found, solution=replace(found.solution, curvature=solution.curvature))
+            # `solve` leaves the second derivative of the criterion unknown; `best_after` of the next round needs it
+            return replace(found, solution=replace(found.solution, criterion_curvature=solution.criterion_curvature))
     return None
-
-
-def _enriched(
-    points: _All, elevated: ControlBox, box: ControlBox, sigma: float, solution: Solution, regularity: str | Regulariser
-) -> EnrichedBox:
-    """The problem of all points in a box with more control points; foot points are those of the fitted box."""
-    points = points.updated(box, sigma)
-    equations, count = points.sums(box, elevated, sigma)
-    fraction = solution.effective_fraction
-    linear = linear_problem_from(equations, elevated, regularity, count, fraction, points.least_sigma)
-    return EnrichedBox(elevated, linear, solution.strength, points.frame.scale)
 
 
 def _with_arrays(points: _All, fit: Fit) -> Fit:
@@ -305,24 +317,18 @@ def _with_arrays(points: _All, fit: Fit) -> Fit:
     after = frame.shape_to_local(fit.model)
     before = replace(after, box=after.box.with_control_points(after.box.rest))
     points = points.updated(after.box, sigma)
+
+    def of_part(surface: _Surface, chosen: slice) -> tuple[Array, Array, Array]:
+        """Distances to the model and to its superquadric, and inlier probabilities, of a part of the points."""
+        local = frame.to_local(surface.cloud[chosen])
+        inliers = points.part(surface, chosen, after.box, sigma).inliers * (surface.weights[chosen] > 0)
+        distances, undeformed = (frame.scale * each.distance(local, surface.name) for each in (after, before))
+        return distances, undeformed, inliers
+
     arrays: list[dict[str, Array]] = [{}, {}, {}]
     for surface in points.surfaces:
-        made = [np.empty(len(surface.cloud)) for _ in arrays]
-
-        def of_part(surface: _Surface, chosen: slice, made: Sequence[Array] = made) -> None:
-            """Write distances and inlier probabilities of a part of the points into the arrays."""
-            local = frame.to_local(surface.cloud[chosen])
-            distances = after.distance(local, surface.name)
-            made[0][chosen] = frame.scale * distances
-            made[1][chosen] = frame.scale * before.distance(local, surface.name)
-            part = surface.part(chosen, frame, after.box, sigma if points.robust else None, points.least_sigma)
-            made[2][chosen] = part.inliers
-            made[2][chosen] *= surface.weights[chosen] > 0
-
-        for _ in points.each([surface], of_part):
-            pass
-        for found, array in zip(arrays, made):
-            found[surface.name] = array
+        for found, parts in zip(arrays, zip(*points.each([surface], of_part))):
+            found[surface.name] = np.concatenate(parts)
     sha256 = points_sha256(surface.cloud for surface in points.surfaces)
     return replace(
         _with_outliers(points, fit, arrays[2]),
