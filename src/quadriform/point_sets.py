@@ -63,6 +63,11 @@ class PointSet:
         known = check_noise(noise, len(self.points))
         return replace(self, noise=None if known is None else self.factor**2 * known)
 
+    def take(self, kept: NDArray[np.bool_]) -> "PointSet":
+        """The points that are `kept` (n,), with what is known of them."""
+        normals, noise = (None if each is None else each[kept] for each in (self.normals, self.noise))
+        return replace(self, points=self.points[kept], normals=normals, noise=noise)
+
     def in_metric_unit(self) -> "PointSet":
         """The points in a unit that models can have: metres stay, other lengths become millimetres, with a note."""
         if self.unit in UNITS:

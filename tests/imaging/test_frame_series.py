@@ -7,6 +7,7 @@ import pytest
 from quadriform.errors import InputError, OptionError, PointsError
 from quadriform.imaging.file_points import Source
 from quadriform.imaging.frame_series import FrameSeries, frame_files, read_frames
+from quadriform.point_sets import PointSet
 
 CLOUD = np.random.default_rng(1).normal(size=(20, 3))
 
@@ -31,6 +32,7 @@ def test_contours_bring_their_walls_and_slices(tmp_path):
     path.write_text("\n".join([header, *rows]) + "\n", encoding="utf-8")
     found = read_frames([path], [])
     assert found.space_and_unit == ("LPS", "mm") and found.grids == [None]
+    assert (found.sets[0]["epi"].factor, found.sets[0]["epi"].noise, found.sets[0]["epi"].solid) == (1.0, None, None)
     assert found.clouds[0]["epi"].tolist() == [[1, 2, 3]] and found.slices[0]["epi"].tolist() == [1]
 
 
@@ -109,7 +111,7 @@ def test_frames_in_different_frames_of_the_world_are_refused(tmp_path):
 def test_warnings_of_one_kind_are_joined_without_repetition():
     frames = FrameSeries()
     for text in ("the first", "the second", "the first"):
-        frames.add_sources({"endo": Source(CLOUD, warnings={"PRECISION_LOSS": text})})
+        frames.add_sources({"endo": Source(PointSet(CLOUD), warnings={"PRECISION_LOSS": text})})
     assert frames.warnings == {"PRECISION_LOSS": "the first; the second"}
 
 

@@ -11,6 +11,7 @@ from quadriform.imaging import frame_series, image_points
 from quadriform.imaging.frame_series import FrameSeries, keep_slices
 from quadriform.imaging.image_points import BETWEEN, CAP
 from quadriform.imaging.volume import Volume
+from quadriform.point_sets import PointSet
 from quadriform.shapes.landmarks import BasePlane, Landmarks
 from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.superquadric import Superquadric
@@ -21,16 +22,15 @@ CLOUD = np.arange(18.0).reshape(6, 3)
 
 
 def source(**more):
-    made = {"points": CLOUD, "noise": None, "slices": None, "image": None, "notes": (), "warnings": {}}
-    made |= {"solid": None, "factor": 1.0}
+    made = {"cloud": PointSet(CLOUD), "slices": None, "image": None, "notes": (), "warnings": {}}
     return SimpleNamespace(**(made | {"space": "LPS", "unit": "mm"} | more))
 
 
 def series(grids, numbers=NUMBERS):
     frames = FrameSeries()
     for grid in grids:
-        frames.add({"a": CLOUD.copy()}, ("LPS", "mm"))
-        frames.noise[-1] = {"a": np.arange(6.0)[:, None, None] * np.eye(3)}
+        noise = np.arange(6.0)[:, None, None] * np.eye(3)
+        frames.add({"a": PointSet(CLOUD, CLOUD, noise=noise)}, ("LPS", "mm"))
         frames.slices.append({"a": numbers.copy()})
         frames.grids.append(grid)
     return frames
@@ -40,9 +40,10 @@ def test_points_between_slices_are_left_out_of_images():
     frames = series([GRID, GRID + 0.9e-3])
     keep_slices(frames)
     kept = NUMBERS != BETWEEN
-    for clouds, noise, slices in zip(frames.clouds, frames.noise, frames.slices):
-        np.testing.assert_array_equal(clouds["a"], CLOUD[kept])
-        np.testing.assert_array_equal(noise["a"][:, 0, 0], np.flatnonzero(kept))
+    for frame, slices in zip(frames.sets, frames.slices):
+        np.testing.assert_array_equal(frame["a"].points, CLOUD[kept])
+        np.testing.assert_array_equal(frame["a"].normals, CLOUD[kept])
+        np.testing.assert_array_equal(frame["a"].noise[:, 0, 0], np.flatnonzero(kept))
         np.testing.assert_array_equal(slices["a"], NUMBERS[kept])
     assert frames.notes == ["slices are taken along k, 8 apart; 4 of 12 points lie between two slices and are left out"]
 
@@ -70,24 +71,28 @@ def test_frames_of_other_units_are_refused_and_sources_bring_what_they_know(monk
     monkeypatch.setattr(frame_series, "common_space_and_unit", lambda sources: ("LPS", "mm"))
     frames, image = FrameSeries(), SimpleNamespace(world_from_voxel=GRID)
     noise = np.tile(np.eye(3), (6, 1, 1))
-    with_all = source(noise=noise, slices=NUMBERS, image=image, notes=("one",), warnings={"BORDER_CUT": "x"})
-    frames.add_sources({"epi": with_all, "endo": source(notes=("two",), factor=10.0)})
+    with_all = source(
+        cloud=PointSet(CLOUD, noise=noise, factor=10.0),
+        slices=NUMBERS,
+        image=image,
+        notes=("one",),
+        warnings={"BORDER_CUT": "x"},
+    )
+    frames.add_sources({"epi": with_all, "endo": source(notes=("two",))})
     assert frames.notes == ["one", "two"] and frames.warnings == {"BORDER_CUT": "x"}
-    assert list(frames.noise[0]) == ["epi"] and list(frames.slices[0]) == ["epi"]
+    assert list(frames.sets[0]) == ["epi", "endo"] and list(frames.slices[0]) == ["epi"]
     assert frames.grids[0] is GRID
     frames.add_sources({"epi": source(slices=NUMBERS), "endo": source()})
     assert frames.grids[1] is None and len(frames.slices) == 2
     frames.add_sources({"epi": source(), "endo": source()})
-    assert len(frames.slices) == 2 and len(frames.clouds) == 3
-    (first, *_), known = frames.sets, frames.noise[0]
-    assert first["epi"].noise is known["epi"] and first["endo"].noise is None
-    assert (first["epi"].factor, first["endo"].factor) == (1, 10)
+    assert len(frames.slices) == 2 and len(frames.sets) == 3
+    assert frames.sets[0]["epi"].noise is noise and frames.sets[0]["epi"].factor == 10
     with pytest.raises(InputError, match="first is in LPS mm, another in RAS mm"):
-        frames.add({"epi": CLOUD}, ("RAS", "mm"))
+        frames.add({"epi": PointSet(CLOUD)}, ("RAS", "mm"))
 
 
 def test_missing_numbers_are_times_and_the_cycle_ends_a_shortest_step_later():
-    frames = FrameSeries(clouds=[{}] * 4)
+    frames = FrameSeries(sets=[{}] * 4)
     frames.use_numbers([2, 3, 5, 9])
     assert frames.times.tolist() == [2, 3, 5, 9] and frames.period == 8
     assert "4, 6 to 8" in frames.notes[0]
@@ -98,7 +103,7 @@ def test_missing_numbers_are_times_and_the_cycle_ends_a_shortest_step_later():
     assert none.times is None and not none.notes
     none.use_numbers([2, 2**53 + 2])
     assert none.times is None
-    other = FrameSeries(clouds=[{}] * 3, times=np.arange(4.0))
+    other = FrameSeries(sets=[{}] * 3, times=np.arange(4.0))
     assert other.with_times({"a": 1}) == {"a": 1}
 
 
@@ -176,13 +181,6 @@ def test_frames_of_an_image_are_asked_for_by_number(monkeypatch, count, asked):
     frame_series._add_image(frames, "heart.nii.gz", {}, None)
     assert seen == asked
     assert (frames.times is None) if count == 1 else (list(frames.times) == [0.0, 40.0])
-
-
-def test_points_without_a_file_are_of_unknown_noise_and_in_their_own_unit():
-    frames = FrameSeries()
-    frames.add({"endo": np.eye(3)}, ("LPS", "mm"))
-    (found,) = frames.sets
-    assert (found["endo"].factor, found["endo"].noise, found["endo"].solid) == (1.0, None, None)
 
 
 @pytest.mark.parametrize(("count", "notes"), [(1, 0), (2, 1), (3, 1)])

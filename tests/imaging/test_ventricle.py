@@ -238,8 +238,8 @@ def test_points_of_a_label_file_have_the_noise_of_their_voxels_and_those_of_a_gr
         found = heart.points(read_volume(file), ImageOptions(), None)
         sources = read_ventricle(file, heart, ImageOptions(), None).surfaces
         for name, points in found.clouds.items():
-            assert np.array_equal(sources[name].points, points)
-            noise = sources[name].noise
+            assert np.array_equal(sources[name].cloud.points, points)
+            noise = sources[name].cloud.noise
             assert noise is None if found.noise is None else np.array_equal(noise, found.noise[name])
         assert (found.noise is None) == isinstance(heart, PerfusionHeart)
 
@@ -250,8 +250,8 @@ def test_the_cavity_of_a_label_file_goes_with_its_points(tmp_path):
     nibabel.save(nibabel.Nifti1Image(image.values, image.world_from_voxel), tmp_path / "heart.nii.gz")
     heart = labelled_heart(["endo=label:1", "epi=label:1+2"])
     found = read_ventricle(tmp_path / "heart.nii.gz", heart, ImageOptions(), None)
-    solid, base = found.surfaces["endo"].solid, found.landmarks.base
-    assert found.surfaces["epi"].solid is None
+    solid, base = found.surfaces["endo"].cloud.solid, found.landmarks.base
+    assert found.surfaces["epi"].cloud.solid is None
     shape = Superquadric("ellipsoid", (14.2, 13.1, 22.3), (1, 1)).mesh(48)
     beside = Mesh(shape.vertices + np.array([6.0, 0, 0]), shape.faces)
     own, moved = solid.overlap(shape, base), solid.overlap(beside, base)

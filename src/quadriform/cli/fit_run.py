@@ -27,7 +27,7 @@ from quadriform.imaging.file_points import (
     ImageOptions,
     Source,
     common_space_and_unit,
-    fits,
+    has_points,
     kind_of,
     read_source,
     space_to_write,
@@ -113,7 +113,7 @@ def plan(
 
 
 def _files_in(folder: Path) -> list[Path]:
-    files = sorted((path for path in folder.iterdir() if path.is_file() and fits(path)), key=natural)
+    files = sorted((path for path in folder.iterdir() if path.is_file() and has_points(path)), key=natural)
     if not files:
         raise InputError(f"{str(folder)!r}: the folder holds no points, meshes or images")
     return files
@@ -196,7 +196,8 @@ def _run(job: Job, options: Mapping[str, Any], common: Common) -> Record:
         check_strict(common.strict, found.status, found.warnings)
     volumes = {} if job.heart is None else volumes_below(found.model) | supported_volumes(found.support)
     first = next(iter(sources.values()))
-    known = known_noise([source.noise for source in sources.values()], first.unit, options.get("noise"), first.factor)
+    noise = options.get("noise")
+    known = known_noise([source.cloud.noise for source in sources.values()], first.unit, noise, first.cloud.factor)
     record = _record(job, found, known, time.perf_counter() - begin) | volumes
     _write(job, found, _page(job, sources, found, record | fit_options(options)), common.force)
     return record
@@ -229,7 +230,7 @@ def _write(job: Job, found: Fit, page: bytes, force: bool) -> None:
 
 
 def _page(job: Job, sources: Mapping[str, Source], found: Fit, record: Record) -> bytes:
-    clouds = {name: source.points for name, source in sources.items()}
+    clouds = {name: source.cloud.points for name, source in sources.items()}
     first = next(iter(sources.values()))
     image = first.image if len(job.files) == 1 else None
     title = ", ".join(path.name for path in job.files)

@@ -53,15 +53,15 @@ def run(
     with naming(*inputs):
         frames = _read(files, reading, motion.shift_slices)
         if motion.strategy == "alone":
-            check_results(folder, [frame_model(n) for n in range(len(frames.clouds))], common.force, files)
+            check_results(folder, [frame_model(n) for n in range(len(frames.sets))], common.force, files)
         found = _track(frames, motion.shift_slices, space, options, shown, files)
         check_strict(common.strict, found.status, found.warnings)
     models = {MODEL: found.moving} if found.moving else {frame_model(n): m for n, m in enumerate(found.models)}
     measures = measures_of(found.models, found.times if found.moving is not None else None)
     targets = [folder / name for name in (*models, FRAMES, REPORT)]
-    each = [known.get(name) for known, clouds in zip(frames.noise, frames.clouds) for name in clouds]
-    factor = next(iter(frames.factors[0].values()), 1.0)
-    stated = known_noise(each, found.models[0].unit, options.get("noise"), factor)
+    every = [each for frame in frames.sets for each in frame.values()]
+    noise = [each.noise for each in every]
+    stated = known_noise(noise, found.models[0].unit, options.get("noise"), every[0].factor)
     record = _record(shown, targets, found, measures, time.perf_counter() - begin) | {"known_noise": stated}
     page = _page(found, frames, measures, title_of(shown), record | track_options(options))
     with replaced_together(folder, next(iter(models)), common.force, earlier) as staging:

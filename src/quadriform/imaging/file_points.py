@@ -17,8 +17,7 @@ from quadriform.files.points import read_point_set
 from quadriform.files.reading import naming, sha256_of, visible_files
 from quadriform.files.save_and_load import content_of
 from quadriform.imaging.formats import image_format, is_pair, pair_of
-from quadriform.point_sets import PointSet, precision_loss
-from quadriform.points import Array
+from quadriform.point_sets import UNITS, PointSet, precision_loss
 from quadriform.shapes.mesh_points import mesh_points
 from quadriform.shapes.record import InputFile
 from quadriform.shapes.solid import Solid
@@ -125,35 +124,23 @@ class Source:
     """Points of a file, and what the file states about them.
 
     Attributes:
-        points: (n, 3), in `unit` and `space`.
+        cloud: the points in `unit` and `space` with what is known of them, as an argument of `fit`; its factor is that
+            by which lengths in the unit of the file became lengths in `unit`.
         space: "LPS", "RAS" or "unknown".
         unit: "mm", "m" or "unknown".
         warnings: of the reading.
         notes: what was assumed, one sentence each.
         slices: (n,) the slice of each point of an image, as `slice_numbers` counts them.
         image: from which the points were taken.
-        normals: (n, 3) of a table or an array, or None.
-        noise: (n, 3, 3) covariances of the points of a mask, or None.
-        solid: the object of an image, or the inside of a closed mesh, or None.
-        factor: by which lengths in the unit of the file became lengths in `unit`.
     """
 
-    points: Array
+    cloud: PointSet
     space: str = "unknown"
     unit: str = "unknown"
     warnings: Warnings = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     slices: NDArray[np.int64] | None = None
     image: "Volume | None" = None
-    normals: Array | None = None
-    noise: Array | None = None
-    solid: Solid | None = None
-    factor: float = 1.0
-
-    @property
-    def cloud(self) -> PointSet:
-        """The points with what is known of them, as an argument of `fit`."""
-        return PointSet(self.points, self.normals, noise=self.noise, solid=self.solid, factor=self.factor)
 
 
 def kind_of(path: Path) -> Literal["image", "mesh", "points", "model"] | None:
@@ -166,8 +153,8 @@ def kind_of(path: Path) -> Literal["image", "mesh", "points", "model"] | None:
     return None if path.is_dir() else content_of(path)
 
 
-def fits(path: Path) -> bool:
-    """Return whether `fit` and `track` read a file."""
+def has_points(path: Path) -> bool:
+    """Return whether `fit` and `track` take points from a file."""
     return kind_of(path) in ("image", "mesh", "points")
 
 
@@ -190,9 +177,9 @@ def read_source(path: Path, options: ImageOptions) -> Source:
     if kind in ("mesh", "points") and (given := options.of_images):
         raise OptionError(f"option {given[0]} goes with images, found the file of {CONTENT[kind]} {str(path)!r}")
     if kind == "image":
-        return in_unit(_from_image(path, options), options.unit, path)
+        return with_stated_unit(_from_image(path, options), options.unit, path)
     if kind == "mesh":
-        return in_unit(_from_mesh(path), options.unit, path)
+        return with_stated_unit(_from_mesh(path), options.unit, path)
     if kind == "model":
         raise FileFormatError(f"{str(path)!r}: expected points, a mesh or an image, found a model")
     return _from_table(path, options)
@@ -204,7 +191,7 @@ def _from_mesh(path: Path) -> Source:
     # sampled points have all digits; the vertices show the precision of the file
     warnings = precision_loss(mesh.vertices.tolist(), mesh.vertices) if note else {}
     notes = (f"{path}: {note}",) if note else ()
-    return Source(points, *read_space_and_unit(path), warnings, notes, solid=Solid.of_mesh(mesh))
+    return Source(PointSet(points, solid=Solid.of_mesh(mesh)), *read_space_and_unit(path), warnings, notes)
 
 
 def _from_table(path: Path, options: ImageOptions) -> Source:
@@ -214,32 +201,33 @@ def _from_table(path: Path, options: ImageOptions) -> Source:
             "take the points of each surface by read_guide_points in Python"
         )
     found = read_point_set(path, options.columns)
-    found = _with_unit(found, options.unit, path).in_metric_unit()
+    found = replace(found, unit=_stated_unit(found.unit, options.unit, path)).in_metric_unit()
     notes = tuple(f"{path}: {note}" for note in found.notes)
     warnings = precision_loss(found.number_type, found.points)
-    return Source(found.points, "unknown", found.unit, warnings, notes, normals=found.normals, factor=found.factor)
+    return Source(PointSet(found.points, found.normals, factor=found.factor), "unknown", found.unit, warnings, notes)
 
 
-def in_unit(source: Source, unit: str | None, path: Path) -> Source:
-    """Return the points of an image or a mesh in the given unit, where the file states none.
+def with_stated_unit(source: Source, unit: str | None, path: Path) -> Source:
+    """Return an image's or a mesh's points, as they are, with the unit of --unit where the file states none.
 
     Raises:
         InputError: the file states another.
         OptionError: a unit that is not known, or other than mm and m.
     """
-    found = _with_unit(PointSet(source.points, unit=source.unit), unit, path)
-    if found.unit not in ("mm", "m", "unknown"):
+    stated = _stated_unit(source.unit, unit, path)
+    if stated not in UNITS:
         raise OptionError(f"option --unit={unit!r}: of images and meshes expected mm or m")
-    return replace(source, unit=found.unit)
+    return replace(source, unit=stated)
 
 
-def _with_unit(found: PointSet, unit: str | None, path: Path) -> PointSet:
+def _stated_unit(of_file: str, unit: str | None, path: Path) -> str:
+    """The unit of a file's lengths: that of --unit, which must be that of the file where this has one."""
     if unit is None:
-        return found
+        return of_file
     stated = choose(unit_of(unit) or unit, tuple(MILLIMETRES), "--unit")
-    if found.unit not in ("unknown", stated):
-        raise InputError(f"{str(path)!r}: option --unit={unit!r} contradicts the file, which has {found.unit}")
-    return replace(found, unit=stated)
+    if of_file not in ("unknown", stated):
+        raise InputError(f"{str(path)!r}: option --unit={unit!r} contradicts the file, which has {of_file}")
+    return stated
 
 
 def read_object(path: Path, options: ImageOptions) -> tuple["Volume", dict[str, Any], tuple[str, ...]]:
@@ -302,9 +290,8 @@ def _from_image(path: Path, options: ImageOptions) -> Source:
         solid = found.solid
         found = outer_side(found) if WarningKind.HOLLOW in found.warnings else found
     notes = tuple(f"{path}: {note}" for note in notes + kept_note(found.segmentation))
-    numbers = slice_numbers(volume, found.points)
-    known = found.warnings, notes, numbers, volume
-    return Source(found.points, volume.space, volume.unit, *known, noise=found.noise, solid=solid)
+    cloud, slices = PointSet(found.points, noise=found.noise, solid=solid), slice_numbers(volume, found.points)
+    return Source(cloud, volume.space, volume.unit, found.warnings, notes, slices, volume)
 
 
 def _select(volume: "Volume", options: ImageOptions) -> tuple[Any, tuple[str, ...]]:

@@ -99,13 +99,14 @@ def fit(points: Input, **options: Any) -> Fit:
     image = ImageOptions(columns=given.pop("columns", None), unit=given.pop("unit", None))
     space = choose(given.pop("space", "unknown"), SPACES, "space")
     files = {name: (path, image) for name, path in paths.items()}
-    sources = {name: _in_space(read_source(path, image), path, space) for name, path in paths.items()}
+    sources = {name: _with_stated_space(read_source(path, image), path, space) for name, path in paths.items()}
     found = fit_sources(files, sources, given)
     notes = without_folders([n for source in sources.values() for n in source.notes], _paths(files))
     return replace(found, notes=(*notes, *found.notes))
 
 
-def _in_space(source: Source, path: Path, space: str) -> Source:
+def _with_stated_space(source: Source, path: Path, space: str) -> Source:
+    """The points, as they are, with the frame of the world that the caller states where the file states none."""
     if space != "unknown" and source.space not in (space, "unknown"):
         raise OptionError(f"option space={space!r} contradicts {str(path)!r}, which is in {source.space}")
     return source if space == "unknown" else replace(source, space=space)

@@ -19,14 +19,13 @@ from quadriform.imaging.file_points import (
     Source,
     SpaceAndUnit,
     common_space_and_unit,
-    fits,
+    has_points,
     kind_of,
     read_source,
 )
 from quadriform.point_sets import ALONE, PointSet
 from quadriform.points import Array
 from quadriform.shapes.landmarks import Landmarks
-from quadriform.shapes.solid import Solid
 
 if TYPE_CHECKING:
     from quadriform.imaging.labels import Preset
@@ -46,11 +45,7 @@ class FrameSeries:
     """The frames of a moving object.
 
     Attributes:
-        clouds: for each frame its points by surface.
-        noise: covariances (n, 3, 3) of the points in the same form, without the surfaces of which nothing is known.
-        factors: by which lengths in the unit of the file of a surface became lengths in that of the frames, likewise;
-            without those of which nothing is known.
-        solids: the bodies of a frame by surface, where their inside is known.
+        sets: for each frame its points by surface, as `track` takes them.
         slices: the slice number of each point, in the same form; for frames of contours and images only.
         grids: for these frames world from voxel of the image, (4, 4); None for contours.
         landmarks: of ventricles, one entry a frame; empty where none are known.
@@ -61,10 +56,7 @@ class FrameSeries:
         notes: what was assumed, one sentence each.
     """
 
-    clouds: list[dict[str, Array]] = field(default_factory=list)
-    noise: list[dict[str, Array]] = field(default_factory=list)
-    factors: list[dict[str, float]] = field(default_factory=list)
-    solids: list[dict[str, Solid]] = field(default_factory=list)
+    sets: list[dict[str, PointSet]] = field(default_factory=list)
     slices: list[dict[str, NDArray[np.int64]]] = field(default_factory=list)
     grids: list[Array | None] = field(default_factory=list)
     landmarks: tuple[Landmarks, ...] = ()
@@ -74,33 +66,22 @@ class FrameSeries:
     warnings: Warnings = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
-    def add(self, clouds: dict[str, Array], space_and_unit: SpaceAndUnit) -> None:
+    @property
+    def clouds(self) -> list[dict[str, Array]]:
+        """The points alone, (n, 3), in the same form."""
+        return [{name: each.points for name, each in frame.items()} for frame in self.sets]
+
+    def add(self, frame: dict[str, PointSet], space_and_unit: SpaceAndUnit) -> None:
         """Append a frame.
 
         Raises:
             InputError: its space or unit is not that of the frames before.
         """
-        if self.clouds and space_and_unit != self.space_and_unit:
+        if self.sets and space_and_unit != self.space_and_unit:
             before, other = " ".join(self.space_and_unit), " ".join(space_and_unit)
             raise InputError(f"the frames differ in space or unit: the first is in {before}, another in {other}")
         self.space_and_unit = space_and_unit
-        self.clouds.append(clouds)
-        self.noise.append({})
-        self.factors.append({})
-        self.solids.append({})
-
-    @property
-    def sets(self) -> list[dict[str, PointSet]]:
-        """The points with their noise and bodies, as `track` takes them."""
-        return [
-            {name: self._set(number, name, points) for name, points in clouds.items()}
-            for number, clouds in enumerate(self.clouds)
-        ]
-
-    def _set(self, number: int, name: str, points: Array) -> PointSet:
-        """The points of a surface of a frame, by its number."""
-        noise, solid = self.noise[number].get(name), self.solids[number].get(name)
-        return PointSet(points, noise=noise, solid=solid, factor=self.factors[number].get(name, 1.0))
+        self.sets.append(frame)
 
     def add_sources(self, sources: Mapping[str, Source]) -> None:
         """Append a frame with a file for each surface, or an image for all; warnings of one kind are joined.
@@ -108,10 +89,7 @@ class FrameSeries:
         Raises:
             InputError: surfaces or frames differ in space or unit.
         """
-        self.add({name: source.points for name, source in sources.items()}, common_space_and_unit(sources))
-        self.noise[-1] = {name: source.noise for name, source in sources.items() if source.noise is not None}
-        self.factors[-1] = {name: source.factor for name, source in sources.items()}
-        self.solids[-1] = {name: source.solid for name, source in sources.items() if source.solid is not None}
+        self.add({name: source.cloud for name, source in sources.items()}, common_space_and_unit(sources))
         for source in sources.values():
             self.notes += source.notes
             self.warnings = join_warnings(self.warnings, source.warnings)
@@ -136,7 +114,7 @@ class FrameSeries:
 
     def with_times(self, options: Mapping[str, Any]) -> dict[str, Any]:
         """Return options of `track`, with times and period of the files where they are not given."""
-        if "times" in options or self.times is None or len(self.times) != len(self.clouds):
+        if "times" in options or self.times is None or len(self.times) != len(self.sets):
             return dict(options)
         period = {"period": self.period} if self.period and options.get("period", "auto") == "auto" else {}
         return dict(options) | {"times": self.times} | period
@@ -164,7 +142,7 @@ def frame_files(inputs: Sequence[Path]) -> list[Path]:
 def _files_in(folder: Path) -> list[Path]:
     inside = visible_files(folder)
     contours = [file for file in inside if FILE_NAME.fullmatch(file.name)]
-    chosen = contours or [file for file in inside if fits(file)]
+    chosen = contours or [file for file in inside if has_points(file)]
     if not chosen:
         raise InputError(f"{str(folder)!r}: the folder contains no contours, points, meshes or images")
     return chosen
@@ -218,7 +196,7 @@ def _note_order(frames: FrameSeries, files: Sequence[Path]) -> None:
     numbers = frame_numbers(files)
     order = "order in which they are given" if numbers is None else "order of the numbers in their names"
     frames.notes.append(f"{len(files)} files are taken in the {order}: {names_of(files)}")
-    if numbers is not None and len(frames.clouds) == len(files):
+    if numbers is not None and len(frames.sets) == len(files):
         frames.use_numbers(numbers)
 
 
@@ -234,7 +212,7 @@ def _add_contours(frames: FrameSeries, files: Sequence[Path], labels: "Mapping[s
     names = [name for name in WALLS if any(frame.has(name) for frame in usable)]
     for frame in usable:
         found = {name: frame.surface(name) for name in names}
-        frames.add({name: points for name, (points, _) in found.items()}, ("LPS", "mm"))
+        frames.add({name: PointSet(points) for name, (points, _) in found.items()}, ("LPS", "mm"))
         frames.slices.append({name: slices for name, (_, slices) in found.items()})
         frames.grids.append(None)
     frames.landmarks = landmarks_of_contours(usable)
@@ -309,7 +287,7 @@ def keep_slices(frames: FrameSeries) -> None:
     """
     from quadriform.imaging.image_points import BETWEEN, slice_axis
 
-    if len(frames.slices) != len(frames.clouds):
+    if len(frames.slices) != len(frames.sets):
         raise OptionError("option --shift-slices needs slice numbers in all frames: contours, or images")
     first = frames.grids[0]
     for number, grid in enumerate(frames.grids):
@@ -318,13 +296,11 @@ def keep_slices(frames: FrameSeries) -> None:
     if first is None:
         return
     removed = total = 0
-    for clouds, known, slices in zip(frames.clouds, frames.noise, frames.slices):
+    for frame, slices in zip(frames.sets, frames.slices):
         for name, numbers in slices.items():
             kept = numbers != BETWEEN
             removed, total = removed + int((~kept).sum()), total + len(kept)
-            clouds[name], slices[name] = clouds[name][kept], numbers[kept]
-            if name in known:
-                known[name] = known[name][kept]
+            frame[name], slices[name] = frame[name].take(kept), numbers[kept]
     # the points between slices have no slice that could shift
     axis = slice_axis(first)
     frames.notes.append(

@@ -2,15 +2,13 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-import numpy as np
-
 from quadriform.errors import OptionError, WarningKind
 from quadriform.files.reading import naming
-from quadriform.imaging.file_points import CONTENT, ImageOptions, Source, in_unit, kind_of
+from quadriform.imaging.file_points import CONTENT, ImageOptions, Source, kind_of, with_stated_unit
 from quadriform.imaging.image_points import slice_numbers
 from quadriform.imaging.labels import Preset, parse_surface, preset_labels
 from quadriform.imaging.object_choice import Labels
@@ -26,6 +24,7 @@ from quadriform.imaging.ventricle import (
     ventricle_up_to,
 )
 from quadriform.imaging.volume import Volume
+from quadriform.point_sets import PointSet
 from quadriform.shapes.landmarks import Landmarks
 from quadriform.words import listed
 
@@ -211,13 +210,12 @@ def _source(path: Path, volume: Volume, found: VentriclePoints, heart: Heart, un
     noted = () if found.base is None else heart.noted
     warnings = {kind: text for kind, text in found.warnings.items() if kind not in noted}
     notes = tuple(f"{path}: {text}" for text in _notes(found, noted))
-    common = Source(np.empty((0, 3)), volume.space, volume.unit, warnings, notes, image=volume)
     noise, solids = found.noise or dict.fromkeys(found.clouds), {"endo": found.cavity}
     sources = {}
     for name, points in found.clouds.items():
-        slices = slice_numbers(volume, points)
-        known = replace(common, points=points, noise=noise[name], slices=slices, solid=solids.get(name))
-        sources[name] = in_unit(known, unit, path)
+        cloud = PointSet(points, noise=noise[name], solid=solids.get(name))
+        source = Source(cloud, volume.space, volume.unit, warnings, notes, slice_numbers(volume, points), volume)
+        sources[name] = with_stated_unit(source, unit, path)
     return VentricleSource(sources, found.landmarks)
 
 

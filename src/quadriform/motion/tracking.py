@@ -118,11 +118,6 @@ class Track(Warned):
         """Share [0, 1] of the area that data supports in each frame, (F,), of the surface that has the least."""
         return np.array([min(each.area for each in frame.values()) for frame in self.support])
 
-    def in_unit(self, unit: str) -> Track:
-        """The track whose models state the unit that their lengths have."""
-        moving = None if self.moving is None else replace(self.moving, unit=unit)
-        return replace(self, models=tuple(replace(model, unit=unit) for model in self.models), moving=moving)
-
     def in_space(self, space: str) -> Track:
         """The track with models and shifts in another frame of the world, "LPS" or "RAS".
 
@@ -199,7 +194,10 @@ def track(
     assumed = dict.fromkeys(note for frame in sets for each in frame.values() for note in each.notes)
     every = {named(n, name): each for n, frame in enumerate(sets) for name, each in frame.items()}
     notes = (*assumed, *partial_notes({name: each.noise for name, each in every.items()}), *found.notes)
-    return replace(found.in_unit(common_unit(every)), warnings=warnings, notes=notes)
+    unit = common_unit(every)  # which the lengths have already
+    moving = None if found.moving is None else replace(found.moving, unit=unit)
+    models = tuple(replace(model, unit=unit) for model in found.models)
+    return replace(found, models=models, moving=moving, warnings=warnings, notes=notes)
 
 
 @dataclass(frozen=True)
