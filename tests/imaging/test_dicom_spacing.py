@@ -9,6 +9,7 @@ from pydicom.dataset import Dataset
 from shapes_made import SKEW
 
 from quadriform.errors import AffineError, InputError
+from quadriform.files.slice_planes import RIGHT_ANGLE
 from quadriform.imaging import dicom_spacing
 from quadriform.imaging.dicom_spacing import ImagePlane, check_same_grid, segmentation_grid, slice_step
 
@@ -66,7 +67,7 @@ def test_the_sign_and_length_of_a_reconstruction_are_stated():
 def test_rows_and_columns_are_at_right_angles(skew, allowed):
     measures, orientation = Dataset(), Dataset()
     measures.PixelSpacing = [2.0, 1.5]
-    tilted = SKEW[:, 1] + skew * dicom_spacing.RIGHT_ANGLE * SKEW[:, 0]
+    tilted = SKEW[:, 1] + skew * RIGHT_ANGLE * SKEW[:, 0]
     orientation.ImageOrientationPatient = [round(float(x), 12) for x in (*SKEW[:, 0], *tilted)]
     if allowed:
         row, column = dicom_spacing.pixel_steps(orientation, measures)

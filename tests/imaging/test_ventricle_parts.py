@@ -5,6 +5,7 @@ import pytest
 
 from quadriform.errors import MaskError, OptionError
 from quadriform.imaging import ventricle
+from quadriform.imaging.isosurface import edge_noise
 from quadriform.imaging.segmentation import Labels
 from quadriform.imaging.thinning import default_spacing, thinned
 from quadriform.imaging.ventricle import ventricle_from_labels, ventricle_from_perfusion
@@ -60,6 +61,17 @@ def test_the_outermost_points_are_repeated_just_below_the_face():
     points = np.array([[0, 0, 8.0], [1, 0, 7.01], [2, 0, 6.99], [3, 0, 6.0]])  # down to three quarters of 4
     found = ventricle._up_to_face(points, face, image)
     np.testing.assert_allclose(found, [*points, [0, 0, 9.96], [1, 0, 8.97]])
+
+
+@pytest.mark.parametrize("edge", [[0.5, 0, 0], [0, 0.5, 0]])
+def test_repeated_points_keep_the_error_of_their_edge(edge):
+    image = Volume(np.zeros((2, 2, 2)), AFFINE)
+    face = np.array([0.0, 0, 6]), np.array([0.0, 0, 1])  # half a voxel beyond the centres of the second slice
+    points = image.points_world([np.add([0, 1, 1], edge)])
+    first, repeated = edge_noise(image, ventricle._up_to_face(points, face, image))
+    np.testing.assert_array_equal(first, repeated)
+    step = 2 * AFFINE[:3, :3] @ edge
+    np.testing.assert_allclose(first, np.outer(step, step) / 12)
 
 
 def test_the_height_of_a_voxel_is_that_along_the_normal_of_its_face():

@@ -34,7 +34,7 @@ def compare(a: Path, b: Path, *, surface: str | None = None, strict: str | None 
         surface: Which surface, where a model has several.
     """
     from quadriform.cli.status import repeat_warnings
-    from quadriform.files.reading import naming
+    from quadriform.files.reading import named_in_errors
 
     # the frame of A is kept, because results are compared with A as the reference
     one = _read(a, surface)
@@ -45,7 +45,7 @@ def compare(a: Path, b: Path, *, surface: str | None = None, strict: str | None 
     record |= {what: _common(one, two, what) for what in ("space", "unit")}
     fits = {which: body.record for which, body in (("A", one), ("B", two)) if body.record is not None}
     status = repeat_warnings(together(fits), strict, a, b) if fits else {}
-    with naming(a, b):
+    with named_in_errors(a, b):
         record |= _record(one.shape, two.shape)
     for which in ("a", "b"):
         if record[f"volume_{which}"] is None:

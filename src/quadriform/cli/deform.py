@@ -38,14 +38,14 @@ def deform(
     from quadriform.files.atomic import check_writable
     from quadriform.files.meshes import WRITE_SUFFIXES
     from quadriform.files.points import POINT_SUFFIXES
-    from quadriform.files.reading import naming, suffix_of
+    from quadriform.files.reading import named_in_errors, suffix_of
     from quadriform.imaging.file_points import space_to_write
 
     as_mesh = suffix_of(output, (*POINT_SUFFIXES, *WRITE_SUFFIXES), "points or a mesh") in WRITE_SUFFIXES
     check_writable(output, common.force, inputs=[model, points])
     carrier, asked = read_model(model), check_space(space)
     status = repeat_warnings(carrier.record, common.strict, model)
-    with naming(model):
+    with named_in_errors(model):
         target = space_to_write(asked, carrier.space)
     moved, mesh = _moved(carrier, points, as_mesh, inverse, columns)
     _write(moved, mesh, output, carrier, target, common.force)
@@ -60,11 +60,11 @@ def _moved(
     from quadriform.cli.inputs import rotation_to_model
     from quadriform.files import read_mesh
     from quadriform.files.points import read_point_set
-    from quadriform.files.reading import naming
+    from quadriform.files.reading import named_in_errors
     from quadriform.imaging.file_points import space_and_unit_of
 
     mesh = read_mesh(file) if as_mesh else None
-    with naming(file):
+    with named_in_errors(file):
         rotation = rotation_to_model(file, space_and_unit_of(file, columns), (carrier.space, carrier.unit))
         given = read_point_set(file, columns).in_metric_unit().points if mesh is None else mesh.vertices
         # into the frame of the model, in which its map is defined

@@ -89,7 +89,7 @@ def _read(path: Path, details: Details, space: str | None) -> "tuple[DeformableM
     import numpy as np
 
     from quadriform.files import load
-    from quadriform.files.reading import naming
+    from quadriform.files.reading import named_in_errors
     from quadriform.shapes.mesh import Mesh
     from quadriform.shapes.model import DeformableModel
 
@@ -97,7 +97,7 @@ def _read(path: Path, details: Details, space: str | None) -> "tuple[DeformableM
     if isinstance(loaded, Mesh):
         raise OptionError(f"{str(path)!r}: expected a model, found a mesh")
     if space is not None:
-        with naming(path):
+        with named_in_errors(path):
             loaded = loaded.in_space(space)
     at = details.at
     if isinstance(loaded, DeformableModel):
@@ -141,11 +141,11 @@ def _encode(
 def _grid(like: Path, affine: str | None, state: "DeformableModel") -> "Grid":
     """The image whose grid is taken, of a 4-D one its first frame, and the transform from its voxels to the model."""
     from quadriform.files.label_maps import grid_of_model
-    from quadriform.files.reading import naming
+    from quadriform.files.reading import named_in_errors
     from quadriform.imaging.reading import frame_count, read_volume
 
     grid = read_volume(like, 0 if frame_count(like) > 1 else None, affine)
-    with naming(like):
+    with named_in_errors(like):
         return grid, grid_of_model(state, grid.world_from_voxel, grid.space, grid.unit)
 
 

@@ -20,7 +20,7 @@ from quadriform.errors import InputError, OptionError
 from quadriform.files import save, write_mesh
 from quadriform.files.atomic import write_bytes
 from quadriform.files.frame_numbers import natural
-from quadriform.files.reading import naming
+from quadriform.files.reading import named_in_errors
 from quadriform.files.result_folder import check_results, replaced_together
 from quadriform.fitting.result import Fit, flat
 from quadriform.imaging.file_points import (
@@ -184,7 +184,7 @@ def _run(job: Job, options: Mapping[str, Any], common: Common) -> Record:
     names = [MODEL, *(path.name for path in job.targets.values()), REPORT]
     check_results(job.folder, names, common.force, job.files)
     begin = time.perf_counter()
-    with naming(*job.files):
+    with named_in_errors(*job.files):
         sources, landmarks = _read(job, options.get("base"))
         options = _with_base(options, landmarks)
         assumed = [text for source in sources.values() for text in source.notes]

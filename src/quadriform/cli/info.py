@@ -36,10 +36,10 @@ def info(
     """
     from quadriform.cli.status import check_strict
     from quadriform.files import sha256_of
-    from quadriform.files.reading import naming
+    from quadriform.files.reading import named_in_errors
     from quadriform.imaging.file_points import files_of, kind_of
 
-    with naming(file):
+    with named_in_errors(file):
         kind = kind_of(file)
         describe = {"model": _model, "mesh": _mesh, "image": _image}.get(kind or "")
         record = _points(file, columns) if describe is None else describe(file, frame, affine)

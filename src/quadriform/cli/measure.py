@@ -112,7 +112,7 @@ def landmarks(
     Raises:
         OptionError: base and contours at once.
     """
-    from quadriform.cli.landmarks import read_base, read_contours
+    from quadriform.cli.measured_landmarks import read_base, read_contours
 
     if where.base and where.contours:
         raise OptionError("options --base and --contours exclude each other: contours contain a base")

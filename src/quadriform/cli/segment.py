@@ -24,13 +24,13 @@ def segment(image: Path, *, output: Path, chosen: ObjectInImage, common: Common)
     from quadriform.cli.status import check_strict
     from quadriform.files.atomic import check_writable, write_bytes
     from quadriform.files.label_maps import encode_labels
-    from quadriform.files.reading import naming
+    from quadriform.files.reading import named_in_errors
     from quadriform.imaging.file_points import kept_note, read_object
     from quadriform.imaging.segmentation import segment as segment_volume
 
     suffix, options = _suffix(output), chosen.parse()
     check_writable(output, common.force, inputs=[image])
-    with naming(image):
+    with named_in_errors(image):
         volume, arguments, notes = read_object(image, options)
         found = segment_volume(volume, **arguments)
         # before the mask is encoded: nothing is written for a refused result

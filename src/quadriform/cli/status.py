@@ -6,7 +6,7 @@ from typing import Any
 from quadriform import errors
 from quadriform.cli.screen import print_remarks, texts
 from quadriform.errors import Warnings
-from quadriform.files.reading import naming
+from quadriform.files.reading import named_in_errors
 from quadriform.shapes.record import ModelRecord, remarks_of
 
 
@@ -41,5 +41,5 @@ def check_strict(strict: str | None, status: str, warnings: Warnings, *files: Pa
     Raises:
         FitError: it is refused; the message names the files.
     """
-    with naming(*files):
+    with named_in_errors(*files):
         errors.check_strict(strict, status, warnings)

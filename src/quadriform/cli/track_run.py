@@ -19,7 +19,7 @@ from quadriform.cli.track_options import Motion, Reading
 from quadriform.errors import join_warnings
 from quadriform.files import save, sha256_of
 from quadriform.files.atomic import write_bytes
-from quadriform.files.reading import naming
+from quadriform.files.reading import named_in_errors
 from quadriform.files.result_folder import check_results, replaced_together
 from quadriform.imaging.file_points import files_of, input_files, space_to_write, title_of, without_folders
 from quadriform.imaging.frame_series import FrameSeries, frame_files, keep_slices, read_frames
@@ -50,7 +50,7 @@ def run(
     earlier = earlier_results(folder)
     check_results(folder, [MODEL, FRAMES, REPORT, *earlier], common.force, files)
     begin = time.perf_counter()
-    with naming(*inputs):
+    with named_in_errors(*inputs):
         frames = _read(files, reading, motion.shift_slices)
         if motion.strategy == "alone":
             check_results(folder, [frame_model(n) for n in range(len(frames.sets))], common.force, files)

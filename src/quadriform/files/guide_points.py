@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from quadriform.errors import FileFormatError, InputError, PointsError, choose
 from quadriform.files.numbers import to_number
-from quadriform.files.reading import PathLike, beginning, quoted, read_bytes, utf8_text
+from quadriform.files.reading import PathLike, first_bytes, quoted, read_bytes, utf8_text
 from quadriform.points import Array
 from quadriform.words import short_repr
 
@@ -123,7 +123,7 @@ def is_guide_points(path: Path) -> bool:
         return False
     if FILE_NAME.fullmatch(path.name):
         return True
-    text = beginning(path, BEGINNING).decode("utf-8-sig", errors="replace")
+    text = first_bytes(path, BEGINNING).decode("utf-8-sig", errors="replace")
     first = next((line for line in text.splitlines() if line.strip()), "")
     fields = fields_of(first)
     return "contourtype" in map(plain, fields) or (

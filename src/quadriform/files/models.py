@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from quadriform.errors import FileFormatError, OptionError
 from quadriform.files.arrays import parse_npz
 from quadriform.files.atomic import write_bytes
-from quadriform.files.landmarks import landmarks_document, read_landmarks
+from quadriform.files.landmark_fields import landmarks_document, read_landmarks
 from quadriform.files.metadata import SPACES, UNITS, check_space_and_unit
 from quadriform.files.packed import TEXT, VALUES, Unpacking, packed
 from quadriform.files.reading import PathLike, quoted, read_bytes, signature, suffix_of, suffix_to_read
@@ -92,7 +92,7 @@ def read_model(path: PathLike) -> DeformableModel:
     fields = _fields(root, FORMAT, BODY, VERSION, recorded=2)
     box = root.member("box")
     landmarks = read_landmarks(root.optional(LANDMARKS))
-    model = root.made(DeformableModel, box=box.made(ControlBox, **_box_fields(box)), landmarks=landmarks, **fields)
+    model = root.build(DeformableModel, box=box.build(ControlBox, **_box_fields(box)), landmarks=landmarks, **fields)
     _check_extent(model, where)
     return model
 
@@ -113,10 +113,10 @@ def read_moving_model(path: PathLike) -> MovingModel:
     every = root.optional(LANDMARKS)
     landmarks = () if every.value is None else tuple(map(read_landmarks, every.items()))
     box = _box_fields(root.member("box"), None)
-    model = root.made(MovingModel, **fields, **times, **box, landmarks=landmarks)
+    model = root.build(MovingModel, **fields, **times, **box, landmarks=landmarks)
     # Between knots the splines stay near these states.
     for knot in model.basis.knots:
-        _check_extent(root.made(model.at, float(knot)), where)
+        _check_extent(root.build(model.at, float(knot)), where)
     return model
 
 
@@ -214,7 +214,7 @@ def _surface(field: Field) -> Superquadric:
     field.only(("name", "kind", *SHAPES, *extra))
     values: dict[str, Any] = {key: field.member(key).numbers(shape) for key, shape in SHAPES.items()}
     values |= {key: field.member(key).number() for key in extra}
-    return field.made(Superquadric, kind, **values)
+    return field.build(Superquadric, kind, **values)
 
 
 def _box_fields(field: Field, *knots: None) -> dict[str, Any]:
@@ -228,7 +228,7 @@ def _times(field: Field, version: int) -> dict[str, Any]:
     """The splines and the times of the frames; a file of version 1 has none of these."""
     field.only(("knots", "period") if version == 1 else ("knots", "period", "frames"))
     knots, period = field.member("knots").numbers((None,)), field.member("period")
-    times = {"basis": field.made(TimeBasis, knots, None if period.value is None else period.number())}
+    times = {"basis": field.build(TimeBasis, knots, None if period.value is None else period.number())}
     if version == 1:
         return times
     frames = field.member("frames")

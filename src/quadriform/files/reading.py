@@ -65,7 +65,7 @@ def check_readable(path: PathLike) -> int:
     return status.st_size
 
 
-def beginning(path: PathLike, count: int) -> bytes:
+def first_bytes(path: PathLike, count: int) -> bytes:
     """Return the first bytes of a regular file; none where it cannot be read."""
     try:
         if not Path(path).is_file():  # a pipe would wait for its writer
@@ -122,7 +122,7 @@ def quoted(path: PathLike) -> str:
 
 
 @contextlib.contextmanager
-def naming(*files: Path) -> Iterator[None]:
+def named_in_errors(*files: Path) -> Iterator[None]:
     """Put the names of the files before errors that do not name one; wrong options are not the files' fault."""
     try:
         yield

@@ -12,6 +12,9 @@ from quadriform.files.guide_points import SLICE_NAMES, lines_of, number_in, plai
 from quadriform.files.reading import PathLike, quoted, read_bytes
 from quadriform.points import Array
 
+RIGHT_ANGLE = 1e-3
+"""Row and column of an image are unit vectors, perpendicular to each other, within this; headers round."""
+
 
 @dataclass(frozen=True)
 class SlicePlane:
@@ -32,13 +35,23 @@ class SlicePlane:
     @property
     def normal(self) -> Array:
         """(3,) unit vector, rows x columns."""
-        normal = np.cross(self.rows, self.columns)
-        return np.asarray(normal / np.linalg.norm(normal))
+        return unit_normal(self.rows, self.columns)
 
     def is_at(self, other: "SlicePlane") -> bool:
         """Whether both planes are the same to the last digit; a file may list a slice for each of its frames."""
         mine, others = (np.concatenate([p.origin, p.rows, p.columns, p.spacing]) for p in (self, other))
         return bool(np.array_equal(mine, others))
+
+
+def unit_normal(row: Array, column: Array) -> Array:
+    """The unit vector (3,) along row x column."""
+    normal = np.cross(row, column)
+    return np.asarray(normal / np.linalg.norm(normal))
+
+
+def is_right_angle(cosines: Array) -> bool:
+    """Whether the directions of row and column, (2, 3), of an ImageOrientationPatient are unit and perpendicular."""
+    return bool(np.abs(cosines @ cosines.T - np.eye(2)).max() <= RIGHT_ANGLE)
 
 
 def read_slice_planes(path: PathLike) -> dict[int, SlicePlane]:
@@ -67,8 +80,7 @@ def read_slice_planes(path: PathLike) -> dict[int, SlicePlane]:
 
 def _plane(words: list[str], where: str) -> SlicePlane:
     cosines = _after(words, "ImageOrientationPatient", 6, where).reshape(2, 3)
-    # As wide as for DICOM, whose rounded headers these are copied from.
-    if np.abs(cosines @ cosines.T - np.eye(2)).max() > 1e-3:
+    if not is_right_angle(cosines):
         raise FileFormatError(f"{where}: ImageOrientationPatient {cosines.ravel().tolist()} is no right angle")
     origin, spacing = _after(words, "ImagePositionPatient", 3, where), _after(words, "PixelSpacing", 2, where)
     return SlicePlane(origin, cosines[0], cosines[1], spacing)

@@ -12,7 +12,7 @@ from quadriform.errors import FileFormatError, OptionError
 from quadriform.points import Array
 from quadriform.words import plain
 
-Made = TypeVar("Made")
+Built = TypeVar("Built")
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Field:
         """Raise the one error: file, field, what was expected, what was found."""
         raise FileFormatError(f"{self._location}: expected {expected}, found {found or _short(self.value)}")
 
-    def made(self, make: Callable[..., Made], *values: Any, **named: Any) -> Made:
+    def build(self, make: Callable[..., Built], *values: Any, **named: Any) -> Built:
         """What is made of values of this field; where these do not go together, the refusal names the field."""
         try:
             return make(*values, **named)

@@ -115,7 +115,7 @@ def parse_vtp(data: bytes, where: str) -> Polygons:
         FileFormatError: no such XML, entities, an unknown compression, or counts that do not agree.
         FileLimitError: an array declares more than the budget.
     """
-    file = _opened(data, where)
+    file = _file_of(data, where)
     pieces = [_piece(piece, file) for piece in file.root.findall("PolyData/Piece")]
     if file.root.get("type") != "PolyData" or not pieces:
         kind = file.root.get("type")
@@ -141,7 +141,7 @@ class _File:
     where: str
 
 
-def _opened(data: bytes, where: str) -> _File:
+def _file_of(data: bytes, where: str) -> _File:
     found = APPENDED.search(data)
     xml, appended, tag = data, b"", b""
     if found is not None:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.errors import InputError, OptionError, WarningKind, Warnings
-from quadriform.files.reading import PathLike, check_budget, naming, quoted
+from quadriform.files.reading import PathLike, check_budget, named_in_errors, quoted
 from quadriform.imaging.dicom_files import Folder, Series, decoding, examine, examine_folder
 from quadriform.imaging.dicom_headers import planes_of
 from quadriform.imaging.dicom_segments import label_image
@@ -62,7 +62,7 @@ def read_dicom(path: PathLike, frame: int | None = None, series: str | None = No
     first = stack.frames[0]
     planes = stack.frames[choose_frame(frame, (*first[0].size, len(first), len(stack.frames)), path)]
     values = np.stack(list(_images(planes)), axis=-1)
-    with naming(path):
+    with named_in_errors(path):
         return Volume(values, stack.world_from_voxel, warnings=warnings)
 
 
@@ -126,7 +126,7 @@ def _stack(path: Path, headers: Headers, warnings: Warnings) -> SliceStack:
         with decoding(file):
             planes += planes_of(header, file)
     try:
-        with naming(path):
+        with named_in_errors(path):
             return stack_slices(planes)
     except InputError as error:
         if not warnings:

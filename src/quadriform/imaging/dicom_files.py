@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import IO
 
 from quadriform.errors import FileFormatError, InputError, QuadriformError
-from quadriform.files.reading import beginning, check_budget, check_readable, naming, quoted, visible_files
+from quadriform.files.reading import check_budget, check_readable, first_bytes, named_in_errors, quoted, visible_files
 from quadriform.imaging.dicom_values import KEYWORDS, Dataset, n_images
 from quadriform.imaging.formats import DICOM_SUFFIXES, PREAMBLE, import_reader, is_dicom
 
@@ -90,7 +90,7 @@ def examine_folder(folder: Path) -> Folder:
 def _meant_as_dicom(file: Path) -> bool:
     """Whether a file may be a slice, even a damaged one: not text, and without the suffix of another format."""
     suffix = file.suffix.lower()
-    return suffix in DICOM_SUFFIXES or is_dicom(file) or (suffix == "" and b"\0" in beginning(file, PREAMBLE + 4))
+    return suffix in DICOM_SUFFIXES or is_dicom(file) or (suffix == "" and b"\0" in first_bytes(file, PREAMBLE + 4))
 
 
 def examine(file: Path) -> Examined:
@@ -107,13 +107,13 @@ def examine(file: Path) -> Examined:
                 header.get(keyword)  # pydicom decodes a value on access: damage is found here
             n_images(header)
         check_budget(file.stat().st_size, quoted(file))
-        fault = None if pixels else _without_pixels(file, _class_name(header), cut)
+        fault = None if pixels else _no_pixels(file, _class_name(header), cut)
         return Examined(header if fault is None else None, _series(header), _class_name(header), fault)
     except QuadriformError as error:
-        return _of_damaged(file, error)
+        return _examined_before_damage(file, error)
 
 
-def _of_damaged(file: Path, fault: QuadriformError) -> Examined:
+def _examined_before_damage(file: Path, fault: QuadriformError) -> Examined:
     """What can be read of a damaged file before the damage."""
     try:
         header, *_ = _parsed(file, SERIES_TAG)
@@ -129,7 +129,7 @@ def _parsed(file: Path, last: int | None = None) -> tuple[Dataset, bool, bool]:
 
     size = check_readable(file)
     if not is_dicom(file):
-        raise FileFormatError(f"{quoted(file)}: not a DICOM file; it begins with {beginning(file, 8)!r}")
+        raise FileFormatError(f"{quoted(file)}: not a DICOM file; it begins with {first_bytes(file, 8)!r}")
     with file.open("rb") as stream, decoding(file):
         stop = _StopCondition(stream, size, last)
         header = read_partial(stream, stop, force=True, specific_tags=[Tag(keyword) for keyword in KEYWORDS])
@@ -155,7 +155,7 @@ class _StopCondition:
         return self.pixels or (self.last is not None and tag > self.last)
 
 
-def _without_pixels(file: Path, kind: str, cut: bool) -> QuadriformError:
+def _no_pixels(file: Path, kind: str, cut: bool) -> QuadriformError:
     if cut:
         return FileFormatError(f"{quoted(file)}: cut short: it ends within its header; fetch the file again")
     if not kind:
@@ -198,7 +198,7 @@ def decoding(file: Path) -> Iterator[None]:
 
     Warnings of pydicom are about values that break rules of DICOM; those that matter to the image are checked here.
     """
-    with naming(file), warnings.catch_warnings():
+    with named_in_errors(file), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             yield

@@ -10,7 +10,7 @@
   voxel of a segment need not be stored (C.8.20).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from quadriform.errors import AffineError, InputError
+from quadriform.files.slice_planes import is_right_angle, unit_normal
 from quadriform.imaging.dicom_values import Dataset, functional_group, number_or_default, required_numbers
 from quadriform.points import Array
 from quadriform.words import first_of
@@ -26,8 +27,6 @@ SAME_ORIENTATION = 0.1
 """Two images have the same orientation when no corner moves by more than this many pixels."""
 LISTED = 6
 """The number of images that a message names."""
-RIGHT_ANGLE = 1e-3
-"""Row and column are unit vectors, perpendicular to each other, within this; headers round."""
 ROUNDING = 0.02
 """mm; positions are written with at least two decimals."""
 UNEVEN = 0.01
@@ -77,8 +76,7 @@ class ImagePlane:
     @property
     def normal(self) -> Array:
         """Unit normal (3,) of the image, right-handed to rows and columns."""
-        normal = np.cross(self.along_row, self.along_column)
-        return normal / np.linalg.norm(normal)
+        return unit_normal(self.along_row, self.along_column)
 
 
 def names(planes: Sequence[ImagePlane]) -> str:
@@ -93,31 +91,26 @@ def check_same_grid(planes: Sequence[ImagePlane]) -> None:
         InputError: naming the images.
     """
     first = planes[0]
-    _refuse("images of different sizes", planes, lambda plane: plane.size != first.size, lambda plane: f"{plane.size}")
+    other_sizes = [plane.size != first.size for plane in planes]
+    _check_alike(planes, other_sizes, "images of different sizes", lambda plane: f"{plane.size}")
     shorter_step = min(np.linalg.norm(first.along_row), np.linalg.norm(first.along_column))
     # a change of the step moves the far corner by that change times the number of pixels
     allowed = SAME_ORIENTATION * shorter_step / max(first.size)
-
-    def differs(plane: ImagePlane) -> bool:
-        """Whether the steps of a plane are not those of the first."""
-        change = (plane.along_row - first.along_row, plane.along_column - first.along_column)
-        return bool(np.linalg.norm(change, axis=1).max() > allowed)
-
-    def steps(plane: ImagePlane) -> str:
-        """The steps of a plane in words."""
-        return f"steps {plane.along_row.round(4).tolist()} and {plane.along_column.round(4).tolist()}"
-
-    _refuse("images of different orientations or pixel sizes", planes, differs, steps)
+    steps = np.array([(plane.along_row, plane.along_column) for plane in planes])
+    other_steps = np.linalg.norm(steps - steps[0], axis=-1).max(axis=1) > allowed
+    _check_alike(planes, other_steps, "images of different orientations or pixel sizes", _steps)
 
 
-def _refuse(
-    fault: str,
-    planes: Sequence[ImagePlane],
-    differs: Callable[[ImagePlane], bool],
-    describe: Callable[[ImagePlane], str],
+def _steps(plane: ImagePlane) -> str:
+    """The steps of a plane in words."""
+    return f"steps {plane.along_row.round(4).tolist()} and {plane.along_column.round(4).tolist()}"
+
+
+def _check_alike(
+    planes: Sequence[ImagePlane], is_other: Iterable[bool], fault: str, describe: Callable[[ImagePlane], str]
 ) -> None:
-    others = [plane for plane in planes if differs(plane)]
-    if others:
+    """Refuse images of which some, by `is_other`, are unlike the first; the fault and both are described."""
+    if others := [plane for plane, other in zip(planes, is_other) if other]:
         raise InputError(
             f"{fault}: {planes[0].name} has {describe(planes[0])}, {others[0].name} has {describe(others[0])}; "
             f"{len(others)} of {len(planes)} differ from the first: {names(others)}; keep one stack of slices"
@@ -135,7 +128,7 @@ def pixel_steps(orientation: Any, measures: Any) -> tuple[Array, Array]:
         AffineError: missing, no right angle, or no lengths above 0.
     """
     cosines = required_numbers(orientation, "ImageOrientationPatient", 6).reshape(2, 3)
-    if np.abs(cosines @ cosines.T - np.eye(2)).max() > RIGHT_ANGLE:
+    if not is_right_angle(cosines):
         raise AffineError(f"ImageOrientationPatient {cosines.ravel().tolist()} is no right angle")
     spacing = required_numbers(measures, "PixelSpacing", 2)
     if spacing.min() <= 0:
@@ -177,8 +170,7 @@ def reconstructed_slice_step(header: Dataset, along_row: Array, along_column: Ar
     Raises:
         AffineError: no SpacingBetweenSlices.
     """
-    normal = np.cross(along_row, along_column)
-    return normal / np.linalg.norm(normal) * required_numbers(header, "SpacingBetweenSlices", 1)
+    return unit_normal(along_row, along_column) * required_numbers(header, "SpacingBetweenSlices", 1)
 
 
 def segmentation_grid(header: Dataset, planes: Sequence[ImagePlane]) -> tuple[list[int], Array]:

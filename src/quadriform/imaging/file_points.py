@@ -14,7 +14,7 @@ from quadriform.errors import FileFormatError, InputError, OptionError, WarningK
 from quadriform.files.guide_points import is_guide_points
 from quadriform.files.meshes import read_mesh_or_points, read_space_and_unit
 from quadriform.files.points import read_point_set
-from quadriform.files.reading import naming, sha256_of, visible_files
+from quadriform.files.reading import named_in_errors, sha256_of, visible_files
 from quadriform.files.save_and_load import content_of
 from quadriform.imaging.formats import image_format, is_pair, pair_of
 from quadriform.point_sets import UNITS, PointSet, precision_loss
@@ -281,7 +281,7 @@ def space_to_write(requested: str | None, found: str) -> str:
 def _from_image(path: Path, options: ImageOptions) -> Source:
     from quadriform.imaging.image_points import outer_side, points_from_image, slice_numbers
 
-    with naming(path):
+    with named_in_errors(path):
         volume, arguments, notes = read_object(path, options)
         if options.border is not None:
             arguments["border"] = options.border

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from quadriform.errors import InputError, MaskError, OptionError
-from quadriform.files.reading import beginning, quoted, visible_files
+from quadriform.files.reading import first_bytes, quoted, visible_files
 
 Size = tuple[int, int, int, int]
 """Voxels along i, j and k, and frames."""
@@ -52,7 +52,7 @@ def image_format(path: Path) -> Format | None:
 
 def is_dicom(path: Path) -> bool:
     """Return whether a file is DICOM by its content: the letters DICM, or a first element without them."""
-    start = beginning(path, PREAMBLE + 4)
+    start = first_bytes(path, PREAMBLE + 4)
     return start[PREAMBLE:] == b"DICM" or _begins_with_element(start)
 
 
@@ -105,7 +105,7 @@ def _by_name(path: Path) -> Format | None:
 
 def _start(path: Path) -> bytes:
     """The first bytes of a regular file, expanded where it is compressed by gzip."""
-    start = beginning(path, BLOCK)
+    start = first_bytes(path, BLOCK)
     try:
         return zlib.decompressobj(WITH_GZIP).decompress(start, BLOCK) if start.startswith(b"\x1f\x8b") else start
     except zlib.error:

@@ -27,11 +27,12 @@ from quadriform.words import short_repr
 
 FACING_CENTRE = 0.2
 """Fraction of the surface; of brains and ventricles at most 0.11 faces the centre, of walls of hearts 0.23."""
-ENCLOSED = 0.05
-"""Fraction of a body above which an enclosed hole is reported: its surface, an eighth of all, would not be outliers."""
+CLOSED_WALL = 0.05
+"""From this fraction of an object and its holes on, enclosed holes make it a wall with two sides, which is refused: the
+points of the inner side, an eighth of all, are too many to be outliers."""
 ONE_END = 0.2
-"""Of the area of the faces between a cavity and what is outside, the length of their sum: at least 1 / sqrt(3) for one
-flat opening, half of that with the steps of voxels around a thin wall, and nothing for a ring, whose ends cancel."""
+"""Least mean resultant length of the area vectors of a cavity's opening: at least 1 / sqrt(3) for one flat opening,
+half of that with the steps of voxels around a thin wall, and 0 for a ring, whose two ends cancel."""
 LISTED = 10
 """The number of component sizes that are recorded; noise has thousands."""
 CAP, BETWEEN = -1, -2
@@ -141,7 +142,7 @@ def _hollow(found: Segmentation, mesh: Mesh, filled: bool) -> Warnings:
     """
     holes, facing = found.hole_voxels, _fraction_facing_centre(mesh)
     # two closed sides would be fitted by one surface between them
-    if not filled and holes >= ENCLOSED * (int(found.mask.sum()) + holes):
+    if not filled and holes >= CLOSED_WALL * (int(found.mask.sum()) + holes):
         raise MaskError(
             f"the object is a wall around {holes} voxels: its two sides are two surfaces; take the outer one with "
             "--fill-holes (fill_holes=True)"
@@ -167,7 +168,7 @@ def outer_side(found: ImagePoints) -> ImagePoints:
         return found
     # beyond the image is background too
     opening = faces_between(np.pad(tissue, 1), CAVITY, BACKGROUND, wall.world_from_voxel)[1]
-    if np.linalg.norm(opening.sum(axis=0)) < ONE_END * np.linalg.norm(opening, axis=1).sum():
+    if _resultant_length(opening) < ONE_END:
         return found
     whole = np.zeros_like(found.segmentation.mask)
     whole[slices(found.segmentation.region)] = tissue != BACKGROUND
@@ -182,6 +183,12 @@ def outer_side(found: ImagePoints) -> ImagePoints:
     )
     warnings, record = found.warnings | {WarningKind.HOLLOW: text}, found.record | _results(segmentation)
     return ImagePoints(result.mesh.vertices, result.on_border, result.mesh, segmentation, warnings, record, noise)
+
+
+def _resultant_length(areas: Array) -> float:
+    """Mean resultant length |sum of a| / sum of |a| of area vectors (n, 3): 1 where they are parallel, or none."""
+    total = np.linalg.norm(areas, axis=1).sum()
+    return float(np.linalg.norm(areas.sum(axis=0)) / total) if total > 0 else 1.0
 
 
 def _fraction_facing_centre(mesh: Mesh) -> float:

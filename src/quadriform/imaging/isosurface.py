@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from quadriform.errors import MaskError, WarningKind, Warnings, choose
 from quadriform.imaging.volume import Volume
-from quadriform.imaging.voxel_faces import border_cut
+from quadriform.imaging.voxel_faces import border_cut_text
 from quadriform.points import Array, check_number
 from quadriform.shapes.mesh import Mesh
 
@@ -67,7 +67,7 @@ def isosurface(volume: Volume, level: float = 0.5, *, border: Border = "open") -
     if np.linalg.det(volume.world_from_voxel[:3, :3]) < 0:
         faces = np.ascontiguousarray(faces[:, ::-1])
     warnings: Warnings = {}
-    if cut := border_cut(inside, volume.world_from_voxel):
+    if cut := border_cut_text(inside, volume.world_from_voxel):
         end = f"closed there by {int(on_border.sum())} vertices" if padding else "left open there"
         warnings[WarningKind.BORDER_CUT] = f"{cut}; {end}"
     return Isosurface(Mesh(volume.points_world(voxels), faces), on_border, warnings)
@@ -81,10 +81,11 @@ def edge_noise(volume: Volume, points: Array) -> Array:
 
     Args:
         volume: the image.
-        points: (n, 3), in its world.
+        points: (n, 3), in its world; vertices, or such moved off their edge by less than half a voxel, as
+            `ventricle.BELOW_FACE` does.
     """
     voxels = volume.voxels(points)
-    # two of three coordinates of a vertex are whole
+    # of a vertex the coordinate along its edge is a whole number and a half, the other two are whole
     axis = np.abs(voxels - np.rint(voxels)).argmax(axis=1)
     edges = volume.world_from_voxel[:3, :3].T[axis]
     return edges[:, :, None] * edges[:, None, :] / 12

@@ -12,7 +12,7 @@ from quadriform.errors import MaskError, OptionError, choose
 from quadriform.imaging.object_choice import Labels
 from quadriform.imaging.segments import LISTED
 from quadriform.imaging.volume import Volume
-from quadriform.imaging.voxel_faces import BACKGROUND, CAVITY, WALL, enclosed_fraction
+from quadriform.imaging.voxel_faces import BACKGROUND, CAVITY, ENCLOSED, WALL, enclosed_fraction
 from quadriform.words import first_of
 
 
@@ -58,8 +58,6 @@ PRESETS: dict[str, tuple[Convention, ...]] = {
 """Name of a data set -> its conventions. TotalSegmentator has one for its task heartchambers_highres, and one for the
 task total of its first version; total of the second version has the heart as one label."""
 SURFACES = ("endo", "epi", "rv")
-ENCLOSED = 0.5
-"""The cavity of a left ventricle touches its wall over at least this fraction of its surface."""
 
 
 def parse_surface(text: str) -> tuple[str, Labels | Preset]:
@@ -99,7 +97,7 @@ def preset_labels(volume: Volume, preset: Preset) -> Labels:
     known = PRESETS[choose(preset.data_set, tuple(PRESETS), "preset")]
     if preset.data_set == "totalsegmentator" and volume.segments:
         known = (NAMES,)
-    faults = {convention: _contradiction(volume, convention) for convention in known}
+    faults = {convention: _convention_fault(volume, convention) for convention in known}
     valid = [convention for convention, fault in faults.items() if not fault]
     if len(valid) != 1:
         why = "; ".join(f"cavity {one.cavity}, myocardium {one.myocardium}: {fault}" for one, fault in faults.items())
@@ -112,7 +110,7 @@ def preset_labels(volume: Volume, preset: Preset) -> Labels:
     return Labels(enclosed[choose(preset.surface, SURFACES, "surface")])
 
 
-def _contradiction(volume: Volume, convention: Convention) -> str:
+def _convention_fault(volume: Volume, convention: Convention) -> str:
     """A sentence with what in an image contradicts a convention; empty where nothing does."""
     present = set(np.unique(volume.values).tolist()) - {0}  # 0 is the background
     try:

@@ -18,7 +18,7 @@ import numpy as np
 
 from quadriform.errors import FileFormatError, FileLimitError, InputError, MaskError, WarningKind, Warnings
 from quadriform.files import reading
-from quadriform.files.reading import check_budget, naming
+from quadriform.files.reading import check_budget, named_in_errors
 from quadriform.imaging.formats import Size, choose_frame, is_pair, pair_of
 from quadriform.imaging.nifti_forms import choose_form, read_forms
 from quadriform.imaging.segments import Segment
@@ -78,14 +78,14 @@ class _Frame:
 def read_nifti(path: Path, frame: int | None, affine: str | None = None) -> Volume:
     """Return one frame; see `quadriform.imaging.reading.read_volume`."""
     head, data = pair_of(path) if is_pair(path) else (path, path)
-    with _opened(head) as stream:
+    with _opened_expanded(head) as stream:
         header = _read_header(stream, head)
         # in one file the voxels begin behind the header, in two at the first byte of the other
         at = header.sizeof_hdr if data == head else 0
         described = _frame(header, path, frame, affine, at)
         if data == head:
             return _read_voxels(stream, described, at, data)
-    with _opened(data) as stream:
+    with _opened_expanded(data) as stream:
         return _read_voxels(stream, described, at, data)
 
 
@@ -96,7 +96,7 @@ def nifti_times(path: Path) -> tuple[int, Array | None]:
         InputError, FileFormatError, MaskError: as `read_nifti`.
     """
     head = pair_of(path)[0] if is_pair(path) else path
-    with _opened(head) as stream:
+    with _opened_expanded(head) as stream:
         header = _read_header(stream, head)
         n = _shape(header)[3]
     # pixdim[4] is the time step, toffset the time of the first frame
@@ -108,13 +108,13 @@ def nifti_times(path: Path) -> tuple[int, Array | None]:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[IO[bytes]]:
+def _opened_expanded(path: Path) -> Iterator[IO[bytes]]:
     """The content, expanded; errors name the file."""
     try:
         raw = path.open("rb")
     except OSError as error:
         raise InputError(f"{str(path)!r}: cannot be read: {error.strerror}") from error
-    with raw, naming(path):
+    with raw, named_in_errors(path):
         compressed = raw.read(2) == b"\x1f\x8b"
         raw.seek(0)
         if compressed != path.name.lower().endswith(".gz"):

@@ -58,7 +58,7 @@ class Forms:
         """Return all forms, for a message."""
         return "; ".join(f"{name} (code {code}) {self.stored[name].tolist()}" for name, code in self.codes.items())
 
-    def refuse(self, fault: str) -> AffineError:
+    def refusal(self, fault: str) -> AffineError:
         """Return the error with the forms of the header, and the option that chooses one."""
         usable = [name for name in (*self.given, "pixdim") if not affine_fault(self.stored[name])]
         choice = " or ".join(f"--affine {name} (affine={name!r})" for name in usable)
@@ -94,19 +94,19 @@ def choose_form(forms: Forms, requested: str | None) -> tuple[str, Warnings]:
     if requested is not None:
         return _requested(forms, choose(requested, AFFINES, "affine")), {}
     if not forms.given:
-        raise forms.refuse("no usable transform to the world: no form has a code above 0")
+        raise forms.refusal("no usable transform to the world: no form has a code above 0")
     first = forms.given[0]
     if fault := affine_fault(forms.stored[first]):
-        raise forms.refuse(f"no usable transform to the world ({first}: {fault})")
+        raise forms.refusal(f"no usable transform to the world ({first}: {fault})")
     if first == "qform":
         return first, {}
     fault = affine_fault(forms.stored["qform"])
     if "qform" not in forms.given or fault:
         if not _same_sizes(forms):
-            raise forms.refuse(f"sform has voxels of {_size(voxel_spacing(forms.stored['sform']))}, pixdim has others")
+            raise forms.refusal(f"sform has voxels of {_size(voxel_spacing(forms.stored['sform']))}, pixdim has others")
         text = f"the qform is unusable ({fault}); the sform is used"
         return first, {WarningKind.AFFINE_REPAIRED: text} if "qform" in forms.given else {}
-    return _of_two(forms)
+    return _sform_or_qform(forms)
 
 
 def _requested(forms: Forms, name: str) -> str:
@@ -117,7 +117,7 @@ def _requested(forms: Forms, name: str) -> str:
     return name
 
 
-def _of_two(forms: Forms) -> tuple[str, Warnings]:
+def _sform_or_qform(forms: Forms) -> tuple[str, Warnings]:
     """sform or qform, both given and usable."""
     sform, qform = forms.stored["sform"], forms.stored["qform"]
     distance = _corner_distance(forms)
@@ -125,7 +125,7 @@ def _of_two(forms: Forms) -> tuple[str, Warnings]:
         return "sform", {}
     volumes = np.linalg.det(sform[:3, :3]), np.linalg.det(qform[:3, :3])
     if volumes[0] * volumes[1] < 0:
-        raise forms.refuse("sform and qform are mirror images of each other: left and right are exchanged in one")
+        raise forms.refusal("sform and qform are mirror images of each other: left and right are exchanged in one")
     both = (
         f"sform (code {forms.codes['sform']}, voxels of {_size(voxel_spacing(sform))}) and qform (code "
         f"{forms.codes['qform']}, {_size(voxel_spacing(qform))}) disagree: they put a corner of the image "
@@ -137,7 +137,7 @@ def _of_two(forms: Forms) -> tuple[str, Warnings]:
             "--affine sform (affine='sform') takes the other"
         }
     if abs(volumes[0] / volumes[1] - 1) > SAME_SIZE:
-        raise forms.refuse(f"{both}, and the sform is sheared")
+        raise forms.refusal(f"{both}, and the sform is sheared")
     return "sform", {
         WarningKind.AFFINE_REPAIRED: f"{both}; voxels are equal in size, and the sform is used, as other readers do; "
         "--affine qform (affine='qform') takes the other"

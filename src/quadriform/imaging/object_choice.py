@@ -5,12 +5,16 @@ Where none is given:
 1. A file that names its segments: the one segment; of several one must be chosen.
 2. Values that are not all whole numbers, or some below -1: a grey image.
 3. One value beside 0: a mask.
-4. Otherwise the voxels decide. In a label image neighbours mostly have the same label, and few voxels differ from all
-   around them; in a grey image noise and shading make them differ. Counted are pairs of voxels that share a face, both
-   neither 0 nor the most frequent value, of which a fraction SAME_NEIGHBOURS or more must be equal; and voxels without
-   an equal neighbour, of which there may be a fraction ISOLATED. Otherwise it is a grey image. Nothing is counted where
-   the file states that its values are labels.
-5. Up to MAX_LABELS labels are taken together, with a note; of more one must be chosen, and where -1 is among the values
+4. A file that states that its values are labels: a label image.
+5. Otherwise the voxels decide. It is a label image where
+   - of the pairs of voxels that share a face, both neither 0 nor the most frequent value, a fraction SAME_NEIGHBOURS or
+     more are equal, for neighbours mostly have the same label; and
+   - of the voxels with six neighbours, none of them 0, at most a fraction ISOLATED equal none of these;
+   else it is a grey image, whose noise and shading make neighbours differ.
+
+Of a label image:
+
+6. Up to MAX_LABELS labels are taken together, with a note; of more one must be chosen, and where -1 is among the values
    or no voxel is 0, for then the background is not known.
 
 Values that are whole numbers except at the edges of regions are an interpolated label image: a threshold must be
@@ -98,7 +102,7 @@ def choose_object(volume: Volume) -> Choice:
     if ambiguity := _ambiguity(present):
         raise MaskError(f"{ambiguity}: {_candidates(present, counts)}")
     if not labels:
-        return 0.5, ()  # `segment` refuses this as an empty mask, and lists the values
+        return 0.5, ()  # all voxels are 0: no threshold finds an object, and `segment` refuses an empty mask
     object_labels = (
         f"labels {', '.join(map(str, labels))} together; --label, or --surface NAME=label:VALUES, chooses"
         if len(labels) > 1
@@ -109,12 +113,12 @@ def choose_object(volume: Volume) -> Choice:
 
 def counted(values: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int64]]:
     """Return the values of an image in increasing order, and the number of voxels of each."""
-    low, high = (int(values.min()), int(values.max())) if np.can_cast(values.dtype, np.int64) else (0, NARROW)
-    if high - low < NARROW:  # faster than a sort
-        all_counts = np.bincount(values.ravel().astype(np.int64) - low)
-        present = np.flatnonzero(all_counts)
-        return present + low, all_counts[present]
-    return np.unique(values, return_counts=True)
+    if not np.can_cast(values.dtype, np.int64) or int(values.max()) - int(values.min()) >= NARROW:
+        return np.unique(values, return_counts=True)
+    low = int(values.min())
+    all_counts = np.bincount(values.ravel().astype(np.int64) - low)  # faster than a sort
+    present = np.flatnonzero(all_counts)
+    return present + low, all_counts[present]
 
 
 def _ambiguity(present: NDArray[Any]) -> str:

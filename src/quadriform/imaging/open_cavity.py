@@ -4,23 +4,25 @@ import numpy as np
 
 from quadriform.errors import MaskError
 from quadriform.imaging.segmentation import Mask
-from quadriform.imaging.voxel_faces import BACKGROUND, CAVITY, WALL, Tissue, enclosed_fraction, faces_between
+from quadriform.imaging.voxel_faces import BACKGROUND, CAVITY, ENCLOSED, WALL, Tissue, enclosed_fraction, faces_between
 from quadriform.points import Array
 from quadriform.shapes.voxels import voxel_spacing
 
 REACH = 1.5
-"""The cavity extends by this many radii around the core of its largest ball: into corners at the opening, not into
-slits."""
-ENCLOSED = 0.5
-"""Least fraction of the surface of a cavity that is wall; less is a dent."""
+"""The core is dilated by this many times the distance by which it was eroded: that reaches corners at the opening."""
 
 
 def fill_open_cavity(wall: Mask, world_from_voxel: Array) -> Tissue:
     """Return which voxels are background, wall and cavity.
 
-    The cavity is searched in what the convex hull adds to the wall: the largest connected group of balls, at least half
-    as wide as the widest, all that these cover, and the pockets between them and the wall. So it ends across the
-    opening where the hull does, and slits outside the wall are left out. Enclosed holes of the wall count as wall.
+    The cavity is a morphological opening of what the convex hull adds to the wall, so it ends across the opening of the
+    wall where the hull does, and slits outside the wall are not part of it:
+
+    1. Added are the voxels of the hull that are no wall; R is the largest distance of one to the outside of these.
+    2. Erosion by R / 2: the core is the largest connected group of added voxels that are farther than R / 2 from it.
+    3. Dilation by 1.5 R / 2: the cavity is the added voxels within this distance from the core.
+    4. Pockets, what is left of the added voxels and does not reach the border of the hull: cavity where they touch
+       it, else wall, as a hole within the wall.
 
     Args:
         wall: (i, j, k) bool.
@@ -34,13 +36,13 @@ def fill_open_cavity(wall: Mask, world_from_voxel: Array) -> Tissue:
 
     hull = convex_hull_image(wall)
     added = hull & ~wall
-    depth = _distance(added, world_from_voxel)  # radius of the largest ball about each voxel
-    balls, _ = ndimage.label(depth > depth.max() / 2)
-    counts = np.bincount(balls.ravel())[1:]
+    depth = _distance(added, world_from_voxel)
+    eroded, _ = ndimage.label(depth > depth.max() / 2)
+    counts = np.bincount(eroded.ravel())[1:]
     if not len(counts):
         raise MaskError(f"the wall of {int(wall.sum())} voxels is convex: it has no cavity; try another threshold")
-    largest = balls == counts.argmax() + 1
-    cavity = added & (_distance(~largest, world_from_voxel) <= REACH * depth.max() / 2)
+    core = eroded == counts.argmax() + 1
+    cavity = added & (_distance(~core, world_from_voxel) <= REACH * depth.max() / 2)
     tissue = np.where(wall, WALL, BACKGROUND).astype(np.int8)
     tissue[cavity] = CAVITY
     _fill_pockets(tissue, hull)

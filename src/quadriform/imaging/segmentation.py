@@ -13,7 +13,7 @@ from quadriform.errors import DegenerateError, MaskError, OptionError, WarningKi
 from quadriform.imaging.object_choice import Labels, Percentile, Select, choose_object, counted
 from quadriform.imaging.segments import described
 from quadriform.imaging.volume import Region, Volume, check_region, slices
-from quadriform.imaging.voxel_faces import border_cut
+from quadriform.imaging.voxel_faces import border_cut_text
 from quadriform.points import check_number
 from quadriform.words import short_repr
 
@@ -241,7 +241,7 @@ def _describe(values: NDArray[Any]) -> str:
 def _warnings_of(mask: Mask, volume: Volume) -> Warnings:
     """BORDER_CUT and ANISOTROPIC of an object in an image."""
     warnings: Warnings = {}
-    if cut := border_cut(mask, volume.world_from_voxel):
+    if cut := border_cut_text(mask, volume.world_from_voxel):
         warnings[WarningKind.BORDER_CUT] = cut
     ratio = float(volume.spacing.max() / volume.spacing.min())
     if ratio > ANISOTROPIC:

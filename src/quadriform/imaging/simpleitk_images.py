@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.errors import AffineError, FileFormatError, MaskError
-from quadriform.files.reading import naming
+from quadriform.files.reading import named_in_errors
 from quadriform.imaging.formats import Size, choose_frame, import_reader
 from quadriform.imaging.segments import SegmentMap
 from quadriform.imaging.text_headers import TextHeader, check_bytes, read_text_header
@@ -26,7 +26,7 @@ SAME_SPACING = 1e-4
 
 def read_with_simpleitk(path: Path, frame: int | None) -> Volume:
     """Return one frame of a NRRD or MetaImage file; see `quadriform.imaging.reading.read_volume`."""
-    with naming(path):
+    with named_in_errors(path):
         header = read_text_header(path)
         reader = _reader(path, header)
         chosen = choose_frame(frame, _shape(reader, header), path)
@@ -43,7 +43,7 @@ def simpleitk_times(path: Path) -> tuple[int, Array | None]:
     Raises:
         InputError, FileFormatError, FileLimitError, MaskError: as `read_with_simpleitk`.
     """
-    with naming(path):
+    with named_in_errors(path):
         header = read_text_header(path)
         return _shape(_reader(path, header), header)[3], None
 

@@ -9,13 +9,21 @@ from quadriform.points import Array, unit_vectors
 
 End = tuple[int, int]
 """An axis of the image, and which of its ends: 0 the first, -1 the last."""
+FACES: tuple[End, ...] = tuple((axis, which) for axis in range(3) for which in (0, -1))
 
 
 def flat_end(tissue: Tissue, world_from_voxel: Array) -> End | None:
     """Return the end of the slice axis at which the labels of a cavity end flat and open; None where both are rounded.
 
-    Of both ends the one of the larger open section is the base: the cavity is narrower at its apex. It is flat where
-    that section is nearer to the largest one, by ratio, than the outermost of as many slices through an ellipsoid.
+    The open section of an end is the voxels of the cavity in its outermost slice that no wall covers in the slice after
+    it. The end of the larger one is the base: the cavity is narrower at its apex. With a, the ratio of this section to
+    the largest section of the cavity, the base is
+
+    - flat where a > sqrt(e), nearer to the 1 of a cylinder, by ratio, than to e;
+    - rounded otherwise,
+
+    where e = 1 - (1 - 1/n)^2 is the same ratio of an ellipsoid of n slices, whose outermost one has its middle at
+    1 - 1/n of the semi-axis.
 
     Args:
         tissue: of each voxel.
@@ -25,9 +33,11 @@ def flat_end(tissue: Tissue, world_from_voxel: Array) -> End | None:
     across = np.moveaxis(tissue, axis, 0)
     areas = (across == CAVITY).sum(axis=(1, 2))
     first, last = np.flatnonzero(areas)[[0, -1]]
-    opened = {0: _open_voxels(across, first, first - 1), -1: _open_voxels(across, last, last + 1)}
-    end = max(opened, key=lambda each: opened[each])
-    return (axis, end) if opened[end] > _flat(int(last - first + 1)) * areas.max() else None
+    at_first, at_last = _open_voxels(across, first, first - 1), _open_voxels(across, last, last + 1)
+    ellipsoid = 1 - (1 - 1 / int(last - first + 1)) ** 2
+    if max(at_first, at_last) <= float(np.sqrt(ellipsoid)) * areas.max():
+        return None
+    return axis, 0 if at_first >= at_last else -1
 
 
 def _open_voxels(across: Tissue, at: int, after: int) -> int:
@@ -35,12 +45,6 @@ def _open_voxels(across: Tissue, at: int, after: int) -> int:
     cavity = across[at] == CAVITY
     inside = 0 <= after < len(across)
     return int((cavity & (across[after] != WALL)).sum() if inside else cavity.sum())
-
-
-def _flat(slices: int) -> float:
-    """The geometric mean of 1, of a flat end, and the outermost section of an ellipsoid over its largest one."""
-    # the middle of the outermost of n slices is at 1 - 1/n of the semi-axis
-    return float(np.sqrt(1 - (1 - 1 / slices) ** 2))
 
 
 def region_up_to(tissue: Tissue, region: Region, end: End) -> Region:
@@ -73,12 +77,11 @@ def open_face(tissue: Tissue, cropped: Volume, end: End | None, base: tuple[Arra
         return end
     # compared by area, for faces across thick slices are larger
     areas = face_area_vectors(cropped.world_from_voxel)
-    faces = [(axis, which) for axis in range(3) for which in (0, -1)]
     if base is not None:
-        outward = [unit_vectors(areas[axis]) * (-1 if which == 0 else 1) for axis, which in faces]
-        return faces[int(np.argmax(outward @ np.asarray(base[1], dtype=np.float64)))]
-    cuts = [float((tissue == CAVITY).take(which, axis).sum() * np.linalg.norm(areas[axis])) for axis, which in faces]
-    return faces[int(np.argmax(cuts))] if max(cuts) > 0 else None
+        outward = [unit_vectors(areas[axis]) * (-1 if which == 0 else 1) for axis, which in FACES]
+        return FACES[int(np.argmax(outward @ np.asarray(base[1], dtype=np.float64)))]
+    cuts = [float((tissue == CAVITY).take(which, axis).sum() * np.linalg.norm(areas[axis])) for axis, which in FACES]
+    return FACES[int(np.argmax(cuts))] if max(cuts) > 0 else None
 
 
 def closed_but_for(face: End | None, tissue: Tissue, cropped: Volume) -> tuple[Tissue, Volume]:
@@ -89,8 +92,9 @@ def closed_but_for(face: End | None, tissue: Tissue, cropped: Volume) -> tuple[T
         tissue: of each voxel.
         cropped: the image, or the region.
     """
-    faces = [[(axis, which) for which in (0, -1)] for axis in range(3)]
-    layers = [[int(each != face and bool(tissue.take(each[1], each[0]).any())) for each in pair] for pair in faces]
+    layers = np.zeros((3, 2), dtype=int)  # to add before and behind each axis
+    for axis, which in FACES:
+        layers[axis, which] = (axis, which) != face and tissue.take(which, axis).any()
     padded, affine = np.pad(tissue, layers), cropped.world_from_voxel.copy()
-    affine[:3, 3] -= affine[:3, :3] @ [first for first, _ in layers]
+    affine[:3, 3] -= affine[:3, :3] @ layers[:, 0]
     return padded, Volume(padded, affine, cropped.space, cropped.unit)

@@ -16,7 +16,7 @@ import numpy as np
 
 from quadriform.errors import FileFormatError, FileLimitError
 from quadriform.files import reading
-from quadriform.files.reading import check_budget, check_readable, naming, quoted
+from quadriform.files.reading import check_budget, check_readable, named_in_errors, quoted
 from quadriform.points import Array
 
 MAX_HEADER = 1 << 20
@@ -88,7 +88,7 @@ def read_text_header(path: Path) -> TextHeader:
     with path.open("rb") as stream:
         block = stream.read(MAX_HEADER)
     is_nrrd = block.startswith(b"NRRD") or path.suffix.lower() in (".nrrd", ".nhdr")
-    with naming(path):
+    with named_in_errors(path):
         header = _nrrd(block, path) if is_nrrd else _meta(block, path)
         check_readable(header.data)
     return header
@@ -104,7 +104,7 @@ def check_bytes(header: TextHeader, stated: int) -> None:
     check_budget(stated, f"{quoted(header.data)}: the size in the header")
     size = check_readable(header.data)
     start = header.start if header.start is not None else size - stated
-    with naming(header.data):
+    with named_in_errors(header.data):
         found = _expanded(header.data, start) if header.compressed else size - max(start, 0)
         # SimpleITK would fill the remaining voxels with whatever is in memory
         if header.stored not in (None, size - start):

@@ -7,17 +7,19 @@ import numpy as np
 from quadriform.points import Array
 
 MIN_POINTS = 750
-"""Least number of points where voxels give so many, two for each unknown of the default box. Where there are hardly
-more than unknowns the surface can follow the voxel steps, and the residuals show neither these nor their correlation.
-"""
+"""Least number of points where voxels give so many: two for each of the 375 coordinates of the 5 x 5 x 5 control points
+of the default box. Where there are hardly more than unknowns the surface can follow the voxel steps, and the residuals
+show neither these nor their correlation."""
 OFFSET = np.array([0.31830989, 0.36787944, 0.41421356])
-"""Corner of a cube, in sides of a cube: off every voxel grid, so that no point lies on a face between two cubes."""
+"""Corner of a cube, in sides of a cube: 1 / pi, 1 / e and sqrt(2) - 1. Points of voxels lie at multiples of half an
+edge; at a simple fraction of the side many of them would lie on a face between two cubes."""
 
 
 def default_spacing(surfaces: Mapping[str, Array], voxel: Array) -> float:
     """The side of cubes of which each keeps one point, for surfaces (n, 3) by name from voxels with edges (3,).
 
-    It is the longest edge, halved while a surface has fewer than 750 points and half of it is not below the shortest.
+    It is the longest edge, halved while a surface has fewer than MIN_POINTS points and half of it is not below the
+    shortest edge.
     """
     side, least = float(voxel.max()), float(voxel.min())
     # with a smaller side than the shortest of a voxel some voxels would have several points, and others one

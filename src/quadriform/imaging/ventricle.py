@@ -21,7 +21,7 @@ from quadriform.imaging.voxel_faces import (
     CAVITY,
     WALL,
     Tissue,
-    border_cut,
+    border_cut_text,
     contact_area,
     enclosed_fraction,
     face_area_vectors,
@@ -40,10 +40,11 @@ OFF_CENTRE = 1e-5
 ON_PLANE = 1e-9
 """Points beyond a plane by less than this fraction of the extent are on it."""
 BELOW_FACE = 0.49
-"""From the centre of a voxel to just below its face, in voxels: less than the 0.5 to the middle of an edge, so that the
-edge on which a point lies stays known."""
+"""By this a point in the middle of a slice is moved towards its face, in voxels. The point keeps the error of the edge
+in its slice, in whose middle, at 0.5, it lies: `isosurface.edge_noise` takes the axis along which a point is farthest
+from a whole number of voxels, so this must be less than 0.5."""
 OUTERMOST = 0.75
-"""From the face of the outermost slice down to just below its points, in voxels: these are at 0.5, the next at 1."""
+"""Points of the outermost slice lie 0.5 voxels inside its face, the next ones 1 voxel: the limit is between them."""
 FACE, OPENING = "the outer face of the last slice with labels", "the opening of the wall"
 """The names of a base that was found in an image."""
 
@@ -95,16 +96,18 @@ def ventricle_from_labels(
 ) -> VentriclePoints:
     """Return points of the endocardium, the boundary of the cavity, and of the epicardium, the outside of the wall.
 
-    Points lie halfway between voxels. Where the image or the region cuts the ventricle, it is open at its base, without
-    points, and closed elsewhere: volumes are those within the image. Of the two ends of the slice axis, that of the
-    largest spacing of voxels, the one with more cavity voxels that no wall covers in the next slice is the base, if the
-    labels end flat there (`stack_end.flat_end`); the base plane is the outer face of the last slice with labels. Of a
-    cavity that is rounded at both ends it is the face of the image that cuts it over the largest area. Anatomy is not
-    checked: where the apex has more such voxels, give `base`. The outermost voxels end at that face, half a voxel
-    beyond their centres: the points of their slice are repeated just below it, so that the volume below it is
-    determined by data. A rounded cavity that no face of the image cuts has no base plane: where it meets the
-    background, as at the valve plane, "endo" has points and "epi" has none; a given `base` removes those of "endo"
-    beyond it.
+    Points lie halfway between voxels. The ventricle is open, without points, at its base. This is the first of:
+
+    1. A given `base`: a plane beyond which no point is taken.
+    2. The outer face of the last slice with labels, where the cavity ends flat and open at one end of the slice axis
+       (`stack_end.flat_end`, which does not check anatomy: where it takes the apex for the base, give `base`).
+    3. The face of the image or region that cuts the largest area of the cavity.
+    4. None, where nothing cuts a cavity that is rounded at both ends. Where the cavity meets the background, as at the
+       valve plane, "endo" has points and "epi" has none.
+
+    In cases 2 and 3 the points of the outermost slice, which lie half a voxel inside the face, are repeated just inside
+    it, so that the volume up to the face is determined by data. At all other faces that cut the ventricle its surfaces
+    are closed: volumes are those within the image.
 
     Args:
         volume: label image.
@@ -124,8 +127,7 @@ def ventricle_from_labels(
             beyond it, or both labels are the same.
     """
     labelled = labelled_tissue(volume, cavity, wall, region)
-    end = flat_end(labelled.tissue, volume.world_from_voxel) if base is None else None
-    return ventricle_up_to(volume, cavity, wall, region, end, base, _renamed(spacing, apart))
+    return ventricle_up_to(labelled, labelled.flat_end if base is None else None, base, _renamed(spacing, apart))
 
 
 @dataclass(frozen=True)
@@ -133,16 +135,31 @@ class LabelledTissue:
     """The tissue of each voxel of a region, by labels.
 
     Attributes:
+        volume: the label image.
+        cavity: labels of the blood.
+        wall: labels of the muscle, or None.
         tissue: of the largest component of the cavity, and of the wall.
         region: half-open ranges of voxels.
         left_out: number of voxels of the cavity outside that component.
         warnings: of segmentation.
     """
 
+    volume: Volume
+    cavity: Labels
+    wall: Labels | None
     tissue: Tissue
     region: Region
     left_out: int
     warnings: Warnings
+
+    @property
+    def flat_end(self) -> End | None:
+        """The end of the slice axis at which the labels end flat and open, or None."""
+        return flat_end(self.tissue, self.volume.world_from_voxel)
+
+    def up_to(self, end: End) -> LabelledTissue:
+        """Return the tissue of the region that ends with the labels of the cavity at one end."""
+        return labelled_tissue(self.volume, self.cavity, self.wall, region_up_to(self.tissue, self.region, end))
 
 
 def labelled_tissue(volume: Volume, cavity: Labels, wall: Labels | None, region: Region | None) -> LabelledTissue:
@@ -153,41 +170,34 @@ def labelled_tissue(volume: Volume, cavity: Labels, wall: Labels | None, region:
         tissue[_wall(volume, cavity, wall, blood.region) & (tissue != CAVITY)] = WALL
         _check_order(tissue, cavity, wall, volume.world_from_voxel)
     left_out = sum(blood.component_voxels) - int(_inside(blood).sum())
-    return LabelledTissue(tissue, blood.region, left_out, dict(blood.warnings))
+    return LabelledTissue(volume, cavity, wall, tissue, blood.region, left_out, dict(blood.warnings))
 
 
 def ventricle_up_to(
-    volume: Volume,
-    cavity: Labels,
-    wall: Labels | None,
-    region: Region | None,
-    end: End | None,
-    base: Plane | None,
-    spacing: float | None,
+    labelled: LabelledTissue, end: End | None, base: Plane | None = None, spacing: float | None = None
 ) -> VentriclePoints:
     """Return the points of a ventricle whose base is at a known end of its labels.
 
     Args:
+        labelled: the tissue of each voxel.
         end: (axis, 0 or -1), the end of the slice axis at whose last labels the ventricle is cut; None: where the image
             cuts it, or at `base`.
-        volume, cavity, wall, region, base, spacing: as of `ventricle_from_labels`, with its errors.
+        base, spacing: as of `ventricle_from_labels`, with its errors.
     """
     base = None if base is None else _unit_plane(base)
-    labelled = labelled_tissue(volume, cavity, wall, region)
-    cut = border_cut(labelled.tissue != BACKGROUND, volume.world_from_voxel)
-    if end is not None:
-        labelled = labelled_tissue(volume, cavity, wall, region_up_to(labelled.tissue, labelled.region, end))
-    tissue, warnings, cropped = labelled.tissue, dict(labelled.warnings), volume.crop(labelled.region)
+    cut = border_cut_text(labelled.tissue != BACKGROUND, labelled.volume.world_from_voxel)
+    labelled = labelled if end is None else labelled.up_to(end)
+    tissue, warnings, cropped = labelled.tissue, dict(labelled.warnings), labelled.volume.crop(labelled.region)
     face = open_face(tissue, cropped, end, base)
     plane = None if base is not None or face is None else _plane_of(face, tissue == CAVITY, cropped)
     warnings.pop(WarningKind.BORDER_CUT, None)  # of the cavity alone, and of a region that ends with its labels
     if cut:
         warnings[WarningKind.BORDER_CUT] = f"{cut}; left open at the base, closed elsewhere"
-    if wall is not None:
+    if labelled.wall is not None:
         warnings |= _open_wall(tissue, cropped.world_from_voxel)
     tissue, cropped = closed_but_for(face, tissue, cropped)
     surfaces = {"endo": _surface(tissue == CAVITY, tissue, cropped)[0]}
-    if wall is not None:
+    if labelled.wall is not None:
         points, ends = _surface(tissue != BACKGROUND, tissue, cropped)
         # an edge from cavity to background is the open base, not epicardium
         surfaces["epi"] = points[ends.max(axis=1) == WALL]
@@ -323,10 +333,9 @@ def _height(direction: Array, image: Volume) -> float:
 
 
 def _up_to_face(points: Array, face: Plane, image: Volume) -> Array:
-    """The points, and those of the outermost slice again just below the face of the image."""
+    """The points, and those of the outermost slice again just inside the face of the image."""
     position, direction = face
     height = _height(direction, image)
-    # points of the outermost slice lie half a voxel below the face, the next ones a whole voxel: the cut is between
     outermost = points[(points - position) @ direction > -OUTERMOST * height]
     return np.concatenate([points, outermost + BELOW_FACE * height * direction])
 

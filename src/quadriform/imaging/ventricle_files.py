@@ -7,13 +7,12 @@ from pathlib import Path
 from typing import ClassVar
 
 from quadriform.errors import OptionError, WarningKind
-from quadriform.files.reading import naming
+from quadriform.files.reading import named_in_errors
 from quadriform.imaging.file_points import CONTENT, ImageOptions, Source, kind_of, with_stated_unit
 from quadriform.imaging.image_points import slice_numbers
 from quadriform.imaging.labels import Preset, parse_surface, preset_labels
 from quadriform.imaging.object_choice import Labels
 from quadriform.imaging.reading import frame_count, read_volume
-from quadriform.imaging.stack_end import End, flat_end
 from quadriform.imaging.ventricle import (
     HALF,
     Plane,
@@ -68,11 +67,9 @@ class LabelledHeart:
         Raises:
             MaskError, DegenerateError, OptionError: as `points`.
         """
-        parts = [self._parts(volume) for volume in volumes]
-        ends = Counter(_end_of(volume, *each) for volume, each in zip(volumes, parts))
-        end, votes = ends.most_common(1)[0]
-        common = end if 2 * votes > len(volumes) else None
-        return [ventricle_up_to(volume, *each, None, common, None, None) for volume, each in zip(volumes, parts)]
+        frames = [labelled_tissue(volume, *self._parts(volume), None) for volume in volumes]
+        end, votes = Counter(frame.flat_end for frame in frames).most_common(1)[0]
+        return [ventricle_up_to(frame, end if 2 * votes > len(volumes) else None) for frame in frames]
 
     def _parts(self, volume: Volume) -> tuple[Labels, Labels | None]:
         """The labels of the cavity and of the wall."""
@@ -173,7 +170,7 @@ def read_ventricle(path: Path, heart: Heart, image: ImageOptions, base: Plane | 
         InputError, FileFormatError, FileLimitError, MaskError, DegenerateError: the image gives no ventricle.
     """
     _check_image(path, heart)
-    with naming(path):
+    with named_in_errors(path):
         volume = read_volume(path, image.frame, image.affine)
         found = heart.points(volume, image, base)
     return _source(path, volume, found, heart, image.unit)
@@ -192,7 +189,7 @@ def read_ventricle_frames(path: Path, heart: LabelledHeart, affine: str | None) 
         InputError, FileFormatError, FileLimitError, MaskError, DegenerateError: the image gives no ventricle.
     """
     _check_image(path, heart)
-    with naming(path):
+    with named_in_errors(path):
         volumes = [read_volume(path, number, affine) for number in range(frame_count(path))]
         found = heart.points_of_frames(volumes)
     return [_source(path, volume, each, heart, None) for volume, each in zip(volumes, found)]
@@ -229,7 +226,3 @@ def _notes(found: VentriclePoints, noted: Sequence[WarningKind]) -> list[str]:
 def _labels(volume: Volume, rule: Rule) -> tuple[int, ...]:
     chosen = preset_labels(volume, rule) if isinstance(rule, Preset) else rule
     return volume.label_values(chosen.values)
-
-
-def _end_of(volume: Volume, cavity: Labels, wall: Labels | None) -> End | None:
-    return flat_end(labelled_tissue(volume, cavity, wall, None).tissue, volume.world_from_voxel)

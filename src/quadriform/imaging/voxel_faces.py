@@ -10,6 +10,8 @@ from quadriform.points import Array
 Tissue = NDArray[np.int8]
 """(i, j, k), each voxel one of the following."""
 BACKGROUND, WALL, CAVITY = 0, 1, 2
+ENCLOSED = 0.5
+"""Least fraction of the surface of a ventricle's cavity that is wall; a hollow with less is a dent."""
 
 
 def face_area_vectors(world_from_voxel: Array) -> Array:
@@ -20,7 +22,7 @@ def face_area_vectors(world_from_voxel: Array) -> Array:
     return areas * np.sign(np.linalg.det(world_from_voxel[:3, :3]))
 
 
-def border_cut(inside: NDArray[Any], world_from_voxel: Array) -> str:
+def border_cut_text(inside: NDArray[Any], world_from_voxel: Array) -> str:
     """Return a sentence with the faces of the image that an object touches; empty when it touches none.
 
     Args:

@@ -44,4 +44,4 @@ def read_landmarks(field: Field) -> Landmarks:
     if not abs(np.linalg.norm(direction) - 1) <= UNIT:
         base.member("direction").refuse("a direction of length 1")
     plane = BasePlane(base.member("point").numbers((3,)), direction)
-    return base.made(Landmarks, plane, base.member("from").line(), points)
+    return base.build(Landmarks, plane, base.member("from").line(), points)
