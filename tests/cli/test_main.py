@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from quadriform import __version__, errors
 from quadriform.cli import main as entry
+from quadriform.cli.options import subcommand
 from quadriform.cli.screen import progress_bar
 
 QUADRIFORM = [sys.executable, "-m", "quadriform.cli.main"]
@@ -22,6 +23,18 @@ def process(*words, **options):
     return subprocess.run(
         [*QUADRIFORM, *map(str, words)], capture_output=True, encoding="utf-8", check=False, **options
     )
+
+
+def test_an_option_without_help_is_refused_by_name():
+    def described(*, output: Path, unheard_of: int = 1) -> None:
+        """A subcommand.
+
+        Args:
+            output: A file.
+        """
+
+    with pytest.raises(TypeError, match="unheard_of: an option without help"):
+        subcommand(described)
 
 
 def test_every_subcommand_has_help():

@@ -11,7 +11,7 @@ from quadriform.cli.options import Common, ObjectInImage, check_space, subcomman
 
 
 @dataclass(frozen=True)
-class Reading(ObjectInImage):
+class InputReading(ObjectInImage):
     """How the inputs are read.
 
     Attributes:
@@ -34,7 +34,7 @@ def fit(
     surface: list[str] | None = None,
     hearts: HeartChoice,
     method: MethodChoice,
-    reading: Reading,
+    reading: InputReading,
     space: str | None = None,
     common: Common,
 ) -> None:

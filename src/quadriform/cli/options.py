@@ -95,11 +95,17 @@ class ObjectInImage:
 
 
 def subcommand(function: Callable[..., None]) -> Callable[..., None]:
-    """The same function as typer takes it: the help of each option is its entry in a docstring, groups are dissolved.
+    """The same function as typer takes it, which knows no groups of options and reads no docstrings.
 
-    Parameters before the asterisk become arguments, the others options. A parameter whose type is a dataclass stands
-    for its fields, described in the docstring of the class: typer knows no groups. A section of a docstring that is
-    not called Args or Attributes is a panel of the help.
+    - Parameters before the asterisk become arguments, the others options.
+    - A parameter whose type is a dataclass stands for its fields.
+    - The help of an option is its entry in the docstring of the function or of its dataclass: in a section such as
+      Args, a line of `    name: text` with further lines indented by eight blanks. Without an entry it is that of
+      `Common`, `ObjectInImage` or SHARED.
+    - A section that is not called Args or Attributes is a panel of the help.
+
+    Raises:
+        TypeError: an option without help.
     """
     parameters = signature(function).parameters.values()
     # annotations are classes here: these modules do not postpone their evaluation
@@ -111,7 +117,7 @@ def subcommand(function: Callable[..., None]) -> Callable[..., None]:
         inner = signature(groups[each.name]).parameters.values() if each.name in groups else [each]
         # the fields of a group are options, though its constructor takes them in order
         as_argument = each.kind is Parameter.POSITIONAL_OR_KEYWORD
-        options += [_for_typer(one, about[one.name], as_argument) for one in inner]
+        options += [_for_typer(one, about, as_argument) for one in inner]
 
     @wraps(function)
     def run(**given: Any) -> None:
@@ -135,8 +141,10 @@ def _described(documented: Any) -> dict[str, dict[str, Any]]:
     }
 
 
-def _for_typer(parameter: Parameter, about: dict[str, Any], as_argument: bool) -> Parameter:
+def _for_typer(parameter: Parameter, about: dict[str, dict[str, Any]], as_argument: bool) -> Parameter:
     """A parameter with its help; limits are in the annotation, such as `Annotated[int, {"min": 1}]`."""
+    if parameter.name not in about:
+        raise TypeError(f"{parameter.name}: an option without help; describe it in the docstring, or in SHARED")
     kind, limits = parameter.annotation, {}
     if get_origin(kind) is Annotated:
         kind, limits = get_args(kind)
@@ -144,7 +152,7 @@ def _for_typer(parameter: Parameter, about: dict[str, Any], as_argument: bool) -
     names = FLAGS.get(parameter.name, ("--" + parameter.name.strip("_").replace("_", "-"),))
     make: Any = typer.Argument if as_argument else partial(typer.Option, *names, **limits)
     order = Parameter.POSITIONAL_OR_KEYWORD if as_argument else Parameter.KEYWORD_ONLY
-    return parameter.replace(annotation=Annotated[kind, make(**about)], kind=order)
+    return parameter.replace(annotation=Annotated[kind, make(**about[parameter.name])], kind=order)
 
 
 def check_space(text: str | None) -> str | None:

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from quadriform.cli.options import Common, check_space, subcommand
-from quadriform.cli.track_options import Motion, Reading
+from quadriform.cli.track_options import FrameReading, Motion
 
 
 @subcommand
@@ -11,7 +11,7 @@ def track(
     frames: list[Path],
     *,
     output: Path | None = None,
-    reading: Reading,
+    reading: FrameReading,
     motion: Motion,
     space: str | None = None,
     common: Common,

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Reading:
+class FrameReading:
     """How the frames are read.
 
     Attributes:

@@ -15,7 +15,7 @@ from quadriform.cli.reporting import REPORT, measures_of, page_of_track, track_o
 from quadriform.cli.results import FRAMES, MODEL, earlier_results, frame_model
 from quadriform.cli.screen import after_number, closing_rows, note, progress_bar, show, texts, warn
 from quadriform.cli.status import check_strict
-from quadriform.cli.track_options import Motion, Reading
+from quadriform.cli.track_options import FrameReading, Motion
 from quadriform.errors import join_warnings
 from quadriform.files import save, sha256_of
 from quadriform.files.atomic import write_bytes
@@ -35,7 +35,12 @@ Record = dict[str, Any]
 
 
 def run(
-    inputs: Sequence[Path], output: Path | None, reading: Reading, motion: Motion, space: str | None, common: Common
+    inputs: Sequence[Path],
+    output: Path | None,
+    reading: FrameReading,
+    motion: Motion,
+    space: str | None,
+    common: Common,
 ) -> None:
     """Read the frames, fit a moving model, write and show the results.
 
@@ -73,7 +78,7 @@ def run(
     show(record, common.as_json, _rows(record), record["input"])
 
 
-def _read(files: Sequence[Path], reading: Reading, shift_slices: bool) -> FrameSeries:
+def _read(files: Sequence[Path], reading: FrameReading, shift_slices: bool) -> FrameSeries:
     frames = read_frames(files, reading.surface or [], reading.columns, reading.affine, reading.labelled_heart)
     if shift_slices:
         keep_slices(frames)

@@ -279,14 +279,19 @@ def _row(fields: list[str], columns: Sequence[str], where: str) -> _Row:
 def _read_frames(path: Path) -> list[GuidePoints]:
     """The frames of one file, in the order of their numbers.
 
-    A file is one frame, as biv-me reads it, where no contour of a slice is there at two times and the file's name has
-    the frame, or the times are written in two forms: biv-me itself writes 1.0 in all rows of some slices.
+    1. One time, or none: one frame.
+    2. Several times, and a contour of one slice is there at two of them: a frame for each time. Refused where times are
+       written in two forms, 1 and 1.0, since biv-me itself writes 1.0 in all rows of some slices, whatever their frame.
+    3. Several times, no such contour, and the file's name ends with a number or times are written in two forms: one
+       frame, as biv-me reads it.
+    4. Several times, no such contour, no number in the name, and one form: a frame for each time.
+
+    The number of a single frame is that of the name, else the most common time, else 0.
     """
     rows, number = _rows(path), _number_of(path)
-    # biv-me writes the time of a frame as 1 or 1.0.
     times = Counter(int(float(row.time)) for row in rows if row.time)
     again, forms = _drawn_again(rows), _time_forms(rows)
-    if len(times) < 2 or not (again or (number is None and len(forms) == 1)):
+    if len(times) < 2 or (not again and (number is not None or len(forms) > 1)):
         common = times.most_common(1)[0][0] if times else 0
         return [_frame(rows, common if number is None else number)]
     if len(forms) > 1:

@@ -89,10 +89,12 @@ def read_model(path: PathLike) -> DeformableModel:
     suffix = suffix_to_read(path, MODEL_SUFFIXES, "a model")
     data, where = read_bytes(path), quoted(path)
     root = Field(parse_json(data, where) if suffix == ".json" else _parse_arrays(data, where), "", where)
-    fields = _fields(root, FORMAT, BODY, VERSION, recorded=2)
+    fields = _fields(root, FORMAT, BODY, VERSION, record_since=2, landmarks_since=3)
     box = root.member("box")
     landmarks = read_landmarks(root.optional(LANDMARKS))
-    model = root.build(DeformableModel, box=box.build(ControlBox, **_box_fields(box)), landmarks=landmarks, **fields)
+    model = root.build(
+        DeformableModel, box=box.build(ControlBox, **_box_fields(box, axes=3)), landmarks=landmarks, **fields
+    )
     _check_extent(model, where)
     return model
 
@@ -108,11 +110,11 @@ def read_moving_model(path: PathLike) -> MovingModel:
     suffix_to_read(path, (".json",), "a moving model")
     where = quoted(path)
     root = Field(parse_json(read_bytes(path), where), "", where)
-    fields = _fields(root, MOVING, (*BODY, "time"), MOVING_VERSION, recorded=3)
+    fields = _fields(root, MOVING, (*BODY, "time"), MOVING_VERSION, record_since=3, landmarks_since=4)
     times = _times(root.member("time"), root.member("version").whole())
     every = root.optional(LANDMARKS)
     landmarks = () if every.value is None else tuple(map(read_landmarks, every.items()))
-    box = _box_fields(root.member("box"), None)
+    box = _box_fields(root.member("box"), axes=4)
     model = root.build(MovingModel, **fields, **times, **box, landmarks=landmarks)
     # Between knots the splines stay near these states.
     for knot in model.basis.knots:
@@ -178,21 +180,23 @@ def _box_document(box: ControlBox | MovingModel) -> dict[str, Any]:
 # --- document -> model -------------------------------------------------------------------------------------------
 
 
-def _fields(root: Field, name: str, body: tuple[str, ...], latest: int, recorded: int) -> dict[str, Any]:
-    """What both kinds of models have, as arguments; the record of the fit since the version `recorded`."""
+def _fields(
+    root: Field, name: str, body: tuple[str, ...], latest: int, record_since: int, landmarks_since: int
+) -> dict[str, Any]:
+    """What both kinds of models have, as arguments; some fields since a version of the format."""
     root.member("format").choice((name,))
-    version = root.member("version")
-    if not 1 <= version.whole() <= latest:
-        version.refuse(f"version 1 to {latest}; a later one needs a newer quadriform")
-    has_record, has_landmarks = version.whole() >= recorded, version.whole() > recorded
-    root.only((*body, *(FIELDS if has_record else ()), *([LANDMARKS] if has_landmarks else ())))
+    version = root.member("version").whole()
+    if not 1 <= version <= latest:
+        root.member("version").refuse(f"version 1 to {latest}; a later one needs a newer quadriform")
+    record = FIELDS if version >= record_since else ()
+    root.only((*body, *record, *([LANDMARKS] if version >= landmarks_since else ())))
     surfaces = _surfaces(root.member("surfaces"))
     return {
         "surfaces": surfaces,
         "input_sha256": root.member("input_sha256").matching(SHA256, "64 hexadecimal digits, or nothing"),
         "space": root.member("space").choice(SPACES),
         "unit": root.member("unit").choice(UNITS),
-        "record": read_record(root, surfaces) if has_record else ModelRecord(),
+        "record": read_record(root, surfaces) if record else ModelRecord(),
     }
 
 
@@ -217,9 +221,9 @@ def _surface(field: Field) -> Superquadric:
     return field.build(Superquadric, kind, **values)
 
 
-def _box_fields(field: Field, *knots: None) -> dict[str, Any]:
-    """The arrays of a control box; of a moving one with an axis for the knots."""
-    shapes = BOX | {"control_points": (*knots, None, None, None, 3)}
+def _box_fields(field: Field, axes: int) -> dict[str, Any]:
+    """The arrays of a control box; its control points have three axes, those of a moving one a first for the knots."""
+    shapes: dict[str, tuple[int | None, ...]] = BOX | {"control_points": (*[None] * axes, 3)}
     field.only(tuple(shapes))
     return {name: field.member(name).numbers(shape) for name, shape in shapes.items()}
 

@@ -73,10 +73,12 @@ def check_last_number(words: Sequence[str], where: str) -> None:
 
 
 def check_last_index(index: int, largest: int, where: str) -> None:
-    """Refuse an index at the end of a text without a line end to which one more digit can be added.
+    """Refuse an index at the end of a text without a line end that may be the beginning of a longer one.
+
+    One more digit makes at least ten times the index: where that is above the largest index, no digit can be missing.
 
     Raises:
-        FileFormatError: ten times the index is not above the largest; with none that is, nothing can be missing.
+        FileFormatError: ten times the index is not above the largest.
     """
     if 0 < 10 * index <= largest:
         raise FileFormatError(

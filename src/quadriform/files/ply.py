@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from quadriform.errors import FileFormatError
 from quadriform.files.metadata import as_comment
 from quadriform.files.numbers import check_last_index, check_last_number, fits_single_precision, floats, whole
-from quadriform.files.polygons import NO_CELLS, Cells, Polygons
+from quadriform.files.polygons import NO_CELLS, Cells, Polygons, starts_of
 from quadriform.files.reading import check_budget, signature
 from quadriform.shapes.mesh import Mesh
 
@@ -141,10 +141,10 @@ def _uneven_rows(element: _Element, body: bytes, at: int, order: str, where: str
     content, found = np.frombuffer(body, np.uint8), Rows()
     for n, each in enumerate(element.properties):
         kind = np.dtype(order + each.type)
-        number = np.arange(counts[:, n].sum()) - np.repeat(np.cumsum(counts[:, n]) - counts[:, n], counts[:, n])
-        begin = np.repeat(starts[:, n], counts[:, n]) + kind.itemsize * number
-        # The bytes of each number are gathered from wherever its row begins.
-        values = content[begin[:, None] + np.arange(kind.itemsize)].reshape(-1).view(kind)
+        # Of all rows' numbers one behind the other: the position in its row, the first byte, then all bytes of each.
+        in_row = np.arange(counts[:, n].sum()) - np.repeat(starts_of(counts[:, n]), counts[:, n])
+        first_byte = np.repeat(starts[:, n], counts[:, n]) + kind.itemsize * in_row
+        values = content[first_byte[:, None] + np.arange(kind.itemsize)].reshape(-1).view(kind)
         found[each.name] = values, counts[:, n] if each.count_type else None
     return found, at
 

@@ -52,15 +52,13 @@ class Polygons:
         self._check(where)
         if (self.lengths == 3).all():
             return self.corners.reshape(-1, 3)
-        starts = np.cumsum(self.lengths) - self.lengths
-        # A polygon of k corners gives k - 2 triangles; polygons of equal length are handled together.
+        # A polygon of k corners gives k - 2 triangles; polygons of equal length are handled together, as a table.
+        corner, triangle = starts_of(self.lengths), starts_of(self.lengths - 2)
         found = np.empty((int((self.lengths - 2).sum()), 3), dtype=np.int64)
-        first = np.cumsum(self.lengths - 2) - (self.lengths - 2)
         for length in np.unique(self.lengths):
             which = np.flatnonzero(self.lengths == length)
-            rows = self.corners[starts[which, None] + np.arange(length)]
-            target = first[which, None] + np.arange(length - 2)
-            found[target] = _triangles_of(self.vertices, rows, where)
+            rows = self.corners[corner[which, None] + np.arange(length)]
+            found[triangle[which, None] + np.arange(length - 2)] = _triangles_of(self.vertices, rows, where)
         return found
 
     def _check(self, where: str) -> None:
@@ -71,6 +69,11 @@ class Polygons:
         if len(self.corners) and not (self.corners.min() >= 0 and self.corners.max() < len(self.vertices)):
             wrong = self.corners[(self.corners < 0) | (self.corners >= len(self.vertices))][0]
             raise FileFormatError(f"{where}: a face names vertex {wrong}, but there are {len(self.vertices)}")
+
+
+def starts_of(lengths: Indices) -> Indices:
+    """Where lists of these lengths begin that are put one behind the other, as 0, 3, 7 of the lengths 3, 4, 2."""
+    return np.asarray(np.cumsum(lengths) - lengths)
 
 
 def strip_triangles(corners: Indices, lengths: Indices) -> Indices:

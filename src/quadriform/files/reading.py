@@ -40,7 +40,7 @@ def read_bytes(path: PathLike) -> bytes:
         FileLimitError: above `MAX_BYTES`.
     """
     check_budget(check_readable(path), quoted(path))
-    with _opened(path) as stream:
+    with _open_bytes(path) as stream:
         return stream.read()
 
 
@@ -96,13 +96,13 @@ def sha256_of(path: PathLike, *more: PathLike) -> str:
     digest = hashlib.sha256()
     for each in (path, *more):
         check_readable(each)
-        with _opened(each) as stream:
-            hashlib.file_digest(stream, lambda: digest)  # goes on with the digest of the files before
+        with _open_bytes(each) as stream:
+            hashlib.file_digest(stream, lambda: digest)  # adds to the one digest of all files
     return digest.hexdigest()
 
 
 @contextlib.contextmanager
-def _opened(path: PathLike) -> Iterator[io.BufferedReader]:
+def _open_bytes(path: PathLike) -> Iterator[io.BufferedReader]:
     """The bytes of a file; errors of the system name it."""
     try:
         with open(path, "rb") as stream:
@@ -153,7 +153,7 @@ def suffix_to_read(path: PathLike, known: tuple[str, ...], what: str) -> str:
         InputError: missing, a folder, a device or a pipe.
         FileFormatError: empty, or another suffix; names those that `what` can have.
     """
-    check_readable(path)  # a file that is missing has no wrong suffix
+    check_readable(path)  # first, so that of a missing file its suffix is not refused
     return suffix_of(path, known, what)
 
 

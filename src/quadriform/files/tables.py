@@ -54,9 +54,9 @@ def parse_table(data: bytes, where: str, columns: Chosen = None) -> PointSet:
     Accepted: UTF-8 with or without BOM, any line end, comments after `#`, `//` or `%`, blank lines, `sep=;` in the
     first line, one header row, and comma, semicolon, tab or spaces between the fields. The names of the columns, in the
     header row or in a comment before the first row, say which are x, y, z and nx, ny, nz; three columns without names
-    are x, y, z. A number alone in the first line, or `# points: 40`, must be the number of rows, and so must each value
-    of a fourth column `rows`; with the two of ours the last line must end: only so is a file that was cut no shorter
-    one.
+    are x, y, z. A table may state its number of rows: by a number alone in the first line, or as `write_points` does by
+    `# points: 40` or by each value of a fourth column `rows`. Then it must have as many; and a table by `write_points`
+    must end with a line end, without which the last number may be cut.
 
     Args:
         data: the bytes of the file.
