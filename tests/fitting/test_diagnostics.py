@@ -147,6 +147,11 @@ def test_parameters_within_a_thousandth_of_their_bounds_are_at_them(exponents, s
         assert (word in found.get("AT_BOUND", "")) == (word in expected)
 
 
+def test_a_semi_axis_at_its_limit_is_named_with_the_limit():
+    text = of_superquadric.at_bound(Superquadric("ellipsoid", (1, 2, 3.45), (1.0, 1.0)), 3.45)["AT_BOUND"]
+    assert text.startswith("a semi-axis of 3.45 RMS radii of the data, at or above 3.45")
+
+
 def test_directions_without_inliers_are_not_covered():
     assert of_superquadric.partial_coverage(0.85, np.array([0.5])) == {}
     assert of_superquadric.partial_coverage(0.84, np.ones(3))["PARTIAL_COVERAGE"].startswith("points cover 84 %")

@@ -12,8 +12,9 @@ from quadriform.errors import OptionError
 from quadriform.fitting.mixture import Mixture
 from quadriform.fitting.superquadric import levenberg_marquardt
 from quadriform.fitting.superquadric.candidates import Candidates
-from quadriform.fitting.superquadric.empty_space import EmptySpace, Surroundings
+from quadriform.fitting.superquadric.empty_space import EmptySpace, empty_space
 from quadriform.fitting.superquadric.levenberg_marquardt import DESCENT
+from quadriform.fitting.superquadric.surroundings import Surroundings
 from quadriform.points import unit_vectors
 
 EYE = np.array([0.0, 0, 10])
@@ -25,13 +26,15 @@ BALL = POINTS[POINTS @ EYE > 1.0]
 
 def cost(empty, at=(0.0, 0, 0), size=1.0):
     """What a ball loses."""
-    return float(empty(Candidates.of([qf.Superquadric("ellipsoid", 3 * [size], translation=at)]), MIXTURE).cost[0])
+    return float(
+        empty.penalty(Candidates.of([qf.Superquadric("ellipsoid", 3 * [size], translation=at)]), MIXTURE).cost[0]
+    )
 
 
 def seen(points, of_ball=None):
     """Empty space of what was seen from the sensor."""
     of_ball = np.ones(len(points), dtype=bool) if of_ball is None else of_ball
-    return Surroundings(points, np.broadcast_to(EYE, points.shape), None).empty_space(of_ball)
+    return empty_space(Surroundings(np.broadcast_to(EYE, points.shape)), points, of_ball)
 
 
 def board(count, rng):
@@ -42,17 +45,17 @@ def board(count, rng):
 def test_the_penalty_has_its_derivatives(rng):
     empty = EmptySpace(rng.uniform(-1.2, 1.2, (50, 4, 3)), rng.uniform(1, 2, 50))
     ball = Candidates.of([qf.Superquadric("ellipsoid", (0.9, 1.0, 1.1))])
-    terms = empty(ball, MIXTURE)
+    terms = empty.penalty(ball, MIXTURE)
     for index in [0, 1, 2, 8, 9, 10]:
         step = np.zeros((1, 11))
         step[0, index] = 1e-5
-        more, less = (empty(ball.moved(s, 10.0), MIXTURE).cost[0] for s in (step, -step))
+        more, less = (empty.penalty(ball.moved(s, 10.0), MIXTURE).cost[0] for s in (step, -step))
         expected = terms.gradient[0, index] / MIXTURE.sigma[0] ** 2
         assert (more - less) / 2e-5 == pytest.approx(
             expected, rel=0.05, abs=0.02 * np.abs(terms.gradient).max() / 0.05**2
         )
     assert (np.linalg.eigvalsh(terms.matrix[0]) > -1e-9).all()
-    assert empty.scaled(0.5)(ball, MIXTURE).cost == pytest.approx(terms.cost / 2)
+    assert empty.of_sample(0.5).penalty(ball, MIXTURE).cost == pytest.approx(terms.cost / 2)
 
 
 def test_a_ball_is_where_it_was_seen_and_not_where_nothing_was():
@@ -75,15 +78,15 @@ def test_of_several_positions_each_sees_its_own():
     other = BALL @ np.diag([1.0, -1, -1])
     points = np.concatenate([BALL, other])
     eyes = np.concatenate([np.broadcast_to(EYE, BALL.shape), np.broadcast_to(-EYE, other.shape)])
-    empty = Surroundings(points, eyes, None).empty_space(np.ones(len(points), dtype=bool))
+    empty = empty_space(Surroundings(eyes), points, np.ones(len(points), dtype=bool))
     assert cost(empty) == 0 and cost(empty, (0, 0, -0.6), 1.2) > 50
-    few = Surroundings(points, eyes + 1e-3 * points, None)  # every point from another position
-    assert few.empty_space(np.ones(len(points), dtype=bool)) is None
+    few = Surroundings(eyes + 1e-3 * points)  # every point from another position
+    assert empty_space(few, points, np.ones(len(points), dtype=bool)) is None
 
 
 def test_a_ball_does_not_pass_the_plane_below_it():
     at, normal = np.array([5.0, 5, -1]), np.array([0.0, 0, 1])
-    empty = Surroundings(BALL, None, (at, normal)).empty_space(np.ones(len(BALL), dtype=bool))
+    empty = empty_space(Surroundings(None, (at, normal)), BALL, np.ones(len(BALL), dtype=bool))
     assert cost(empty) == pytest.approx(0, abs=1e-9) and cost(empty, (0, 0, 0.5)) == 0
     assert cost(empty, (0, 0, -0.3)) > 50
 

@@ -7,9 +7,9 @@ from shapes_made import made, turned
 
 from quadriform.fitting.mixture import Mixture
 from quadriform.fitting.superquadric import empty_space
-from quadriform.fitting.superquadric.candidates import Candidates
-from quadriform.fitting.superquadric.empty_space import EmptySpace, Surroundings
-from quadriform.fitting.superquadric.levenberg_marquardt import distances
+from quadriform.fitting.superquadric.candidates import Candidates, distances
+from quadriform.fitting.superquadric.empty_space import EmptySpace
+from quadriform.fitting.superquadric.surroundings import Surroundings
 
 EYE = np.array([1.0, 2, 10])
 
@@ -21,7 +21,7 @@ def test_a_ray_counts_as_a_point_at_its_deepest_position(rng):
         bodies.kind, bodies.log_axes, bodies.exponents, bodies.rotations, np.zeros((2, 3)), bodies.log_holes
     )
     mixture = Mixture(np.array([0.9, 0.6]), np.array([0.1, 0.3]))
-    found = EmptySpace(rays, weights)(bodies, mixture)
+    found = EmptySpace(rays, weights).penalty(bodies, mixture)
     for i in range(2):
         cost, gradient, matrix = 0.0, np.zeros(11), np.zeros((11, 11))
         one = mixture.take(np.array([i]))
@@ -53,7 +53,7 @@ def test_a_field_is_half_as_wide_again_as_the_points_along_their_axes():
     rng = np.random.default_rng(3)
     spin = np.array([[np.cos(0.4), -np.sin(0.4)], [np.sin(0.4), np.cos(0.4)]])
     plane = rng.uniform(-1, 1, (80, 2)) * [3, 1] @ spin.T + [5, 2]
-    centres, occupied = empty_space._field(plane)
+    centres, occupied = empty_space._grid_around(plane)
     axes = np.linalg.eigh(np.cov(plane.T))[1]
     local, ends = plane @ axes, [(plane @ axes).min(axis=0), (plane @ axes).max(axis=0)]
     side, low = 1.5 * (ends[1] - ends[0]), (ends[0] + ends[1]) / 2 - 0.75 * (ends[1] - ends[0])
@@ -102,7 +102,7 @@ def test_rays_of_a_sensor_pass_the_body_and_end_where_it_may_end(rng):
     near, far = ranges[of_body].min(), ranges[of_body].max()
     width = far * np.ptp(plane[of_body], axis=0).max()
     reach = max(far - near, width)
-    centres, occupied = empty_space._field(plane[of_body])
+    centres, occupied = empty_space._grid_around(plane[of_body])
     ends, past = empty_space._empty_range(centres, plane, ranges, of_body)
     expected = []
     for (x, y), end, passes in zip(centres, ends, past):
@@ -134,19 +134,19 @@ def test_positions_with_few_inliers_show_no_outline():
     inliers = np.ones(1200, dtype=bool)
     inliers[:301] = False  # 99 of the first position, 400 and then 100 of the others are left
     inliers[900:] = False
-    found = list(Surroundings(ball, eyes, None)._views(inliers))
+    found = list(empty_space._of_views(Surroundings(eyes), ball, inliers))
     assert len(found) == 2
     expected = [empty_space._seen_from(eyes[k], ball[k : k + 400], inliers[k : k + 400]) for k in (400, 800)]
     for one, other in zip(found, expected):
         np.testing.assert_array_equal(one.rays, other.rays)
-    assert list(Surroundings(ball, None, None)._views(inliers)) == []
+    assert list(empty_space._of_views(Surroundings(), ball, inliers)) == []
 
 
 def test_of_many_positions_those_with_the_most_inliers_are_used():
     ball = random_directions(2000, 2)
     sizes = [110, 150, 200, 120, 300, 130, 140, 160, 170, 180, 340]
     eyes = np.repeat(np.eye(11)[:, :3] * 9 + np.arange(11)[:, None], sizes, axis=0)
-    found = list(Surroundings(ball, eyes, None)._views(np.ones(2000, dtype=bool)))
+    found = list(empty_space._of_views(Surroundings(eyes), ball, np.ones(2000, dtype=bool)))
     starts, order = np.cumsum([0, *sizes]), [10, 4, 2, 9, 8, 7, 1, 6]
     assert len(found) == 8
     for one, k in zip(found, order):
@@ -158,16 +158,18 @@ def test_of_many_positions_those_with_the_most_inliers_are_used():
 def test_the_plane_below_a_body_is_empty_around_its_points(rng):
     at, normal = np.array([5.0, 5, -1]), turned(1)[:, 2]
     points, inliers = rng.normal(size=(60, 3)), np.arange(60) < 50
-    (found,) = Surroundings(points, None, (at, normal))._support(inliers)
+    (found,) = empty_space._of_support(Surroundings(None, (at, normal)), points, inliers)
     frame = empty_space._frame_about(normal)
     local = [frame.T @ (p - at) for p in points[:50]]
-    centres, occupied = empty_space._field(np.array(local)[:, :2])
+    centres, occupied = empty_space._grid_around(np.array(local)[:, :2])
     expected = [at + frame @ [x, y, 0] for x, y in centres]
     np.testing.assert_allclose(found.rays.reshape(-1, 3), expected, rtol=1e-9, atol=1e-12)
     assert found.rays.shape == (128, 8, 3)
     np.testing.assert_allclose(found.weights, 8 * 50 / occupied)
     for count, some in ((8, False), (9, True)):
-        assert bool(list(Surroundings(points, None, (at, normal))._support(np.arange(60) < count))) == some
-    both = Surroundings(points, None, (at, normal)).empty_space(inliers)
+        assert (
+            bool(list(empty_space._of_support(Surroundings(None, (at, normal)), points, np.arange(60) < count))) == some
+        )
+    both = empty_space.empty_space(Surroundings(None, (at, normal)), points, inliers)
     np.testing.assert_array_equal(both.rays, found.rays)
-    np.testing.assert_array_equal(both.scaled(0.5).weights, 0.5 * found.weights)
+    np.testing.assert_array_equal(both.of_sample(0.5).weights, 0.5 * found.weights)

@@ -11,7 +11,7 @@ import quadriform as qf
 from quadriform.fitting.extrapolation import open_deviations, open_surfaces
 from quadriform.fitting.result import Result
 from quadriform.fitting.superquadric.candidates import AXES, SHIFT
-from quadriform.fitting.superquadric.fit import in_frame, in_world
+from quadriform.fitting.superquadric.fit import fit_to_local, fit_to_world
 from quadriform.fitting.superquadric.identifiability import surface_at
 from quadriform.fitting.support import Reach, Support
 from quadriform.points import Frame
@@ -105,9 +105,9 @@ def test_beyond_a_base_nothing_is_asked():
 
 def test_units_do_not_matter():
     frame = Frame(np.array([1.0, 2, 3]), 10.0)
-    there = in_world(start(SHIFT), frame)
+    there = fit_to_world(start(SHIFT), frame)
     assert there.covariance[8, 8] == pytest.approx(100 * DEVIATION**2)
-    back = in_frame(there, frame)
+    back = fit_to_local(there, frame)
     np.testing.assert_allclose(back.covariance, start(SHIFT).covariance, rtol=1e-12)
     np.testing.assert_allclose(back.superquadric.semi_axes, 1, rtol=1e-12)
 

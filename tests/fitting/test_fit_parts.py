@@ -12,7 +12,7 @@ from quadriform.fitting.cloud import Distinct, effective_fraction
 from quadriform.fitting.fit import _Clouds
 from quadriform.fitting.noise import variances_along
 from quadriform.fitting.result import Iteration, Result
-from quadriform.fitting.superquadric.around import Around
+from quadriform.fitting.superquadric.surroundings import Surroundings
 from quadriform.fitting.support import Arrangement, covered_fraction, support_of
 from quadriform.points import Frame
 from quadriform.shapes.closest import closest_on
@@ -94,7 +94,7 @@ def clouds(others=None):
     n = np.arange(6.0)
     noise = n[:, None, None] * np.eye(3)
     points, normals = np.arange(18.0).reshape(6, 3), np.arange(18.0).reshape(6, 3) + 1
-    eyes = Around(np.arange(18.0).reshape(6, 3) + 2, None)
+    eyes = Surroundings(np.arange(18.0).reshape(6, 3) + 2, None)
     masks = {} if others is None else {"a": others}
     return _Clouds({"a": points}, {"a": n + 1}, {"a": normals}, {"a": noise}, ("note",), masks, {"a": eyes})
 
@@ -105,7 +105,7 @@ def test_a_sample_of_clouds_has_all_that_is_known_of_its_points():
     found = of.take({"a": index})
     for name in ("points", "weights", "normals", "noise", "others"):
         np.testing.assert_array_equal(getattr(found, name)["a"], getattr(of, name)["a"][index])
-    np.testing.assert_array_equal(found.around["a"].viewpoints, of.around["a"].viewpoints[index])
+    np.testing.assert_array_equal(found.surroundings["a"].viewpoints, of.surroundings["a"].viewpoints[index])
     assert found.notes == ("note",) and of.take(None) is of
 
 

@@ -157,12 +157,12 @@ def test_a_surface_is_cut_where_the_points_end(kind):
 def test_reach_is_the_distance_to_the_ninth_neighbour_or_to_the_last(n, rng):
     cloud = rng.normal(size=(n, 3))
     expected = [np.sort([np.linalg.norm(p - q) for q in cloud])[min(9, n - 1)] for p in cloud]
-    np.testing.assert_allclose(initial.reach(cloud, cloud), expected, rtol=1e-12)
+    np.testing.assert_allclose(initial.neighbour_distance(cloud, cloud), expected, rtol=1e-12)
 
 
 def test_isolated_points_and_the_sparser_half_are_left_out(rng):
     points = np.concatenate([rng.normal(size=(80, 3)), 3 * rng.normal(size=(20, 3)), [[30, 0, 0]]])
-    far = initial.reach(points, points)
+    far = initial.neighbour_distance(points, points)
     without, dense = initial.dense_parts(points)
     np.testing.assert_array_equal(without, far <= 2 * np.median(far))
     np.testing.assert_array_equal(dense, far <= np.quantile(far, 0.4))

@@ -10,8 +10,9 @@ from shapes_made import made
 from quadriform.fitting.mixture import Mixture, estimated
 from quadriform.fitting.superquadric import levenberg_marquardt
 from quadriform.fitting.superquadric.candidates import Candidates
+from quadriform.fitting.superquadric.empty_space import PenaltyTerms
 from quadriform.fitting.superquadric.levenberg_marquardt import EXPONENT_SPREAD, Descent, Extent, accelerated
-from quadriform.fitting.superquadric.penalty import PenaltyTerms
+from quadriform.fitting.superquadric.problem import SearchProblem
 
 POINTS = random_directions(40, 1) * [1.2, 0.8, 1.0] + np.random.default_rng(9).normal(0, 0.05, (40, 3))
 
@@ -19,14 +20,14 @@ POINTS = random_directions(40, 1) * [1.2, 0.8, 1.0] + np.random.default_rng(9).n
 class Pull:
     """A penalty with numbers of its own for each candidate."""
 
-    def __call__(self, candidates, mixture):
+    def penalty(self, candidates, mixture):
         n, p = len(candidates), candidates.n_parameters
         rng = np.random.default_rng(8)
         root = 0.3 * rng.normal(size=(n, p, p))
         cost = (candidates.log_axes**2).sum(axis=1) * mixture.sigma
         return PenaltyTerms(cost, 0.1 * rng.normal(size=(n, p)), root @ np.swapaxes(root, 1, 2))
 
-    def scaled(self, factor):
+    def of_sample(self, fraction):
         return self
 
 
@@ -41,10 +42,12 @@ def centred(candidates):
 def descent(kind="ellipsoid", penalty=None, fixed=None, longest=5.0, candidates=None):
     rng = np.random.default_rng(2)
     candidates = centred(bodies(kind)) if candidates is None else candidates
-    fixed = np.zeros(candidates.n_parameters, dtype=bool) if fixed is None else fixed
     mixture = Mixture(np.array([0.7, 0.9])[: len(candidates)], np.array([0.1, 0.3])[: len(candidates)])
     weights, odds, noise = rng.uniform(0.5, 2, 40), rng.normal(0, 0.2, 40), rng.uniform(0.8, 1.3, 40)
-    return Descent(candidates, POINTS, weights, mixture, longest, fixed, odds, noise, penalty=penalty)
+    problem = SearchProblem(POINTS, weights, kind, {}, odds, noise, empty=penalty, longest=longest)
+    found = Descent(problem, candidates, mixture)
+    found.fixed = found.fixed if fixed is None else fixed
+    return found
 
 
 def plain_step(of, i):
@@ -63,13 +66,13 @@ def plain_step(of, i):
     for k in range(3):
         matrix[k, k] += sigma**2 * by_size[k]
         gradient[k] += sigma**2 * by_size[k]
-    if of.penalty is not None:
-        terms = of.penalty(of.candidates, of.mixture)
+    if of.problem.empty is not None:
+        terms = of.problem.empty.penalty(of.candidates, of.mixture)
         matrix, gradient = matrix + terms.matrix[i], gradient + terms.gradient[i]
     free = [k for k in range(p) if not of.fixed[k]]
     free = [k for k in free if k not in (5, 6, 7) or matrix[k, k] > 1e-20 * matrix.diagonal().max()]
     for k in range(3):
-        if of.candidates.log_axes[i, k] >= np.log(of.longest) and gradient[k] < 0 and k in free:
+        if of.candidates.log_axes[i, k] >= np.log(of.problem.longest) and gradient[k] < 0 and k in free:
             free.remove(k)
     for k in range(2):
         outward = (exponents[k] <= 0.01 and gradient[3 + k] > 0) or (exponents[k] >= 2 and gradient[3 + k] < 0)
@@ -107,7 +110,7 @@ def test_a_ball_does_not_turn_and_its_distances_are_exact():
     of = descent(candidates=ball)
     assert (of._step()[:, 5:8] == 0).all()
     radii = np.linalg.norm(POINTS - [0.1, 0.2, 0.3], axis=1) - 1.1
-    np.testing.assert_allclose(of.distances[0], radii / of.noise, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(of.distances[0], radii / of.problem.noise, rtol=1e-9, atol=1e-12)
 
 
 def test_scores_are_the_weighted_densities_less_parameters_and_size():
@@ -115,7 +118,7 @@ def test_scores_are_the_weighted_densities_less_parameters_and_size():
     extent = Extent.of("ellipsoid", POINTS, of.weights * of.inliers)
     for i in range(2):
         density = sum(w * d for w, d in zip(of.weights, of.log_density[i]))
-        penalty = extent.cost(of.candidates)[i] + Pull()(of.candidates, of.mixture).cost[i]
+        penalty = extent.cost(of.candidates)[i] + Pull().penalty(of.candidates, of.mixture).cost[i]
         np.testing.assert_allclose(of.scores()[i], density + 11 * np.log(of.mixture.sigma[i]) - penalty, rtol=1e-12)
 
 
@@ -139,23 +142,25 @@ def test_steps_are_taken_where_the_penalised_likelihood_does_not_fall(scale):
     of = descent(penalty=Pull())
     step = of._step() * np.array([[scale], [-scale]])
     old, old_derivatives, inliers = of.distances.copy(), of.derivatives.copy(), of.inliers.copy()
-    candidates, moved, expected = of.candidates, of.candidates.moved(step, of.longest), []
+    candidates, moved, expected = of.candidates, of.candidates.moved(step, of.problem.longest), []
     for each in (candidates, moved):
-        found = levenberg_marquardt.distances(each, POINTS)[0] / of.noise
-        density = of.mixture.densities(found, of.log_odds)[1] @ of.weights
+        found = levenberg_marquardt.distances(each, POINTS)[0] / of.problem.noise
+        density = of.mixture.densities(found, of.problem.log_odds)[1] @ of.weights
         prior = ((each.exponents - 1) ** 2).sum(axis=1) / (2 * EXPONENT_SPREAD**2)
-        expected.append(density - prior - of.extent().cost(each) - Pull()(each, of.mixture).cost)
+        expected.append(density - prior - of.extent().cost(each) - Pull().penalty(each, of.mixture).cost)
     accepted = of._try(step)
     np.testing.assert_array_equal(accepted, expected[1] >= expected[0])
     np.testing.assert_allclose(of.damping, np.where(accepted, 0.002, 0.04))
     assert accepted.any() and not accepted.all()
     there = levenberg_marquardt.distances(moved, POINTS)
     for i in range(2):
-        np.testing.assert_array_equal(of.distances[i], there[0][i] / of.noise if accepted[i] else old[i])
-        np.testing.assert_array_equal(of.derivatives[i], there[1][i] / of.noise if accepted[i] else old_derivatives[i])
+        np.testing.assert_array_equal(of.distances[i], there[0][i] / of.problem.noise if accepted[i] else old[i])
+        np.testing.assert_array_equal(
+            of.derivatives[i], there[1][i] / of.problem.noise if accepted[i] else old_derivatives[i]
+        )
         from_ = moved if accepted[i] else candidates
         np.testing.assert_array_equal(of.candidates.log_axes[i], from_.log_axes[i])
-        again = of.mixture.densities(there[0] / of.noise, of.log_odds)[0][i]
+        again = of.mixture.densities(there[0] / of.problem.noise, of.problem.log_odds)[0][i]
         np.testing.assert_array_equal(of.inliers[i], again if accepted[i] else inliers[i])
 
 
@@ -183,8 +188,8 @@ def reestimated(of):
 
 def test_a_run_ends_where_all_candidates_change_little():
     of = descent()
-    assert not of.run(2, 1e-2, reestimated) and len(of.history) == 2
-    assert of.run(300, 1e-2, reestimated)
+    assert not of.run(2, reestimated, 1e-2) and len(of.history) == 2
+    assert of.run(300, reestimated, 1e-2)
     assert of.history[-1] == of.mixture.sigma.min()
     assert (of._change(of._step()) < 0.1).all()
 
@@ -197,22 +202,22 @@ def test_a_short_step_that_is_rejected_and_damped_is_no_convergence(monkeypatch,
     of.damping = np.array([damping, 0.1])
     monkeypatch.setattr(of, "_change", lambda step: np.array([0.5e-3, 0.9e-3]))
     monkeypatch.setattr(of, "_try", lambda step: np.array([accepted, True]))
-    assert of.run(5, 1e-3, lambda of: of.mixture) == converged
+    assert of.run(5, lambda of: of.mixture, 1e-3) == converged
     assert len(of.history) == 1
-    assert not of.run(5, 0.7e-3, lambda of: of.mixture)
+    assert not of.run(5, lambda of: of.mixture, 0.7e-3)
     assert len(of.history) == 6
 
 
 def test_accelerated_steps_reach_the_fixed_point_or_all_stays():
     one = descent().candidates.take(np.array([0]))
     of = descent(candidates=one)
-    assert of.run(30, 1e-2, reestimated)
+    assert of.run(30, reestimated, 1e-2)
     before, mixture = of.candidates, of.mixture
-    assert not of.converge(2, 1e-12, reestimated)
+    assert not of.converge(2, reestimated, 1e-12)
     np.testing.assert_array_equal(of.candidates.log_axes, before.log_axes)
     np.testing.assert_allclose(of.mixture.sigma, mixture.sigma, rtol=1e-12)
-    np.testing.assert_array_equal(of.distances, levenberg_marquardt.distances(before, POINTS)[0] / of.noise)
-    assert of.converge(60, 1e-9, reestimated)
+    np.testing.assert_array_equal(of.distances, levenberg_marquardt.distances(before, POINTS)[0] / of.problem.noise)
+    assert of.converge(60, reestimated, 1e-9)
     np.testing.assert_array_equal(of.damping, [0])
     assert np.abs(of._step()).max() < 1e-7
     again = reestimated(of)
@@ -236,7 +241,7 @@ def test_accelerated_steps_are_at_most_half_and_start_anew_after_one_twice_as_la
     monkeypatch.setattr(of, "_step", lambda: np.append(next(steps), np.zeros(10))[None])
     monkeypatch.setattr(levenberg_marquardt, "accelerated", recorded)
     at = of.candidates.translations
-    assert of.converge(5, 1e-6, lambda of: of.mixture)
+    assert of.converge(5, lambda of: of.mixture, 1e-6)
     assert given == [(1, 1, 0.1), (2, 2, 0.19), (1, 1, 0.39), (2, 2, 0.2), (3, 3, 1e-9)]
     moved = one.rotations[0] @ [0.2 + 0.38 + 0.5 + 0.4 + 2e-9, 0, 0]
     np.testing.assert_allclose((of.candidates.translations - at)[0], moved, rtol=1e-12)
@@ -254,7 +259,7 @@ def test_acceleration_finds_the_fixed_point_of_a_linear_map(rng):
 
 def test_inlier_weights_of_the_size_are_those_of_the_points():
     of = descent()
-    of.size = 0.5
+    of.problem = replace(of.problem, size=0.5)
     expected = Extent.of("ellipsoid", POINTS, 0.5 * of.weights * of.inliers)
     np.testing.assert_allclose(of.extent().weights, expected.weights, rtol=1e-12)
     candidates, mixture = of.picked(np.array([1]))

@@ -11,7 +11,8 @@ from quadriform.fitting.mixture import Mixture, density_log_odds
 from quadriform.fitting.superquadric import initial, multistart
 from quadriform.fitting.superquadric.candidates import Candidates
 from quadriform.fitting.superquadric.initial import START_ROTATIONS, ellipsoids, other_kind, principal_axes
-from quadriform.fitting.superquadric.multistart import ENOUGH_PAIRS, Search
+from quadriform.fitting.superquadric.levenberg_marquardt import Descent
+from quadriform.fitting.superquadric.multistart import ENOUGH_PAIRS
 from quadriform.fitting.superquadric.problem import SearchProblem
 from quadriform.fitting.superquadric.search_settings import SEARCH
 
@@ -136,12 +137,11 @@ def test_the_best_candidate_has_the_highest_score_of_equal_ones_the_first():
 
 
 def test_em_counts_free_parameters_and_keeps_the_known_noise(rng):
-    of = problem(least_sigma=0.3, fixed={"semi_axes": np.ones(3)}).descent(
-        Candidates.of([made(exponents=(1, 1))]), Mixture(np.array([0.9]), np.array([1.0])), 9.0
-    )
+    known = problem(least_sigma=0.3, fixed={"semi_axes": np.ones(3)})
+    of = Descent(known, Candidates.of([made(exponents=(1, 1))]), Mixture(np.array([0.9]), np.array([1.0])))
     of.distances = 0.001 * rng.normal(size=(1, 300))
     assert multistart.em(of).sigma.tolist() == [0.3]
-    of.least_sigma, of.inliers = 0.0, np.ones((1, 300))
+    of.problem, of.inliers = replace(known, least_sigma=0.0), np.ones((1, 300))
     expected = np.sqrt((of.distances[0] ** 2).sum() / (300 - 8))
     np.testing.assert_allclose(multistart.em(of).sigma, [expected], rtol=1e-12)
 
@@ -153,11 +153,11 @@ class Recorded:
         self.log, self.points, self.candidates, self.mixture = log, points, candidates, mixture
         self.fixed = np.zeros(11, dtype=bool)
 
-    def run(self, steps, tolerance, reestimate):
+    def run(self, steps, reestimate, tolerance=0.0):
         self.log.append((len(self.points), len(self.candidates), steps, tolerance))
         return True
 
-    def converge(self, steps, tolerance, reestimate):
+    def converge(self, steps, reestimate, tolerance):
         self.log.append((len(self.points), "converge", steps, tolerance))
         return len(self.points) % 2 == 0
 
@@ -173,13 +173,11 @@ class Recorded:
 )
 def test_most_steps_are_made_on_growing_samples(monkeypatch, n, samples):
     log = []
-    monkeypatch.setattr(
-        SearchProblem, "weighted_descent", lambda self, c, weights, m, longest: Recorded(log, self.points, c, m)
-    )
+    monkeypatch.setattr(multistart, "Descent", lambda of, c, m: Recorded(log, of.points, c, m))
     monkeypatch.setattr(SearchProblem, "thinned", lambda self, most: np.arange(min(most, len(self.points))))
     two = Candidates.of([made(exponents=(1, 1)), made()])
     mixture = Mixture(np.array([0.9, 0.8]), np.array([0.1, 0.2]))
-    found = multistart._converged(problem(np.zeros((n, 3))), (two, mixture), 5, 9.0)
+    found = multistart._final_descent(problem(np.zeros((n, 3))), (two, mixture), 5)
     count = 1 if samples else 2
     expected = [(size, 2 if size == 8000 else 1, 15, 1e-6) for size in samples]
     expected += [(n, count, 40, 1e-2), (n, "converge", 40, 1e-10)]
@@ -195,9 +193,9 @@ def test_isolated_outliers_of_a_best_candidate_lose_odds(rng):
     best = Candidates.of([made(exponents=(1, 1), semi_axes=(1, 1, 1))])
     best = replace(best, translations=np.zeros((1, 3)))
     of, mixture = problem(points), Mixture(np.array([0.9]), np.array([0.02]))
-    found = multistart._with_density_log_odds(of, (best, mixture), 9.0)
-    distances = initial.reach(points, of.sample(1500).points)
-    expected = density_log_odds(distances, of.descent(best, mixture, 9.0).inliers[0])
+    found = multistart._with_density_log_odds(of, (best, mixture))
+    distances = initial.neighbour_distance(points, of.sample(1500).points)
+    expected = density_log_odds(distances, Descent(of, best, mixture).inliers[0])
     np.testing.assert_array_equal(found.log_odds, expected)
     assert expected[:1900].mean() > -0.1 and expected[1900:].mean() < -1
 
@@ -206,16 +204,15 @@ def test_starts_of_parts_are_annealed_on_a_sample(monkeypatch):
     """First on their own part, then on all with a sigma of half their size at most, annealed, at last estimated."""
     log, given = [], []
 
-    def recorded(self, candidates, weights, mixture, longest):
-        given.append((candidates, weights, mixture, self.size))
-        return Recorded(log, self.points, candidates, replace(mixture, sigma=3 * mixture.sigma))
+    def recorded(of, candidates, mixture, weights=None):
+        given.append((candidates, of.weights if weights is None else weights, mixture, of.size))
+        return Recorded(log, of.points, candidates, replace(mixture, sigma=3 * mixture.sigma))
 
-    monkeypatch.setattr(SearchProblem, "weighted_descent", recorded)
+    monkeypatch.setattr(multistart, "Descent", recorded)
     cloud = replace(problem(SPHERE * [1, 2, 3]), weights=np.random.default_rng(5).uniform(0.5, 2, 300))
     parts = np.stack([np.ones(300), (np.arange(300) < 100).astype(float)])
-    search = Search(cloud, 9.0)
-    rotations = search.orientations(parts, START_ROTATIONS[:2])
-    search.annealed_starts(parts, rotations, 160)
+    rotations = multistart.orientations(cloud, parts, START_ROTATIONS[:2])
+    multistart.annealed_starts(cloud, parts, rotations, 160)
     assert log == [(160, 4, 4, 0), (160, 4, 8, 0), (160, 4, 6, 1e-4)]
     (starts, weights, mixture, size), (_, all_weights, wide, _) = given
     expected = ellipsoids(cloud.points, parts * cloud.weights, rotations)
@@ -232,12 +229,12 @@ def test_starts_of_parts_are_annealed_on_a_sample(monkeypatch):
 def test_orientations_are_the_principal_axes_of_each_part_or_the_fixed_rotation():
     cloud = replace(problem(SPHERE * [1, 2, 3] @ SKEW.T), weights=np.random.default_rng(5).uniform(0.5, 2, 300))
     parts = np.stack([np.ones(300), np.arange(300.0)])
-    found = Search(cloud, 9.0).orientations(parts, START_ROTATIONS)
+    found = multistart.orientations(cloud, parts, START_ROTATIONS)
     axes = principal_axes(cloud.points, parts * cloud.weights)
     np.testing.assert_allclose(found, [[part @ frame for frame in START_ROTATIONS] for part in axes], atol=1e-12)
     fixed = problem(fixed={"rotation": turned(1)})
     np.testing.assert_array_equal(
-        Search(fixed, 9.0).orientations(parts, START_ROTATIONS), np.tile(turned(1), (2, 1, 1, 1))
+        multistart.orientations(fixed, parts, START_ROTATIONS), np.tile(turned(1), (2, 1, 1, 1))
     )
 
 
@@ -246,7 +243,7 @@ def test_other_kinds_start_from_the_first_part():
     points = torus.grid(6)[0]
     cloud = problem(points, "toroid")
     part = (np.arange(len(points)) % 2).astype(float)
-    found, owner = Search(cloud, 9.0)._starts(np.stack([part, np.ones(len(points))]), START_ROTATIONS[None])
+    found, owner = multistart._starts(cloud, np.stack([part, np.ones(len(points))]), START_ROTATIONS[None])
     expected = other_kind(points[part > 0], "toroid")
     np.testing.assert_array_equal(found.log_axes, expected.log_axes)
     np.testing.assert_array_equal(owner, np.zeros(len(expected)))
@@ -258,8 +255,8 @@ def test_odds_by_density_and_what_is_of_another_body(monkeypatch):
     cloud = problem(np.concatenate([ball, beside]))
     rounds = [np.array([300]), np.array([301, 302]), np.array([], dtype=np.int64), np.array([5])]
     monkeypatch.setattr(multistart, "_unconnected_inliers", lambda *of: rounds.pop(0))
-    monkeypatch.setattr(Search, "restarted", lambda self, best: best + 1)
-    found, best = multistart._restarted(cloud, 0, 9.0)
+    monkeypatch.setattr(multistart, "restarted", lambda cloud, best: best + 1)
+    found, best = multistart._restarted_with_connected(cloud, 0)
     assert best == 3 and len(rounds) == 1
     np.testing.assert_array_equal(found.log_odds, np.append(np.zeros(300), [-100.0] * 3))
     np.testing.assert_array_equal(cloud.log_odds, 0)
@@ -272,35 +269,35 @@ def test_only_a_surface_that_is_not_covered_may_have_inliers_of_a_neighbour(cove
     cloud = problem(np.concatenate([ball, far]))
     sphere = Candidates.of([made(exponents=(1, 1), semi_axes=(1.0, 1.0, 1.0))])
     sphere = replace(sphere, translations=np.zeros((1, 3)))
-    best = cloud.descent(sphere, Mixture(np.array([0.9]), np.array([0.01])), 9.0)
-    others = multistart._unconnected_inliers(cloud, best, 9.0)
+    best = Descent(cloud, sphere, Mixture(np.array([0.9]), np.array([0.01])))
+    others = multistart._unconnected_inliers(cloud, best)
     assert others.tolist() == ([] if covered else [len(ball)])
 
 
 def test_exact_points_of_part_of_a_body_lead_through_all_of_them():
     body = made(exponents=(0.7, 1.2), semi_axes=(1.2, 0.9, 0.7))
     points = body.surface(even_directions(600)) - body.translation
-    found = Search(problem(points), 9.0).through_all_points()
+    found = multistart.through_all_points(problem(points))
     assert found is not None and found[1].sigma[0] < 1e-6
     noisy = points + 0.1 * np.random.default_rng(1).normal(size=points.shape)
-    assert Search(problem(noisy), 9.0).through_all_points() is None
-    assert Search(problem(points, "toroid"), 9.0).through_all_points() is None
+    assert multistart.through_all_points(problem(noisy)) is None
+    assert multistart.through_all_points(problem(points, "toroid")) is None
 
 
 def test_descents_from_near_starts_find_the_surface():
     body = made(exponents=(0.7, 1.2), semi_axes=(1.2, 0.9, 0.7))
     points = body.surface(even_directions(600))
     starts = [made(exponents=(1, 1), semi_axes=a) for a in ((0.2, 3.0, 0.4), (1.0, 1.0, 0.8))]
-    found = multistart.nearby(problem(points), starts)
+    found = multistart.best_of_descents(problem(points), starts)
     np.testing.assert_allclose(found.semi_axes, body.semi_axes, rtol=1e-2)
-    assert SEARCH.near == 1e-2
+    assert SEARCH.damped_tolerance == 1e-2
 
 
 def test_restarts_are_improved_on_a_sample_before_they_are_compared():
     body = made(exponents=(1, 1), semi_axes=(1.2, 0.9, 0.7))
     points = body.surface(even_directions(600)) - body.translation
     one = Candidates.of([replace(body, translation=np.zeros(3))])
-    search = Search(problem(points), 9.0)
-    found, mixture = search._from_boxes(np.ones(600), one, Mixture(np.array([0.9]), np.array([0.05])))
+    best = Mixture(np.array([0.9]), np.array([0.05]))
+    found, mixture = multistart._from_boxes(problem(points), np.ones(600), one, best)
     assert mixture.sigma.min() < 0.05
     np.testing.assert_allclose(np.sort(np.exp(found.log_axes[mixture.sigma.argmin()])), [0.7, 0.9, 1.2], rtol=0.05)

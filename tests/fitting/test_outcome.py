@@ -10,9 +10,10 @@ from quadriform.errors import OptionError
 from quadriform.fitting.mixture import Mixture
 from quadriform.fitting.superquadric import fit as fits
 from quadriform.fitting.superquadric.candidates import Candidates
-from quadriform.fitting.superquadric.identifiability import determined
+from quadriform.fitting.superquadric.covariance import likelihood_covariance
+from quadriform.fitting.superquadric.identifiability import identifiability_of
+from quadriform.fitting.superquadric.levenberg_marquardt import Descent
 from quadriform.fitting.superquadric.multistart import SearchResult
-from quadriform.fitting.superquadric.openness import remaining_covariance
 from quadriform.fitting.superquadric.problem import SearchProblem
 from quadriform.points import Frame
 
@@ -24,7 +25,7 @@ def ended(kind, points, sigma=SIGMA, converged=True, others=0, fixed=None):
     n = len(points)
     problem = SearchProblem(points, np.ones(n), kind, fixed or {}, np.zeros(n), np.ones(n))
     body = Candidates.of([replace(made(kind, (1.1, 0.9)), translation=np.zeros(3))])
-    descent = problem.descent(body, Mixture(np.array([0.9]), np.array([sigma])), 9.0)
+    descent = Descent(problem, body, Mixture(np.array([0.9]), np.array([sigma])))
     descent.history = [0.3, 0.2, sigma]
     return SearchResult(descent, converged, others)
 
@@ -75,27 +76,27 @@ def test_the_covariance_of_exact_points_is_that_of_least_squares():
     _, points = points_of("ellipsoid")
     ones = np.ones(len(points))
     noisy = ended("ellipsoid", points)
-    np.testing.assert_allclose(fits._outcome(noisy, points, ones, 0.0).covariance, remaining_covariance(noisy.descent))
+    np.testing.assert_allclose(fits._outcome(noisy, points, ones, 0.0).covariance, likelihood_covariance(noisy.descent))
     body, _ = points_of("ellipsoid")
     exact = ended("ellipsoid", body.grid(8)[0], 0.9e-6).descent
     weights = exact.weights * exact.inliers[0]
-    expected = determined(exact.candidates, exact.derivatives[0], weights, 0.9e-6, exact.fixed).covariance
+    expected = identifiability_of(exact.candidates, exact.derivatives[0], weights, 0.9e-6, exact.fixed).covariance
     found = fits._outcome(SearchResult(exact, True, 0), body.grid(8)[0], ones, 0.0)
     np.testing.assert_array_equal(found.covariance, expected)
 
 
 def test_fixed_values_are_checked_and_brought_into_the_frame():
     frame = Frame(np.array([1.0, 2, 3]), 10.0)
-    found = fits._in_frame({"semi_axes": (10, 20, 30), "translation": (1, 2, 13), "exponents": (0.5, 2.0)}, frame)
+    found = fits._fixed_to_local({"semi_axes": (10, 20, 30), "translation": (1, 2, 13), "exponents": (0.5, 2.0)}, frame)
     np.testing.assert_allclose(found["semi_axes"], [1, 2, 3])
     np.testing.assert_allclose(found["translation"], [0, 0, 1])
     np.testing.assert_allclose(found["exponents"], [0.5, 2])
     with pytest.raises(OptionError, match="keep them within"):
-        fits._in_frame({"exponents": (0.5, 2.1)}, frame)
+        fits._fixed_to_local({"exponents": (0.5, 2.1)}, frame)
     with pytest.raises(OptionError, match="option fixed: semi_axes"):
-        fits._in_frame({"semi_axes": (0, 1, 1)}, frame)
+        fits._fixed_to_local({"semi_axes": (0, 1, 1)}, frame)
     with pytest.raises(OptionError):
-        fits._in_frame({"height": 1}, frame)
+        fits._fixed_to_local({"height": 1}, frame)
 
 
 def test_plain_ellipsoids_have_exponents_of_one():

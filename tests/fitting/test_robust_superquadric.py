@@ -12,7 +12,8 @@ from quadriform.errors import OptionError
 from quadriform.fitting.mixture import Mixture
 from quadriform.fitting.superquadric.candidates import Candidates
 from quadriform.fitting.superquadric.initial import bound_of_axes
-from quadriform.fitting.superquadric.multistart import Search, acceptable, em
+from quadriform.fitting.superquadric.levenberg_marquardt import Descent
+from quadriform.fitting.superquadric.multistart import acceptable, annealed_starts, em
 from quadriform.fitting.superquadric.problem import SearchProblem
 from quadriform.fitting.superquadric.search_settings import SEARCH
 from quadriform.points import Frame
@@ -63,9 +64,9 @@ def test_starts_of_the_other_kinds_move_on_the_part_that_they_are_made_from(kind
     points = made(kind).grid(10)[0]
     points = (points - points.mean(axis=0)) / np.sqrt(points.var(axis=0).sum())
     one = np.ones(len(points))
-    search = Search(SearchProblem(points, one, kind, {}, 0 * one, one), bound_of_axes(points))
+    problem = SearchProblem(points, one, kind, {}, 0 * one, one, longest=bound_of_axes(points))
     other = (points @ rng.normal(size=3) > 0).astype(float)
-    alone, beside = (search.annealed_starts(parts, None, 160) for parts in (one[None], np.stack([one, other])))
+    alone, beside = (annealed_starts(problem, parts, None, 160) for parts in (one[None], np.stack([one, other])))
     np.testing.assert_array_equal(alone.distances, beside.distances)
 
 
@@ -278,8 +279,8 @@ def test_a_descent_ends_where_shorter_steps_gain_nothing_either(seed, rests):
     points = Frame.of(egg).to_local(egg)
     best = Candidates.of([fit_superquadric(points).superquadric])
     problem = SearchProblem(points, np.ones(1000), "ellipsoid", {}, np.zeros(1000), np.ones(1000))
-    descent = problem.descent(best, Mixture(np.array([0.99]), np.array([0.02])), longest=10.0)
-    assert descent.run(SEARCH.most_steps, SEARCH.nearly, em) == rests
+    descent = Descent(problem, best, Mixture(np.array([0.99]), np.array([0.02])))
+    assert descent.run(SEARCH.most_steps, em, SEARCH.crease_tolerance) == rests
     assert len(descent.history) < SEARCH.most_steps / 2
 
 
@@ -288,4 +289,4 @@ def test_a_candidate_needs_half_of_the_points(inliers, accepted, rng):
     truth, points = cloud(rng)
     problem = SearchProblem(points, np.ones(600), "ellipsoid", {}, np.zeros(600), np.ones(600))
     mixture = Mixture(np.array([inliers]), np.array([0.02]))
-    assert acceptable(problem.descent(Candidates.of([truth]), mixture, longest=10.0)).tolist() == [accepted]
+    assert acceptable(Descent(problem, Candidates.of([truth]), mixture)).tolist() == [accepted]

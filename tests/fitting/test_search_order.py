@@ -11,7 +11,6 @@ from quadriform.fitting.mixture import Mixture
 from quadriform.fitting.superquadric import multistart
 from quadriform.fitting.superquadric.candidates import Candidates
 from quadriform.fitting.superquadric.initial import bound_of_axes
-from quadriform.fitting.superquadric.multistart import Search
 from quadriform.fitting.superquadric.problem import SearchProblem
 
 POINTS = even_directions(60)
@@ -40,24 +39,34 @@ def searched(monkeypatch, narrow, wide=None, exact=None, kind="ellipsoid"):
     def note(name, result):
         return lambda *of, **more: log.append(name) or result
 
+    def bounded(of):
+        if of != "by density":
+            log.append("even odds")
+        return "bounded"
+
     parts = np.stack([np.arange(60) < 50, np.arange(60) < 9]).astype(float)
     monkeypatch.setattr(multistart, "dense_parts", lambda points: parts)
     monkeypatch.setattr(
-        Search, "orientations", lambda self, parts, rotations: (len(parts), len(rotations), self.longest)
+        multistart, "orientations", lambda cloud, parts, rotations: (len(parts), len(rotations), cloud.longest)
     )
     monkeypatch.setattr(
-        Search, "annealed_starts", lambda self, parts, rotations, most: log.append((len(parts), most, rotations))
+        multistart, "annealed_starts", lambda cloud, parts, rotations, most: log.append((len(parts), most, rotations))
     )
-    monkeypatch.setattr(Search, "compared", lambda self, starts, kept, earlier: log.append((kept, earlier)) or narrow)
-    monkeypatch.setattr(Search, "wider", lambda self, parts, earlier: log.append(("wider", len(parts))) or wide)
-    monkeypatch.setattr(Search, "through_all_points", note("exact", exact))
+    monkeypatch.setattr(
+        multistart, "compared", lambda cloud, starts, kept, earlier: log.append((kept, earlier)) or narrow
+    )
+    monkeypatch.setattr(multistart, "wider", lambda cloud, parts, earlier: log.append(("wider", len(parts))) or wide)
+    monkeypatch.setattr(multistart, "through_all_points", note("exact", exact))
     monkeypatch.setattr(multistart, "acceptable", lambda best: best.accepted)
-    bounded = SimpleNamespace(bounded=lambda *of: "bounded")
-    monkeypatch.setattr(SearchProblem, "bounded", lambda self, *of: log.append("even odds") or "bounded")
-    monkeypatch.setattr(multistart, "_with_density_log_odds", lambda p, best, longest: log.append(best[0]) or bounded)
-    monkeypatch.setattr(multistart, "_restarted", lambda p, best, longest: log.append(p) or (p, best))
+    monkeypatch.setattr(
+        multistart,
+        "_with_empty_space",
+        lambda p, best: ((p == "by density" or log.append("even odds")) and 0) or "bounded",
+    )
+    monkeypatch.setattr(multistart, "_with_density_log_odds", lambda p, best: log.append(best[0]) or "by density")
+    monkeypatch.setattr(multistart, "_restarted_with_connected", lambda p, best: log.append(p) or (p, best))
     monkeypatch.setattr(multistart, "_alternatives", lambda best, ranking: np.array([0, 1]))
-    monkeypatch.setattr(multistart, "_converged", lambda p, start, others, longest: (p, start, others))
+    monkeypatch.setattr(multistart, "_final_descent", lambda p, start, others: (p, start, others))
     return multistart.solve(problem(kind)), log
 
 
@@ -110,7 +119,7 @@ def test_accepted_candidates_come_first_within_a_tenth_for_each_point():
     best.picked = lambda index: chosen.append(index.tolist()) or ("c", "m")
     best.accepted = np.array([True, False])
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Search, "wider", lambda self, parts, earlier: best)
+        patch.setattr(multistart, "wider", lambda cloud, parts, earlier: best)
         searched(patch, best, best)
     assert chosen[0] == [0]  # 1 + 6 against 6.9
 
@@ -136,19 +145,19 @@ def test_restarts_go_on_while_one_of_them_is_better(monkeypatch):
     monkeypatch.setattr(multistart, "acceptable", lambda best: np.array([True, True]))
     monkeypatch.setattr(multistart, "distinct", lambda *of: np.array([0]))
     monkeypatch.setattr(
-        Search, "_on_all", lambda self, c, m: log.append(len(c)) or On(next(firsts) if len(log) > 1 else 0)
+        multistart, "_on_all", lambda cloud, c, m: log.append(len(c)) or On(next(firsts) if len(log) > 1 else 0)
     )
-    monkeypatch.setattr(Search, "_from_boxes", lambda self, inliers, c, m: (body, mixture))
+    monkeypatch.setattr(multistart, "_from_boxes", lambda cloud, inliers, c, m: (body, mixture))
     monkeypatch.setattr(multistart, "covered_fraction", lambda surface, points: covered)
     covered = 0.5
-    Search(problem(), 9.0).restarted(On())
+    multistart.restarted(problem(), On())
     assert log == [1, 2, 2, 2]  # the third is no better
     log.clear()
     firsts = iter([1] * 9)
-    Search(problem(), 9.0).restarted(On())
+    multistart.restarted(problem(), On())
     assert log == [1, 2, 2, 2, 2]
     for value, kind in ((0.85, "ellipsoid"), (0.5, "toroid")):
         log.clear()
         covered = value
-        Search(problem(kind), 9.0).restarted(On())
+        multistart.restarted(problem(kind), On())
         assert log == [1]

@@ -11,13 +11,14 @@ from quadriform.errors import OptionError
 from quadriform.fitting import connected
 from quadriform.fitting.mixture import Mixture
 from quadriform.fitting.result import SuperquadricFit
-from quadriform.fitting.superquadric import around, paper, restarts
-from quadriform.fitting.superquadric.around import Around
+from quadriform.fitting.superquadric import multistart, paper, restarts, surroundings
 from quadriform.fitting.superquadric.candidates import Candidates
-from quadriform.fitting.superquadric.empty_space import EmptySpace, Surroundings
-from quadriform.fitting.superquadric.fit import in_frame, in_world
+from quadriform.fitting.superquadric.empty_space import EmptySpace
+from quadriform.fitting.superquadric.fit import fit_to_local, fit_to_world
 from quadriform.fitting.superquadric.initial import START_ROTATIONS
+from quadriform.fitting.superquadric.levenberg_marquardt import Descent
 from quadriform.fitting.superquadric.problem import SearchProblem
+from quadriform.fitting.superquadric.surroundings import Surroundings
 from quadriform.points import Frame
 from quadriform.shapes.superquadric import Superquadric
 
@@ -60,11 +61,11 @@ def test_fixed_values_stay(kind):
 def test_empty_space_is_that_around_the_inliers(monkeypatch):
     ball = Candidates.of([Superquadric(semi_axes=(2, 2, 2))])
     mixture, given = Mixture(np.array([0.9]), np.array([0.3])), []
-    monkeypatch.setattr(Surroundings, "empty_space", lambda self, inliers: given.append(inliers) or "empty")
-    of = problem(surroundings=Surroundings(POINTS, None, None))
-    assert of.bounded(ball, mixture, 9.0).empty == "empty"
-    np.testing.assert_array_equal(given[0], of.descent(ball, mixture, 9.0).inliers[0] >= 0.5)
-    assert problem().bounded(ball, mixture, 9.0).empty is None
+    monkeypatch.setattr(multistart, "empty_space", lambda known, points, inliers: given.append(inliers) or "empty")
+    of = problem(surroundings=Surroundings())
+    assert multistart._with_empty_space(of, (ball, mixture)).empty == "empty"
+    np.testing.assert_array_equal(given[0], Descent(of, ball, mixture).inliers[0] >= 0.5)
+    assert multistart._with_empty_space(problem(), (ball, mixture)).empty is None
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -162,16 +163,16 @@ def test_what_is_around_points_moves_with_their_unit_and_frame():
     eyes, plane = np.arange(9.0).reshape(3, 3), (np.array([1.0, 2, 3]), np.array([0, 0, 1.0]))
     for viewpoints in (eyes, None):
         for support in (plane, None):
-            found = Around(viewpoints, support).scaled(10)
+            found = Surroundings(viewpoints, support).in_unit(10)
             assert (found.viewpoints is None) == (viewpoints is None) and (found.plane is None) == (support is None)
             if viewpoints is not None:
                 np.testing.assert_array_equal(found.viewpoints, 10 * eyes)
             if support is not None:
                 np.testing.assert_array_equal(found.plane[0], [10, 20, 30])
                 np.testing.assert_array_equal(found.plane[1], [0, 0, 1])
-    some = Around(eyes, plane).take(np.array([2, 0]))
+    some = Surroundings(eyes, plane).take(np.array([2, 0]))
     np.testing.assert_array_equal(some.viewpoints, eyes[[2, 0]])
-    without = Around(None, plane)
+    without = Surroundings(None, plane)
     assert without.take(np.array([2])) is without
 
 
@@ -181,9 +182,9 @@ def test_a_support_has_most_points_on_one_side(above, refused):
     given = ((0, 0, 0), (0, 0, 4.0))
     if refused:
         with pytest.raises(OptionError, match=f"{100 * min(above, 1 - above):.0f}% of the points lie beyond"):
-            around._support(points, given)
+            surroundings._support(points, given)
     else:
-        at, normal = around._support(points, given)
+        at, normal = surroundings._support(points, given)
         np.testing.assert_array_equal(normal, [0, 0, 1.0 if above > 0.5 else -1.0])
         np.testing.assert_array_equal(at, 0)
 
@@ -198,10 +199,10 @@ def test_a_sensor_sees_at_most_80_degrees_aside(degrees, refused):
     eyes = np.concatenate([np.tile([1.0, 2, 3], (4, 1)), [[0, 0, 0.0]]])
     if refused:
         with pytest.raises(OptionError, match=r"\[1.0, 2.0, 3.0\] lies among the points"):
-            around._viewpoints(other, eyes)
+            surroundings._viewpoints(other, eyes)
     else:
-        np.testing.assert_array_equal(around._viewpoints(other, eyes), eyes)
-    one = around._viewpoints(even_directions(9), (0, 0, 50.0))
+        np.testing.assert_array_equal(surroundings._viewpoints(other, eyes), eyes)
+    one = surroundings._viewpoints(even_directions(9), (0, 0, 50.0))
     np.testing.assert_array_equal(one, np.tile([0, 0, 50.0], (9, 1)))
 
 
@@ -210,7 +211,7 @@ def test_unbounded_parameters_lead_back_and_have_their_derivatives(kind):
     body = made(kind, (0.7, 1.3))
     of = paper._Unbounded(body)
     start = of.unbounded()
-    found = of.in_frame(start)
+    found = of.superquadric(start)
     np.testing.assert_allclose(found.parameters, replace(body, height=found.height).parameters, rtol=1e-9, atol=1e-9)
     values, derivative = of.bound(start)
     for k in range(len(start)):
@@ -227,12 +228,12 @@ def test_a_fit_changes_its_unit_in_lengths_alone():
     body, frame = made("toroid"), Frame(np.array([1.0, 2, 3]), 10.0)
     root = np.random.default_rng(2).normal(size=(12, 12))
     fit = SuperquadricFit(body, {}, 12, 1.0, root @ root.T, np.ones(3), 0.5, (), 1)
-    found = in_world(fit, frame)
+    found = fit_to_world(fit, frame)
     unit = np.array([10, 10, 10, 1, 1, 1, 1, 1, 10, 10, 10, 1.0])
     np.testing.assert_allclose(found.covariance, root @ root.T * np.outer(unit, unit))
     assert found.noise == 5 and found.superquadric.hole_radius == body.hole_radius
     np.testing.assert_allclose(found.superquadric.semi_axes, 10 * body.semi_axes)
-    np.testing.assert_allclose(in_frame(found, frame).covariance, root @ root.T)
+    np.testing.assert_allclose(fit_to_local(found, frame).covariance, root @ root.T)
 
 
 @pytest.mark.parametrize("flat", [False, True])
@@ -245,7 +246,7 @@ def test_rank_and_condition_are_those_of_the_derivatives_in_the_own_axes(flat):
     upright = Superquadric("ellipsoid", body.semi_axes, body.exponents)
     local = (points - body.translation) @ body.rotation
     singular = np.linalg.svd(upright.parameter_derivatives(local)[1], compute_uv=False)
-    rank, condition = paper.determinacy(body, points)
+    rank, condition = paper.rank_and_condition(body, points)
     expected = sum(value > 1e-10 * singular.max() for value in singular)
     assert rank == expected and (rank < 11) == flat
     assert condition == pytest.approx(singular.max() / singular.min(), rel=1e-6) or (flat and condition > 1e12)

@@ -7,8 +7,7 @@ from shapes_made import KINDS, angles, even_directions, gap, lumpy, made, single
 from quadriform import fit_superquadric
 from quadriform.errors import DegenerateError, OptionError
 from quadriform.fitting.superquadric import paper
-from quadriform.fitting.superquadric.candidates import Candidates
-from quadriform.fitting.superquadric.levenberg_marquardt import distances
+from quadriform.fitting.superquadric.candidates import Candidates, distances
 from quadriform.fitting.superquadric.paper import _Unbounded
 from quadriform.shapes.control_box import ControlBox
 
@@ -86,7 +85,7 @@ def test_free_numbers_stand_for_the_start(kind):
     first = made(kind, (0.6, 1.4))
     coordinates = _Unbounded(first)
     free = coordinates.unbounded()
-    np.testing.assert_allclose(coordinates.in_frame(free).parameters, first.parameters, rtol=1e-12)
+    np.testing.assert_allclose(coordinates.superquadric(free).parameters, first.parameters, rtol=1e-12)
     h, (_, slope) = 1e-6, coordinates.bound(free)
     for k in range(len(free)):
         ends = [coordinates.bound(free + sign * h * np.eye(len(free))[k])[0].parameters[k] for sign in (1, -1)]

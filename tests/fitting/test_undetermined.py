@@ -10,6 +10,7 @@ from quadriform.fitting.mixture import Mixture
 from quadriform.fitting.superquadric.candidates import Candidates
 from quadriform.fitting.superquadric.initial import principal_axes
 from quadriform.fitting.superquadric.levenberg_marquardt import Descent, accelerated
+from quadriform.fitting.superquadric.problem import SearchProblem
 
 INDICES = np.stack(np.meshgrid(*[np.arange(-16, 17)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
 SPHERE = even_directions(300)
@@ -93,8 +94,8 @@ def test_a_part_without_any_weight_is_the_whole_cloud():
 def test_candidates_without_inliers_stay_where_they_are():
     """Old bug: normal equations of zeros, which cannot be factorised."""
     candidates = Candidates.of([made(exponents=(1, 1))])
-    held, mixture = np.zeros(11, dtype=bool), Mixture(np.array([0.5]), np.array([0.1]))
-    descent = Descent(candidates, SPHERE, np.zeros(300), mixture, 100.0, held, np.zeros(300), np.ones(300))
+    problem = SearchProblem(SPHERE, np.zeros(300), "ellipsoid", {}, np.zeros(300), np.ones(300))
+    descent = Descent(problem, candidates, Mixture(np.array([0.5]), np.array([0.1])))
     descent.damping[:] = 0
     np.testing.assert_array_equal(descent._step(), np.zeros((1, 11)))
 

@@ -4,8 +4,7 @@ import kernel_oracle as oracle
 import numpy as np
 import pytest
 
-from quadriform.fitting.superquadric.candidates import Candidates
-from quadriform.fitting.superquadric.levenberg_marquardt import distances
+from quadriform.fitting.superquadric.candidates import Candidates, distances
 from quadriform.shapes.closest import MAX_STEPS, _converge, surface_points, update_foot_points
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superquadric import Superquadric

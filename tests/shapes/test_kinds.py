@@ -8,8 +8,7 @@ import pytest
 from shapes_made import SKEW, angles, even_directions, made
 
 import quadriform as qf
-from quadriform.fitting.superquadric.candidates import Candidates
-from quadriform.fitting.superquadric.levenberg_marquardt import distances
+from quadriform.fitting.superquadric.candidates import Candidates, distances
 from quadriform.shapes.closest import closest_on, surface_points
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.kinds import KINDS, LAYOUTS, TERMS, Kind, Norm

@@ -34,8 +34,8 @@ from quadriform.fitting.quality import Assessment
 from quadriform.fitting.refinement.large_clouds import on_all, sample_of_large
 from quadriform.fitting.refinement.refine import RefinementInput, refine_tangent
 from quadriform.fitting.result import Fit, Progress, Result, SuperquadricFit, unnamed
-from quadriform.fitting.superquadric.around import Around, Plane, Viewpoint, around_each
-from quadriform.fitting.superquadric.fit import fit_by_paper, fit_robust, in_frame
+from quadriform.fitting.superquadric.fit import fit_by_paper, fit_robust, fit_to_local
+from quadriform.fitting.superquadric.surroundings import Plane, Surroundings, Viewpoint, surroundings_by_name
 from quadriform.fitting.threads import one_blas_thread
 from quadriform.point_sets import ALONE, Given, PointSet, common_unit, point_sets, points_sha256, precision_loss
 from quadriform.points import Array, Frame, check_spread, check_weights, for_each
@@ -93,7 +93,8 @@ def fit(
     chosen = options_for(method, options | dict(matching=matching, iterations=iterations, tolerance=tolerance))
     clouds = _checked(sets, weights, noise, method)
     if viewpoint is not None or support is not None:
-        clouds = replace(clouds, around=around_each(clouds.points, sets, viewpoint, support, method))
+        known = surroundings_by_name(clouds.points, sets, viewpoint, support, method)
+        clouds = replace(clouds, surroundings=known)
     found = _fitted(clouds, kind, chosen, progress)
     return _with_notes_of_points(sets, replace(found, model=replace(found.model, unit=unit, space=space)))
 
@@ -107,7 +108,7 @@ def _fitted(clouds: _Clouds, kind: str, options: PaperOptions | TangentOptions, 
     index = sample_of_large(clouds.points, clouds.weights)
     sample = clouds.take(index)
     starts = {
-        name: fit_robust(cloud, kind, sample.weights[name], {}, sample.noise.get(name), sample.around.get(name))
+        name: fit_robust(cloud, kind, sample.weights[name], {}, sample.noise.get(name), sample.surroundings.get(name))
         for name, cloud in sample.points.items()
     }
     if options.robust:
@@ -181,7 +182,7 @@ class _Clouds:
     """Checked points (n, 3) by name, with weights (n,), normals (n, 3) if there are any, and notes on the noise.
 
     `noise`, covariances (n, 3, 3), is of all clouds or of none; `others` (n,) are masks of the points of other bodies,
-    once known; `around` is what is known beside the points: viewpoints, and the plane on which the body stands.
+    once known; `surroundings` is what is known beside the points: viewpoints, and the plane on which the body stands.
     """
 
     points: dict[str, Array]
@@ -190,7 +191,7 @@ class _Clouds:
     noise: dict[str, Array]
     notes: tuple[str, ...]
     others: Masks = field(default_factory=dict)
-    around: dict[str, Around] = field(default_factory=dict)
+    surroundings: dict[str, Surroundings] = field(default_factory=dict)
 
     @property
     def weights_of_body(self) -> dict[str, Array]:
@@ -204,8 +205,8 @@ class _Clouds:
         parts = (self.points, self.weights, self.normals, self.noise)
         points, weights, normals, noise = ({name: each[index[name]] for name, each in p.items()} for p in parts)
         others = {name: each[index[name]] for name, each in self.others.items()}
-        around = {name: each.take(index[name]) for name, each in self.around.items()}
-        return _Clouds(points, weights, normals, noise, self.notes, others, around)
+        surroundings = {name: each.take(index[name]) for name, each in self.surroundings.items()}
+        return _Clouds(points, weights, normals, noise, self.notes, others, surroundings)
 
 
 def _checked(sets: Mapping[str, PointSet], weights: Weights, noise: Noise, method: str) -> _Clouds:
@@ -288,7 +289,7 @@ def _refine_tangent(
         warm_start=None if start is None else frame.shape_to_local(start),
         progress=progress,
     )
-    starts = {name: in_frame(each, frame) for name, each in (fitted or {}).items()}
+    starts = {name: fit_to_local(each, frame) for name, each in (fitted or {}).items()}
     refined = refine_tangent(given, _in_frame(superquadrics, frame), kind_of_other_starts)
     result = replace(refined, starts=starts)
     found = _in_world(_of_all_points(result, distinct, sample), sample.points, frame, sample.noise)

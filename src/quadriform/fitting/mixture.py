@@ -1,4 +1,12 @@
-"""Which points belong to the surface: inliers Gaussian in the distance, outliers uniform, both estimated (EM)."""
+"""Which points belong to the surface: a mixture of inliers and outliers, estimated by expectation maximisation (EM).
+
+With r the inlier ratio, sigma the standard deviation of inliers, D the depth and o the log odds of a point by what is
+known besides its distance d, the density of the distance is
+
+    p(d) = e^o r N(d; 0, sigma^2) + (1 - r) / D
+
+and the probability to be an inlier the first term over p. Lengths are in RMS radii of the cloud.
+"""
 
 from dataclasses import dataclass
 
@@ -12,6 +20,14 @@ DEPTH = 2.0
 LEAST_SIGMA = 1e-9
 """Noise-free data would drive sigma to zero; below this distances are rounding."""
 LEAST_RATIO, LARGEST_RATIO = 0.02, 0.999
+"""Limits of the inlier ratio: within them both kinds of points have finite log densities."""
+ANNEALED_RATIO = 0.6
+"""The inlier ratio during annealing, before it can be estimated: most points, but not all."""
+PRIOR_INLIERS, PRIOR_POINTS = 1.0, 1.5
+"""Points that are added when the ratio is estimated, 1.5 of which 1 is an inlier: a weak prior, so that few points do
+not make the ratio 0 or 1."""
+LEAST_FREEDOM = 0.2
+"""Least degrees of freedom of sigma as a fraction of the inliers: a few points met exactly must not look noise-free."""
 FEWEST = 10
 """Least number of points, or sum of probabilities, of which a mean is taken."""
 ANNEALING, LEAST_ANNEALED = 0.75, 0.02
@@ -72,13 +88,16 @@ class Mixture:
 
 
 def estimated(distances: Array, inliers: Array, weights: Array, n_parameters: int) -> Mixture:
-    """Inlier ratio and sigma by one EM step; sigma with the degrees of freedom that the parameters leave."""
+    """Inlier ratio and sigma by one EM step; sigma with the degrees of freedom that the parameters leave.
+
+    With the inliers' weights w_i, their sum W, the sum V of all weights and p parameters these are
+    sigma^2 = sum_i w_i d_i^2 / (W - p) and r = (W + 1) / (V + 1.5).
+    """
     weighted = weights * inliers
     count, total = (weighted.sum(axis=1), np.broadcast_to(weights, inliers.shape).sum(axis=1))
-    freedom = np.maximum(count - n_parameters, 0.2 * count)  # a few points met exactly must not look noise-free
+    freedom = np.maximum(count - n_parameters, LEAST_FREEDOM * count)
     sigma = np.sqrt((weighted * distances**2).sum(axis=1) / np.maximum(freedom, 1e-300))
-    # pseudo-counts of a weak prior: few points do not make the ratio 0 or 1
-    inlier_ratio = np.clip((count + 1) / (total + 1.5), LEAST_RATIO, LARGEST_RATIO)
+    inlier_ratio = np.clip((count + PRIOR_INLIERS) / (total + PRIOR_POINTS), LEAST_RATIO, LARGEST_RATIO)
     return Mixture(inlier_ratio, np.maximum(sigma, LEAST_SIGMA))
 
 
@@ -90,31 +109,37 @@ def all_inliers(distances: Array, weights: Array) -> Mixture:
 
 
 def annealed(mixture: Mixture, sizes: Array) -> Mixture:
-    """The mixture with a smaller sigma, whatever the data suggests: a surface between two bodies moves to one of them.
+    """The mixture with a smaller sigma, which is not estimated.
+
+    An estimated sigma stays large for a surface that lies between two bodies. As sigma is lowered the points of the
+    farther body become outliers, and the surface moves to the nearer one.
 
     Args:
         mixture: of M candidates.
         sizes: (M,) of the candidates at the start.
     """
-    return Mixture(np.full(len(sizes), 0.6), np.maximum(mixture.sigma * ANNEALING, LEAST_ANNEALED * sizes))
+    return Mixture(np.full(len(sizes), ANNEALED_RATIO), np.maximum(mixture.sigma * ANNEALING, LEAST_ANNEALED * sizes))
 
 
-def density_log_odds(reach: Array, inliers: Array) -> Array:
+def density_log_odds(neighbour_distance: Array, inliers: Array) -> Array:
     """Log odds (n,) of each point to be an inlier by how near its neighbours are: outliers are isolated.
 
-    Without them a surface gains by bending, where nothing was measured, to outliers that happen to lie there. They
-    lower the odds only: an outlier beside the surface has neighbours too. The log distance is taken as normal around
-    one mean for inliers and another for outliers, with one variance; where inliers are not the denser ones, or
-    either kind has too few points, the odds are even: log odds of zero.
+    They are those of linear discriminant analysis of two classes: the log of the neighbour distance x is normal, with
+    the mean a for inliers, b for outliers and the common variance v, so that the log odds are
+    (b - a) / v ((a + b) / 2 - x). Only their negative part is taken, for an outlier beside the surface has neighbours
+    too, and zero where inliers are not denser (b < a), or either class has too few points.
+
+    Without them a surface in a region without data would bend to single outliers there, which its likelihood counts as
+    inliers.
 
     Args:
-        reach: (n,) distance of each point to its last near neighbour.
+        neighbour_distance: (n,) distance of each point to its ninth neighbour.
         inliers: (n,) probabilities.
     """
     outliers = 1 - inliers
     if outliers.sum() < FEWEST or inliers.sum() < FEWEST:
-        return np.zeros(len(reach))
-    distance = np.log(np.maximum(reach, 1e-300))
+        return np.zeros(len(neighbour_distance))
+    distance = np.log(np.maximum(neighbour_distance, 1e-300))
     near, far = (distance @ inliers) / inliers.sum(), (distance @ outliers) / outliers.sum()
     # one variance for both kinds: with two the odds would rise again far from both means
     variance = (inliers @ (distance - near) ** 2 + outliers @ (distance - far) ** 2) / len(distance)

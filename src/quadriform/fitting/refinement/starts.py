@@ -8,7 +8,7 @@ import numpy as np
 from quadriform.fitting.cloud import dense_points, evenly_chosen
 from quadriform.fitting.superquadric.fit import fit_robust, plain_ellipsoid
 from quadriform.fitting.superquadric.initial import ellipsoid_by_moments
-from quadriform.fitting.superquadric.paper import least_criterion
+from quadriform.fitting.superquadric.paper import least_squares_p3
 from quadriform.points import Array
 from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.superquadric import Superquadric
@@ -43,7 +43,7 @@ def candidates(
     # an outlier among few points leaves less than the paper's criterion needs
     if min(map(len, dense.values())) < KINDS[kind].n_parameters:
         return [nested(surfaces, clouds) for surfaces in found]
-    plain = {name: least_criterion(cloud[evenly_chosen(cloud, PAPER_POINTS)], kind) for name, cloud in dense.items()}
+    plain = {name: least_squares_p3(cloud[evenly_chosen(cloud, PAPER_POINTS)], kind) for name, cloud in dense.items()}
     if all(surface.semi_axes.max() <= LONGEST * np.ptp(dense[name], axis=0).max() for name, surface in plain.items()):
         found.append({name: with_positive_axes(surface) for name, surface in plain.items()})
     return [nested(surfaces, clouds) for surfaces in found]

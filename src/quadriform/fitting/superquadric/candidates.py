@@ -1,4 +1,10 @@
-"""Candidates for a superquadric: many of one kind as arrays, with the parameters that a step changes."""
+"""Candidates for a superquadric: many of one kind as arrays, the parameters that a step changes, and their distances.
+
+The distance is that of P4, to first order: d = (F - 1) / |grad F|. It is exact for planes and, since F of the kind
+"ellipsoid" is of degree one along the rays from its centre, for spheres. Its derivatives are not taken at the point x
+but at the foot point x - d n, n the normal: there they are those of the Euclidean distance, to first order in d, and
+need no second derivatives of F.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -7,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from quadriform.points import Array
+from quadriform.shapes import _kernel
 from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.superquadric import EXPONENTS, Superquadric
 
@@ -99,3 +106,15 @@ class Candidates:
             hole_radius=hole if KINDS[self.kind].has_hole else None,
             height=None if KINDS[self.kind].cut_axis is None else 2 * float(axes.max()),
         )
+
+
+def distances(candidates: Candidates, points: Array) -> tuple[Array, Array]:
+    """Signed distances (M, m) of points (m, 3) to each candidate and their derivatives (M, n_parameters, m)."""
+    count, each = len(candidates), len(points)
+    result, derivatives = np.empty((count, each)), np.empty((count, candidates.n_parameters, each))
+    kind = KINDS[candidates.kind]
+    axes, holes = np.exp(candidates.log_axes), kind.has_hole * (1 + np.exp(candidates.log_holes))
+    given = (axes, candidates.exponents, candidates.rotations, candidates.translations, holes, points)
+    a, e, r, t, h, x = (np.ascontiguousarray(array) for array in given)
+    _kernel.distances(kind.codes, a, e, r, t, h, x, result, derivatives)  # P4
+    return result, derivatives

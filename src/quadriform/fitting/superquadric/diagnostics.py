@@ -39,12 +39,12 @@ def multiple_minima(others: int) -> Warnings:
 
 
 def at_bound(found: Superquadric, longest: float) -> Warnings:
-    """AT_BOUND where exponents are at the ends of their range, or a semi-axis is at the `longest` allowed."""
+    """AT_BOUND where exponents are at the ends of their range, or a semi-axis at or above `longest`, in RMS radii."""
     parts, exponents = [], found.exponents
     if (exponents < EXPONENTS[0] + NEAR_BOUND).any() or (exponents > EXPONENTS[1] - NEAR_BOUND).any():
         parts.append(f"exponents {exponents.round(3).tolist()} at {EXPONENTS}")
     if (found.semi_axes > longest * (1 - NEAR_BOUND)).any():
-        parts.append("a semi-axis at twice the extent of the data")
+        parts.append(f"a semi-axis of {found.semi_axes.max():.3g} RMS radii of the data, at or above {longest:.3g}")
     return {WarningKind.AT_BOUND: " and ".join(parts) + ": the data does not determine them"} if parts else {}
 
 

@@ -1,8 +1,16 @@
 """Where a body cannot be: on the rays of a sensor that met nothing, and beyond a plane on which it stands.
 
-A face without points costs nothing in a sum over points. But the surface of a body has points wherever the sensor sees
-it. So each ray is empty up to what was measured in its direction, or all along where nothing was. For a body with a
-piece of an empty ray inside this ray counts as a point that is as deep inside.
+A sum over points does not show that a part of a surface has no points. But where the sensor sees the surface of a body
+there are points. So the ray of the sensor in any direction is empty up to the point that was measured in this
+direction, and all along where none was. Rays in the plane of the support are empty too.
+
+The penalty: an empty ray is sampled at K positions. With d(x) the signed distance of a position to a candidate,
+negative inside, and d_min the least one of the ray, the ray counts as one point at the distance min(d_min, 0): a
+candidate that contains a piece of it loses the log likelihood
+
+    w (log p(0) - log p(min(d_min, 0))),
+
+p the density of a distance by the mixture and w the number of points that the ray stands for.
 """
 
 from collections.abc import Iterator
@@ -13,9 +21,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from quadriform.fitting.mixture import Mixture
-from quadriform.fitting.superquadric.candidates import Candidates
-from quadriform.fitting.superquadric.levenberg_marquardt import distances
-from quadriform.fitting.superquadric.penalty import PenaltyTerms
+from quadriform.fitting.superquadric.candidates import Candidates, distances
+from quadriform.fitting.superquadric.surroundings import Surroundings
 from quadriform.points import Array, unit_vectors
 
 
@@ -24,18 +31,19 @@ class EmptySpaceSettings:
     """The constants of empty space."""
 
     grid: int = 32
-    """Rays along each side of a field around the inliers; a surface is bounded to one step of it. A multiple of
-    `depths`."""
+    """Rays along each side of a square grid around the inliers, in the image of the sensor or in the support plane. The
+    outline of a body is known to one step of it. A multiple of `depths`."""
     field: float = 1.5
-    """Side of the field over that of the inliers: surface that goes farther crosses its border first."""
+    """Side of the grid over the extent of the inliers: a surface that extends beyond it crosses its outer rays."""
     depths: int = 8
     """Positions along each ray: several within a body."""
     neighbours: int = 8
-    """Measured directions next to a ray. Together they say how far away the nearest thing is there."""
+    """Measured directions next to a ray. The least of their ranges is taken as the range of the ray."""
     farther: float = 1.25
-    """Nothing was measured in a direction that is farther from the next measured one than this times the distance of
-    that one from so many neighbours, twice the mean distance: one such hole in 100,000 is by chance. What was thinned
-    out, as what is nearer often is, still hides what is behind it."""
+    """A measured direction stands for a disc around it, with the distance to its last neighbour times this as radius;
+    where no disc lies nothing was measured. With 8 neighbours the radius is twice the mean distance of points, and one
+    direction in 100,000 is outside of all discs by chance. Where points are sparse, as in a cloud that was thinned out,
+    the discs are larger, so that a surface still hides what is behind it."""
     least: int = 100
     """Inliers that were seen from a position: fewer show no outline."""
     views: int = 8
@@ -45,6 +53,23 @@ class EmptySpaceSettings:
 
 
 EMPTY = EmptySpaceSettings()
+
+
+@dataclass(frozen=True)
+class PenaltyTerms:
+    """A penalty at M candidates: the log likelihood that they lose, and its derivatives times sigma squared.
+
+    The factor makes the derivatives add up with those of the weighted squared distances in `Descent`.
+
+    Attributes:
+        cost: (M,).
+        gradient: (M, p).
+        matrix: (M, p, p), of second derivatives by Gauss and Newton: without those of the distances.
+    """
+
+    cost: Array
+    gradient: Array
+    matrix: Array
 
 
 @dataclass(frozen=True)
@@ -59,11 +84,11 @@ class EmptySpace:
     rays: Array
     weights: Array
 
-    def scaled(self, factor: float) -> "EmptySpace":
-        """The same for a sample of the points."""
-        return replace(self, weights=factor * self.weights)
+    def of_sample(self, fraction: float) -> "EmptySpace":
+        """The same beside a sample with a fraction of the points."""
+        return replace(self, weights=fraction * self.weights)
 
-    def __call__(self, candidates: Candidates, mixture: Mixture) -> PenaltyTerms:
+    def penalty(self, candidates: Candidates, mixture: Mixture) -> PenaltyTerms:
         """The log likelihood that candidates lose by empty rays inside them, and its derivatives."""
         count, rays = len(candidates), len(self.rays)
         found, derivatives = distances(candidates, self.rays.reshape(-1, 3))
@@ -82,64 +107,55 @@ class EmptySpace:
         )
 
 
-@dataclass(frozen=True)
-class Surroundings:
-    """What is known beside the points, in their frame.
+def empty_space(surroundings: Surroundings, points: Array, inliers: NDArray[np.bool_]) -> EmptySpace | None:
+    """Empty rays around those of all points (n, 3) that are of the body, by a mask (n,); None without any ray."""
+    parts = [*_of_views(surroundings, points, inliers), *_of_support(surroundings, points, inliers)]
+    if not parts:
+        return None
+    return EmptySpace(np.concatenate([p.rays for p in parts]), np.concatenate([p.weights for p in parts]))
 
-    Attributes:
-        points: (n, 3), all that were measured.
-        viewpoints: (n, 3), where each was seen from; None where that is not known.
-        plane: a point of a plane that no part of the body is beyond, and its unit normal to the side of the body; or
-            None.
-    """
 
-    points: Array
-    viewpoints: Array | None
-    plane: tuple[Array, Array] | None
+def _of_views(surroundings: Surroundings, points: Array, inliers: NDArray[np.bool_]) -> Iterator[EmptySpace]:
+    """The empty rays of each position that saw enough inliers."""
+    if surroundings.viewpoints is None:
+        return
+    eyes, view = np.unique(surroundings.viewpoints, axis=0, return_inverse=True)
+    counts = np.bincount(view.reshape(-1), inliers)
+    most = np.argsort(-counts, kind="stable")[: EMPTY.views]
+    for number in most[counts[most] >= EMPTY.least]:
+        of = view.reshape(-1) == number
+        yield _seen_from(eyes[number], points[of], inliers[of])
 
-    def empty_space(self, inliers: NDArray[np.bool_]) -> EmptySpace | None:
-        """Empty rays around those points (n,) that are of the body; None without any."""
-        parts = [*self._views(inliers), *self._support(inliers)]
-        if not parts:
-            return None
-        return EmptySpace(np.concatenate([p.rays for p in parts]), np.concatenate([p.weights for p in parts]))
 
-    def _views(self, inliers: NDArray[np.bool_]) -> Iterator[EmptySpace]:
-        if self.viewpoints is None:
-            return
-        eyes, view = np.unique(self.viewpoints, axis=0, return_inverse=True)
-        counts = np.bincount(view.reshape(-1), inliers)
-        most = np.argsort(-counts, kind="stable")[: EMPTY.views]
-        for number in most[counts[most] >= EMPTY.least]:
-            of = view.reshape(-1) == number
-            yield _seen_from(eyes[number], self.points[of], inliers[of])
-
-    def _support(self, inliers: NDArray[np.bool_]) -> Iterator[EmptySpace]:
-        if self.plane is None or inliers.sum() <= EMPTY.neighbours:
-            return
-        at, normal = self.plane
-        frame = _frame_about(normal)
-        local = (self.points[inliers] - at) @ frame
-        centres, occupied = _field(local[:, :2])
-        on_plane = np.column_stack([centres, np.zeros(len(centres))]) @ frame.T + at
-        rays = on_plane.reshape(-1, EMPTY.depths, 3)  # parts of its rows
-        yield EmptySpace(rays, np.full(len(rays), EMPTY.depths * inliers.sum() / occupied))
+def _of_support(surroundings: Surroundings, points: Array, inliers: NDArray[np.bool_]) -> Iterator[EmptySpace]:
+    """Rays in the plane of the support: parts of the rows of a grid around the inliers' projections onto it."""
+    if surroundings.plane is None or inliers.sum() <= EMPTY.neighbours:
+        return
+    at, normal = surroundings.plane
+    frame = _frame_about(normal)
+    centres, occupied = _grid_around(((points[inliers] - at) @ frame)[:, :2])
+    on_plane = np.column_stack([centres, np.zeros(len(centres))]) @ frame.T + at
+    rays = on_plane.reshape(-1, EMPTY.depths, 3)
+    yield EmptySpace(rays, np.full(len(rays), EMPTY.depths * inliers.sum() / occupied))
 
 
 def _seen_from(eye: Array, points: Array, inliers: NDArray[np.bool_]) -> EmptySpace:
-    """Empty rays of a sensor at a position (3,), around the inliers (n,) of its points (n, 3), and past all of them."""
+    """Empty rays of a sensor at a position (3,), around the inliers (n,) of its points (n, 3).
+
+    Rays that end at the body are left out. Directions are positions in the sensor's image, at unit distance from it.
+    """
     frame = _frame_about((points[inliers] - eye).mean(axis=0))
     local, ranges = (points - eye) @ frame, np.linalg.norm(points - eye, axis=1)
     ahead = local[:, 2] > 0
-    plane, ranges = local[ahead, :2] / local[ahead, 2:], ranges[ahead]
+    image, ranges = local[ahead, :2] / local[ahead, 2:], ranges[ahead]
     of_body = inliers[ahead]
-    centres, occupied = _field(plane[of_body])
+    centres, occupied = _grid_around(image[of_body])
     near, far = ranges[of_body].min(), ranges[of_body].max()
-    # a body goes on behind what is seen of it, as far as it is wide there at most
-    reach = max(far - near, far * float(np.ptp(plane[of_body], axis=0).max()))
-    ends, past = _empty_range(centres, plane, ranges, of_body)
-    begin, ends = max(near - reach, 0.0), np.minimum(ends, far + reach)
-    kept = past & (ends > begin)
+    # a body extends behind what is seen of it, at most as far as it is wide there
+    depth = max(far - near, far * float(np.ptp(image[of_body], axis=0).max()))
+    ends, passes = _empty_range(centres, image, ranges, of_body)
+    begin, ends = max(near - depth, 0.0), np.minimum(ends, far + depth)
+    kept = passes & (ends > begin)
     centres, ends = centres[kept], ends[kept]
     along = begin + (ends - begin)[:, None] * np.linspace(0, 1, EMPTY.depths)
     towards = unit_vectors(np.column_stack([centres, np.ones(len(centres))])) @ frame.T
@@ -147,10 +163,10 @@ def _seen_from(eye: Array, points: Array, inliers: NDArray[np.bool_]) -> EmptySp
     return EmptySpace(rays, np.full(len(rays), of_body.sum() / occupied))
 
 
-def _field(plane: Array) -> tuple[Array, float]:
+def _grid_around(points: Array) -> tuple[Array, float]:
     """Centres (R, 2) of a grid around points (m, 2) of a plane, along their axes, and how many cells have points."""
-    axes = np.linalg.eigh(np.cov(plane.T))[1]
-    local = plane @ axes
+    axes = np.linalg.eigh(np.cov(points.T))[1]
+    local = points @ axes
     low, high = local.min(axis=0), local.max(axis=0)
     middle, side = (low + high) / 2, EMPTY.field * np.maximum(high - low, 1e-12)
     cells = np.floor((local - middle) / side * EMPTY.grid).astype(np.int64)
@@ -160,24 +176,31 @@ def _field(plane: Array) -> tuple[Array, float]:
 
 
 def _empty_range(
-    centres: Array, plane: Array, ranges: Array, of_body: NDArray[np.bool_]
+    centres: Array, image: Array, ranges: Array, of_body: NDArray[np.bool_]
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """How far rays in directions (R, 2) are empty, by measured directions (n, 2) and their ranges (n,); which pass.
+    """The distance (R,) from the sensor up to which rays are empty, infinite where no disc lies, and a mask (R,).
 
-    Each measured direction stands for a disc, large where few were measured.
+    The mask is true for rays that pass the body: on none of the discs of its own points, which show its surface
+    themselves. The discs are those of `EmptySpaceSettings.farther`.
+
+    Args:
+        centres: directions (R, 2) of the rays, in the image.
+        image: measured directions (n, 2).
+        ranges: (n,), of the measured points.
+        of_body: (n,), which of them are of the body.
     """
-    count = min(EMPTY.neighbours, len(plane) - 1)
-    radii = EMPTY.farther * cKDTree(plane).query(plane, k=count + 1)[0][:, -1]
+    count = min(EMPTY.neighbours, len(image) - 1)
+    radii = EMPTY.farther * cKDTree(image).query(image, k=count + 1)[0][:, -1]
+    # discs of about the same radius together (within a factor of two): among these a ray lies on those next to it
     octave = np.floor(np.log2(np.maximum(radii / radii.max(), 1e-9))).astype(np.int64)
-    ends, past = np.full(len(centres), np.inf), np.ones(len(centres), dtype=np.bool_)
+    ends, passes = np.full(len(centres), np.inf), np.ones(len(centres), dtype=np.bool_)
     for number in np.unique(octave):
         of = np.flatnonzero(octave == number)
-        away, near = cKDTree(plane[of]).query(centres, k=[*range(1, min(count, len(of)) + 1)])
-        within = away <= radii[of][near]
+        distance, near = cKDTree(image[of]).query(centres, k=[*range(1, min(count, len(of)) + 1)])
+        within = distance <= radii[of][near]
         ends = np.minimum(ends, np.where(within, ranges[of][near], np.inf).min(axis=1) - EMPTY.margin)
-        # where the body was measured its points say the same
-        past &= ~(within & of_body[of][near]).any(axis=1)
-    return ends, past
+        passes &= ~(within & of_body[of][near]).any(axis=1)
+    return ends, passes
 
 
 def _frame_about(axis: Array) -> Array:

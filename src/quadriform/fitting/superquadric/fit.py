@@ -13,8 +13,8 @@ from quadriform.fitting.cloud import Centred
 from quadriform.fitting.diagnostics import INLIER, duplicates, outliers, poor_fit
 from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.result import SuperquadricFit
-from quadriform.fitting.superquadric.around import Around, Plane
 from quadriform.fitting.superquadric.candidates import AXES, SHIFT
+from quadriform.fitting.superquadric.covariance import likelihood_covariance
 from quadriform.fitting.superquadric.diagnostics import (
     POOR_SUPERQUADRIC,
     at_bound,
@@ -24,13 +24,13 @@ from quadriform.fitting.superquadric.diagnostics import (
     partial_coverage,
     undetermined,
 )
-from quadriform.fitting.superquadric.identifiability import determined
+from quadriform.fitting.superquadric.identifiability import identifiability_of
 from quadriform.fitting.superquadric.initial import cut_to, ellipsoid_by_moments
-from quadriform.fitting.superquadric.multistart import SearchResult, nearby, solve
-from quadriform.fitting.superquadric.openness import remaining_covariance
+from quadriform.fitting.superquadric.multistart import SearchResult, best_of_descents, solve
 from quadriform.fitting.superquadric.paper import fit_paper
 from quadriform.fitting.superquadric.problem import SearchProblem
 from quadriform.fitting.superquadric.search_settings import SEARCH
+from quadriform.fitting.superquadric.surroundings import Plane, Surroundings
 from quadriform.fitting.support import covered_fraction
 from quadriform.fitting.threads import one_blas_thread
 from quadriform.point_sets import ALONE, point_set, precision_loss
@@ -62,11 +62,13 @@ def fit_superquadric(
         kind: "ellipsoid" (superellipsoids, also with other exponents than one), "toroid", "hyperboloid1" or
             "hyperboloid2".
         method: "robust": allows for outliers, missing parts and other bodies, without parameters to set;
-            "paper": start from moments (A.3), criterion P3 by conjugate gradient (2.3).
+            "paper": the method of the paper, sections 2.3 and A.3: the least sum of (F - 1)^2 over the points, F the
+            inside-outside function, by conjugate gradient from the ellipsoid with the moments of the points.
         weights: (n,), >= 0; a point of weight k counts as k points, one of weight 0 does not count.
         fixed: values of "semi_axes", "exponents", "rotation" or "translation" that are fixed.
         noise: of the measurement, only for "robust": a standard deviation, one for each point (n,), or covariances
-            (n, 3, 3), in the unit of the points. Distances are measured by it, and sigma is at least as large.
+            (n, 3, 3), in the unit of the points. Each distance is divided by the standard deviation of its point
+            along the normal, relative to the others, and the estimated noise of the fit is at least the known one.
         viewpoint: position (3,) of the sensor, or for each point (n, 3) where it was seen from, in the unit and frame
             of the points; only for "robust". Surface in its view, where it measured nothing, is penalised. Positions
             that fewer than 100 points have in common say nothing.
@@ -81,10 +83,10 @@ def fit_superquadric(
     checked = point_set(points, weights=weights)
     world = checked.points
     known = checked.noise if noise is None else check_noise(noise, len(world))
-    around = None if viewpoint is None and support is None else Around.of(world, viewpoint, support)
+    surroundings = None if viewpoint is None and support is None else Surroundings.of(world, viewpoint, support)
     if method == "robust":
-        found = fit_robust(world, kind, check_weights(weights, len(world)), dict(fixed or {}), known, around)
-    elif weights is not None or fixed or noise is not None or around is not None:
+        found = fit_robust(world, kind, check_weights(weights, len(world)), dict(fixed or {}), known, surroundings)
+    elif weights is not None or fixed or noise is not None or surroundings is not None:
         raise OptionError(
             "method='paper' takes neither weights nor fixed, noise, viewpoint or support; use method='robust'"
         )
@@ -98,7 +100,7 @@ def fit_by_paper(world: Array, kind: str) -> SuperquadricFit:
     """The paper's fit to checked points (n, 3), in their unit and frame."""
     check_spread(world, needed=KINDS[kind].n_parameters)
     frame = Frame.of(world)
-    return in_world(fit_paper(frame.to_local(world), kind), frame)
+    return fit_to_world(fit_paper(frame.to_local(world), kind), frame)
 
 
 def fit_robust(
@@ -107,7 +109,7 @@ def fit_robust(
     weights: Array,
     fixed: dict[str, ArrayLike],
     noise: Array | None,
-    around: Around | None = None,
+    surroundings: Surroundings | None = None,
 ) -> SuperquadricFit:
     """The superquadric of points (n, 3) of which some may be outliers, of other bodies, or missing.
 
@@ -117,7 +119,7 @@ def fit_robust(
         weights: (n,) checked.
         fixed: fixed values by name, in the frame of the points.
         noise: (n, 3, 3) covariances of the points, checked, where they are known.
-        around: what is known beside the points, in their frame, or None.
+        surroundings: what is known beside the points, in their frame, or None.
     """
     if fixed.keys() >= set(FIXABLE) and not KINDS[kind].has_hole:
         raise OptionError(f"option fixed: nothing is left to fit; expected at most three of {', '.join(FIXABLE)}")
@@ -130,17 +132,16 @@ def fit_robust(
         local,
         centred.weights[ALONE],
         kind,
-        fixed=_in_frame(fixed, frame),
+        fixed=_fixed_to_local(fixed, frame),
         log_odds=np.zeros(len(local)),
         noise=known.deviations(ALONE, centred),
         least_sigma=known.least_sigma,
+        surroundings=None if surroundings is None else surroundings.to_local(distinct, frame),
     )
-    if around is not None:
-        problem = replace(problem, surroundings=around.surroundings(local, distinct, frame))
     with np.errstate(all="ignore"):
         solution = solve(problem)
     inliers = distinct.expand_to_duplicates(solution.descent.inliers[0])
-    fit = in_world(_outcome(solution, frame.to_local(world), inliers, known.least_sigma), frame)
+    fit = fit_to_world(_outcome(solution, frame.to_local(world), inliers, known.least_sigma), frame)
     return replace(fit, warnings=fit.warnings | duplicates(distinct.copies, len(world)))
 
 
@@ -149,10 +150,10 @@ def plain_ellipsoid(points: Array, robust: Superquadric) -> Superquadric:
     ones, fixed = np.ones(len(points)), {"exponents": np.ones(2)}
     problem = SearchProblem(points, ones, "ellipsoid", fixed, log_odds=np.zeros(len(points)), noise=ones)
     with np.errstate(all="ignore"):
-        return nearby(problem, [ellipsoid_by_moments(points), robust])
+        return best_of_descents(problem, [ellipsoid_by_moments(points), robust])
 
 
-def _in_frame(fixed: dict[str, ArrayLike], frame: Frame) -> dict[str, Array]:
+def _fixed_to_local(fixed: dict[str, ArrayLike], frame: Frame) -> dict[str, Array]:
     """Fixed values, checked, in the centred and scaled frame."""
     for name in fixed:
         choose(name, FIXABLE, "fixed")
@@ -179,7 +180,7 @@ def _outcome(solution: SearchResult, points: Array, inliers: Array, least_sigma:
     sigma = float(descent.mixture.sigma[0])
     found = cut_to(descent.candidates.superquadric(0), points[inliers >= INLIER])
     weights = descent.weights * descent.inliers[0]
-    state = determined(descent.candidates, descent.derivatives[0], weights, sigma, descent.fixed)
+    state = identifiability_of(descent.candidates, descent.derivatives[0], weights, sigma, descent.fixed)
     steps = len(descent.history)
     warnings = (
         undetermined(state.rank, state.condition, int((~descent.fixed).sum()))
@@ -188,23 +189,22 @@ def _outcome(solution: SearchResult, points: Array, inliers: Array, least_sigma:
         | partial_coverage(covered_fraction(found, points[inliers >= INLIER]), inliers)
         # sigma is the RMS distance of the inliers, so it is judged like one distance
         | poor_fit(np.array([sigma]), limit=POOR_SUPERQUADRIC, known=least_sigma**2)
-        | at_bound(found, descent.longest)
+        | at_bound(found, descent.problem.longest)
         | multiple_minima(solution.alternatives)
         | not_converged(solution.converged, steps)
     )
-    # by the curvature of the likelihood; but without noise the distances are rounding and it has none of its own, so
-    # that the covariance is that of linear least squares
-    covariance = state.covariance if sigma < SEARCH.exact else remaining_covariance(descent)
+    # without noise the distances are rounding, and so is the curvature of their likelihood
+    covariance = state.covariance if sigma < SEARCH.exact else likelihood_covariance(descent)
     history = tuple(descent.history)
     return SuperquadricFit(found, warnings, state.rank, state.condition, covariance, inliers, sigma, history, steps)
 
 
-def in_world(fit: SuperquadricFit, frame: Frame) -> SuperquadricFit:
+def fit_to_world(fit: SuperquadricFit, frame: Frame) -> SuperquadricFit:
     """A fit made in the centred, unit-free frame, back in the unit of the data."""
     return _in_unit(fit, frame.shape_to_world(fit.superquadric), frame.scale)
 
 
-def in_frame(fit: SuperquadricFit, frame: Frame) -> SuperquadricFit:
+def fit_to_local(fit: SuperquadricFit, frame: Frame) -> SuperquadricFit:
     """A fit in the unit of the data in a centred, unit-free frame."""
     return _in_unit(fit, frame.shape_to_local(fit.superquadric), 1 / frame.scale)
 

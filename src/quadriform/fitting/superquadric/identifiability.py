@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from quadriform.fitting.superquadric.candidates import AXES, HOLE, POWERS, ROTATION, SHIFT, Candidates
+from quadriform.fitting.superquadric.candidates import AXES, HOLE, POWERS, ROTATION, SHIFT, Candidates, distances
 from quadriform.fitting.superquadric.diagnostics import UNDETERMINED
-from quadriform.fitting.superquadric.levenberg_marquardt import EXPONENT_SPREAD, distances
+from quadriform.fitting.superquadric.levenberg_marquardt import EXPONENT_SPREAD
 from quadriform.points import Array
 from quadriform.shapes.superellipse import quiet
 from quadriform.shapes.superquadric import Superquadric
@@ -16,13 +16,12 @@ SYMMETRIC_ROTATION = 0.2
 """A rotation with a standard deviation above this, in radians, is undetermined: about an axis of symmetry."""
 PURE_ROTATION = 0.9
 """Share of rotations in the square of a direction of parameter space above which it only rotates the surface."""
-
 ROUNDING = 1e-14
 """Share of the largest eigenvalue of the information below which an eigenvalue is rounding."""
 
 
 @dataclass(frozen=True)
-class Determined:
+class Identifiability:
     """What the derivatives at the solution determine; lengths in RMS radii of the cloud.
 
     Attributes:
@@ -40,9 +39,9 @@ class Determined:
 
 
 @quiet
-def determined(
+def identifiability_of(
     candidate: Candidates, derivatives: Array, weights: Array, sigma: float, fixed: NDArray[np.bool_]
-) -> Determined:
+) -> Identifiability:
     """Rank, condition and covariance of one candidate.
 
     Args:
@@ -53,7 +52,7 @@ def determined(
         fixed: (p,) parameters that were not estimated.
     """
     estimated = np.flatnonzero(~fixed)
-    rows = (_natural(candidate, derivatives) * np.sqrt(weights))[estimated]
+    rows = (_by_parameters(candidate, derivatives) * np.sqrt(weights))[estimated]
     # by SVD of the derivatives: normal equations would square the condition
     left, singular, _ = np.linalg.svd(rows, full_matrices=False)
     rank = int((singular > 1e-10 * singular[0]).sum())
@@ -64,7 +63,7 @@ def determined(
     condition = float(singular[0] / max(singular[-1], 1e-300))
     rotation_sigma = np.sqrt(max(np.linalg.eigvalsh(covariance[ROTATION, ROTATION])[-1], 0))
     symmetric = bool((rotating > PURE_ROTATION).any() or rotation_sigma > SYMMETRIC_ROTATION)
-    return Determined(rank, condition, symmetric, covariance)
+    return Identifiability(rank, condition, symmetric, covariance)
 
 
 @quiet
@@ -73,17 +72,20 @@ def surface_at(found: Superquadric, covariance: Array, points: Array) -> tuple[A
 
     Args:
         found: the superquadric.
-        covariance: (p, p) of its parameters, in the order of `Determined`.
+        covariance: (p, p) of its parameters, in the order of `Identifiability`.
         points: anywhere near it.
     """
     candidate = Candidates.of([found])
     signed, derivatives = distances(candidate, points)
-    rows = _natural(candidate, derivatives[0])
+    rows = _by_parameters(candidate, derivatives[0])
     return signed[0], np.maximum(np.einsum("in,ij,jn->n", rows, covariance, rows, optimize=True), 0)
 
 
-def _natural(candidate: Candidates, derivatives: Array) -> Array:
-    """Derivatives by semi-axes instead of their logarithms, by the shift along the world's axes, by the hole."""
+def _by_parameters(candidate: Candidates, derivatives: Array) -> Array:
+    """Derivatives by the parameters of a superquadric, from those by the internal ones of `Candidates`.
+
+    By semi-axes instead of their logarithms, by the shift along the world's axes instead of the body's, by the hole.
+    """
     rows = derivatives.copy()
     rows[AXES] /= np.exp(candidate.log_axes[0])[:, None]
     rows[SHIFT] = candidate.rotations[0] @ rows[SHIFT]

@@ -37,7 +37,7 @@ class StartSettings:
     """Fraction of the cloud on one side of a cut, from which a start is made without the points on the other side."""
     thinnest: float = 1e-2
     """Least semi-axis of a start over its longest."""
-    open: float = 1e-7
+    equal: float = 1e-7
     """Eigenvalues nearer to each other than this fraction of the largest do not determine their axes."""
     determines: float = 1e-6
     """A moment above this fraction of the largest possible one determines a direction."""
@@ -49,13 +49,14 @@ class StartSettings:
 
 START = StartSettings()
 SADDLE = np.radians([20.0, 35.0, 50.0])
-"""Rotations about the three axes that lead away from a frame where fourth moments are stationary without being
-extreme."""
+"""Angles in the three coordinate planes. The frame after these rotations is a second start of `_of_fourth_moments`: the
+first one may be a saddle of the sum that is maximised, from which no rotation in one plane leads away."""
 ORDERS = np.array([np.roll(np.eye(3), shift, axis=1) for shift in range(3)])
 EIGHTH = pose.rotation_from_euler(np.array([0, 0, np.pi / 4]))
 START_ROTATIONS = np.concatenate([ORDERS, ORDERS @ EIGHTH])
-"""Of the axes of a start: each of the three as z, and the same by another 45 degrees about z. That is the dual: nearly
-the same shape has e2 in one and 2 - e2 in the other."""
+"""Rotations (6, 3, 3) of the axes of a start: each of the three becomes z, first without and then with a rotation by 45
+degrees about z. A shape with the exponent e2 is nearly the same as one rotated by 45 degrees with 2 - e2 (its dual), so
+that a search needs starts in both frames."""
 CUTS = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
 
 
@@ -199,14 +200,14 @@ def cut_to(found: Superquadric, points: Array) -> Superquadric:
     return replace(found, height=max(reach, 1.001 * KINDS[found.kind].least_cut * found.semi_axes[axis]))
 
 
-def reach(points: Array, cloud: Array) -> Array:
+def neighbour_distance(points: Array, cloud: Array) -> Array:
     """Distances (n,) of points (n, 3) to the last of their nearest neighbours in a cloud, maybe a sample of them."""
     return cKDTree(cloud).query(points, min(START.neighbours, len(cloud) - 1) + 1)[0][:, -1]
 
 
 def dense_parts(points: Array) -> Array:
     """Weights (2, n), 0 or 1, of two parts of a cloud (n, 3): without isolated points, and the densest points only."""
-    far = reach(points, points)
+    far = neighbour_distance(points, points)
     most = (1 + EQUAL.neighbours) * np.array([START.sparse * np.median(far), np.quantile(far, START.dense_fraction)])
     return (far <= most[:, None]).astype(np.float64)
 
@@ -233,7 +234,11 @@ def _moments(points: Array, weights: Array) -> tuple[Array, Array]:
 
 
 def bound_of_axes(points: Array) -> float:
-    """The largest semi-axis in a fit: twice the extent of points (n, 3) along a side of their box, in any rotation."""
+    """The largest semi-axis in a fit: 2 / sqrt(3) times the largest extent of points (n, 3) along a principal axis.
+
+    By the root of three, the extent of a cube along its diagonal over that along a side, it hardly depends on the axes
+    that a cloud without principal axes happens to have.
+    """
     _, values, axes = np.linalg.svd(points, full_matrices=False)
     axes = canonical_axes(values**2, axes.T, points)
     return 2 * float(np.ptp(points @ axes, axis=0).max()) / np.sqrt(3)
@@ -298,7 +303,7 @@ def canonical_axes(values: Array, axes: Array, points: Array) -> Array:
         axes: (3, 3) eigenvectors as columns.
         points: (n, 3) centred, maybe each times the root of its weight.
     """
-    near = np.abs(np.diff(values)) <= START.open * np.abs(values).max()
+    near = np.abs(np.diff(values)) <= START.equal * np.abs(values).max()
     if not near.any():
         return axes
     if not near.all():

@@ -1,9 +1,12 @@
-"""Levenberg-Marquardt descent of many superquadrics at once, and their distances to the points.
+"""Levenberg-Marquardt descent of many superquadrics at once.
 
-The distance is the first-order one of P4, d = (F - 1) / |grad F|: exact for planes and for spheres, since F is of
-degree one. Its derivatives are taken at the foot point x - d n instead of at x: there they are those of the Euclidean
-distance itself, to first order in d, without second derivatives of F. The descent maximises the mixture's likelihood,
-with a weak prior on the exponents, within bounds.
+It maximises, within bounds, for each candidate
+
+    sum_i w_i log p(d_i) - sum over both exponents of (e - 1)^2 / (2 s^2) - penalty on the size - penalty of empty space
+
+over the parameters of the candidate. p is the density of a distance by the mixture (`mixture.py`), d_i the distance of
+a point divided by its relative noise, and s the standard deviation of a weak prior on the exponents. Parameters and
+mixture are changed in turn.
 """
 
 from collections.abc import Callable
@@ -13,10 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.fitting.mixture import Mixture
-from quadriform.fitting.superquadric.candidates import AXES, POWERS, ROTATION, Candidates
-from quadriform.fitting.superquadric.penalty import Penalty
+from quadriform.fitting.superquadric.candidates import AXES, POWERS, ROTATION, Candidates, distances
+from quadriform.fitting.superquadric.problem import SearchProblem
 from quadriform.points import Array
-from quadriform.shapes import _kernel
 from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.superquadric import EXPONENTS
 
@@ -53,18 +55,6 @@ class DescentSettings:
 
 
 DESCENT = DescentSettings()
-
-
-def distances(candidates: Candidates, points: Array) -> tuple[Array, Array]:
-    """Signed distances (M, m) of points (m, 3) to each candidate and their derivatives (M, n_parameters, m)."""
-    count, each = len(candidates), len(points)
-    result, derivatives = np.empty((count, each)), np.empty((count, candidates.n_parameters, each))
-    kind = KINDS[candidates.kind]
-    axes, holes = np.exp(candidates.log_axes), kind.has_hole * (1 + np.exp(candidates.log_holes))
-    given = (axes, candidates.exponents, candidates.rotations, candidates.translations, holes, points)
-    a, e, r, t, h, x = (np.ascontiguousarray(array) for array in given)
-    _kernel.distances(kind.codes, a, e, r, t, h, x, result, derivatives)  # P4
-    return result, derivatives
 
 
 @dataclass(frozen=True)
@@ -110,72 +100,61 @@ def _box_areas(candidates: Candidates) -> Array:
 
 
 class Descent:
-    """The state of M candidates on m points.
+    """The state of M candidates on the m points of a problem.
 
     Args:
+        problem: the points, and the penalties and bounds of candidates.
         candidates: where they start.
-        points: (m, 3), centred and scaled.
-        weights: (m,) for all, or (M, m).
         mixture: where it starts.
-        longest: no semi-axis grows above it.
-        fixed: (n_parameters,) true for parameters that stay.
-        log_odds: (m,), of the points to be inliers, besides their distances; 0 is even.
-        noise: (m,) standard deviations of the points relative to sigma, by which distances are divided.
-        least_sigma: lower bound of sigma.
-        size: weight of the penalty on the size.
-        penalty: another one, or None.
+        weights: (m,) for all candidates, or (M, m); those of the problem unless given.
     """
 
     def __init__(
-        self,
-        candidates: Candidates,
-        points: Array,
-        weights: Array,
-        mixture: Mixture,
-        longest: float,
-        fixed: Mask,
-        log_odds: Array,
-        noise: Array,
-        least_sigma: float = 0.0,
-        size: float = 1.0,
-        penalty: Penalty | None = None,
+        self, problem: SearchProblem, candidates: Candidates, mixture: Mixture, weights: Array | None = None
     ) -> None:
-        self.candidates, self.points, self.weights, self.mixture = candidates, points, weights, mixture
-        self.longest, self.fixed, self.log_odds = longest, fixed, log_odds
-        self.noise, self.least_sigma, self.size, self.penalty = noise, least_sigma, size, penalty
+        self.problem, self.candidates, self.mixture = problem, candidates, mixture
+        self.points, self.fixed = problem.points, problem.fixed_mask
+        self.weights = problem.weights if weights is None else weights
         self.damping = np.full(len(candidates), DESCENT.damping)
         self.distances, self.derivatives = self._standardised(candidates)
-        self.inliers, self.log_density = mixture.densities(self.distances, self.log_odds)
+        self.inliers, self.log_density = mixture.densities(self.distances, problem.log_odds)
         self.history: list[float] = []  # the least sigma after each step
 
     def _standardised(self, candidates: Candidates) -> tuple[Array, Array]:
-        """Distances and their derivatives, divided by the relative standard deviations of the points."""
+        """Distances and their derivatives, divided by the relative noise of the points."""
         found, derivatives = distances(candidates, self.points)
-        return found / self.noise, derivatives / self.noise
+        return found / self.problem.noise, derivatives / self.problem.noise
 
     def picked(self, index: NDArray[np.int64]) -> tuple[Candidates, Mixture]:
         """The chosen candidates and their mixtures."""
         return self.candidates.take(index), self.mixture.take(index)
 
     def scores(self) -> Array:
-        """Log likelihood (M,) with a correction for the parameters, which lower sigma, less the penalty on the size."""
-        gain = self.candidates.n_parameters * np.log(self.mixture.sigma)
-        return (self.weights * self.log_density).sum(axis=1) + gain - self._penalties(self.candidates, self.extent())
+        """Log likelihood (M,) less the penalties, corrected for the p parameters by p log sigma.
+
+        The log likelihood of n inliers contains -n log sigma. With the correction the term is -(n - p) log sigma, for
+        only n - p degrees of freedom are left after p parameters were fitted.
+        """
+        correction = self.candidates.n_parameters * np.log(self.mixture.sigma)
+        likelihood = (self.weights * self.log_density).sum(axis=1)
+        return likelihood + correction - self._penalties(self.candidates, self.extent())
 
     def _penalties(self, candidates: Candidates, extent: "Extent") -> Array:
-        """The penalty (M,) on the size and the other one, at the mixture."""
-        found = extent.cost(candidates)
-        return found if self.penalty is None else found + self.penalty(candidates, self.mixture).cost
+        """The penalties (M,) on the size and of empty space, at the mixture."""
+        found, empty = extent.cost(candidates), self.problem.empty
+        return found if empty is None else found + empty.penalty(candidates, self.mixture).cost
 
     def extent(self) -> "Extent":
         """The penalty on the size of the candidates, relative to their inliers."""
-        return Extent.of(self.candidates.kind, self.points, self.size * self.weights * self.inliers)
+        return Extent.of(self.candidates.kind, self.points, self.problem.size * self.weights * self.inliers)
 
-    def run(self, iterations: int, tolerance: float, reestimate: Reestimate) -> bool:
-        """Whether the candidates converged: steps are made until the change is below `tolerance` for all of them.
+    def run(self, iterations: int, reestimate: Reestimate, tolerance: float = 0.0) -> bool:
+        """Make damped steps in place until the change of all candidates is below a tolerance, or their number.
 
-        A short step that was rejected, and is short by its damping, is no convergence: derivatives at foot points
-        differ a little from those of the likelihood, so shorter ones would be rejected too.
+        Returns:
+            Whether all converged. A step that was rejected and is short by its damping is no convergence: the
+            derivatives at foot points differ a little from those of the likelihood, so that shorter steps would be
+            rejected too. With a tolerance of zero all steps are made.
         """
         for _ in range(iterations):
             step = self._step()
@@ -186,11 +165,17 @@ class Descent:
                 return bool((accepted | (self.damping < DESCENT.damped)).all())
         return False
 
-    def converge(self, iterations: int, tolerance: float, reestimate: Reestimate) -> bool:
-        """Whether undamped, accelerated steps of one candidate reached the fixed point; else it stays as it was.
+    def converge(self, iterations: int, reestimate: Reestimate, tolerance: float) -> bool:
+        """Make undamped, accelerated steps of one candidate in place, up to the fixed point of their map.
 
-        Derivatives at foot points are those of the Euclidean distance: their fixed point is not quite where the
-        likelihood of first-order distances is largest, so the length of the steps is tested, not the likelihood.
+        The map takes parameters and mixture to those after an undamped step and a re-estimation. With derivatives at
+        foot points its fixed point is not quite the maximum of the likelihood of first-order distances. So the length
+        of the steps is tested and not the likelihood. A position of the iteration is (p + 2,): the sum of the steps in
+        the p parameters, each step in the frame that the candidate had before it, then the coordinates of the mixture
+        relative to the first.
+
+        Returns:
+            Whether the last step was below the tolerance; otherwise the candidate is what it was before.
         """
         before = self.candidates, self.mixture
         self.damping = np.zeros(len(self.candidates))
@@ -214,14 +199,14 @@ class Descent:
 
     def _move(self, motion: Array) -> None:
         """Move one candidate and its mixture, whatever the likelihood."""
-        self.candidates = self.candidates.moved(motion[None, :-2], self.longest)
+        self.candidates = self.candidates.moved(motion[None, :-2], self.problem.longest)
         self.distances, self.derivatives = self._standardised(self.candidates)
         self._set_mixture(Mixture.at(self.mixture.coordinates() + motion[-2:]))
 
     def _set_mixture(self, mixture: Mixture) -> None:
         self.history.append(float(mixture.sigma.min()))
         self.mixture = mixture
-        self.inliers, self.log_density = mixture.densities(self.distances, self.log_odds)
+        self.inliers, self.log_density = mixture.densities(self.distances, self.problem.log_odds)
 
     def _step(self) -> Array:
         """The damped Gauss-Newton step (M, n_parameters) of the weighted squares and the prior."""
@@ -237,8 +222,8 @@ class Descent:
         size = self.mixture.sigma[:, None] ** 2 * self.extent().derivatives(self.candidates)
         gradient[:, AXES] += size
         diagonal[:, AXES] += size
-        if self.penalty is not None:
-            terms = self.penalty(self.candidates, self.mixture)
+        if self.problem.empty is not None:
+            terms = self.problem.empty.penalty(self.candidates, self.mixture)
             gradient += terms.gradient
             normal += terms.matrix
         largest = diagonal.max(axis=1, keepdims=True)
@@ -257,7 +242,7 @@ class Descent:
         blocked = np.broadcast_to(self.fixed, gradient.shape).copy()
         low, high = ((self.candidates.exponents <= EXPONENTS[0]), (self.candidates.exponents >= EXPONENTS[1]))
         blocked[:, POWERS] |= (low & (gradient[:, POWERS] > 0)) | (high & (gradient[:, POWERS] < 0))
-        blocked[:, :3] |= (self.candidates.log_axes >= np.log(self.longest)) & (gradient[:, :3] < 0)
+        blocked[:, :3] |= (self.candidates.log_axes >= np.log(self.problem.longest)) & (gradient[:, :3] < 0)
         return blocked
 
     def _change(self, step: Array) -> Array:
@@ -269,10 +254,10 @@ class Descent:
 
     def _try(self, step: Array) -> Mask:
         """A mask (M,) of the candidates that took the step, as it does not decrease their penalised likelihood."""
-        moved = self.candidates.moved(step, self.longest)
+        moved = self.candidates.moved(step, self.problem.longest)
         found, derivatives = self._standardised(moved)
         # at the same mixture: steps of candidates and of the mixture alternate
-        inliers, log_density = self.mixture.densities(found, self.log_odds)
+        inliers, log_density = self.mixture.densities(found, self.problem.log_odds)
         extent = self.extent()
         before, after = (
             (self.weights * density).sum(axis=1) + _log_prior(each) - self._penalties(each, extent)
@@ -292,7 +277,11 @@ def _log_prior(candidates: Candidates) -> Array:
 
 
 def accelerated(positions: list[Array], proposals: list[Array]) -> Array:
-    """The step of Anderson acceleration: the combination of the last proposals that is the fixed point of a linear map.
+    """The step of Anderson acceleration.
+
+    Were the map linear, its proposals g would be linear in the positions x. The combination of the last pairs (x, g)
+    whose combined proposal is least, by least squares, is then nearest to the fixed point; the step leads from the
+    latest position to x + g of this combination.
 
     Args:
         positions: where the iteration was, (k,) each, the latest last.

@@ -17,14 +17,15 @@ from quadriform.fitting.diagnostics import INLIER
 from quadriform.fitting.mixture import LARGEST_RATIO, Mixture, all_inliers, annealed, density_log_odds, estimated
 from quadriform.fitting.superquadric.candidates import Candidates
 from quadriform.fitting.superquadric.diagnostics import COVERED
+from quadriform.fitting.superquadric.empty_space import empty_space
 from quadriform.fitting.superquadric.initial import (
     START_ROTATIONS,
     bound_of_axes,
     dense_parts,
     ellipsoids,
+    neighbour_distance,
     other_kind,
     principal_axes,
-    reach,
     sides,
 )
 from quadriform.fitting.superquadric.levenberg_marquardt import Descent
@@ -36,9 +37,11 @@ from quadriform.points import Array
 from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.superquadric import Superquadric
 
+Estimated = tuple[Candidates, Mixture]
+"""Candidates with their mixtures."""
 UPRIGHT = START_ROTATIONS[::3]
 """The first of them, which leaves the axes of a part as they are, and its dual."""
-ENOUGH_PAIRS = (4 / (1 - SEARCH.pattern)) ** 2
+ENOUGH_PAIRS = (4 / (1 - SEARCH.least_independent)) ** 2
 """Least number of pairs for a conclusion: independent distances of so many look correlated once in 30,000 (4 sigma)."""
 
 
@@ -61,7 +64,7 @@ def em(descent: Descent) -> Mixture:
     """The mixture re-estimated."""
     count = int((~descent.fixed).sum())
     found = estimated(descent.distances, descent.inliers, descent.weights, count)
-    return replace(found, sigma=np.maximum(found.sigma, descent.least_sigma))
+    return replace(found, sigma=np.maximum(found.sigma, descent.problem.least_sigma))
 
 
 def solve(problem: SearchProblem) -> SearchResult:
@@ -80,189 +83,204 @@ def solve(problem: SearchProblem) -> SearchResult:
     parts = dense_parts(cloud.points)
     core = parts[0] > 0
     longest = bound_of_axes(cloud.points[core])
-    search = Search(cloud, longest)
-    starts = search.annealed_starts(parts, search.orientations(parts, START_ROTATIONS), SEARCH.coarse)
-    found = search.compared(starts, SEARCH.kept, None)
+    problem, cloud = replace(problem, longest=longest), replace(cloud, longest=longest)
+    starts = annealed_starts(cloud, parts, orientations(cloud, parts, START_ROTATIONS), SEARCH.coarse)
+    found = compared(cloud, starts, SEARCH.kept, None)
     accepted = acceptable(found)
     if KINDS[problem.kind].is_radial and not accepted[best_first(found.scores())[0]]:
-        found = search.wider(np.concatenate([parts, sides(cloud.points, core)]), found)
+        found = wider(cloud, np.concatenate([parts, sides(cloud.points, core)]), found)
         accepted = acceptable(found)
-    # accepted candidates first: the likelihood takes correlated distances for independent ones
     best = best_first(_ranking(found, accepted))[:1]
     if found.mixture.inlier_ratio[best[0]] < LARGEST_RATIO:
         noisy = accepted[best[0]] and found.mixture.sigma[best[0]] > SEARCH.maybe_exact
-        if not noisy and (exact := search.through_all_points()):
-            return _converged(problem, exact, 0, longest)
-        problem = _with_density_log_odds(problem, found.picked(best), longest)
-    problem, found = _restarted(problem.bounded(*found.picked(best), longest), found, longest)
+        if not noisy and (exact := through_all_points(cloud)):
+            return _final_descent(problem, exact, 0)
+        problem = _with_density_log_odds(problem, found.picked(best))
+    problem, found = _restarted_with_connected(_with_empty_space(problem, found.picked(best)), found)
     alternatives = _alternatives(found, _ranking(found, acceptable(found)))
-    return _converged(problem, found.picked(alternatives), len(alternatives) - 1, longest)
+    return _final_descent(problem, found.picked(alternatives), len(alternatives) - 1)
 
 
-def nearby(problem: SearchProblem, starts: list[Superquadric]) -> Superquadric:
-    """The best surface that descents from given starts reach on a sample, without a search and to few digits."""
+def best_of_descents(problem: SearchProblem, starts: list[Superquadric]) -> Superquadric:
+    """The best surface that descents from given starts reach on a sample, without a search and to about two digits."""
     cloud = problem.sample(SEARCH.fine)
+    cloud = replace(cloud, longest=bound_of_axes(cloud.points))
     candidates = cloud.with_fixed(Candidates.of(starts))
-    longest = bound_of_axes(cloud.points)
-    initial = Mixture(np.full(len(starts), LARGEST_RATIO), np.full(len(starts), SEARCH.first_sigma))
-    descent = cloud.descent(candidates, initial, longest)
     # as many steps as annealing has, but with all points as inliers, for the starts are near already
-    descent.run(SEARCH.annealing_steps, SEARCH.all_steps, lambda d: all_inliers(d.distances, d.weights))
-    descent.run(SEARCH.most_steps, SEARCH.near, em)
+    descent = _with_all_inliers(cloud, candidates, SEARCH.annealing_steps)
+    descent.run(SEARCH.most_steps, em, SEARCH.damped_tolerance)
     return descent.candidates.superquadric(int(best_first(descent.scores())[0]))
 
 
-def _with_density_log_odds(problem: SearchProblem, best: tuple[Candidates, Mixture], longest: float) -> SearchProblem:
+def _with_all_inliers(problem: SearchProblem, starts: Candidates, steps: int) -> Descent:
+    """A descent after steps with nearly all points as inliers."""
+    initial = Mixture(np.full(len(starts), LARGEST_RATIO), np.full(len(starts), SEARCH.first_sigma))
+    descent = Descent(problem, starts, initial)
+    descent.run(steps, lambda d: all_inliers(d.distances, d.weights))
+    return descent
+
+
+def _inliers(problem: SearchProblem, candidate: Candidates, mixture: Mixture) -> Array:
+    """Inlier probabilities (n,) of the points of a problem, of one candidate."""
+    return Descent(problem, candidate, mixture).inliers[0]
+
+
+def _with_empty_space(problem: SearchProblem, best: Estimated) -> SearchProblem:
+    """The problem with the empty space around the inliers of the best candidate."""
+    if problem.surroundings is None:
+        return problem
+    inliers = _inliers(problem, *best) >= INLIER
+    return replace(problem, empty=empty_space(problem.surroundings, problem.points, inliers))
+
+
+def _with_density_log_odds(problem: SearchProblem, best: Estimated) -> SearchProblem:
     """The problem with the log odds of the points by their density, for a best candidate with outliers."""
-    inliers = problem.descent(*best, longest).inliers[0]
-    distances = reach(problem.points, problem.sample(SEARCH.cloud).points)
-    return replace(problem, log_odds=density_log_odds(distances, inliers))
+    distances = neighbour_distance(problem.points, problem.sample(SEARCH.cloud).points)
+    return replace(problem, log_odds=density_log_odds(distances, _inliers(problem, *best)))
 
 
-def _restarted(problem: SearchProblem, found: Descent, longest: float) -> tuple[SearchProblem, Descent]:
+def _restarted_with_connected(problem: SearchProblem, found: Descent) -> tuple[SearchProblem, Descent]:
     """The best candidates after restarts, and the problem in which inliers not connected to the others do not count.
 
-    A surface that goes on where the body has no data may be so long that it reaches a neighbouring body. The points
+    A surface that extends where the body has no data may be so long that it reaches a neighbouring body. The points
     there are then inliers, and keep the surface long, until they are left out.
     """
-    found = Search(problem.sample(SEARCH.cloud), longest).restarted(found)
+    found = restarted(problem.sample(SEARCH.cloud), found)
     for _ in range(RESTART.rounds):
-        others = _unconnected_inliers(problem, found, longest)
+        others = _unconnected_inliers(problem, found)
         if not len(others):
             break
         log_odds = problem.log_odds.copy()
         log_odds[others] = SEARCH.never
         problem = replace(problem, log_odds=log_odds)
-        found = Search(problem.sample(SEARCH.cloud), longest).restarted(found)
+        found = restarted(problem.sample(SEARCH.cloud), found)
     return problem, found
 
 
-def _unconnected_inliers(problem: SearchProblem, found: Descent, longest: float) -> NDArray[np.int64]:
+def _unconnected_inliers(problem: SearchProblem, found: Descent) -> NDArray[np.int64]:
     """Indices of inliers of the best candidate that are not connected to the others; none of a covered surface."""
     candidate, mixture = _best_ranked(found)
-    inliers = np.flatnonzero(problem.descent(candidate, mixture, longest).inliers[0] >= INLIER)
+    inliers = np.flatnonzero(_inliers(problem, candidate, mixture) >= INLIER)
     surface, points = candidate.superquadric(0), problem.points[inliers]
     if covered_fraction(surface, points) >= COVERED:
         return inliers[:0]
     return inliers[unconnected(points)]
 
 
-@dataclass(frozen=True)
-class Search:
-    """The comparison of candidates on samples of a cloud; no semi-axis is above `longest`."""
+def wider(cloud: SearchProblem, parts: Array, earlier: Descent) -> Descent:
+    """The comparison after a search from many parts, and one from the inliers of its best along their own axes."""
+    of_parts = annealed_starts(cloud, parts, orientations(cloud, parts, UPRIGHT), SEARCH.coarse_wide)
+    chosen, mixture = of_parts.picked(distinct(of_parts, of_parts.scores(), SEARCH.kept_wide))
+    inliers = Descent(cloud, chosen, mixture).inliers
+    rotations = chosen.rotations[:, None] @ START_ROTATIONS
+    of_inliers = annealed_starts(cloud, inliers, rotations, SEARCH.coarse_wide)
+    return compared(cloud, of_inliers, SEARCH.kept_wide, earlier)
 
-    cloud: SearchProblem
-    longest: float
 
-    def wider(self, parts: Array, earlier: Descent) -> Descent:
-        """The comparison after a search from many parts, and one from the inliers of its best along their own axes."""
-        of_parts = self.annealed_starts(parts, self.orientations(parts, UPRIGHT), SEARCH.coarse_wide)
-        chosen, mixture = of_parts.picked(distinct(of_parts, of_parts.scores(), SEARCH.kept_wide))
-        inliers = self.cloud.descent(chosen, mixture, self.longest).inliers
-        rotations = chosen.rotations[:, None] @ START_ROTATIONS
-        of_inliers = self.annealed_starts(inliers, rotations, SEARCH.coarse_wide)
-        return self.compared(of_inliers, SEARCH.kept_wide, earlier)
+def through_all_points(cloud: SearchProblem) -> Estimated | None:
+    """A superellipsoid that passes through every point of a sample exactly, if one is found.
 
-    def through_all_points(self) -> tuple[Candidates, Mixture] | None:
-        """A superellipsoid that passes through every point of a sample exactly, if one is found.
-
-        The search may take exact points that are sampled unevenly for outliers. Here all are inliers, and starts are
-        made in the axes of the whole cloud and then, twice, in those of the best results.
-        """
-        if not KINDS[self.cloud.kind].is_radial:
-            return None
-        subset = self.cloud.sample(SEARCH.coarse)
-        rotations = self.orientations(np.ones((1, len(self.cloud.points))), START_ROTATIONS)
-        for _ in range(SEARCH.exact_rounds):
-            starts = subset.with_fixed(
-                ellipsoids(subset.points, np.tile(subset.weights, (len(rotations), 1)), rotations)
-            )
-            initial = Mixture(np.full(len(starts), LARGEST_RATIO), np.full(len(starts), SEARCH.first_sigma))
-            descent = subset.descent(starts, initial, self.longest)
-            descent.run(SEARCH.maybe_exact_steps, SEARCH.all_steps, lambda d: all_inliers(d.distances, d.weights))
-            # all points are inliers here, so the candidate of the least sigma has the largest likelihood
-            best = distinct(descent, -descent.mixture.sigma, SEARCH.kept_wide)
-            if descent.mixture.sigma[best[0]] < SEARCH.exact:
-                return descent.picked(best[:1])
-            if descent.mixture.sigma[best[0]] > SEARCH.maybe_exact:
-                break
-            rotations = descent.candidates.rotations[best, None] @ START_ROTATIONS
+    The search may take exact points that are sampled unevenly for outliers. Here all are inliers, and starts are made
+    in the axes of the whole cloud and then, twice, in those of the best results.
+    """
+    if not KINDS[cloud.kind].is_radial:
         return None
+    subset = cloud.sample(SEARCH.coarse)
+    rotations = orientations(cloud, np.ones((1, len(cloud.points))), START_ROTATIONS)
+    for _ in range(SEARCH.exact_rounds):
+        made = ellipsoids(subset.points, np.tile(subset.weights, (len(rotations), 1)), rotations)
+        descent = _with_all_inliers(subset, subset.with_fixed(made), SEARCH.maybe_exact_steps)
+        # all points are inliers here, so the candidate of the least sigma has the largest likelihood
+        best = distinct(descent, -descent.mixture.sigma, SEARCH.kept_wide)
+        if descent.mixture.sigma[best[0]] < SEARCH.exact:
+            return descent.picked(best[:1])
+        if descent.mixture.sigma[best[0]] > SEARCH.maybe_exact:
+            break
+        rotations = descent.candidates.rotations[best, None] @ START_ROTATIONS
+    return None
 
-    def restarted(self, found: Descent) -> Descent:
-        """The best candidates on the whole cloud, with those that start from boxes around the inliers of the best."""
-        found = self._on_all(*found.picked(distinct(found, _ranking(found, acceptable(found)), SEARCH.kept)))
-        for _ in range(RESTART.rounds if KINDS[self.cloud.kind].is_radial else 0):
-            best, mixture = _best_ranked(found)
-            inliers = self.cloud.descent(best, mixture, self.longest).inliers[0]
-            if covered_fraction(best.superquadric(0), self.cloud.points[inliers >= INLIER]) >= COVERED:
-                break  # points on all sides determine the size
-            others, their_mixture = self._from_boxes(inliers, best, mixture)
-            found = self._on_all(best.joined(others), mixture.joined(their_mixture))
-            if best_first(_ranking(found, acceptable(found)))[0] == 0:
-                break  # none of the restarts is better
-        return found
 
-    def _on_all(self, candidates: Candidates, mixture: Mixture) -> Descent:
-        descent = self.cloud.descent(candidates, mixture, self.longest)
-        descent.run(SEARCH.compare_steps, SEARCH.near, em)
-        return descent
+def restarted(cloud: SearchProblem, found: Descent) -> Descent:
+    """The best candidates on the whole cloud, with those that start from boxes around the inliers of the best."""
+    found = _on_all(cloud, *found.picked(distinct(found, _ranking(found, acceptable(found)), SEARCH.kept)))
+    for _ in range(RESTART.rounds if KINDS[cloud.kind].is_radial else 0):
+        best, mixture = _best_ranked(found)
+        inliers = _inliers(cloud, best, mixture)
+        if covered_fraction(best.superquadric(0), cloud.points[inliers >= INLIER]) >= COVERED:
+            break  # points on all sides determine the size
+        others, their_mixture = _from_boxes(cloud, inliers, best, mixture)
+        found = _on_all(cloud, best.joined(others), mixture.joined(their_mixture))
+        if best_first(_ranking(found, acceptable(found)))[0] == 0:
+            break  # none of the restarts is better
+    return found
 
-    def _from_boxes(self, inliers: Array, candidate: Candidates, mixture: Mixture) -> tuple[Candidates, Mixture]:
-        """The distinct candidates, on a sample, that start from boxes around the inliers of a candidate."""
-        boxes = restarts(self.cloud.points, inliers, candidate.rotations[0])
-        sample, repeated = self.cloud.sample(SEARCH.fine), mixture.take(np.zeros(len(boxes), dtype=np.int64))
-        wide = replace(repeated, sigma=RESTART.larger_sigma * repeated.sigma)
-        descent = sample.descent(sample.with_fixed(boxes), wide, self.longest)
-        descent.run(RESTART.steps, SEARCH.near, em)
-        return descent.picked(distinct(descent, descent.scores(), len(boxes)))
 
-    def annealed_starts(self, parts: Array, rotations: Array, most: int) -> Descent:
-        """The descent of starts from weighted parts (H, n) of the cloud after annealing and EM, on `most` points.
+def _on_all(cloud: SearchProblem, candidates: Candidates, mixture: Mixture) -> Descent:
+    descent = Descent(cloud, candidates, mixture)
+    descent.run(SEARCH.compare_steps, em, SEARCH.damped_tolerance)
+    return descent
 
-        Args:
-            parts: weights of the cloud's points, a row for each part.
-            rotations: (H, k, 3, 3), of the k starts of each part.
-            most: points of the sample.
-        """
-        index = self.cloud.thinned(most)
-        subset = replace(self.cloud.sample(most), size=0.0)
-        made, part = self._starts(parts, rotations)
-        starts = subset.with_fixed(made)
-        own = (np.maximum(parts[:, index], SEARCH.elsewhere) * subset.weights)[part]
-        sizes = np.sqrt(np.exp(2 * starts.log_axes).mean(axis=1))  # RMS radius of the part
-        initial = Mixture(np.full(len(starts), LARGEST_RATIO), SEARCH.first_sigma * sizes)
-        descent = subset.weighted_descent(starts, own, initial, self.longest)
-        descent.run(SEARCH.own_steps, SEARCH.all_steps, lambda d: all_inliers(d.distances, d.weights))
-        wide = Mixture(descent.mixture.inlier_ratio, np.minimum(descent.mixture.sigma, SEARCH.first_sigma * sizes))
-        descent = subset.descent(descent.candidates, wide, self.longest)
-        descent.run(SEARCH.annealing_steps, SEARCH.all_steps, lambda d: annealed(d.mixture, sizes))
-        descent.run(SEARCH.em_steps, SEARCH.comparable, em)
-        return descent
 
-    def _starts(self, parts: Array, rotations: Array) -> tuple[Candidates, NDArray[np.int64]]:
-        """The M starts, and the index (M,) of the part from which each is made: of other kinds always the first."""
-        if not KINDS[self.cloud.kind].is_radial:
-            found = other_kind(self.cloud.points[parts[0] > 0], self.cloud.kind)
-            return found, np.zeros(len(found), dtype=np.int64)
-        found = ellipsoids(self.cloud.points, parts * self.cloud.weights, rotations)
-        return found, np.arange(len(parts)).repeat(rotations.shape[1])
+def _from_boxes(cloud: SearchProblem, inliers: Array, candidate: Candidates, mixture: Mixture) -> Estimated:
+    """The distinct candidates, on a sample, that start from boxes around the inliers of a candidate."""
+    boxes = restarts(cloud.points, inliers, candidate.rotations[0])
+    sample, repeated = cloud.sample(SEARCH.fine), mixture.take(np.zeros(len(boxes), dtype=np.int64))
+    wide = replace(repeated, sigma=RESTART.larger_sigma * repeated.sigma)
+    descent = Descent(sample, sample.with_fixed(boxes), wide)
+    descent.run(RESTART.steps, em, SEARCH.damped_tolerance)
+    return descent.picked(distinct(descent, descent.scores(), len(boxes)))
 
-    def orientations(self, parts: Array, rotations: Array) -> Array:
-        """The principal axes of each of H parts under k rotations, (H, k, 3, 3); or only the fixed rotation, if any."""
-        rotation = self.cloud.fixed.get("rotation")
-        if rotation is not None:
-            return np.broadcast_to(rotation, (len(parts), 1, 3, 3))
-        return principal_axes(self.cloud.points, parts * self.cloud.weights)[:, None] @ rotations
 
-    def compared(self, descent: Descent, kept: int, earlier: Descent | None) -> Descent:
-        """The descent of the distinct best candidates, and of those of an earlier comparison, on a larger sample."""
-        candidates, mixture = descent.picked(distinct(descent, descent.scores(), kept))
-        if earlier is not None:
-            candidates, mixture = (candidates.joined(earlier.candidates), mixture.joined(earlier.mixture))
-        descent = self.cloud.sample(SEARCH.fine).descent(candidates, mixture, self.longest)
-        descent.run(SEARCH.compare_steps, SEARCH.comparable, em)
-        return descent
+def annealed_starts(cloud: SearchProblem, parts: Array, rotations: Array, most: int) -> Descent:
+    """The descent of starts from weighted parts (H, n) of the cloud after annealing and EM, on `most` points.
+
+    Args:
+        cloud: the problem.
+        parts: weights of the cloud's points, a row for each part.
+        rotations: (H, k, 3, 3), of the k starts of each part.
+        most: points of the sample.
+    """
+    index = cloud.thinned(most)
+    subset = replace(cloud.sample(most), size=0.0)
+    made, part = _starts(cloud, parts, rotations)
+    starts = subset.with_fixed(made)
+    own = (np.maximum(parts[:, index], SEARCH.elsewhere) * subset.weights)[part]
+    sizes = np.sqrt(np.exp(2 * starts.log_axes).mean(axis=1))  # RMS radius of the part
+    initial = Mixture(np.full(len(starts), LARGEST_RATIO), SEARCH.first_sigma * sizes)
+    descent = Descent(subset, starts, initial, own)
+    descent.run(SEARCH.own_steps, lambda d: all_inliers(d.distances, d.weights))
+    wide = Mixture(descent.mixture.inlier_ratio, np.minimum(descent.mixture.sigma, SEARCH.first_sigma * sizes))
+    descent = Descent(subset, descent.candidates, wide)
+    descent.run(SEARCH.annealing_steps, lambda d: annealed(d.mixture, sizes))
+    descent.run(SEARCH.em_steps, em, SEARCH.comparison_tolerance)
+    return descent
+
+
+def _starts(cloud: SearchProblem, parts: Array, rotations: Array) -> tuple[Candidates, NDArray[np.int64]]:
+    """The M starts, and the index (M,) of the part from which each is made: of other kinds always the first."""
+    if not KINDS[cloud.kind].is_radial:
+        found = other_kind(cloud.points[parts[0] > 0], cloud.kind)
+        return found, np.zeros(len(found), dtype=np.int64)
+    found = ellipsoids(cloud.points, parts * cloud.weights, rotations)
+    return found, np.arange(len(parts)).repeat(rotations.shape[1])
+
+
+def orientations(cloud: SearchProblem, parts: Array, rotations: Array) -> Array:
+    """The principal axes of each of H parts under k rotations, (H, k, 3, 3); or only the fixed rotation, if any."""
+    rotation = cloud.fixed.get("rotation")
+    if rotation is not None:
+        return np.broadcast_to(rotation, (len(parts), 1, 3, 3))
+    return principal_axes(cloud.points, parts * cloud.weights)[:, None] @ rotations
+
+
+def compared(cloud: SearchProblem, descent: Descent, kept: int, earlier: Descent | None) -> Descent:
+    """The descent of the distinct best candidates, and of those of an earlier comparison, on a larger sample."""
+    candidates, mixture = descent.picked(distinct(descent, descent.scores(), kept))
+    if earlier is not None:
+        candidates, mixture = candidates.joined(earlier.candidates), mixture.joined(earlier.mixture)
+    descent = Descent(cloud.sample(SEARCH.fine), candidates, mixture)
+    descent.run(SEARCH.compare_steps, em, SEARCH.comparison_tolerance)
+    return descent
 
 
 def distinct(descent: Descent, ranking: Array, most: int) -> NDArray[np.int64]:
@@ -281,11 +299,12 @@ def distinct(descent: Descent, ranking: Array, most: int) -> NDArray[np.int64]:
 
 
 def acceptable(descent: Descent) -> NDArray[np.bool_]:
-    """A mask (M,) of the candidates with at least half of the points as inliers and distances that are not a pattern.
+    """A mask (M,) of the accepted candidates: at least half of the points are inliers, and their noise is independent.
 
-    Distances of neighbours are compared by half of von Neumann's ratio: one for noise, less where the surface is not
-    that of the points. It must be above `pattern`; edges under strong noise alone give about 0.6. Where sigma is below
-    `exact`, distances are rounding and may be correlated.
+    Distances of neighbours are compared by half of von Neumann's ratio, the sum over pairs of (d_i - d_j)^2 over the
+    sum of d_i^2 + d_j^2. It is one for independent noise, and less where the surface is not that of the points, so that
+    neighbours have similar distances. It must be above `least_independent`; edges under strong noise alone give about
+    0.6. Where sigma is below `exact`, distances are rounding and may be correlated.
     """
     near, counts = nearest(descent.points, descent.points, 2)
     point, rank = counts[:, 1:].nonzero()  # on a lattice several neighbours are at the same distance
@@ -293,18 +312,20 @@ def acceptable(descent: Descent) -> NDArray[np.bool_]:
     pair = descent.inliers[:, point] * descent.inliers[:, neighbour] * weights[point]
     own, other = descent.distances[:, point], descent.distances[:, neighbour]
     difference, both = ((pair * (own - other) ** 2).sum(axis=1), (pair * (own**2 + other**2)).sum(axis=1))
-    # of independent distances the squares of the differences sum up to those of both
-    white = (pair.sum(axis=1) > ENOUGH_PAIRS) & (difference > SEARCH.pattern * both)
-    return (descent.mixture.inlier_ratio >= SEARCH.majority) & (white | (descent.mixture.sigma < SEARCH.exact))
+    independent = (pair.sum(axis=1) > ENOUGH_PAIRS) & (difference > SEARCH.least_independent * both)
+    return (descent.mixture.inlier_ratio >= SEARCH.majority) & (independent | (descent.mixture.sigma < SEARCH.exact))
 
 
 def _ranking(descent: Descent, accepted: NDArray[np.bool_]) -> Array:
-    """Scores (M,), larger for accepted candidates: the likelihood takes correlated distances for independent ones."""
+    """Scores (M,), with a bonus for accepted candidates.
+
+    The likelihood takes correlated distances for independent ones, and so prefers candidates that are not accepted.
+    """
     return descent.scores() + SEARCH.acceptance_bonus * descent.weights.sum() * accepted
 
 
-def _best_ranked(descent: Descent) -> tuple[Candidates, Mixture]:
-    """The best candidate, accepted ones first."""
+def _best_ranked(descent: Descent) -> Estimated:
+    """The best candidate by `_ranking`."""
     return descent.picked(best_first(_ranking(descent, acceptable(descent)))[:1])
 
 
@@ -316,27 +337,27 @@ def _alternatives(descent: Descent, ranking: Array) -> NDArray[np.int64]:
     return index[ranking[index] >= ranking[index[0]] - margin]
 
 
-def _converged(problem: SearchProblem, start: tuple[Candidates, Mixture], others: int, longest: float) -> SearchResult:
+def _final_descent(problem: SearchProblem, start: Estimated, others: int) -> SearchResult:
     """The result of descents on larger and larger samples, then on all points.
 
-    Of alternatives the best on the first sample continues; without a sample, the best at `near` on all points.
+    Of alternatives the best on the first sample continues; without a sample, the best on all points after the damped
+    steps.
     """
-    candidates, mixture = start
     # most steps are made on few points
     size = SEARCH.fine * SEARCH.growth
     while size * 2 < len(problem.points):
-        descent = problem.sample(size).descent(candidates, mixture, longest)
-        descent.run(SEARCH.sample_steps, SEARCH.sampled, em)
-        candidates, mixture = _best(descent)
+        descent = Descent(problem.sample(size), *start)
+        descent.run(SEARCH.sample_steps, em, SEARCH.sample_tolerance)
+        start = _best(descent)
         size *= SEARCH.growth
-    descent = problem.descent(candidates, mixture, longest)
-    descent.run(SEARCH.most_steps, SEARCH.near, em)
-    descent = descent if len(candidates) == 1 else problem.descent(*_best(descent), longest)
-    converged = descent.converge(SEARCH.most_steps, SEARCH.tolerance, em) or descent.run(
-        SEARCH.most_steps, SEARCH.nearly, em
+    descent = Descent(problem, *start)
+    descent.run(SEARCH.most_steps, em, SEARCH.damped_tolerance)
+    descent = descent if len(start[0]) == 1 else Descent(problem, *_best(descent))
+    converged = descent.converge(SEARCH.most_steps, em, SEARCH.final_tolerance) or descent.run(
+        SEARCH.most_steps, em, SEARCH.crease_tolerance
     )
     return SearchResult(descent, converged, others)
 
 
-def _best(descent: Descent) -> tuple[Candidates, Mixture]:
+def _best(descent: Descent) -> Estimated:
     return descent.picked(best_first(descent.scores())[:1])

@@ -8,11 +8,10 @@ from scipy.optimize import least_squares, minimize
 
 from quadriform.fitting.mixture import LEAST_SIGMA
 from quadriform.fitting.result import SuperquadricFit
-from quadriform.fitting.superquadric.candidates import ROTATION, Candidates
+from quadriform.fitting.superquadric.candidates import ROTATION, Candidates, distances
 from quadriform.fitting.superquadric.diagnostics import at_bound, not_converged, undetermined
-from quadriform.fitting.superquadric.identifiability import determined
+from quadriform.fitting.superquadric.identifiability import identifiability_of
 from quadriform.fitting.superquadric.initial import STARTS, cut_to
-from quadriform.fitting.superquadric.levenberg_marquardt import distances
 from quadriform.points import Array
 from quadriform.shapes.superquadric import EXPONENTS, Superquadric
 
@@ -24,7 +23,8 @@ ROUND = 1e-6
 LARGEST_LOG, LARGEST_LOG_HOLE, LARGEST_LOGIT = 50.0, 30.0, 500.0
 """Unbounded parameters are clipped to these, against overflow: a descent that has diverged stays finite."""
 UNCUT = 1e25
-"""Height of an open surface while its semi-axes are sought, of which that of two sheets must be below it."""
+"""Height at which a hyperboloid is cut while its parameters are sought: above any of its semi-axes, for a surface of
+two sheets may not be cut below its tips, at |x| = a1. It does not change F; the result is cut where the points end."""
 TO_THE_LAST_DIGITS = {"method": "lm", "xtol": 1e-14, "ftol": 1e-14, "gtol": 1e-14, "max_nfev": 300}
 
 
@@ -60,7 +60,7 @@ class _Unbounded:
         p[11:] = 1 + derivative[11:]
         return self.first.with_parameters(p), derivative
 
-    def in_frame(self, unbounded: Array) -> Superquadric:
+    def superquadric(self, unbounded: Array) -> Superquadric:
         """The superquadric in the frame of the points."""
         found, _ = self.bound(unbounded)
         return replace(found, rotation=self.axes @ found.rotation, translation=self.axes @ found.translation)
@@ -89,7 +89,7 @@ def fit_paper(points: Array, kind: str) -> SuperquadricFit:
         callback=lambda intermediate_result: history.append(float(intermediate_result.fun)),
         options={"gtol": GRADIENT_TOLERANCE, "maxiter": MAX_ITERATIONS},
     )
-    found = cut_to(coordinates.in_frame(result.x), points)
+    found = cut_to(coordinates.superquadric(result.x), points)
     return _with_covariance(found, points, int(result.nit), tuple(history))
 
 
@@ -97,7 +97,7 @@ def _with_covariance(
     found: Superquadric, points: Array, iterations: int, history: tuple[float, ...]
 ) -> SuperquadricFit:
     """The fit with its warnings, noise and covariance, of the distances to first order."""
-    rank, condition = determinacy(found, points)
+    rank, condition = rank_and_condition(found, points)
     warnings = (
         undetermined(rank, condition, len(found.parameters))
         | at_bound(found, 2 * float(np.ptp(points, axis=0).max()))
@@ -106,11 +106,11 @@ def _with_covariance(
     candidates, ones = Candidates.of([found]), np.ones(len(points))
     distance, derivatives = distances(candidates, points)
     noise = max(float(np.sqrt((distance**2).mean())), LEAST_SIGMA)
-    state = determined(candidates, derivatives[0], ones, noise, np.zeros(len(found.parameters), dtype=np.bool_))
+    state = identifiability_of(candidates, derivatives[0], ones, noise, np.zeros(len(found.parameters), dtype=np.bool_))
     return SuperquadricFit(found, warnings, rank, condition, state.covariance, ones, noise, history, iterations)
 
 
-def least_criterion(points: Array, kind: str) -> Superquadric:
+def least_squares_p3(points: Array, kind: str) -> Superquadric:
     """The minimum of P3 from the paper's start, to the last digits, by Levenberg and Marquardt's method.
 
     Conjugate gradients stop a few digits earlier; a start that other results depend on must be the same for a rotated
@@ -148,10 +148,10 @@ def least_criterion(points: Array, kind: str) -> Superquadric:
     begin, every = coordinates.unbounded(), np.ones(len(coordinates.unbounded()), dtype=np.bool_)
     if (np.diff(np.sort(coordinates.first.semi_axes)) < ROUND * coordinates.first.semi_axes.max()).any():
         begin = least(begin, ~np.isin(np.arange(len(begin)), np.r_[ROTATION]))  # rotations of round bodies are rounding
-    return cut_to(coordinates.in_frame(least(begin, every)), points)
+    return cut_to(coordinates.superquadric(least(begin, every)), points)
 
 
-def determinacy(found: Superquadric, points: Array) -> tuple[int, float]:
+def rank_and_condition(found: Superquadric, points: Array) -> tuple[int, float]:
     """Rank and condition of the derivatives of F by the parameters at centred, scaled points.
 
     Taken in the superquadric's own axes, where Euler angles are small rotations: gimbal lock is no lack of data.

@@ -7,11 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.fitting.cloud import canonical_order
-from quadriform.fitting.diagnostics import INLIER
-from quadriform.fitting.mixture import Mixture
 from quadriform.fitting.superquadric.candidates import Candidates
-from quadriform.fitting.superquadric.empty_space import EmptySpace, Surroundings
-from quadriform.fitting.superquadric.levenberg_marquardt import Descent
+from quadriform.fitting.superquadric.empty_space import EmptySpace
+from quadriform.fitting.superquadric.surroundings import Surroundings
 from quadriform.points import Array
 from quadriform.shapes.kinds import KINDS
 
@@ -24,17 +22,19 @@ class SearchProblem:
     """What is fitted: centred and scaled distinct points with weights of mean one, and what is fixed.
 
     Attributes:
-        points: (n, 3).
+        points: (n, 3), in RMS radii.
         weights: (n,).
         kind: of the superquadric.
         fixed: values of parameters that stay, by name, in the frame of the points.
-        log_odds: (n,), of each point to be an inlier, by what is known besides its distance to the surface.
+        log_odds: (n,), of each point to be an inlier, by what is known besides its distance to the surface; 0 is even.
         noise: (n,) standard deviations of the points along the normal, relative to that of a point of average weight.
-        least_sigma: lower bound of the latter.
+            Distances are divided by them, so that all have the standard deviation sigma.
+        least_sigma: lower bound of sigma: the known standard deviation of a point of average weight.
         size: weight of the penalty on the size of the body (`Extent`), which is weighed against the noise; 0 during
             annealing, where the noise is not known.
         surroundings: what is known beside the points, or None.
         empty: space that the body is not in, or None while the body is not known.
+        longest: no semi-axis grows above it; `solve` determines it from the extent of the points.
     """
 
     points: Array
@@ -47,6 +47,7 @@ class SearchProblem:
     size: float = 1.0
     surroundings: Surroundings | None = None
     empty: EmptySpace | None = None
+    longest: float = 100.0
 
     @cached_property
     def _order(self) -> NDArray[np.int64]:
@@ -60,17 +61,14 @@ class SearchProblem:
     def sample(self, most: int) -> "SearchProblem":
         """The problem of an even sample of at most `most` points."""
         index = self.thinned(most)
+        return self.take(index, len(index) / len(self.points))
+
+    def take(self, index: NDArray[np.int64], fraction: float) -> "SearchProblem":
+        """The problem of some points, that stand for a fraction of all."""
         arrays = (self.points, self.weights, self.log_odds, self.noise)
         points, weights, log_odds, noise = (each[index] for each in arrays)
-        empty = None if self.empty is None else self.empty.scaled(len(index) / len(self.points))
+        empty = None if self.empty is None else self.empty.of_sample(fraction)
         return replace(self, points=points, weights=weights, log_odds=log_odds, noise=noise, empty=empty)
-
-    def bounded(self, candidates: Candidates, mixture: Mixture, longest: float) -> "SearchProblem":
-        """The problem with the empty space around the inliers of a candidate."""
-        if self.surroundings is None:
-            return self
-        inliers = self.descent(candidates, mixture, longest).inliers[0]
-        return replace(self, empty=self.surroundings.empty_space(inliers >= INLIER))
 
     @property
     def fixed_mask(self) -> NDArray[np.bool_]:
@@ -84,12 +82,3 @@ class SearchProblem:
         for name, value in self.fixed.items():
             values[name] = np.broadcast_to(np.log(value) if name == "semi_axes" else value, values[name].shape)
         return Candidates(self.kind, *values.values())
-
-    def descent(self, candidates: Candidates, mixture: Mixture, longest: float) -> Descent:
-        """A descent of the candidates on these points."""
-        return self.weighted_descent(candidates, self.weights, mixture, longest)
-
-    def weighted_descent(self, candidates: Candidates, weights: Array, mixture: Mixture, longest: float) -> Descent:
-        """A descent of the candidates on these points with other weights (n,) or (M, n)."""
-        noise = self.noise, self.least_sigma, self.size, self.empty
-        return Descent(candidates, self.points, weights, mixture, longest, self.fixed_mask, self.log_odds, *noise)

@@ -1,8 +1,8 @@
 """Restarts of the search from boxes around the inliers of a surface, for bodies with points on one side only.
 
-A surface that is too long, or whose axes are exchanged, can pass through most points of a body with flat faces: its end
-lies where there are no points. A start inside the body has points beyond all its observed sides, which determine the
-size.
+The surface that fits points on one side of a body may be too long, or have its axes exchanged: its other end lies where
+there are no points, and the distances do not show the error. The starts here are smaller than the body instead. Points
+lie outside of each of their sides that was observed, and so determine the size.
 """
 
 from dataclasses import dataclass

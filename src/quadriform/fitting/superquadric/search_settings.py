@@ -31,17 +31,15 @@ class SearchSettings:
     """Distinct candidates that are kept on the larger sample after the narrow search."""
     kept_wide: int = 8
     """Those that are kept after the wide search, which finds more."""
-    tolerance: float = 1e-10
-    """The last descent ends when no parameter moves more than this."""
-    near: float = 1e-2
-    """Descents with damped steps end below this; undamped, accelerated steps follow."""
-    comparable: float = 1e-4
+    final_tolerance: float = 1e-10
+    """The last descent has converged when no parameter moves more than this."""
+    damped_tolerance: float = 1e-2
+    """Damped steps end when no parameter moves more than this; undamped, accelerated steps follow."""
+    comparison_tolerance: float = 1e-4
     """Candidates that move less than this can be compared."""
-    all_steps: float = 0.0
-    """The tolerance of descents of which every step is made."""
     sample_steps: int = 15
     """Most steps on a sample of the points: the next one begins near its minimum."""
-    sampled: float = 1e-6
+    sample_tolerance: float = 1e-6
     """The tolerance of these."""
     exact_rounds: int = 3
     """Rounds of the search for a surface through all points: in the axes of the cloud, and twice in those found."""
@@ -49,12 +47,13 @@ class SearchSettings:
     """Weight of the points of other parts, so that every problem has full rank."""
     majority: float = 0.5
     """Least inlier ratio of an accepted candidate."""
-    nearly: float = 1e-6
+    crease_tolerance: float = 1e-6
     """The tolerance at a crease, where derivatives are discontinuous and no descent converges."""
     most_steps: int = 40
     """Most steps of one descent, more than convergence takes where there is a minimum."""
-    pattern: float = 0.5
-    """Largest fraction of the distances' variance that neighbours may have in common in an accepted candidate."""
+    least_independent: float = 0.5
+    """Least half of von Neumann's ratio in an accepted candidate: the part of the variance of the distances that is
+    not common to neighbours; see `acceptable`."""
     acceptance_bonus: float = 0.1
     """Log likelihood per point that is added to that of accepted candidates in a comparison with others."""
     exact: float = 1e-6

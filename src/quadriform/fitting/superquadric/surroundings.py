@@ -10,31 +10,32 @@ from numpy.typing import ArrayLike, NDArray
 
 from quadriform.errors import OptionError, PointsError
 from quadriform.fitting.cloud import Distinct
-from quadriform.fitting.superquadric.empty_space import Surroundings
 from quadriform.point_sets import PointSet, given_factor
 from quadriform.points import Array, Frame, check_points, for_each, unit_vectors
 from quadriform.shapes.landmarks import MOST_CUT_OFF
 
 WIDEST = np.radians(80)
-"""From the mean direction of the points: a sensor that sees farther aside lies among them."""
+"""Largest angle between the direction of a point, from its viewpoint, and the mean direction of all points seen from
+there. A larger one means that the viewpoint lies among the points, where no sensor outside the body is."""
 Viewpoint = ArrayLike | Mapping[str, ArrayLike] | None
 Plane = tuple[ArrayLike, ArrayLike] | None
 
 
 @dataclass(frozen=True)
-class Around:
-    """Checked viewpoints and support of one cloud, in its unit and frame.
+class Surroundings:
+    """Checked viewpoints and support plane of one cloud, in its unit and frame.
 
     Attributes:
         viewpoints: (n, 3), where each point was seen from, or None.
-        plane: a point of the support (3,) and its unit normal (3,) to the side of the body, or None.
+        plane: a point (3,) of the plane that the body does not pass, and its unit normal (3,) to the side of the body;
+            or None.
     """
 
     viewpoints: Array | None = None
     plane: tuple[Array, Array] | None = None
 
     @classmethod
-    def of(cls, points: Array, viewpoint: ArrayLike | None, support: Plane) -> Around:
+    def of(cls, points: Array, viewpoint: ArrayLike | None, support: Plane) -> Surroundings:
         """From options as they were given, for points (n, 3).
 
         Raises:
@@ -43,37 +44,40 @@ class Around:
         seen_from = None if viewpoint is None else _viewpoints(points, viewpoint)
         return cls(seen_from, None if support is None else _support(points, support))
 
-    def scaled(self, factor: float) -> Around:
-        """The same in another unit of length."""
+    def in_unit(self, factor: float) -> Surroundings:
+        """The same with lengths times a factor: in another unit."""
         eyes = None if self.viewpoints is None else factor * self.viewpoints
-        return Around(eyes, None if self.plane is None else (factor * self.plane[0], self.plane[1]))
+        return Surroundings(eyes, None if self.plane is None else (factor * self.plane[0], self.plane[1]))
 
-    def take(self, index: NDArray[np.int64]) -> Around:
-        """That of some of the points."""
+    def take(self, index: NDArray[np.int64]) -> Surroundings:
+        """Those of some of the points."""
         return self if self.viewpoints is None else replace(self, viewpoints=self.viewpoints[index])
 
-    def surroundings(self, points: Array, distinct: Distinct, frame: Frame) -> Surroundings:
-        """The same for distinct points (m, 3) in their own frame."""
+    def to_local(self, distinct: Distinct, frame: Frame) -> Surroundings:
+        """Those of the distinct points in a centred, scaled frame."""
         eyes = None if self.viewpoints is None else frame.to_local(distinct.of_distinct(self.viewpoints))
         plane = None if self.plane is None else (frame.to_local(self.plane[0][None])[0], self.plane[1])
-        return Surroundings(points, eyes, plane)
+        return Surroundings(eyes, plane)
 
 
-def around_each(
+def surroundings_by_name(
     clouds: Mapping[str, Array], sets: Mapping[str, PointSet], viewpoint: Viewpoint, support: Plane, method: str
-) -> dict[str, Around]:
+) -> dict[str, Surroundings]:
     """Name -> what is known beside each cloud; a viewpoint of all, or one or an array for each by name.
 
     Options are in the unit in which the points were given, as `sets` know it, the result in that of the clouds.
 
     Raises:
-        OptionError: as `Around.of`, or of a method that takes neither.
+        OptionError: as `Surroundings.of`, or of a method that takes neither.
     """
     if method == "paper" and (viewpoint is not None or support is not None):
         raise OptionError("options viewpoint and support are none of method='paper'; use method='tangent'")
     viewpoints: dict[str, ArrayLike | None] = for_each(clouds, viewpoint, "viewpoints")
     factor = given_factor(sets.values())
-    return {name: Around.of(cloud / factor, viewpoints[name], support).scaled(factor) for name, cloud in clouds.items()}
+    return {
+        name: Surroundings.of(cloud / factor, viewpoints[name], support).in_unit(factor)
+        for name, cloud in clouds.items()
+    }
 
 
 def _viewpoints(points: Array, given: ArrayLike) -> Array:
