@@ -1,6 +1,5 @@
 """Rays of a sensor that met nothing, and planes below a body: what a body must not contain, on a ball and a box."""
 
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,10 +9,9 @@ from shapes_made import turned
 import quadriform as qf
 from quadriform.errors import OptionError
 from quadriform.fitting.mixture import Mixture
-from quadriform.fitting.superquadric import levenberg_marquardt
+from quadriform.fitting.superquadric import candidates
 from quadriform.fitting.superquadric.candidates import Candidates
 from quadriform.fitting.superquadric.empty_space import EmptySpace, empty_space
-from quadriform.fitting.superquadric.levenberg_marquardt import DESCENT
 from quadriform.fitting.superquadric.surroundings import Surroundings
 from quadriform.points import unit_vectors
 
@@ -103,7 +101,7 @@ def strip(rng, count=6000):
 @pytest.mark.slow
 def test_a_box_is_no_longer_than_the_sensor_saw_it(rng, monkeypatch):
     points, eye, box = strip(rng)
-    monkeypatch.setattr(levenberg_marquardt, "DESCENT", replace(DESCENT, size=0.0))
+    monkeypatch.setattr(candidates, "SIZE_PENALTY", 0.0)
     found = qf.fit_superquadric(points, viewpoint=eye).superquadric
     along = np.argmax(np.abs(found.rotation[0]))
     assert found.semi_axes[along] == pytest.approx(box[0], rel=0.1)

@@ -9,9 +9,9 @@ from shapes_made import made
 
 from quadriform.fitting.mixture import Mixture, estimated
 from quadriform.fitting.superquadric import levenberg_marquardt
-from quadriform.fitting.superquadric.candidates import Candidates
+from quadriform.fitting.superquadric.candidates import Candidates, Extent
 from quadriform.fitting.superquadric.empty_space import PenaltyTerms
-from quadriform.fitting.superquadric.levenberg_marquardt import EXPONENT_SPREAD, Descent, Extent, accelerated
+from quadriform.fitting.superquadric.levenberg_marquardt import EXPONENT_SPREAD, Descent, accelerated
 from quadriform.fitting.superquadric.problem import SearchProblem
 
 POINTS = random_directions(40, 1) * [1.2, 0.8, 1.0] + np.random.default_rng(9).normal(0, 0.05, (40, 3))

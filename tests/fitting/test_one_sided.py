@@ -8,9 +8,8 @@ from clouds_made import seen
 from shapes_made import even_directions, made
 
 from quadriform import fit_superquadric
-from quadriform.fitting.superquadric import levenberg_marquardt
-from quadriform.fitting.superquadric.candidates import Candidates
-from quadriform.fitting.superquadric.levenberg_marquardt import DESCENT, Extent
+from quadriform.fitting.superquadric import candidates
+from quadriform.fitting.superquadric.candidates import Candidates, Extent
 from quadriform.fitting.superquadric.restarts import RESTART, restarts
 from quadriform.shapes.superquadric import Superquadric
 
@@ -41,7 +40,7 @@ def test_of_a_covered_body_the_preference_is_far_below_the_noise(rng, monkeypatc
     truth = made(exponents=(0.6, 0.8))
     points = truth.surface(rng.normal(size=(2000, 3))) + 0.05 * rng.normal(size=(2000, 3))
     found = fit_superquadric(points)
-    monkeypatch.setattr(levenberg_marquardt, "DESCENT", replace(DESCENT, size=0.0))
+    monkeypatch.setattr(candidates, "SIZE_PENALTY", 0.0)
     without = fit_superquadric(points).superquadric
     sigma = np.sqrt(np.diag(found.covariance)[:3])
     assert (np.abs(found.superquadric.semi_axes - without.semi_axes) < sigma / 5).all()

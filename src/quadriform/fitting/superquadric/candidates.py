@@ -1,4 +1,4 @@
-"""Candidates for a superquadric: many of one kind as arrays, the parameters that a step changes, and their distances.
+"""Candidates for a superquadric: many of one kind as arrays, the parameters that a step changes, distances, size.
 
 The distance is that of P4, to first order: d = (F - 1) / |grad F|. It is exact for planes and, since F of the kind
 "ellipsoid" is of degree one along the rays from its centre, for spheres. Its derivatives are not taken at the point x
@@ -19,6 +19,10 @@ from quadriform.shapes.superquadric import EXPONENTS, Superquadric
 
 AXES, POWERS, ROTATION, SHIFT, HOLE = (slice(0, 3), slice(3, 5), slice(5, 8), slice(8, 11), slice(11, 12))
 """Slices of the parameters: log semi-axes, exponents, rotation and shift in the object's own frame, log(hole - 1)."""
+SIZE_PENALTY = 0.03
+"""Decrease of an inlier's log likelihood as the area of the surface grows by a factor e. It would be one for points
+spread evenly over a whole surface, with a density of one over its area. How much of the surface was sampled is not
+known, so it is a weak prior beside the distances."""
 
 
 @dataclass(frozen=True)
@@ -118,3 +122,45 @@ def distances(candidates: Candidates, points: Array) -> tuple[Array, Array]:
     a, e, r, t, h, x = (np.ascontiguousarray(array) for array in given)
     _kernel.distances(kind.codes, a, e, r, t, h, x, result, derivatives)  # P4
     return result, derivatives
+
+
+@dataclass(frozen=True)
+class Extent:
+    """A penalty on the size of M surfaces: where there is no data the smallest is preferred.
+
+    It is weights * log(1 + area / area of the data): a surface gains little by shrinking below the data. The areas are
+    those of boxes up to a factor.
+
+    Attributes:
+        weights: (M,) of the penalty.
+        areas: (M,) of a sphere with the inliers' RMS radius.
+    """
+
+    weights: Array
+    areas: Array
+
+    @classmethod
+    def of(cls, kind: str, points: Array, inliers: Array) -> "Extent":
+        """The penalty for points (m, 3) with inlier weights (M, m).
+
+        It is zero where the semi-axes do not give the size: of surfaces with a hole, or cut where the points end.
+        """
+        total = inliers.sum(axis=1)
+        fraction = inliers / np.maximum(total, 1e-300)[:, None]
+        spread = fraction @ (points**2).sum(axis=1) - ((fraction @ points) ** 2).sum(axis=1)
+        return cls(KINDS[kind].is_radial * SIZE_PENALTY * total, 3 * np.maximum(spread, 1e-300))
+
+    def cost(self, candidates: Candidates) -> Array:
+        """The value of the penalty (M,)."""
+        return self.weights * np.log1p(_box_areas(candidates).sum(axis=1) / 2 / self.areas)
+
+    def derivatives(self, candidates: Candidates) -> Array:
+        """Its derivatives (M, 3) by the logarithms of the semi-axes."""
+        areas = _box_areas(candidates)
+        return self.weights[:, None] * areas / (areas.sum(axis=1) / 2 + self.areas)[:, None]
+
+
+def _box_areas(candidates: Candidates) -> Array:
+    """Eighths (M, 3) of the area of the box's four sides along each axis, a1 (a2 + a3) and so on."""
+    axes = np.exp(candidates.log_axes)
+    return axes * (axes.sum(axis=1, keepdims=True) - axes)

@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadriform.fitting.mixture import Mixture
-from quadriform.fitting.superquadric.candidates import AXES, POWERS, ROTATION, Candidates, distances
+from quadriform.fitting.superquadric.candidates import AXES, POWERS, ROTATION, Candidates, Extent, distances
 from quadriform.fitting.superquadric.problem import SearchProblem
 from quadriform.points import Array
-from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.superquadric import EXPONENTS
 
 EXPONENT_SPREAD = (EXPONENTS[1] - EXPONENTS[0]) / np.sqrt(12)
@@ -48,55 +47,9 @@ class DescentSettings:
     """Steps that the acceleration combines: half as many as there are parameters."""
     worse: float = 2.0
     """The acceleration restarts after a step this many times larger than the last."""
-    size: float = 0.03
-    """Decrease of an inlier's log likelihood as the area of the surface grows by a factor e. It would be one for points
-    spread evenly over a whole surface, with a density of one over its area. How much of the surface was sampled is not
-    known, so it is a weak prior beside the distances."""
 
 
 DESCENT = DescentSettings()
-
-
-@dataclass(frozen=True)
-class Extent:
-    """A penalty on the size of M surfaces: where there is no data the smallest is preferred.
-
-    It is weights * log(1 + area / area of the data): a surface gains little by shrinking below the data. The areas are
-    those of boxes up to a factor.
-
-    Attributes:
-        weights: (M,) of the penalty.
-        areas: (M,) of a sphere with the inliers' RMS radius.
-    """
-
-    weights: Array
-    areas: Array
-
-    @classmethod
-    def of(cls, kind: str, points: Array, inliers: Array) -> "Extent":
-        """The penalty for points (m, 3) with inlier weights (M, m).
-
-        It is zero where the semi-axes do not give the size: of surfaces with a hole, or cut where the points end.
-        """
-        total = inliers.sum(axis=1)
-        fraction = inliers / np.maximum(total, 1e-300)[:, None]
-        spread = fraction @ (points**2).sum(axis=1) - ((fraction @ points) ** 2).sum(axis=1)
-        return cls(KINDS[kind].is_radial * DESCENT.size * total, 3 * np.maximum(spread, 1e-300))
-
-    def cost(self, candidates: Candidates) -> Array:
-        """The value of the penalty (M,)."""
-        return self.weights * np.log1p(_box_areas(candidates).sum(axis=1) / 2 / self.areas)
-
-    def derivatives(self, candidates: Candidates) -> Array:
-        """Its derivatives (M, 3) by the logarithms of the semi-axes."""
-        areas = _box_areas(candidates)
-        return self.weights[:, None] * areas / (areas.sum(axis=1) / 2 + self.areas)[:, None]
-
-
-def _box_areas(candidates: Candidates) -> Array:
-    """Eighths (M, 3) of the area of the box's four sides along each axis, a1 (a2 + a3) and so on."""
-    axes = np.exp(candidates.log_axes)
-    return axes * (axes.sum(axis=1, keepdims=True) - axes)
 
 
 class Descent:
