@@ -1,6 +1,5 @@
 """Rays of a sensor that met nothing, and planes below a body: what a body must not contain, on a ball and a box."""
 
-
 import numpy as np
 import pytest
 from clouds_made import random_directions
