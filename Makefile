@@ -7,7 +7,7 @@ READY := .venv/ready
 ALONE := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MALLOC_TRIM_THRESHOLD_=1073741824 MALLOC_MMAP_THRESHOLD_=33554432
 BENCH := .venv-bench
 
-.PHONY: results results-full stale-results demo test quick kernels check bench foreign fuzz mutants kill large coverage docs docs-figures clean
+.PHONY: results results-full stale-results demo test quick slow kernels check bench foreign fuzz mutants kill large coverage docs docs-figures clean
 
 demo: $(READY)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/quadriform demo -o out/demo --force
@@ -16,9 +16,14 @@ demo: $(READY)
 test: $(READY)
 	$(ALONE) PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
-# The same without the tests marked as slow, which take more than about a third of a second; for every change of a line.
+# The same without the tests of tests/slow.txt, for every change of a line; no browser to wait for, so a process for each core.
 quick: $(READY)
-	$(ALONE) PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder -m "not slow"
+	$(ALONE) PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n $$(getconf _NPROCESSORS_ONLN) --dist loadfile --no-loadscope-reorder \
+		-m "not slow"
+
+# Adds to tests/slow.txt what takes the processor more than a quarter of a second.
+slow: $(READY)
+	$(ALONE) $(BIN)/python tests/robustness/slow_tests.py
 
 # The numerical tests under each kernel of OpenBLAS that the processor has; another kernel rounds as another processor does.
 kernels: $(READY)

@@ -11,6 +11,7 @@ import pytest
 
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as in a background job, whose children would not be interrupted
     signal.signal(signal.SIGINT, signal.default_int_handler)
+SLOW = Path(__file__).with_name("slow.txt")
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 
 
@@ -21,9 +22,13 @@ def pytest_xdist_auto_num_workers():
 
 
 def pytest_collection_modifyitems(items):
-    """Files with the most slow tests first: at the end short ones fill the gap between the workers."""
-    slow = Counter(item.path for item in items if item.get_closest_marker("slow"))
-    items.sort(key=lambda item: -slow[item.path])
+    """Mark what is listed as slow. Files with most of it come first: at the end short ones fill the gap of a worker."""
+    listed = set(SLOW.read_text(encoding="utf-8").split())
+    slow = [item for item in items if item.nodeid.partition("[")[0] in listed]
+    for item in slow:
+        item.add_marker("slow")
+    count = Counter(item.path for item in slow)
+    items.sort(key=lambda item: -count[item.path])
 
 
 @pytest.hookimpl(wrapper=True)

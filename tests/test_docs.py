@@ -52,7 +52,6 @@ def test_figures_of_how_to_choose_are_measured():
     assert [number for number in said if not re.search(rf"(?<![\d.]){re.escape(number)}(?!\d)", measured)] == []
 
 
-@pytest.mark.slow
 def test_the_line_of_the_readme_for_open3d_fits_its_vectors(tmp_path):
     """Vectors of Open3D are sequences of rows; those of normals have arbitrary signs."""
     body = qf.Superquadric(semi_axes=(40.0, 30.0, 20.0), exponents=(1.0, 1.0))

@@ -50,7 +50,6 @@ def test_every_row_is_true(paper, where, test):
     assert test_name in names(ROOT / test_file)
 
 
-@pytest.mark.slow
 def test_the_site_shows_file_and_line_in_every_row():
     shown = [line for line in lines.with_lines(PAGE).splitlines() if line.startswith(("| P", "| section"))]
     assert len(shown) == len(rows()) > 40

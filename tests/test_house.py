@@ -72,7 +72,6 @@ def test_everything_public_has_a_docstring():
     assert [name for name, tree in parsed() if tree.body and not ast.get_docstring(tree)] == []
 
 
-@pytest.mark.slow
 def test_nothing_runs_code_from_data_or_inverts_matrices():
     found = []
     for name, _ in parsed():
@@ -95,13 +94,24 @@ def test_no_validation_by_assert():
     assert [name for name, tree in parsed() if any(isinstance(node, ast.Assert) for node in ast.walk(tree))] == []
 
 
+def test_slow_tests_are_listed_in_one_place():
+    """Each line of tests/slow.txt, which `make slow` writes, names a test; none is marked beside it."""
+    listed = (ROOT / "tests" / "slow.txt").read_text(encoding="utf-8").splitlines()
+    assert listed == sorted(set(listed))
+    texts = {path: path.read_text(encoding="utf-8") for path in sorted((ROOT / "tests").rglob("test_*.py"))}
+    for line in listed:
+        path, *names = line.split("::")
+        text = texts.get(ROOT / path, "")
+        assert all(re.search(rf"^ *(def|class) {name}\b", text, re.MULTILINE) for name in names) and names, line
+    assert [str(path) for path, text in texts.items() if re.search(r"mark\.slow", text)] == []
+
+
 def test_no_machine_paths_in_the_project():
     for path in [*SOURCES, *ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), ROOT / "pyproject.toml", ROOT / "Makefile"]:
         text = path.read_text(encoding="utf-8")
         assert "/home/" not in text and "/tmp/" not in text, path
 
 
-@pytest.mark.slow
 def test_importing_is_light():
     script = (
         "import sys, quadriform, quadriform.cli.main\n"
@@ -114,7 +124,6 @@ def test_importing_is_light():
     assert done.stdout.splitlines() == ["[]", "[]"], done.stdout
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("method", ["tangent", "paper"])
 def test_points_pass_through_few_modules(method):
     """The path of the data through a fit can be followed from one module to the next."""

@@ -61,14 +61,12 @@ def test_more_than_a_quarter_of_outliers_is_more_than_a_note():
     assert outliers(inliers, counted).keys() == {WarningKind.MANY_OUTLIERS}
 
 
-@pytest.mark.slow
 def test_one_outlier_among_many_points_is_a_note():
     found = qf.fit(np.vstack([lumpy(1500), [[500.0, 0, 0]]]), box=(3, 3, 3))
     assert found.status == "ok" and note_of(found, "OUTLIERS").startswith("1 of 1501 points")
     assert found.require_ok() is found and found.model.notes == found.notes
 
 
-@pytest.mark.slow
 def test_what_is_warned_of_is_usable_and_not_ok():
     found = qf.fit(lumpy(600)[lumpy(600)[:, 2] > -15], box=(3, 3, 3))
     assert found.status == "warned" and found.require_usable() is found

@@ -42,7 +42,6 @@ def objects():
     ]
 
 
-@pytest.mark.slow
 def test_each_public_object_prints_in_a_few_lines(objects):
     for thing in objects:
         lines = repr(thing).splitlines()

@@ -26,7 +26,6 @@ def fitted(terminal, path, tmp_path, *words):
     return json.loads(result.out)
 
 
-@pytest.mark.slow
 def test_columns_without_names_are_named_by_the_caller(terminal, six, tmp_path):
     refused = terminal("fit", six, "-o", tmp_path / "out")
     assert refused.code == 4 and "look like unit normals" in refused.err and "--columns x,y,z,nx,ny,nz" in refused.err
@@ -39,7 +38,6 @@ def test_columns_without_names_are_named_by_the_caller(terminal, six, tmp_path):
     assert terminal("info", six, "--columns", "z,y,x").code == 0
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("header", "words", "unit"),
     [
@@ -74,14 +72,12 @@ def test_units_that_contradict_each_other_are_refused(terminal, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.slow
 def test_the_order_of_napari_is_reported(terminal, tmp_path):
     np.savetxt(tmp_path / "p.csv", CLOUD[:, ::-1], delimiter=",", header="axis-0,axis-1,axis-2", comments="")
     record = fitted(terminal, tmp_path / "p.csv", tmp_path, *BRIEF)
     assert any("taken as z, y, x" in note for note in record["notes"])
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["p.xyz", "p.npy", "p.ply"])
 def test_points_far_from_the_origin_are_warned_of_and_written(terminal, tmp_path, name):
     """Single precision at 5e6: reported from every reader; results can be written."""
@@ -100,7 +96,6 @@ def test_points_far_from_the_origin_are_warned_of_and_written(terminal, tmp_path
     assert "PRECISION_LOSS" in terminal("info", tmp_path / name).err
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux has file names that are not UTF-8")
 @pytest.mark.parametrize("command", ["fit", "track"])
 def test_a_file_name_that_is_not_utf8(terminal, tmp_path, command):
@@ -114,7 +109,6 @@ def test_a_file_name_that_is_not_utf8(terminal, tmp_path, command):
     assert (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
 
 
-@pytest.mark.slow
 def test_options_that_are_lengths_have_the_unit_of_the_file(terminal, tmp_path):
     """They were taken in millimetres, into which points in centimetres are converted."""
     below = CLOUD[CLOUD[:, 2] < np.quantile(CLOUD[:, 2], 0.9)]

@@ -73,7 +73,6 @@ def test_a_mesh_stands_for_its_model(terminal, files):
     assert by_mesh["a_to_b"] == by_model["a_to_b"] and by_mesh["dice"] == by_model["dice"]
 
 
-@pytest.mark.slow
 def test_a_surface_is_chosen_by_name(terminal, files):
     itself = compared(terminal, "both.json", "a.json", "--surface", "endo")
     assert itself["hausdorff"] < 1e-9 and itself["dice"] == 1
@@ -93,7 +92,6 @@ def test_what_is_unknown_or_open_is_noted(terminal, files):
     assert "none" in terminal("compare", "a.json", "open.obj").out
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["b.vtp", "b.npz"])
 def test_what_lies_in_the_other_frame_is_brought_to_the_first_with_a_note(terminal, files, tmp_path, name):
     turned = "ras.ply" if name == "b.vtp" else "ras.json"

@@ -3,11 +3,9 @@
 import json
 
 import numpy as np
-import pytest
 from shapes_made import lumpy
 
 
-@pytest.mark.slow
 def test_the_terminal_and_the_page_state_them(terminal, tmp_path):
     cloud = lumpy(200)
     np.savetxt("cut.xyz", cloud[cloud[:, 2] < 10])

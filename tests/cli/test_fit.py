@@ -30,7 +30,6 @@ def files_in(folder):
     return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
 
 
-@pytest.mark.slow
 def test_points_become_a_model_a_surface_and_a_table(terminal, cloud, tmp_path):
     result = terminal("fit", cloud, "-o", "out", *QUICK)
     assert result.code == 0
@@ -55,7 +54,6 @@ def test_points_become_a_model_a_surface_and_a_table(terminal, cloud, tmp_path):
     assert "\x1b" not in result.out + result.err
 
 
-@pytest.mark.slow
 def test_json_reports_what_the_model_really_does(terminal, cloud, ellipsoid):
     result = terminal("fit", cloud, "-o", "out", "--json", *QUICK)
     record = json.loads(result.out)
@@ -69,7 +67,6 @@ def test_json_reports_what_the_model_really_does(terminal, cloud, ellipsoid):
     assert record["outputs"] == ["out/model.json", "out/surface.ply", "out/report.html"]
 
 
-@pytest.mark.slow
 def test_the_default_folder_is_named_after_the_input(terminal, cloud, tmp_path):
     assert terminal("fit", cloud, *BRIEF).code == 0
     assert files_in(tmp_path) == [
@@ -80,7 +77,6 @@ def test_the_default_folder_is_named_after_the_input(terminal, cloud, tmp_path):
     ]
 
 
-@pytest.mark.slow
 def test_options_reach_the_fit(terminal, cloud):
     words = ("--box", "3,4,5", "--regularity", "svd", "--strength", "20", "--matching", "model-to-data")
     assert terminal("fit", cloud, "-o", "out", *QUICK, *words, "--kind", "ellipsoid").code == 0
@@ -91,7 +87,6 @@ def test_options_reach_the_fit(terminal, cloud):
     assert json.loads(terminal(*stopped).out)["iterations"] == 1
 
 
-@pytest.mark.slow
 def test_the_default_method_its_options_and_what_it_reports(terminal, lump):
     """JSON holds what Python returns; outliers are counted; the box is certified."""
     points = read_points(lump)
@@ -110,7 +105,6 @@ def test_the_default_method_its_options_and_what_it_reports(terminal, lump):
     assert read_model("two/model.json").distance(points).std() > model.distance(points).std()
 
 
-@pytest.mark.slow
 def test_the_noise_that_is_stated_is_used_and_shown(terminal, lump, nifti, body):
     """A number on the terminal is that of Python; masks bring their own, which a number replaces."""
     words = ("--box", "3,3,3", "--json")
@@ -135,14 +129,12 @@ def test_the_method_of_the_paper_has_no_option_noise(terminal, cloud):
     assert result.code == 2 and "noise is not one of method='paper'" in result.err
 
 
-@pytest.mark.slow
 def test_a_box_that_reaches_an_error(terminal, lump):
     record = json.loads(terminal("fit", lump, "-o", "out", "--json", "--box", "auto", "--max-error", "2").out)
     assert record["error"]["rms"] < 2
     assert read_model("out/model.json").box.control_points.shape == (3, 3, 3, 3)
 
 
-@pytest.mark.slow
 def test_a_sensor_and_a_support_are_given_in_the_frame_of_the_points(terminal, lump):
     points = read_points(lump)
     np.save("above.npy", points[points[:, 2] > 0])
@@ -153,7 +145,6 @@ def test_a_sensor_and_a_support_are_given_in_the_frame_of_the_points(terminal, l
     np.testing.assert_allclose(read_model("out/model.json").box.control_points, found.model.box.control_points)
 
 
-@pytest.mark.slow
 def test_a_base_is_a_plane_or_a_file_with_a_loop(terminal, lump):
     """Where the data ends on purpose no coverage is asked for; both words for the base give the same model."""
     points = read_points(lump)
@@ -167,7 +158,6 @@ def test_a_base_is_a_plane_or_a_file_with_a_loop(terminal, lump):
     np.testing.assert_allclose(plane, loop, atol=1e-6)
 
 
-@pytest.mark.slow
 def test_twice_the_same_bytes(terminal, cloud, tmp_path):
     for out in ("a", "b"):
         FOUND.clear()
@@ -176,7 +166,6 @@ def test_twice_the_same_bytes(terminal, cloud, tmp_path):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 
 
-@pytest.mark.slow
 def test_existing_results_need_force(terminal, cloud, tmp_path):
     terminal("fit", cloud, "-o", "out", *QUICK)
     before = (tmp_path / "out/model.json").read_bytes()
@@ -188,7 +177,6 @@ def test_existing_results_need_force(terminal, cloud, tmp_path):
     assert (tmp_path / "out/model.json").read_bytes() != before
 
 
-@pytest.mark.slow
 def test_results_are_replaced_as_a_whole(terminal, cloud, tmp_path):
     """No surface of an earlier model stays beside the new one; what is no result stays."""
     points = read_points(cloud)
@@ -204,7 +192,6 @@ def test_results_are_replaced_as_a_whole(terminal, cloud, tmp_path):
     assert (tmp_path / "out/surface-mine.ply").read_bytes() == b"mine"
 
 
-@pytest.mark.slow
 def test_results_may_lie_beside_their_input(terminal, cloud, tmp_path):
     """The folder in which somebody works; the second time only with force, and the input stays."""
     before = cloud.read_bytes()
@@ -215,7 +202,6 @@ def test_results_may_lie_beside_their_input(terminal, cloud, tmp_path):
     assert cloud.read_bytes() == before
 
 
-@pytest.mark.slow
 def test_one_broken_input_does_not_stop_the_others(terminal, cloud, tmp_path):
     (tmp_path / "broken.xyz").write_text("1 2\n")
     (tmp_path / "flat.xyz").write_text("".join(f"{i} {i * i} 0\n" for i in range(30)))
@@ -242,7 +228,6 @@ def test_the_worst_exit_code_counts_even_where_the_fault_is_ours(terminal, cloud
     assert "failed (4)" in result.out
 
 
-@pytest.mark.slow
 def test_a_folder_gives_a_model_for_each_file_it_knows(terminal, cloud, tmp_path):
     (tmp_path / "in").mkdir()
     cloud.rename(tmp_path / "in/a.xyz")
@@ -260,7 +245,6 @@ def test_two_inputs_of_one_name_are_refused_before_the_work(terminal, cloud, tmp
     assert "both write" in result.err
 
 
-@pytest.mark.slow
 def test_two_surfaces_share_one_box(terminal, cloud, ellipsoid, tmp_path):
     np.save(tmp_path / "inner.npy", (ellipsoid - ellipsoid.mean(axis=0)) * 0.7 + ellipsoid.mean(axis=0))
     result = terminal("fit", "--surface", f"epi={cloud}", "--surface", "endo=inner.npy", "-o", "out", "--json", *QUICK)
@@ -291,7 +275,6 @@ def test_malformed_surfaces(terminal, cloud, words, message):
     assert message in result.err
 
 
-@pytest.mark.slow
 def test_strict_refuses_warnings_and_writes_nothing(terminal, ellipsoid, tmp_path):
     np.save(tmp_path / "half.npy", ellipsoid[ellipsoid[:, 2] > 104])
     warned = terminal("fit", "half.npy", "-o", "a", *BRIEF)
@@ -306,7 +289,6 @@ def test_strict_refuses_warnings_and_writes_nothing(terminal, ellipsoid, tmp_pat
 # --- images ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_a_mask_becomes_a_model_in_the_world(terminal, nifti, body, affine):
     path = nifti("mask.nii.gz", (body == 1).astype(np.uint8))
     result = terminal("fit", path, "-o", "out", "--json", *QUICK)
@@ -322,7 +304,6 @@ def test_a_mask_becomes_a_model_in_the_world(terminal, nifti, body, affine):
     assert read_space_and_unit("out/surface.ply") == ("LPS", "mm")
 
 
-@pytest.mark.slow
 def test_in_ras_only_the_signs_of_x_and_y_differ(terminal, nifti, body):
     path = nifti("mask.nii.gz", (body == 1).astype(np.uint8))
     assert terminal("fit", path, "-o", "lps", *BRIEF).code == 0
@@ -341,7 +322,6 @@ def test_in_ras_only_the_signs_of_x_and_y_differ(terminal, nifti, body):
     )
 
 
-@pytest.mark.slow
 def test_a_mesh_keeps_its_frame_unless_another_is_asked_for(terminal, ellipsoid, tmp_path):
     from scipy.spatial import ConvexHull
 
@@ -364,7 +344,6 @@ def test_a_frame_that_is_not_known_cannot_be_changed(terminal, cloud, tmp_path, 
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.slow
 def test_labels_are_chosen_or_taken_together_with_a_note(terminal, nifti, body):
     path = nifti("labels.nii", body)
     assert "labels 1, 2 together" in terminal("fit", path, "-o", "all", *BRIEF).err
@@ -373,7 +352,6 @@ def test_labels_are_chosen_or_taken_together_with_a_note(terminal, nifti, body):
     assert read_model("two/model.json").volume() < 0.1 * read_model("one/model.json").volume()
 
 
-@pytest.mark.slow
 def test_labels_as_surfaces(terminal, nifti, body):
     path = nifti("labels.nii", body)
     result = terminal("fit", path, "--surface", "a=1", "--surface", "b=2", "-o", "out", *BRIEF)
@@ -381,13 +359,11 @@ def test_labels_as_surfaces(terminal, nifti, body):
     assert list(read_model("out/model.json").surfaces) == ["a", "b"]
 
 
-@pytest.mark.slow
 def test_otsu_is_noted_where_no_threshold_is_given(terminal, nifti, body, rng):
     path = nifti("grey.nii.gz", (body == 1) * 1000.0 + rng.normal(size=body.shape))
     assert "Otsu" in terminal("fit", path, "-o", "out", *BRIEF).err
 
 
-@pytest.mark.slow
 def test_region_border_and_frame(terminal, nifti, body):
     path = nifti("cine.nii", np.stack([body == 1, body == 2], axis=-1).astype(np.uint8))
     assert terminal("fit", path).code == 4
@@ -469,7 +445,6 @@ def test_outputs_that_cannot_be_written_are_refused_before_the_work(terminal, cl
     assert cloud.read_bytes() == before
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "words",
     [
@@ -523,7 +498,6 @@ def test_wrong_options_are_usage_errors(terminal, cloud, tmp_path, words):
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.slow
 def test_a_name_with_anything_in_it(terminal, cloud, tmp_path):
     name = "Herz groß [bold]心.xyz"
     cloud.rename(tmp_path / name)
@@ -533,7 +507,6 @@ def test_a_name_with_anything_in_it(terminal, cloud, tmp_path):
     assert len(read_points(name)) == 400
 
 
-@pytest.mark.slow
 def test_a_real_image(terminal, shared):
     heart = shared / "data/spect_mpi/nifti/mpi_rest_1.nii.gz"
     words = ("--region", "17:53,12:52,10:34", "--threshold", "50%p99.9", "--json", *QUICK)
@@ -544,7 +517,6 @@ def test_a_real_image(terminal, shared):
     assert record["error"]["rms"] < record["superquadric_rms"]
 
 
-@pytest.mark.slow
 def test_a_mesh_of_few_vertices_is_sampled_by_area_and_that_is_recorded(terminal, tmp_path, monkeypatch):
     monkeypatch.setattr("quadriform.shapes.mesh_points.SAMPLES", 500)
     block = box_mesh()
@@ -558,7 +530,6 @@ def test_a_mesh_of_few_vertices_is_sampled_by_area_and_that_is_recorded(terminal
     assert read_points("block.stl").shape == (8, 3)
 
 
-@pytest.mark.slow
 def test_a_mesh_of_dense_vertices_is_fitted_as_its_vertices(terminal, tmp_path, ellipsoid):
     mesh = made().mesh(8)
     write_mesh(mesh, tmp_path / "dense.vtp")

@@ -74,7 +74,6 @@ def record_of(result):
     return json.loads(result.out)
 
 
-@pytest.mark.slow
 def test_the_cavity_counts_below_the_face_where_the_image_cuts_it(terminal, hearts, tmp_path):
     record = record_of(terminal("fit", hearts(), *CUT, "-o", "out", "--json"))
     assert record["volume_ml"] == pytest.approx(below(ENDO, TOP), rel=0.02)
@@ -88,7 +87,6 @@ def test_the_cavity_counts_below_the_face_where_the_image_cuts_it(terminal, hear
     assert f"below {FACE}" in (tmp_path / "out/report.html").read_text()
 
 
-@pytest.mark.slow
 def test_later_commands_count_below_the_base_that_the_model_was_stored_with(terminal, hearts, tmp_path):
     """Whatever is made of the model: the volume is that of the fit, and says below what."""
     record = record_of(terminal("fit", hearts(), *BOTH, *BRIEF, "-o", "out", "--space", "RAS", "--json"))
@@ -107,7 +105,6 @@ def test_later_commands_count_below_the_base_that_the_model_was_stored_with(term
     assert FACE in terminal("info", "out/model.json").out.replace("\n", " ")
 
 
-@pytest.mark.slow
 def test_the_example_of_the_readme_finds_the_ejection_fraction_of_two_phases(terminal, hearts):
     """The phases have different last slices; their volumes are known in closed form."""
     systole, top = 0.8 * ENDO, TOP - SPACING[2]
@@ -123,14 +120,12 @@ def test_the_example_of_the_readme_finds_the_ejection_fraction_of_two_phases(ter
     assert found["ejection fraction"]["value"] == pytest.approx(exact, abs=1.5)
 
 
-@pytest.mark.slow
 def test_a_base_that_is_given_later_replaces_the_stored_one(terminal, hearts):
     record_of(terminal("fit", hearts(), *CUT, *FEW, "-o", "out", "--json"))
     found = record_of(terminal("measure", "out/model.json", "--base", "0,0,6,0,0,1", "--json"))["measures"][0]
     assert found["value"] == pytest.approx(below(ENDO, 6.0), rel=0.02) and "below a fixed plane" in found["how"]
 
 
-@pytest.mark.slow
 def test_the_wall_counts_below_the_same_face_and_the_frame_does_not_matter(terminal, hearts):
     name = hearts(axes=(2, 0, 1))
     record = record_of(terminal("fit", name, *BOTH, *FEW, "-o", "out", "--space", "RAS", "--json"))
@@ -144,7 +139,6 @@ def test_the_wall_counts_below_the_same_face_and_the_frame_does_not_matter(termi
     assert f"-{TOP:g}," in shown and "/-1,0,0" in shown  # in LPS, the frame of images
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("words", [(*CUT, *FEW), (*BOTH, "--box", "4,4,4")], ids=["cavity", "wall"])
 def test_volumes_are_those_within_the_image_where_it_cuts_the_apex_too(terminal, hearts, tmp_path, words):
     name = hearts()
@@ -160,14 +154,12 @@ def test_volumes_are_those_within_the_image_where_it_cuts_the_apex_too(terminal,
         assert record["wall_volume_ml"] == pytest.approx(wall[0] - wall[1], rel=0.1)
 
 
-@pytest.mark.slow
 def test_a_given_base_bounds_the_volume_itself(terminal, hearts):
     record = record_of(terminal("fit", hearts(), *CUT, *FEW, "--base", "0,0,6/0,0,2", "-o", "out", "--json"))
     assert record["base"] == {"point": [0, 0, 6], "direction": [0, 0, 1]}
     assert record["volume_ml"] == pytest.approx(below(ENDO, 6.0), rel=0.02)
 
 
-@pytest.mark.slow
 def test_a_cavity_that_ends_inside_the_image_is_closed(terminal, hearts):
     shown = terminal("fit", hearts(top=50.0), *CUT, *BRIEF, "-o", "a")
     assert "cavity volume " in shown.out and "below the base" not in shown.out and "closed" not in shown.out
@@ -176,7 +168,6 @@ def test_a_cavity_that_ends_inside_the_image_is_closed(terminal, hearts):
     assert record["volume_ml"] == pytest.approx(4e-3 / 3 * np.pi * ENDO.prod(), rel=0.02)
 
 
-@pytest.mark.slow
 def test_several_images_give_a_model_each(terminal, hearts, cloud, tmp_path):
     diastole, systole = hearts("ED.nii"), hearts("ES.nii", top=6.0)
     shown = terminal("fit", diastole, systole, cloud, *CUT, *BRIEF, "-o", "out")
@@ -187,13 +178,11 @@ def test_several_images_give_a_model_each(terminal, hearts, cloud, tmp_path):
     assert [each["volume_ml"] for each in records] == pytest.approx([below(ENDO, TOP), below(ENDO, 6.0)], rel=0.02)
 
 
-@pytest.mark.slow
 def test_the_method_of_the_paper_has_no_base_but_its_volume_has(terminal, hearts):
     record = record_of(terminal("fit", hearts(), *CUT, *BRIEF, "-o", "out", "--json"))
     assert record["base"]["direction"] == [0, 0, 1]
 
 
-@pytest.mark.slow
 def test_a_perfusion_image_gives_both_walls_below_its_opening(terminal, image):
     at, affine = grid(46.0, np.array([2.5, 2.5, 2.5]))
     wall = inside(at, EPI) & ~inside(at, ENDO) & (at[..., 2] < TOP)
@@ -206,7 +195,6 @@ def test_a_perfusion_image_gives_both_walls_below_its_opening(terminal, image):
     assert record["wall_volume_ml"] == pytest.approx(below(EPI, height) - below(ENDO, height), rel=0.05)
 
 
-@pytest.mark.slow
 def test_other_fits_have_no_volume_of_a_heart(terminal, hearts):
     record = record_of(terminal("fit", hearts(), "--label", "1", *BRIEF, "-o", "out", "--json"))
     assert "volume_ml" not in record and "base" not in record

@@ -51,7 +51,6 @@ def grey(body, rng):
     return np.rint((body == 1) * 1000 + rng.normal(0, 20, body.shape)).astype(np.int16)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("writer", WRITERS)
 @pytest.mark.parametrize("suffix", [".nii.gz", ".nrrd"])
 def test_a_mask_lies_where_its_image_lies(terminal, tmp_path, body, grey, writer, suffix):
@@ -119,7 +118,6 @@ def test_the_slices_without_suffix_of_the_cases(terminal, shared):
     assert structure.code == 4 and "RT Structure Set Storage" in structure.err
 
 
-@pytest.mark.slow
 def test_a_folder_with_hidden_and_empty_files_is_fitted(terminal, tmp_path, grey, blank_figures):
     folder = dicom_folder(tmp_path / "slices", grey)
     (folder / ".hidden").write_bytes(b"")
@@ -130,7 +128,6 @@ def test_a_folder_with_hidden_and_empty_files_is_fitted(terminal, tmp_path, grey
     assert terminal("fit", folder, "-o", "out", "--box", "2,2,2").code == 0
 
 
-@pytest.mark.slow
 def test_the_volume_of_a_label_is_that_within_the_image(terminal, nifti, body):
     """Half of an ellipsoid of 2 x 2 x 3 mm voxels: what lies outside the image is not added."""
     half = (body == 1).astype(np.uint8)[:15]

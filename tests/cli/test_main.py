@@ -56,7 +56,6 @@ def test_each_option_has_the_help_of_its_docstring():
     assert commands["cohort"].params[0].param_type_name == "argument"
 
 
-@pytest.mark.slow
 def test_help_and_version_start_without_heavy_libraries():
     code = (
         "import sys; from quadriform.cli.main import main\n"
@@ -121,7 +120,6 @@ def test_an_unforeseen_error_leaves_a_report(terminal, monkeypatch, tmp_path):
     assert "KeyError: 'a bug'" in report.read_text(encoding="utf-8")
 
 
-@pytest.mark.slow
 def test_a_real_process_ends_with_one_line_and_the_code(tmp_path):
     """One that succeeds is row 76 of the reliability page."""
     (tmp_path / "nan.xyz").write_text("1 2 nan\n")
@@ -137,7 +135,6 @@ def test_a_file_in_the_place_of_a_folder_is_refused_in_one_line(terminal, tmp_pa
     assert [p.name for p in tmp_path.iterdir()] == ["cloud.xyz"]
 
 
-@pytest.mark.slow
 def test_a_reader_that_goes_away_is_no_error(cloud):
     read, write = os.pipe()
     os.close(read)
@@ -149,7 +146,6 @@ def test_a_reader_that_goes_away_is_no_error(cloud):
     assert done.stderr == b""
 
 
-@pytest.mark.slow
 def test_a_terminal_that_cannot_show_a_name(tmp_path, cloud):
     cloud.rename(tmp_path / "größe.xyz")
     done = process("info", "größe.xyz", cwd=tmp_path, env=os.environ | {"PYTHONIOENCODING": "ascii"})
@@ -157,7 +153,6 @@ def test_a_terminal_that_cannot_show_a_name(tmp_path, cloud):
     assert done.stderr == ""
 
 
-@pytest.mark.slow
 def test_no_color_is_respected():
     """Codes 30 to 37 and 90 to 97 set a colour; others, such as 1 for bold, do not."""
     colour = re.compile(r"\x1b\[(\d+;)*[39][0-7]m")

@@ -28,7 +28,6 @@ def beating(tmp_path):
     return models
 
 
-@pytest.mark.slow
 def test_numbers_are_those_of_the_library(terminal, beating):
     words = ["0.json", "1.json", "--base", "valve0.xyz", "--base", "valve1.xyz", "--json", "-o", "m.csv"]
     result = terminal("measure", *words)
@@ -41,7 +40,6 @@ def test_numbers_are_those_of_the_library(terminal, beating):
         assert [float(row["value"]) for row in csv.DictReader(stream)] == [row.value for row in expected.rows]
 
 
-@pytest.mark.slow
 def test_the_table_says_the_base_and_what_was_not_observed(terminal, beating):
     point, direction = HEART.base_plane()
     result = terminal("measure", "0.json", "1.json", "--base=" + ",".join(map(str, [*point, *direction])))
@@ -51,7 +49,6 @@ def test_the_table_says_the_base_and_what_was_not_observed(terminal, beating):
     assert "not observed" not in terminal("measure", "0.json", "1.json", "--tracked").out
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("base", ["0.7", "valve0.xyz"])
 def test_a_share_or_one_file_holds_for_all_frames(terminal, beating, base):
     result = terminal("measure", "0.json", "1.json", "--base", base, "--json")
@@ -59,7 +56,6 @@ def test_a_share_or_one_file_holds_for_all_frames(terminal, beating, base):
     assert json.loads(result.out)["measures"][0]["value"] == expected.rows[0].value
 
 
-@pytest.mark.slow
 def test_a_plane_is_taken_as_fit_shows_it(terminal, beating):
     """With a slash, as `fit --base` takes it and its table prints it, it was taken for the name of a file."""
     slash, commas = (
@@ -70,7 +66,6 @@ def test_a_plane_is_taken_as_fit_shows_it(terminal, beating):
     assert slash[0]["value"] == measure(beating, base=((3, -18, 78), (-0.6, -0.3, 0.7))).rows[0].value
 
 
-@pytest.mark.slow
 def test_a_moving_model_brings_its_frames_and_times(terminal, beating, tmp_path):
     boxes = [model.box for model in beating]
     points = np.stack([box.control_points for box in boxes])
@@ -110,7 +105,6 @@ def contours_written(folder, inserts=True, valve=8):
     return [folder / f"GPFile_{number:03d}.txt" for number in range(len(TIMES))]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("how", ["folder", "glob", "one by one"])
 def test_contours_bring_each_frames_base_and_the_insertions_of_ed(terminal, beating, tmp_path, how):
     files = contours_written(tmp_path / "frames")
@@ -124,7 +118,6 @@ def test_contours_bring_each_frames_base_and_the_insertions_of_ed(terminal, beat
     ]
 
 
-@pytest.mark.slow
 def test_contours_without_insertions_leave_the_segments_unanchored(terminal, beating, tmp_path):
     contours_written(tmp_path / "frames", inserts=False)
     result = terminal("measure", "0.json", "1.json", "--contours", "frames")
@@ -134,7 +127,6 @@ def test_contours_without_insertions_leave_the_segments_unanchored(terminal, bea
     assert "UNANCHORED" not in terminal("measure", "0.json", "1.json", "--contours", "frames", *points).err
 
 
-@pytest.mark.slow
 def test_one_file_of_contours_is_the_plane_of_its_frame(terminal, beating, tmp_path):
     file = contours_written(tmp_path / "frames")[1]
     result = terminal("measure", "0.json", "1.json", "--base", file, "--json")
@@ -142,7 +134,6 @@ def test_one_file_of_contours_is_the_plane_of_its_frame(terminal, beating, tmp_p
     assert json.loads(result.out)["measures"][0]["value"] == expected.rows[0].value
 
 
-@pytest.mark.slow
 def test_models_in_ras_take_contours_in_lps(terminal, beating, tmp_path):
     """Everything that is measured is the same, for a half-turn changes no measure."""
     contours_written(tmp_path / "frames")
@@ -157,7 +148,6 @@ def test_models_in_ras_take_contours_in_lps(terminal, beating, tmp_path):
             assert other["value"] == pytest.approx(one["value"], rel=1e-6, abs=1e-9)
 
 
-@pytest.mark.slow
 def test_a_marked_loop_is_brought_to_the_models(terminal, beating, tmp_path):
     ring = HEART.mitral_points(0.0)
     fan = Mesh(ring * [-1, -1, 1], np.array([[0, k, k + 1] for k in range(1, len(ring) - 1)]))
@@ -167,7 +157,6 @@ def test_a_marked_loop_is_brought_to_the_models(terminal, beating, tmp_path):
     assert json.loads(result.out)["measures"][0]["value"] == pytest.approx(expected.rows[0].value, rel=1e-12)
 
 
-@pytest.mark.slow
 def test_models_are_taken_in_the_order_of_their_numbers(terminal, beating, tmp_path):
     """Frame 10 comes after frame 9, although a shell lists it before."""
     for number, model in zip((9, 10), beating):

@@ -223,7 +223,6 @@ def test_export_in_ras(terminal, model, tmp_path):
     assert not (tmp_path / "none").exists()
 
 
-@pytest.mark.slow
 def test_labels_lie_in_the_same_voxels_whatever_the_frame(terminal, tmp_path, nifti, body):
     """Of a model in RAS, and of one in LPS that is asked for in RAS."""
     surface = Superquadric(semi_axes=(14, 10, 12), translation=(28, -24, -3))

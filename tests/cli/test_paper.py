@@ -79,7 +79,6 @@ def test_another_suffix_is_refused_before_the_work(terminal, tmp_path, work):
     assert work == [] and list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.slow
 def test_one_figure_alone_is_made(terminal, tmp_path):
     assert terminal("paper", "--figure", "5", "-o", "page.html").code == 0
     text = (tmp_path / "page.html").read_text(encoding="utf-8")

@@ -28,7 +28,6 @@ def frames_written(folder, ellipsoid, count=4):
     return paths
 
 
-@pytest.mark.slow
 def test_files_become_a_moving_model(terminal, ellipsoid, tmp_path):
     files = frames_written(tmp_path, ellipsoid)
     done = terminal("track", *files, "-o", "out", "--box", "3,3,3", "--json")
@@ -45,7 +44,6 @@ def test_files_become_a_moving_model(terminal, ellipsoid, tmp_path):
     assert record["frames"][1]["volume_surface"] == float(rows[1]["volume_surface"])
 
 
-@pytest.mark.slow
 def test_a_folder_is_its_files_in_order_and_times_are_taken(terminal, ellipsoid, tmp_path):
     (tmp_path / "cine").mkdir()
     frames_written(tmp_path / "cine", ellipsoid)
@@ -117,7 +115,6 @@ def known(monkeypatch):
     return asked
 
 
-@pytest.mark.slow
 def test_in_ras_models_and_shifts_have_x_and_y_negated(terminal, contours, known, ellipsoid, tmp_path):
     for out, words, signs in (("lps", (), [1, 1, 1]), ("ras", ("--space", "RAS"), [-1, -1, 1])):
         done = terminal("track", *contours, "-o", out, "--shift-slices", "--json", *words)
@@ -129,7 +126,6 @@ def test_in_ras_models_and_shifts_have_x_and_y_negated(terminal, contours, known
         assert np.array_equal(known["clouds"][1]["epi"], ellipsoid)  # the fit is in LPS, whatever is written
 
 
-@pytest.mark.slow
 def test_slices_of_images_are_numbered_and_points_between_them_left_out(terminal, nifti, body, known, tmp_path):
     path = nifti("cine.nii", np.stack([body == 1] * 2, axis=-1).astype(np.uint8))
     words = ("--surface", "endo=label:1", "--surface", "epi=label:1")
@@ -164,7 +160,6 @@ def test_frames_must_have_the_same_slices(terminal, nifti, body, known, contours
     assert not (tmp_path / "other").exists()
 
 
-@pytest.mark.slow
 def test_frames_are_taken_in_the_order_of_their_numbers(terminal, known, ellipsoid, tmp_path):
     """As a shell gives them and from a folder; where one is missing its time is left out."""
     (tmp_path / "cine").mkdir()
@@ -184,7 +179,6 @@ def test_frames_are_taken_in_the_order_of_their_numbers(terminal, known, ellipso
     assert refused.code == 4 and "two files for one frame" in refused.err and not (tmp_path / "twice").exists()
 
 
-@pytest.mark.slow
 def test_unpadded_frames(terminal, shared, tmp_path):
     """Twelve meshes of one ellipsoid at twelve sizes, whose volumes are known, in the order of their numbers."""
     folder = shared / "cases" / "frames_unpadded"
@@ -194,7 +188,6 @@ def test_unpadded_frames(terminal, shared, tmp_path):
     np.testing.assert_allclose(volumes[:7] / volumes[0], known / known[0], rtol=2e-3)
 
 
-@pytest.mark.slow
 def test_each_alone_gives_a_model_a_frame(terminal, ellipsoid, tmp_path):
     files = frames_written(tmp_path, ellipsoid, 2)
     done = terminal("track", *files, "-o", "out", "--strategy", "alone", "--box", "3,3,3")
@@ -211,7 +204,6 @@ def test_each_alone_gives_a_model_a_frame(terminal, ellipsoid, tmp_path):
     assert refused.code == 5 and "frame_001.json': exists already" in refused.err
 
 
-@pytest.mark.slow
 def test_the_noise_that_is_stated_is_used_and_shown(terminal, contours, nifti, body, known):
     record = json.loads(terminal("track", *contours, "-o", "out", "--noise", "1.5", "--json").out)
     assert known["stated"] == 1.5 and record["known_noise"] == "1.5 mm, by --noise"

@@ -78,7 +78,6 @@ def shown_on(page):
     return re.search(r"<td>ejection fraction</td><td[^>]*>([0-9.]+) %", text)[1], planes
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("space", ["LPS", "RAS"])
 def test_a_heart_has_one_ejection_fraction(terminal, exact, tmp_path, space):
     """In the table of `track`, in its JSON, on all pages, and in `measure` with and without the contours."""
@@ -102,7 +101,6 @@ def test_a_heart_has_one_ejection_fraction(terminal, exact, tmp_path, space):
     assert 100 * (1 - cavity[1] / cavity[0]) == pytest.approx(truth, abs=1e-6)
 
 
-@pytest.mark.slow
 def test_the_reach_beyond_the_base_is_stated(terminal, exact, tmp_path):
     """What lies there is neither drawn nor counted, and nobody measured it."""
     record = record_of(terminal("track", written(tmp_path / "frames"), "-o", "out", "--json"))
@@ -117,7 +115,6 @@ def test_the_reach_beyond_the_base_is_stated(terminal, exact, tmp_path):
     assert any("BASE_NOT_OBSERVED" in text for text in moving.notes)
 
 
-@pytest.mark.slow
 def test_insertions_of_the_contours_anchor_the_segments(terminal, exact, tmp_path):
     terminal("track", written(tmp_path / "frames"), "-o", "out")
     assert "UNANCHORED" not in terminal("measure", "out/model.json").err
@@ -125,7 +122,6 @@ def test_insertions_of_the_contours_anchor_the_segments(terminal, exact, tmp_pat
     assert "UNANCHORED" in terminal("measure", "unanchored/model.json").err
 
 
-@pytest.mark.slow
 def test_frames_alone_have_their_own_base(terminal, exact, tmp_path):
     record = record_of(terminal("track", written(tmp_path / "f"), "--strategy", "alone", "-o", "out", "--json"))
     measured = record_of(terminal("measure", "out/frame_000.json", "out/frame_001.json", "--json"))["measures"]
@@ -133,7 +129,6 @@ def test_frames_alone_have_their_own_base(terminal, exact, tmp_path):
     assert found["ejection fraction"] == pytest.approx(record["ejection_fraction"], abs=1e-9)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("valve", [0, 2])
 def test_without_a_plane_in_every_frame_all_count_as_closed(terminal, exact, tmp_path, valve):
     done = terminal("track", written(tmp_path / "frames", valve=valve), "-o", "out", "--json")
@@ -171,7 +166,6 @@ def labels(tmp_path):
     return "labels_4d.nii"
 
 
-@pytest.mark.slow
 def test_the_ventricle_of_a_label_image_ends_with_its_labels_in_each_frame(terminal, labels):
     record = record_of(terminal("track", labels, *CUT, "-o", "out", "--json"))
     truth = [below(size, top) for size, top in zip(SIZES, TOPS)]

@@ -86,7 +86,6 @@ def words(request, made, tmp_path):
     return [word.replace("OUT", str(tmp_path / "out")) for word in USES[request.param]]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("words", USES, indirect=True, ids=lambda name: name)
 def test_every_use_repeats_the_warnings(call, made, words):
     source = "cycle" if "cycle/model.json" in words else "ed"
@@ -98,7 +97,6 @@ def test_every_use_repeats_the_warnings(call, made, words):
         assert "warned" in found.out and all(kind in found.out for kind in warnings_of(made, source))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("words", [name for name in USES if "report" not in name], indirect=True, ids=lambda name: name)
 def test_json_has_status_warnings_and_notes(call, made, words):
     source = "cycle" if "cycle/model.json" in words else "ed"
@@ -161,7 +159,6 @@ def test_meshes_say_the_status(call, made, tmp_path):
     assert b"WARNINGS=PARTIAL_COVERAGE" in (tmp_path / "out" / "surface-epi.ply").read_bytes()[:400]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["ply", "stl", "obj", "vtp"])
 def test_meshes_alone_repeat_the_warnings(call, made, tmp_path, suffix):
     out = tmp_path / "meshes"

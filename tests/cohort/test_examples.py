@@ -28,7 +28,6 @@ def recorded(tmp_path):
     return command.parent
 
 
-@pytest.mark.slow
 def test_an_array_job_processes_a_cohort_in_parts(tmp_path, recorded, monkeypatch):
     """The first task with its words taken to this process, the last one as it is."""
     installed = Path(sys.executable).parent

@@ -46,7 +46,6 @@ def words(page):
     )
 
 
-@pytest.mark.slow
 def test_the_page_lists_every_subject(results):
     text = words(results / "cohort.html")
     assert "6 of 7 subjects have a model, 1 failed" in text
@@ -131,7 +130,6 @@ def test_ids_cannot_break_the_page(results, tmp_path):
         page.write_bytes(before)
 
 
-@pytest.mark.slow
 def test_columns_sort_both_ways_and_rows_are_chosen(browser, results):
     browser.open(results / "cohort.html")
     column = """return [...document.querySelectorAll('#subjects tbody tr')].filter((r) => !r.hidden)
@@ -149,7 +147,6 @@ def test_columns_sort_both_ways_and_rows_are_chosen(browser, results):
     browser.check()
 
 
-@pytest.mark.slow
 def test_the_page_can_be_read_and_sorted_on_a_phone(browser, results):
     with browser.phone():
         browser.open(results / "cohort.html")
@@ -158,7 +155,6 @@ def test_the_page_can_be_read_and_sorted_on_a_phone(browser, results):
         assert browser.run("return [...document.querySelectorAll('button.sort')].every(e => e.offsetWidth > 0)")
 
 
-@pytest.mark.slow
 def test_a_slider_moves_the_mean_as_python_says(every_browser, results):
     every_browser.open(results / "cohort.html")
     modes = write_modes(results, read_layout(results))

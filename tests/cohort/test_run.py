@@ -55,7 +55,6 @@ def serial(cohort, tmp_path_factory):
     return out, summary, calls
 
 
-@pytest.mark.slow
 def test_a_run_returns_a_summary_and_reports_each_outcome(serial):
     _, summary, calls = serial
     assert summary.counts == {"fitted": SUBJECTS - len(BROKEN), "failed": len(BROKEN)}
@@ -74,7 +73,6 @@ def test_each_failure_is_a_row_and_leaves_no_model(serial):
     assert len(list((out / "subjects").glob("*/model.json"))) == SUBJECTS - len(BROKEN)
 
 
-@pytest.mark.slow
 def test_the_store_opens_with_xarray_and_holds_the_models_to_the_last_bit(serial):
     xarray = pytest.importorskip("xarray")
     out = serial[0]
@@ -115,13 +113,11 @@ def test_measures_are_one_number_a_row(serial):
     assert {row["quantity"] for row in mine if row["frame"] is None} >= {"rms", "noise", "points", "min det J"}
 
 
-@pytest.mark.slow
 def test_processes_give_the_same_bytes(cohort, serial, tmp_path):
     run(cohort, tmp_path / "out", partial(executors.processes, 2), CHOICES)
     assert differences(serial[0], tmp_path / "out") == []
 
 
-@pytest.mark.slow
 def test_dask_gives_the_same_bytes_although_a_worker_is_killed(cohort, serial, tmp_path):
     """As many workers as requested, whatever the number of cores: once the number was taken for the cluster's name."""
     pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
@@ -155,7 +151,6 @@ def test_dask_gives_the_same_bytes_although_a_worker_is_killed(cohort, serial, t
     assert differences(serial[0], tmp_path / "out") == []
 
 
-@pytest.mark.slow
 def test_an_existing_cluster_is_found_by_its_address(tmp_path):
     distributed = pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
     cohort = listed(tmp_path, 2)
@@ -166,7 +161,6 @@ def test_an_existing_cluster_is_found_by_its_address(tmp_path):
     assert summary.counts == {"fitted": 2}
 
 
-@pytest.mark.slow
 def test_a_killed_run_resumes_without_repeating_finished_subjects(cohort, serial, tmp_path):
     out = tmp_path / "out"
     command = [sys.executable, "-m", "quadriform.cli.main", "cohort", cohort, "-o", out, "--processes", "1", *WORDS]
@@ -188,7 +182,6 @@ def test_a_killed_run_resumes_without_repeating_finished_subjects(cohort, serial
     assert differences(serial[0], out) == []
 
 
-@pytest.mark.slow
 def test_shards_at_the_same_time_make_the_same_store(cohort, serial, tmp_path):
     import zarr
     from pyarrow import parquet
@@ -222,7 +215,6 @@ def test_shards_at_the_same_time_make_the_same_store(cohort, serial, tmp_path):
         assert np.array_equal(one, other, equal_nan=one.dtype.kind == "f")
 
 
-@pytest.mark.slow
 def test_a_changed_option_or_file_is_processed_again(tmp_path):
     cohort, out = listed(tmp_path, 2), tmp_path / "out"
     run(cohort, out, one_thread, CHOICES)
@@ -263,7 +255,6 @@ def test_shards_are_counted_from_one(shard):
         Choices(shard=shard)
 
 
-@pytest.mark.slow
 def test_on_a_terminal(tmp_path, capsys, monkeypatch):
     """Exit code 7, the record as data, and no id on the screen unless requested; threads in place of processes."""
     from quadriform.cli.main import main

@@ -70,8 +70,7 @@ def moved_anyhow(shapes):
     return [elsewhere(one, turn, 200 * rng.normal(size=3)) for one, turn in zip(shapes, turns)]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("place", [as_they_lie, moved_a_little, pytest.param(moved_anyhow, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("place", [as_they_lie, moved_a_little, moved_anyhow])
 def test_known_modes_are_found(statistics, place):
     found = statistics.shape_modes(place([model(amounts) for amounts in draws()]))
     steps = [found.shapes.transform([model(h * row) for h in (0.5, -0.5)]) for row in np.eye(4)]
@@ -116,7 +115,6 @@ def test_position_and_orientation_change_nothing(statistics):
     assert np.abs(correspond.transform([elsewhere(s, tilt, np.zeros(3)) for s in shapes]) - rows).max() < 0.1
 
 
-@pytest.mark.slow
 def test_scores_and_reconstruction_from_k_modes(statistics):
     amounts = draws()
     shapes = [model(row) for row in amounts]
@@ -173,7 +171,6 @@ def test_modes_are_those_of_scikit_learn(statistics):
     np.testing.assert_allclose(found.scores(shapes) * found.deviations, other.transform(rows), atol=1e-9)
 
 
-@pytest.mark.slow
 def test_it_is_the_first_step_of_a_pipeline_and_accepts_clouds(statistics):
     from sklearn.decomposition import PCA
     from sklearn.pipeline import make_pipeline

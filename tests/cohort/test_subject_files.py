@@ -37,7 +37,6 @@ def one(tmp_path):
     return of_row
 
 
-@pytest.mark.slow
 def test_a_moving_label_image_becomes_a_model_of_both_walls(one, tmp_path):
     """Two concentric balls of labels that shrink."""
     grid = np.stack(np.meshgrid(*[np.arange(24)] * 3, indexing="ij"), axis=-1) - 11.5
@@ -59,7 +58,6 @@ def test_a_moving_label_image_becomes_a_model_of_both_walls(one, tmp_path):
     assert found.parameters.superquadrics.shape == (2, 2, 11)
 
 
-@pytest.mark.slow
 def test_a_header_that_contradicts_itself_is_read_as_the_row_says(one, tmp_path):
     grid = np.stack(np.meshgrid(*[np.arange(20)] * 3, indexing="ij"), axis=-1) - 9.5
     image = nibabel.Nifti1Image((np.linalg.norm(grid, axis=-1) < 7).astype(np.uint8), np.diag([2.0, 2, 2, 1]))
@@ -77,7 +75,6 @@ def test_a_header_that_contradicts_itself_is_read_as_the_row_says(one, tmp_path)
         assert inspect_files(next(read_manifest(tmp_path / "list.csv", FAST).rows()), tmp_path).space == space
 
 
-@pytest.mark.slow
 def test_files_for_each_wall(one, tmp_path):
     for name in ("endo", "epi"):
         for frame in range(2):
@@ -90,7 +87,6 @@ def test_files_for_each_wall(one, tmp_path):
     assert (tmp_path / "out" / "subjects" / "a" / "model.json").exists()  # files that are gone take no model along
 
 
-@pytest.mark.slow
 def test_one_frame_is_fitted_and_marks_are_kept(one, tmp_path):
     mesh = HEART.model(0.0).mesh("endo", 4)
     write_mesh(mesh, tmp_path / "a.ply", "RAS", "mm")
@@ -103,7 +99,6 @@ def test_one_frame_is_fitted_and_marks_are_kept(one, tmp_path):
     assert metres.failure.kind == "InputError" and "lengths in mm; expected m" in metres.failure.error
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("by_wall", [False, True])
 def test_columns_of_arrays_are_named_by_the_row(one, tmp_path, by_wall):
     """An array with three more columns is read as `columns` of the row says, z before y before x."""
@@ -120,7 +115,6 @@ def test_columns_of_arrays_are_named_by_the_row(one, tmp_path, by_wall):
     assert inspect_files(next(read_manifest(listed, {}).rows()), tmp_path).unit == "unknown"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("shared", "words"),
     [

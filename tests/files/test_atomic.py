@@ -141,7 +141,6 @@ def test_what_cannot_be_created_is_refused_and_leaves_nothing(tmp_path, monkeypa
     assert os.listdir(tmp_path) == ["a"]
 
 
-@pytest.mark.slow
 def test_a_killed_writer_leaves_one_of_the_two_files(tmp_path):
     path = tmp_path / "a"
     old, new = b"0" * 500_000, b"1" * 700_000

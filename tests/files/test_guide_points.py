@@ -282,7 +282,6 @@ def frames(shared):
 
 
 class TestRealFrames:
-    @pytest.mark.slow
     def test_there_are_as_many_points_as_the_data_says(self, frames):
         assert [found.frame for found in frames] == list(range(25))
         counts = [len(found.surface("endo")[0]) + len(found.surface("epi")[0]) for found in frames]
@@ -291,7 +290,6 @@ class TestRealFrames:
         assert {len(found.apex) for found in frames} == {1}
         assert all(len(found.rv_inserts) % 2 == 0 for found in frames)
 
-    @pytest.mark.slow
     def test_each_point_lies_in_the_plane_of_its_slice(self, frames, shared):
         """So the column frameID is the slice."""
         planes = read_slice_planes(shared / "data" / "human_lv_guidepoints" / "SliceInfoFile.txt")
@@ -301,7 +299,6 @@ class TestRealFrames:
                 origins = np.array([planes[n].origin for n in found.slices[kind]])
                 assert_allclose(((points - origins) * normals).sum(axis=1), 0, atol=1e-4)
 
-    @pytest.mark.slow
     def test_the_second_person_is_read_from_the_original_files(self, shared):
         """sliceID in one, no header in the other; each point in its plane; end diastole before end systole."""
         folder = shared / "data" / "human_lv_guidepoints_2"

@@ -20,7 +20,6 @@ def model(space="LPS", unit="mm"):
     return DeformableModel({"endo": ENDO, "epi": EPI}, ControlBox.around(EPI), space, unit)
 
 
-@pytest.mark.slow
 def test_labels_are_those_of_the_implicit_functions():
     shape = (38, 36, 32)
     at = np.stack(np.indices(shape), axis=-1).reshape(-1, 3) @ SKEW[:3, :3].T + SKEW[:3, 3]

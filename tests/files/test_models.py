@@ -139,7 +139,6 @@ BAD = [
 ]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("path", "value", "message"), BAD, ids=[f"{'.'.join(map(str, p))}={str(v)[:9]}" for p, v, _ in BAD]
 )
@@ -273,7 +272,6 @@ def test_an_unknown_frame_is_not_written(tmp_path, model):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("value", [1e300, -1e300, 1e160, 1e31, 1e29, -1e25, 1e-300])
 @pytest.mark.parametrize(
     "path",

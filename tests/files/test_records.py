@@ -144,7 +144,6 @@ BAD = [
 ]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("make", [still, moving])
 @pytest.mark.parametrize(("name", "value", "message"), BAD, ids=[f"{n}={v!a}"[:40] for n, v, _ in BAD])
 def test_a_damaged_record_is_refused_by_its_path(tmp_path, make, name, value, message):

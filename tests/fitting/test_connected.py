@@ -51,7 +51,6 @@ def largest_error(points):
     return np.abs(np.sort(found.superquadric.semi_axes) / np.sort(BOX.semi_axes) - 1).max(), found
 
 
-@pytest.mark.slow
 def test_a_body_does_not_grow_to_a_neighbour_in_line_with_a_face(rng, monkeypatch):
     points = in_line(rng)
     error, found = largest_error(points)

@@ -97,7 +97,6 @@ def strip(rng, count=6000):
     return points + 0.01 * rng.normal(size=(count, 1)) * unit_vectors(points - eye), eye, box
 
 
-@pytest.mark.slow
 def test_a_box_is_no_longer_than_the_sensor_saw_it(rng, monkeypatch):
     points, eye, box = strip(rng)
     monkeypatch.setattr(candidates, "SIZE_PENALTY", 0.0)
@@ -109,7 +108,6 @@ def test_a_box_is_no_longer_than_the_sensor_saw_it(rng, monkeypatch):
     np.testing.assert_allclose(np.sort(moved.semi_axes), 10 * np.sort(found.semi_axes), rtol=0.02)
 
 
-@pytest.mark.slow
 def test_a_box_ends_at_the_plane_on_which_it_stands(rng):
     points, _, box = strip(rng)
     high = points[points[:, 2] > 0]  # the lower half of the front is hidden
@@ -117,7 +115,6 @@ def test_a_box_ends_at_the_plane_on_which_it_stands(rng):
     assert found.superquadric.mesh(32).vertices[:, 2].min() > -box[2] - 0.05
 
 
-@pytest.mark.slow
 def test_a_fit_takes_both():
     plane = ((0, 0, -1), (0, 0, -3))  # of any length and sign: the body is where the points are
     found = qf.fit(BALL, viewpoint=EYE, support=plane, box=(3, 3, 3))

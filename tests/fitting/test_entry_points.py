@@ -97,7 +97,6 @@ def test_the_cloud_at_fault_is_named():
         qf.fit({})
 
 
-@pytest.mark.slow
 def test_a_slab_is_fitted_and_warned_of():
     """Row A10: thin, not flat. The paper's descent creeps, or says that it did not arrive; the condition is told."""
     slab = CLOUD * [1, 1, 1e-3]
@@ -116,7 +115,6 @@ KINDS_OF_ARRAY = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS_OF_ARRAY)
 def test_the_kind_of_array_does_not_matter(kind):
     """Rows A17 and A19: the same bytes as its contiguous float64 copy; other dresses are among the common checks."""
@@ -126,7 +124,6 @@ def test_the_kind_of_array_does_not_matter(kind):
     assert found.input_sha256 == plain.input_sha256
 
 
-@pytest.mark.slow
 def test_the_input_is_left_alone():
     """Row A21: read-only arrays are accepted, and nothing is written anywhere."""
     clouds = two_walls(150)
@@ -144,7 +141,6 @@ def test_the_input_is_left_alone():
     assert [hashlib.sha256(cloud.tobytes()).digest() for cloud in clouds.values()] == before
 
 
-@pytest.mark.slow
 def test_callers_who_let_numpy_raise():
     """Row D78: nothing inside leans on a silenced overflow."""
     with np.errstate(all="raise"):
@@ -157,7 +153,6 @@ def test_callers_who_let_numpy_raise():
         qf.fit_superquadric(wall + 0.3 * np.sin(wall[:, [1, 2, 0]]))  # some chances to be of it are near 1e-308
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("method", ["tangent", "paper"])
 def test_a_fit_holds_together(method, plain):
     fit = plain if method == "tangent" else qf.fit(CLOUD, **QUICK)
@@ -171,7 +166,6 @@ def test_a_fit_holds_together(method, plain):
     assert fit.model.input_sha256 == hashlib.sha256(CLOUD.tobytes()).hexdigest()
 
 
-@pytest.mark.slow
 def test_the_default_reports_its_uncertainty(plain):
     """Noise, inliers and the spread of the surface, in the unit of the points; the paper's method has no spread."""
     assert plain.status == "ok" and plain.strength > 0 and plain.noise > 0
@@ -188,7 +182,6 @@ def test_the_default_reports_its_uncertainty(plain):
         paper.uncertainty(CLOUD)
 
 
-@pytest.mark.slow
 def test_a_larger_ruler_gives_larger_numbers(plain):
     """Everything with a length in it scales with the points: noise, covariance, uncertainty."""
     start = qf.fit_superquadric(CLOUD).superquadric
@@ -200,7 +193,6 @@ def test_a_larger_ruler_gives_larger_numbers(plain):
     assert np.trace(ten.covariance) == pytest.approx(100 * np.trace(one.covariance), rel=1e-3)
 
 
-@pytest.mark.slow
 def test_outliers_are_detected_and_only_on_request():
     outliers = np.array([[90.0, 10, 0], [-20, 80, 5], [0, 0, -120.0]])
     mixed = np.concatenate([CLOUD, outliers])
@@ -225,7 +217,6 @@ def test_two_surfaces_share_a_box():
     np.testing.assert_allclose(fit.residuals["endo"], fit.model.distance(clouds["endo"], "endo"), atol=1e-6)
 
 
-@pytest.mark.slow
 def test_partial_and_poor_clouds_are_warned_of_by_the_papers_method_too():
     """Of the default one by the rows 25 and 30 of bad clouds."""
     octant = made(exponents=(1, 1)).surface(np.abs(even_directions(300)))

@@ -26,7 +26,6 @@ def half():
     return qf.fit(cloud[cloud[:, 2] < 10], box=(3, 3, 3), unit="mm")
 
 
-@pytest.mark.slow
 def test_a_fit_estimates_volume_and_area(half):
     volume, area = half.volume(), half.area()
     assert (volume.value, volume.unit) == (half.model.volume(), "mm^3")
@@ -38,7 +37,6 @@ def test_a_fit_estimates_volume_and_area(half):
     assert whole.volume().supported > 0.99 and whole.volume().unit == "" and whole.volume().observed
 
 
-@pytest.mark.slow
 def test_they_stay_with_the_model(half, tmp_path):
     qf.save(half.with_estimates().model, tmp_path / "m.json")
     found = qf.load(tmp_path / "m.json").record.estimates

@@ -80,7 +80,6 @@ def test_beside_data_nothing_is_added():
     assert not without
 
 
-@pytest.mark.slow
 def test_the_uncertainty_covers_the_error_where_half_a_body_has_no_data():
     """Once it was that of the control points alone, which takes the superquadric as known."""
     truth = lumpy(1000)
@@ -112,14 +111,12 @@ def test_units_do_not_matter():
     np.testing.assert_allclose(back.superquadric.semi_axes, 1, rtol=1e-12)
 
 
-@pytest.mark.slow
 def test_a_superquadric_seen_from_one_side_is_usable_where_it_is_supported(rng):
     points = seen(qf.Superquadric("ellipsoid", (1.2, 1.3, 0.6), (0.1, 1.0)), rng)
     found = qf.fit(points)
     assert found.supported < 0.5 and found.status == "warned" and found.warnings.keys() == {"PARTIAL_COVERAGE"}
 
 
-@pytest.mark.slow
 def test_half_a_body_that_is_no_superquadric_must_not_be_used():
     cloud = lumpy(3000)
     found = qf.fit(cloud[cloud @ [0.6, 0.7, 0.4] > 8])

@@ -22,7 +22,6 @@ def assert_unfolded_and_poor(found, points):
     assert np.linalg.norm(found.model.mesh().vertices, axis=1).max() < 2 * np.linalg.norm(points, axis=1).max()
 
 
-@pytest.mark.slow
 def test_a_filled_volume_does_not_end_with_a_map_that_folds():
     """Old bug: of a thousand points in a ball, control points many radii away and determinants of minus 80."""
     points = filled_ball(1000, seed=2)
@@ -34,7 +33,6 @@ def no_fold_removal(monkeypatch):
     monkeypatch.setattr(refine, "without_folds", lambda problem, refined, surfaces, most: iter(()))
 
 
-@pytest.mark.slow
 def test_where_no_fold_can_be_removed_a_poor_fit_is_regularised_until_nothing_folds(no_fold_removal):
     ball = filled_ball(460, seed=2)
     half = ball[ball[:, 2] > 0]
@@ -45,13 +43,11 @@ def test_where_no_fold_can_be_removed_a_poor_fit_is_regularised_until_nothing_fo
     assert found.rms < np.sqrt((undeformed.distance(half) ** 2).mean())
 
 
-@pytest.mark.slow
 def test_half_a_ball_of_voxel_centres_is_unreliable():
     """Of few layers of voxels most points are near some surface, and the others are taken for outliers."""
     assert qf.fit(HALF_BALL, box=(4, 4, 4)).status == "unreliable"
 
 
-@pytest.mark.slow
 def test_a_good_fit_that_folds_is_kept_with_its_warning(no_fold_removal):
     found = qf.fit(even_directions(300) * [3, 2, 2], box=(3, 3, 3))
     assert "FOLDING" in found.warnings and found.rms < 1e-3

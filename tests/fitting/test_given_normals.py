@@ -55,7 +55,6 @@ def test_normals_follow_their_points_through_copies_and_weights():
     np.testing.assert_array_equal(distinct.of_distinct(points), distinct.points)
 
 
-@pytest.mark.slow
 def test_normals_come_with_columns_by_name_or_beside(tmp_path):
     cloud, options = lumpy(80), {"box": (2, 2, 2)}
     beside = qf.fit({"a": cloud}, normals={"a": cloud}, **options)

@@ -10,7 +10,6 @@ from shapes_made import lumpy
 import quadriform as qf
 from quadriform.fitting.refinement import large_clouds
 
-pytestmark = pytest.mark.slow
 NOISE = 0.5
 TRUTH = lumpy(30_000)
 

@@ -24,13 +24,11 @@ def warned():
     return qf.fit(CAP, **SMALL)
 
 
-@pytest.mark.slow
 def test_the_model_carries_the_warnings_of_its_fit(warned):
     assert warned.status == "warned" and "PARTIAL_COVERAGE" in warned.warnings
     assert warned.model.warnings == warned.warnings and warned.model.status == "warned"
 
 
-@pytest.mark.slow
 def test_the_model_of_a_good_fit_is_ok():
     found = qf.fit(EGG, **SMALL)
     assert (found.status, found.model.status, found.model.warnings) == ("ok", "ok", {})
@@ -52,7 +50,6 @@ def test_a_changed_fit_changes_its_model(warned):
     assert replace(found, warnings={}).model.status == "ok"
 
 
-@pytest.mark.slow
 def test_coverage_is_that_of_each_surface(warned):
     half = warned.model.record.coverage["surface"]
     assert 0.3 < half < 0.7
@@ -60,7 +57,6 @@ def test_coverage_is_that_of_each_surface(warned):
     assert found.model.record.coverage == {"endo": 1.0, "epi": 1.0}
 
 
-@pytest.mark.slow
 def test_a_model_of_many_points_carries_the_warnings_of_all(monkeypatch):
     monkeypatch.setattr(large_clouds, "LARGE", replace(large_clouds.LARGE, many=150))
     few = np.vstack([EGG, EGG[:1] * 3])
@@ -68,7 +64,6 @@ def test_a_model_of_many_points_carries_the_warnings_of_all(monkeypatch):
     assert "200" in note_of(found, "OUTLIERS") and found.model.notes == found.notes
 
 
-@pytest.mark.slow
 def test_every_method_and_refine_do_so():
     paper = qf.fit(CAP, method="paper", iterations=2, box=(3, 3, 3))
     assert paper.model.warnings == paper.warnings
@@ -76,7 +71,6 @@ def test_every_method_and_refine_do_so():
     assert refined.model.warnings == refined.warnings != {}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["cycle", "previous", "alone"])
 def test_models_of_a_cycle_carry_the_warnings_of_all_frames(tmp_path, strategy):
     frames = [lumpy(100, seed=t) * [1 - 0.05 * t, 1, 1] for t in range(3)]
@@ -95,7 +89,6 @@ def octahedron():
     return u / np.abs(u).sum(axis=1, keepdims=True) * [3, 2, 1]
 
 
-@pytest.mark.slow
 def test_a_start_at_its_bound_is_a_note():
     """Another order of the points can give another superquadric there, and so another model."""
     points = octahedron()

@@ -51,7 +51,6 @@ def mask_of_body() -> qf.Volume:
     return qf.Volume(inside.astype(np.uint8), affine)
 
 
-@pytest.mark.slow
 def test_a_number_for_each_point_weighs_it():
     points, sigma = uneven()
     known, plain = (qf.refine(BODY, points, noise=noise, box=(3, 3, 3)) for noise in (sigma, None))
@@ -92,7 +91,6 @@ def test_an_error_along_one_axis_leaves_surfaces_along_it_exact():
     assert_allclose(variances_along(covariances, np.eye(3)[:2]), [4 * 1.01, 4 * 0.01])
 
 
-@pytest.mark.slow
 def test_a_mask_of_thick_slices_is_fitted_as_its_voxels_suggest():
     """Old fault: vertices of a mask were taken for points with one isotropic noise; voxel steps came out as details."""
     found = qf.points_from_image(mask_of_body())
@@ -102,7 +100,6 @@ def test_a_mask_of_thick_slices_is_fitted_as_its_voxels_suggest():
     assert off(known) < min(0.4, 0.6 * off(plain))
 
 
-@pytest.mark.slow
 def test_ten_times_more_points_along_the_same_contours_change_nothing():
     rng = np.random.default_rng(7)
     angle = 2 * np.pi * np.arange(41) / 40
@@ -187,7 +184,6 @@ def test_the_paper_and_files_take_no_noise(tmp_path):
         qf.fit(tmp_path / "points.txt", noise=1.0)
 
 
-@pytest.mark.slow
 def test_noise_of_a_large_cloud_counts_for_all_of_its_points(monkeypatch):
     monkeypatch.setattr(large_clouds, "LARGE", replace(large_clouds.LARGE, many=2000, sample=1000, part=800))
     rng = np.random.default_rng(2)
@@ -236,7 +232,6 @@ def test_few_independent_errors_scatter_more():
     assert sum(bool(poor_fit(each, known=known, independent=4000)) for each in clouds) > 15
 
 
-@pytest.mark.slow
 def test_long_voxels_are_no_poor_fit_and_filled_volumes_are_one():
     """Old fault: vertices of a mask of thick slices lie 5 % of a small body off, and each such fit was warned of."""
     rng = np.random.default_rng(2)

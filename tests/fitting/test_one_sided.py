@@ -14,7 +14,6 @@ from quadriform.fitting.superquadric.restarts import RESTART, restarts
 from quadriform.shapes.superquadric import Superquadric
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("exponents", [(0.1, 0.4), (0.1, 1.0), (0.3, 0.1)])
 @pytest.mark.parametrize("semi_axes", [(0.7, 1.2, 1.0), (1.2, 1.3, 0.6), (0.8, 1.0, 1.5)])
 def test_the_axes_of_a_scan_are_those_of_the_body(exponents, semi_axes, rng):
@@ -74,7 +73,6 @@ def test_restarts_are_boxes_around_most_inliers_in_every_order_of_the_axes(rng):
     assert (found.exponents == RESTART.exponent).all()
 
 
-@pytest.mark.slow
 def test_the_axes_of_scans_are_within_two_standard_deviations():
     """Noise along the ray moves points across the normal too, and so shortens bodies with edges."""
     ratios, bodies = [], [((1.2, 1.3, 0.6), (0.1, 1.0)), ((0.7, 1.2, 1.0), (0.3, 0.1)), ((1.2, 1.3, 0.6), (0.1, 0.1))]

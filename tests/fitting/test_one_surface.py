@@ -80,7 +80,6 @@ NOT_ONE = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("case", NOT_ONE)
 def test_a_fit_of_what_is_no_surface_is_unreliable(case):
     points, kind = NOT_ONE[case]
@@ -90,7 +89,6 @@ def test_a_fit_of_what_is_no_surface_is_unreliable(case):
         found.require_usable()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("points", [CLOUD, noisy_egg(), 9 * even_directions(400)], ids=["lumpy", "noisy", "ball"])
 def test_a_surface_is_one(points):
     found = qf.fit(points, box=(3, 3, 3))

@@ -27,7 +27,6 @@ def tube(one, other, radius, count, rng):
     )
 
 
-@pytest.mark.slow
 def test_a_neighbour_of_a_can_is_left_out_and_reported(rng):
     lid = even_directions(900) * [1, 1, 0.02] + [0, 0, 1.4]
     can = np.concatenate([tube((0, 0, -1.4), (0, 0, 1.4), 1.0, 3000, rng), lid])

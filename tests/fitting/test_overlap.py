@@ -50,7 +50,6 @@ def test_a_body_is_not():
     assert qf.fit(BODY.mesh(16), **QUICK).status == "ok"
 
 
-@pytest.mark.slow
 def test_a_mask_knows_its_inside():
     whole = qf.points_from_image(volume_of(lambda points: BODY.implicit(points) < 1))
     assert qf.fit(whole.cloud, **QUICK).status == "ok"

@@ -51,7 +51,6 @@ def first_step(surfaces, clouds, shape):
     return stacked @ step, samples
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("shape", [(5, 5, 5), (3, 3, 3)])
 def test_one_box_for_two_surfaces_is_the_union_least_squares(shape):
     clouds = two_walls(800)
@@ -70,7 +69,6 @@ def test_the_box_is_that_of_the_outer_surface_whatever_the_order():
         np.testing.assert_array_equal(outer_box(surfaces, (5, 5, 5)).edges, ControlBox.around(outer).edges)
 
 
-@pytest.mark.slow
 def test_the_record_is_what_it_says():
     """One iteration, its four lengths computed apart; in the unit of the data, ten times larger for ten times it."""
     cloud = ventricle(600)
@@ -105,7 +103,6 @@ def test_the_stop_test_ends_early_and_progress_is_reported():
     assert qf.refine(s, cloud, method="paper", iterations=4).iterations == 4
 
 
-@pytest.mark.slow
 def test_control_points_at_the_mercy_of_rounding_are_named():
     """Of points of an ellipsoid, where 27 of the 125 deformations do not move the surface."""
     cloud = made(exponents=(1, 1)).surface(even_directions(400))

@@ -37,7 +37,6 @@ def cloud(rng, exponents=(0.6, 1.4), n=600, noise=0.02):
     return truth, points + noise * rng.normal(size=points.shape)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("exponents", [(1, 1), (0.6, 1.4), (0.1, 0.1), (0.02, 1.0), (1.9, 0.3), (1.7, 1.8)])
 @pytest.mark.parametrize("semi_axes", [(3, 2, 4), (3, 3, 3.1), (0.3, 0.25, 4)])
 def test_noise_free_points_give_the_shape_back(exponents, semi_axes, rng):
@@ -70,7 +69,6 @@ def test_starts_of_the_other_kinds_move_on_the_part_that_they_are_made_from(kind
     np.testing.assert_array_equal(alone.distances, beside.distances)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_a_turned_moved_scaled_mirrored_or_shuffled_cloud_has_the_same_surface(seed, rng):
     exponents = [(0.6, 1.4), (0.2, 0.8), (1.2, 1.0)][seed]
@@ -203,7 +201,6 @@ def test_an_ellipsoid_is_a_superquadric_with_held_exponents(rng):
     assert found.noise > fit_superquadric(points).noise
 
 
-@pytest.mark.slow
 def test_the_covariance_is_that_of_repeated_measurements(rng):
     truth = made()
     clean = truth.surface(even_directions(300))

@@ -21,7 +21,6 @@ def cone(count, radius, height, noise=0.0, seed=0):
     return (points + noise * radius * rng.normal(size=points.shape)) @ turned(3).T
 
 
-@pytest.mark.slow
 def test_no_point_of_a_clean_cone_is_an_outlier():
     """Old bug: foot points stayed behind on the wrong face where folds had been removed; their points were dropped."""
     found = qf.fit(cone(1000, 10, 40))
@@ -31,7 +30,6 @@ def test_no_point_of_a_clean_cone_is_an_outlier():
     assert found.rms < 1e-2
 
 
-@pytest.mark.slow
 def test_where_robust_weights_end_in_folds_the_fit_without_them_is_tried(monkeypatch):
     tried = []
 
@@ -46,7 +44,6 @@ def test_where_robust_weights_end_in_folds_the_fit_without_them_is_tried(monkeyp
     assert "FOLDING" not in found.warnings and found.rms < 1e-3
 
 
-@pytest.mark.slow
 def test_outliers_are_no_reason_to_give_up_robust_weights(monkeypatch):
     """A fit without weights that the outliers have spoiled is worse than a fold that is reported."""
     monkeypatch.setattr(

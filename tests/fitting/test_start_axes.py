@@ -38,7 +38,6 @@ def bent(kind, axes, height, exponents, noise, seed):
     return points @ turn.T + [5, -3, 8], turn[:, long]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_the_axis_is_found_where_inertia_does_not_determine_it(case):
     kind, axes, _, exponents, noise = CASES[case]

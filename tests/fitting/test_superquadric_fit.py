@@ -28,7 +28,6 @@ KNOWN = [
 ]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("semi_axes", "exponents"), KNOWN)
 def test_superellipsoids_are_recovered(semi_axes, exponents):
     s = made(exponents=exponents, semi_axes=semi_axes)
@@ -46,7 +45,6 @@ def test_a_sphere_is_warned_of_for_its_axes_are_not_determined():
     assert "ILL_CONDITIONED" in found.warnings
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("exponents", [(1, 1), (0.7, 1.2), (0.5, 0.5)])
 @pytest.mark.parametrize("kind", ["toroid", "hyperboloid1", "hyperboloid2"])
 def test_the_other_kinds_are_recovered(kind, exponents):

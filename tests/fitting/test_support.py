@@ -190,7 +190,6 @@ def whole():
     return qf.fit(lumpy(400), box=(3, 3, 3))
 
 
-@pytest.mark.slow
 def test_a_fit_and_its_model_state_their_support(whole, tmp_path):
     assert whole.status == "ok" and whole.supported > 0.99
     cut = qf.fit(lumpy(400)[lumpy(400)[:, 2] < 10], box=(3, 3, 3))
@@ -202,7 +201,6 @@ def test_a_fit_and_its_model_state_their_support(whole, tmp_path):
     assert record.extends_beyond == {"surface": cut.extends_beyond}
 
 
-@pytest.mark.slow
 def test_several_surfaces_by_name(whole):
     cloud = lumpy(300)
     found = qf.fit({"endo": 0.7 * cloud[cloud[:, 2] < 0], "epi": cloud}, box=(3, 3, 3))
@@ -211,7 +209,6 @@ def test_several_surfaces_by_name(whole):
     assert found.warnings["PARTIAL_COVERAGE"].startswith("endo: ") and "epi: " not in found.warnings["PARTIAL_COVERAGE"]
 
 
-@pytest.mark.slow
 def test_slices_far_apart_leave_their_lids_unsupported():
     """An egg in slices that end far below its ends: in directions from the centre it is covered."""
     cloud = lumpy(20_000)
@@ -221,7 +218,6 @@ def test_slices_far_apart_leave_their_lids_unsupported():
     assert found.status != "ok"
 
 
-@pytest.mark.slow
 def test_too_few_points_for_the_box_are_uncertain():
     rng = np.random.default_rng(0)
     cloud = lumpy(60) + 2 * rng.normal(size=(60, 3))

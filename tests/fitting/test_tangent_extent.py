@@ -28,14 +28,12 @@ def based(cut):
     return qf.refine(BODY, cut, base=(AT, UP))
 
 
-@pytest.mark.slow
 def test_a_cut_shape_is_warned_of_unless_the_cut_is_on_purpose(cut, based):
     without = qf.refine(BODY, cut)
     assert "extrapolated" in without.warnings["PARTIAL_COVERAGE"]
     assert based.status == "ok"
 
 
-@pytest.mark.slow
 def test_a_base_elsewhere_excuses_nothing(cut):
     assert "PARTIAL_COVERAGE" in qf.refine(BODY, cut, base=(AT + 100 * UP, UP)).warnings
 
@@ -60,7 +58,6 @@ def test_outliers_beyond_a_base_do_not_matter(cut, rng):
     check_base(BasePlane(AT, UP), np.concatenate([cut, clutter]))
 
 
-@pytest.mark.slow
 def test_a_loop_is_its_plane(cut, based):
     t = np.linspace(0, 2 * np.pi, 30, endpoint=False)
     ring = 20 * np.cos(t)[:, None] * BODY.rotation[:, 0] + 15 * np.sin(t)[:, None] * BODY.rotation[:, 1]
@@ -69,7 +66,6 @@ def test_a_loop_is_its_plane(cut, based):
     assert gap(loop.model, based.model) < 1e-9
 
 
-@pytest.mark.slow
 def test_without_data_the_surface_is_less_certain(cut, based):
     whole = BODY.surface(even_directions(600))
     sigma, measured = based.uncertainty(whole), (whole - AT) @ UP < -5
@@ -85,7 +81,6 @@ def start():
     return qf.fit_superquadric(CLEAN).superquadric
 
 
-@pytest.mark.slow
 def test_the_smallest_box_that_reaches_the_error_is_taken(start):
     """A little more than what three a side reach, and a little less."""
     errors = {side: qf.refine(start, CLEAN, box=(side,) * 3) for side in (3, 5)}
@@ -97,7 +92,6 @@ def test_the_smallest_box_that_reaches_the_error_is_taken(start):
         assert "POOR_FIT" not in found.warnings
 
 
-@pytest.mark.slow
 def test_an_error_out_of_reach_is_reported(monkeypatch):
     """With the largest box, which is one of seven a side; a smaller one stands for it here."""
     assert refine.AUTO_SIDES[-1] == 7
@@ -108,7 +102,6 @@ def test_an_error_out_of_reach_is_reported(monkeypatch):
     assert found.status == "warned" and "max_error" in found.warnings["POOR_FIT"]
 
 
-@pytest.mark.slow
 def test_sides_may_differ(start):
     found = qf.refine(start, CLEAN, box=(3, 4, 6))
     assert found.model.box.control_points.shape == (3, 4, 6, 3)
@@ -127,7 +120,6 @@ def both(walls):
     return qf.fit(walls)
 
 
-@pytest.mark.slow
 def test_two_surfaces_share_a_box_that_does_not_fold(both):
     assert both.model.n_parameters == 397
     assert both.model.min_jacobian() > 0 and not len(both.model.folds())
@@ -136,7 +128,6 @@ def test_two_surfaces_share_a_box_that_does_not_fold(both):
     assert "FOLDING" not in both.warnings
 
 
-@pytest.mark.slow
 def test_two_surfaces_have_one_noise_and_each_their_residuals(both, walls):
     assert both.noise == pytest.approx(0.3, rel=0.1)
     for name, cloud in walls.items():
@@ -149,7 +140,6 @@ def bent(points):
     return points + np.column_stack([0.004 * points[:, 2] ** 2, 3 * np.sin(points[:, 2] / 20), 0 * points[:, 2]])
 
 
-@pytest.mark.slow
 def test_a_thick_walled_cup_unfolds():
     """Not star-shaped, bent, noise 1 % of its length: the inside is found and not closed over as noise."""
     points, truth = bent(cup(800, 12.0, seed=2)[0]), bent(cup(2000, 12.0)[0])

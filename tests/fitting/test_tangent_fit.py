@@ -39,7 +39,6 @@ def refined(start):
     return qf.refine(start, FEW)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("body", BODIES)
 def test_superquadrics_are_met_exactly(body):
     points = BODIES[body].surface(even_directions(300))
@@ -56,7 +55,6 @@ def test_a_pinched_superquadric_has_no_outliers():
     assert fit.inliers.min() > 0.5 and not note_of(fit, "OUTLIERS")
 
 
-@pytest.mark.slow
 def test_the_true_surface_is_nearer_than_the_noise_and_nearer_than_by_the_paper(fitted):
     """Three thousand numbers to find 386: a quarter of the noise. The paper's springs are at their best strength."""
     paper = qf.fit(NOISY, method="paper", strength=1e-7)
@@ -65,7 +63,6 @@ def test_the_true_surface_is_nearer_than_the_noise_and_nearer_than_by_the_paper(
     assert fitted.status == "ok" and fitted.model.n_parameters == 386
 
 
-@pytest.mark.slow
 def test_without_noise_the_paper_is_left_far_behind():
     ours = qf.refine(qf.fit_superquadric(CLEAN).superquadric, CLEAN)
     paper = qf.fit(CLEAN, method="paper", strength=1e-7)
@@ -73,13 +70,11 @@ def test_without_noise_the_paper_is_left_far_behind():
     assert ours.noise < 0.03
 
 
-@pytest.mark.slow
 def test_the_noise_is_found(fitted):
     assert fitted.noise == pytest.approx(1.0, rel=0.05)
     assert fitted.rms < fitted.noise < fitted.superquadric_rms
 
 
-@pytest.mark.slow
 def test_the_uncertainty_is_the_size_of_the_error(fitted):
     """Of the true surface between 85 and 99.9 % is within two sigma, and sigma is the size of the error."""
     sigma, off = fitted.uncertainty(EGG), np.abs(fitted.model.distance(EGG))
@@ -87,7 +82,6 @@ def test_the_uncertainty_is_the_size_of_the_error(fitted):
     assert 0.6 < np.sqrt((off**2).mean() / (sigma**2).mean()) < 1.6
 
 
-@pytest.mark.slow
 def test_the_uncertainty_is_the_spread_of_the_finer_posterior_about_the_fit(refined, rng):
     """Finer boxes drawn around the fit: their surfaces lie along the normal as far away as was said."""
     foot, enriched = refined.model.foot_points(EGG[::100]), refined.enriched
@@ -98,7 +92,6 @@ def test_the_uncertainty_is_the_spread_of_the_finer_posterior_about_the_fit(refi
     np.testing.assert_allclose(np.sqrt((off**2).mean(axis=1)), refined.uncertainty(EGG[::100]), rtol=0.1)
 
 
-@pytest.mark.slow
 def test_what_few_control_points_cannot_say_is_in_the_uncertainty():
     """Old bug: it knew only the noise, and without noise claimed that a box of 27 points is right to a hundredth."""
     fit = qf.fit(noisy_egg(900, noise=0.02), box=(3, 3, 3))
@@ -111,7 +104,6 @@ def test_what_few_control_points_cannot_say_is_in_the_uncertainty():
     assert (off < 2 * only_noise).mean() < 0.7
 
 
-@pytest.mark.slow
 def test_outliers_hardly_matter_and_are_named(fitted):
     fit = qf.fit(with_outliers(NOISY, 100))
     assert error(fit.model) < 1.2 * error(fitted.model)
@@ -122,7 +114,6 @@ def test_outliers_hardly_matter_and_are_named(fitted):
     assert f"{(fit.inliers < 0.5).sum()} of 1000 points" in note_of(fit, "OUTLIERS")
 
 
-@pytest.mark.slow
 def test_without_robustness_all_points_are_inliers_and_matter(start):
     cloud = with_outliers(FEW, 50)
     plain, robust = (qf.refine(start, cloud, robust=robust, box=(4, 4, 4)) for robust in (False, True))
@@ -142,7 +133,6 @@ class Recorded:
         return self.factor * Bending().matrix(shape)
 
 
-@pytest.mark.slow
 def test_a_regulariser_of_ones_own_is_used(start, refined):
     own = Recorded()
     same = qf.refine(start, FEW, regularity=own)
@@ -150,7 +140,6 @@ def test_a_regulariser_of_ones_own_is_used(start, refined):
     np.testing.assert_array_equal(same.model.box.control_points, refined.model.box.control_points)
 
 
-@pytest.mark.slow
 def test_twice_the_penalty_at_half_the_strength_is_the_same(start):
     one = qf.refine(start, FEW, strength=1e-5, box=(4, 4, 4))
     other = qf.refine(start, FEW, strength=5e-6, box=(4, 4, 4), regularity=Recorded(2.0))
@@ -158,14 +147,12 @@ def test_twice_the_penalty_at_half_the_strength_is_the_same(start):
     assert (one.strength, other.strength) == (1e-5, 5e-6)
 
 
-@pytest.mark.slow
 def test_springs_are_another_regulariser(start, refined):
     springs = qf.refine(start, FEW, regularity="springs")
     assert gap(springs.model, refined.model) > 1e-4
     assert error(springs.model) < 0.5
 
 
-@pytest.mark.slow
 def test_a_very_strong_box_only_moves_affinely(start, refined):
     """What bending does not feel: the displacement of the control points has no second differences."""
     fit = qf.refine(start, FEW, strength=1e6)
@@ -176,14 +163,12 @@ def test_a_very_strong_box_only_moves_affinely(start, refined):
     assert fit.rms > 1.3 * refined.rms
 
 
-@pytest.mark.slow
 def test_the_strength_of_the_evidence_is_near_the_best_one(start, refined):
     """Thirty times weaker or stronger is farther from the truth."""
     weaker, stronger = (qf.refine(start, FEW, strength=k * refined.strength) for k in (1 / 30, 30))
     assert error(refined.model) < min(error(weaker.model), error(stronger.model))
 
 
-@pytest.mark.slow
 def test_every_round_is_reported_and_recorded(start):
     told = []
     fit = qf.refine(start, FEW[:300], progress=lambda done, total: told.append((done, total)))

@@ -59,7 +59,6 @@ EXACT = {
 TURNS = {"quarter": (QUARTER, 1.0, np.zeros(3)), "turn": (turned(1), 1.0, np.array([5.0, -30, 12]))}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("change", [*EXACT, "quarter", pytest.param("turn", marks=pytest.mark.skip(reason=LOCAL))])
 def test_a_refinement_moves_with_its_points(change, start, refined):
     """M1, M2, M9, from a start that is carried along."""
@@ -70,7 +69,6 @@ def test_a_refinement_moves_with_its_points(change, start, refined):
     assert found.strength == pytest.approx(refined.strength, rel=1e-6)
 
 
-@pytest.mark.slow
 def test_a_whole_fit_moves_with_its_points():
     """In a box of five a side; the other motions, of a smaller one, are among the properties."""
     matrix, scale, offset = TURNS["turn"]
@@ -78,12 +76,10 @@ def test_a_whole_fit_moves_with_its_points():
     assert moved(plain.model, found.model, matrix, scale, offset) < 1e-7
 
 
-@pytest.mark.slow
 def test_weights_of_one_are_no_weights(start, refined):
     assert gap(qf.refine(start, CLOUD, weights=np.ones(len(CLOUD)), **BOX).model, refined.model) < 1e-12
 
 
-@pytest.mark.slow
 def test_points_of_weight_zero_are_no_inliers_and_give_no_warning(left_out):
     """M4: what the caller has left out is no outlier."""
     found, _ = left_out
@@ -92,7 +88,6 @@ def test_points_of_weight_zero_are_no_inliers_and_give_no_warning(left_out):
     assert not note_of(found, "OUTLIERS")
 
 
-@pytest.mark.slow
 def test_a_weight_of_zero_is_an_absent_point(start, left_out):
     """M4."""
     zero, cloud = left_out
@@ -101,7 +96,6 @@ def test_a_weight_of_zero_is_an_absent_point(start, left_out):
     assert zero.noise == pytest.approx(absent.noise, rel=1e-7)
 
 
-@pytest.mark.slow
 def test_a_whole_fit_does_not_see_points_of_weight_zero():
     """M4."""
     cloud, weights = with_outliers(CLOUD, 50), np.ones(len(CLOUD))
@@ -111,13 +105,11 @@ def test_a_whole_fit_does_not_see_points_of_weight_zero():
     assert zero.noise == pytest.approx(absent.noise, rel=1e-7)
 
 
-@pytest.mark.slow
 def test_all_weights_doubled_are_the_same_surface(start, refined):
     """M4."""
     assert gap(refined.model, qf.refine(start, CLOUD, weights=np.full(len(CLOUD), 2.0), **BOX).model) < 1e-7
 
 
-@pytest.mark.slow
 def test_a_weight_of_two_is_two_copies(start):
     """M4."""
     weights = 1.0 + (CLOUD[:, 2] > 0)
@@ -126,7 +118,6 @@ def test_a_weight_of_two_is_two_copies(start):
     assert gap(double.model, copies.model) < 1e-7
 
 
-@pytest.mark.slow
 def test_what_weighs_more_is_met_more_closely(start):
     """At a given strength; half of the points count a hundred times the others."""
     heavy = np.arange(len(CLOUD)) % 2 == 0

@@ -22,7 +22,6 @@ def test_one_thread_within_and_all_of_them_after():
         assert blas_threads() == before
 
 
-@pytest.mark.slow
 def test_a_fit_runs_on_one_thread_also_when_it_fails():
     seen = []
     points = np.random.default_rng(0).normal(size=(60, 3))
@@ -35,7 +34,6 @@ def test_a_fit_runs_on_one_thread_also_when_it_fails():
     assert seen and all(threads == {1} for threads in seen)
 
 
-@pytest.mark.slow
 def test_a_cycle_runs_on_one_thread():
     """Old bug: on two threads the same cycle took many times as long."""
     seen, points = [], np.random.default_rng(0).normal(size=(60, 3))

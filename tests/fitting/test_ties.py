@@ -95,7 +95,6 @@ VOXELS = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", VOXELS)
 def test_voxels_have_one_surface_whatever_rounding_says(name):
     """Old bug: surfaces that differed by 3e-3 r between processors, without a warning."""

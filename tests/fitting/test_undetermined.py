@@ -28,7 +28,6 @@ FILLED = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("body", FILLED)
 def test_filled_volumes_of_voxels_are_fitted_with_a_warning(body):
     """Old bug: "strength=2.6e-08 leaves control points undetermined; try a larger one", and none had been given."""
@@ -37,7 +36,6 @@ def test_filled_volumes_of_voxels_are_fitted_with_a_warning(body):
     assert np.isfinite(found.model.box.control_points).all() and np.isfinite(found.residuals).all()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("thin", [1e-2, 1e-4])
 @pytest.mark.parametrize("exponents", [(1, 1), (0.3, 0.3)], ids=["lens", "plate"])
 def test_nearly_flat_bodies_are_fitted(thin, exponents):
@@ -49,7 +47,6 @@ def test_nearly_flat_bodies_are_fitted(thin, exponents):
     assert "ILL_CONDITIONED" in found.warnings or found.model.volume() == pytest.approx(true, rel=0.02)
 
 
-@pytest.mark.slow
 def test_the_sides_of_a_thin_body_are_not_taken_for_each_other():
     """Old bug: sides nearer to each other than their points; a twelfth of the volume was left, and nothing was said."""
     thin = made(semi_axes=(3.0, 2.0, 0.1))
@@ -58,7 +55,6 @@ def test_the_sides_of_a_thin_body_are_not_taken_for_each_other():
     assert found.noise < 0.02
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.02, 0.2])
 def test_a_body_as_thin_as_the_noise_is_warned_of(noise, rng):
     thin = made(semi_axes=(3.0, 2.0, 0.1))
@@ -67,7 +63,6 @@ def test_a_body_as_thin_as_the_noise_is_warned_of(noise, rng):
     assert ("ILL_CONDITIONED" in found.warnings) == (noise > 0.05)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("strength", [1e-30, 1e-18])
 def test_a_strength_that_the_user_gave_is_named_where_it_is_too_small(strength):
     ellipsoid = made(exponents=(1, 1))

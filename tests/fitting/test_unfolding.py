@@ -83,7 +83,6 @@ def test_lattice_points_that_touch_the_surface_are_inside_whatever_rounding_says
     assert (np.abs(surface.implicit(points) - 1) < 1e-12).sum() == 6
 
 
-@pytest.mark.slow
 def test_removing_folds_leaves_the_surface_alone(start, folded):
     """Old bug: a larger strength everywhere removed a small fold inside, and the error grew eightfold."""
     unfolded = qf.refine(start, DENTED)
@@ -94,7 +93,6 @@ def test_removing_folds_leaves_the_surface_alone(start, folded):
     assert unfolded.model.undeform(unfolded.model.deform(inside)) == pytest.approx(inside, abs=1e-7)
 
 
-@pytest.mark.slow
 def test_a_crossing_leaves_no_trace_after_its_removal(monkeypatch, start):
     """Old bug: fold removal from misleading foot points of a self-intersecting surface gave results 2 mm apart."""
 
@@ -116,7 +114,6 @@ def test_a_crossing_leaves_no_trace_after_its_removal(monkeypatch, start):
     assert np.abs(one.distance(other.mesh().vertices)).max() < 1e-4
 
 
-@pytest.mark.slow
 def test_several_surfaces_are_unfolded_at_any_price_but_the_accepted_one_is_sought_first(monkeypatch):
     seen = []
     unfolded = {0: [1.0, 0.4], 1: [0.5], 2: []}
@@ -135,7 +132,6 @@ def test_several_surfaces_are_unfolded_at_any_price_but_the_accepted_one_is_soug
     assert max(seen) < 0.5
 
 
-@pytest.mark.slow
 def test_a_fold_whose_removal_raises_the_noise_too_much_is_reported(monkeypatch, start, folded):
     monkeypatch.setattr(refinement, "accepted_sigma", lambda refined: 0.0)
     fit = qf.refine(start, DENTED)

@@ -67,7 +67,6 @@ def test_noise_has_the_requested_size_and_repeats(heart):
 # --- the known model ---------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_every_measure_of_the_known_model(measured, truth):
     """Half a percent is asked for; nothing here needs more than a fifth."""
     for name, value in truth.items():
@@ -83,7 +82,6 @@ def test_curves_agree_with_rows(measured, truth):
         assert measured.curves[name][2] == pytest.approx(measured[name])
 
 
-@pytest.mark.slow
 def test_other_bases(heart, known):
     top = heart.endo[1] * (2 * SHARE - 1)
     before = true_volume(heart, "endo", 0.0, top)
@@ -102,7 +100,6 @@ def test_other_bases(heart, known):
         assert words in found.rows[0].how
 
 
-@pytest.mark.slow
 def test_units_are_kept(known, valve, measured):
     """The same heart in metres; segments aside, whose borders lie on symmetric lines of it."""
     metres = [replace(model.transformed(1e-3, np.zeros(3)), unit="m") for model in known]
@@ -113,7 +110,6 @@ def test_units_are_kept(known, valve, measured):
             assert row.value == pytest.approx(other.value, rel=1e-6), row.quantity
 
 
-@pytest.mark.slow
 def test_segments_average_to_the_whole(heart, known, valve):
     inserts = [CENTRE + ROTATION @ [40 * np.cos(a), 40 * np.sin(a), 0] for a in (-0.9, 0.9)]
     found = measure(known, base=valve, rv_inserts=inserts)
@@ -126,7 +122,6 @@ def test_segments_average_to_the_whole(heart, known, valve):
     assert min(parts) < found["radial strain"] < max(parts)
 
 
-@pytest.mark.slow
 def test_of_insertions_of_every_frame_those_at_end_diastole_count(known, valve):
     """Frame 0 is end diastole; the others' lie all on one side, which alone would be refused."""
     there = np.array([CENTRE + ROTATION @ [40 * np.cos(a), 40 * np.sin(a), 0] for a in (-0.9, 0.9)])
@@ -186,7 +181,6 @@ def test_one_frame_has_no_ejection_fraction(known):
         found["ejection fraction"]
 
 
-@pytest.mark.slow
 def test_the_cavity_alone_has_volumes(known):
     alone = [replace(model, surfaces={"endo": model.surfaces["endo"]}) for model in known[::2]]
     found = measure(alone)
@@ -280,7 +274,6 @@ def test_tables_contain_every_number(measured, tmp_path):
 # --- a fit -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_measures_of_a_fit_to_noisy_surface_points(heart, truth):
     """End diastole and end systole, 300 points a surface with noise of 0.5 mm, the superquadrics held."""
     surfaces = {name: heart.surface(name) for name in ("epi", "endo")}
@@ -293,7 +286,6 @@ def test_measures_of_a_fit_to_noisy_surface_points(heart, truth):
         assert found[name] == pytest.approx(truth[name], rel=0.03), name
 
 
-@pytest.mark.slow
 def test_measures_of_a_cycle_tracked_through_noisy_surface_points(heart, truth):
     """Old shortfall: inner superquadrics as copies of the outer ones cost 4 % of the thickness.
 

@@ -326,7 +326,6 @@ class TestObjectsWithoutImages:
 
 
 class TestDamage:
-    @pytest.mark.slow
     def test_a_slice_cut_anywhere_is_refused(self, folder, values):
         """Refused where it names its series; else left out, with a warning that names it."""
         file = still(folder, values) / "I94.dcm"  # the last of the stack: its absence would not be seen
@@ -352,7 +351,6 @@ class TestDamage:
         file.write_bytes(file.read_bytes()[:-1])
         refused(folder, FileFormatError, "I94.dcm")
 
-    @pytest.mark.slow
     def test_a_flipped_byte_is_a_typed_error_or_none(self, folder, values):
         file = still(folder, values[:, :, :2]) / "I98.dcm"
         data = file.read_bytes()

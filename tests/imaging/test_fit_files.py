@@ -73,7 +73,6 @@ KINDS = {
 }
 
 
-@pytest.mark.slow
 def test_one_rule_decides_the_content_of_a_file(files, capsys):
     for name, kind in KINDS.items():
         assert kind_of(files / name) == kind
@@ -85,7 +84,6 @@ def test_one_rule_decides_the_content_of_a_file(files, capsys):
     assert content_of("damaged.npz") == "points"
 
 
-@pytest.mark.slow
 def test_python_and_the_terminal_fit_a_file_alike(files, blank_figures, capsys):
     for name in ("points.xyz", "BLOCK.STL", "ball.nii.gz"):
         assert main(["fit", name, "-o", "out", *WORDS, "--force"]) == 0
@@ -116,7 +114,6 @@ def test_python_and_the_terminal_refuse_an_image_in_the_same_words(files, capsys
     assert capsys.readouterr().err == f"quadriform: {refused.value}\n"
 
 
-@pytest.mark.slow
 def test_several_files_by_name(files):
     block = box_mesh()
     write_mesh(Mesh(block.vertices * 0.5 + [2, 5, 7], block.faces), "inner.ply", "RAS", "mm")
@@ -136,7 +133,6 @@ def test_weights_go_with_points(files):
         qf.fit("points.xyz", weights=np.ones(300))
 
 
-@pytest.mark.slow
 def test_a_folder_is_fitted_without_the_models_in_it(files, capsys):
     (files / "in").mkdir()
     for name in ("points.npz", "model.npz", "model.json"):

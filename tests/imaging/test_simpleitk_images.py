@@ -92,7 +92,6 @@ class TestWhatSimpleItkWrote:
         refused(path, MaskError, "(4, 5, 6, 3)", "frame=0 to frame=2")
         refused(path, OptionError, "frames 0 to 2", frame=3)
 
-    @pytest.mark.slow
     def test_cut_anywhere_it_is_refused(self, tmp_path, values, suffix, compressed):
         path = write(tmp_path / f"a{suffix}", values, compressed)
         for file in tmp_path.iterdir():

@@ -60,7 +60,6 @@ def with_one_far(frame):
     return [np.vstack([cloud, [[10 * RADIUS, 0, 0]]]) if n == frame else cloud for n, cloud in enumerate(FRAMES)]
 
 
-@pytest.mark.slow
 def test_an_outlier_is_reported_of_its_frame_and_changes_little(plain):
     found = tracked(with_one_far(1))
     assert note_of(found, "OUTLIERS") == f"frame 1: 1 of {len(FRAMES[1]) + 1} points are outliers: {len(FRAMES[1])}"
@@ -77,7 +76,6 @@ def filled(seed):
     return np.cbrt(np.random.default_rng(seed).uniform(size=(100, 1))) * FRAMES[seed]
 
 
-@pytest.mark.slow
 def test_filled_bodies_are_a_poor_fit():
     found = tracked([filled(frame) for frame in range(3)])
     # frames whose distances are equal as printed share a sentence
@@ -85,13 +83,11 @@ def test_filled_bodies_are_a_poor_fit():
     assert re.findall(r"\d", " ".join(heads)) == ["0", "1", "2"]
 
 
-@pytest.mark.slow
 def test_a_filled_body_among_surfaces_has_outliers():
     found = tracked([FRAMES[0], filled(1), FRAMES[2]])
     assert found.warnings["MANY_OUTLIERS"].startswith("frame 1: ")
 
 
-@pytest.mark.slow
 def test_what_is_not_verified_to_be_free_of_folds_is_reported_of_its_frame(monkeypatch, plain):
     checks = []
 
@@ -108,7 +104,6 @@ def test_what_is_not_verified_to_be_free_of_folds_is_reported_of_its_frame(monke
     assert found.rms == pytest.approx(plain.rms, rel=0.05)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["cycle", "previous", "alone"])
 def test_progress_is_reported_to_its_end(strategy):
     told = []
@@ -122,7 +117,6 @@ def test_the_rms_of_the_frames_is_that_of_all(plain):
     assert np.sqrt(np.average(plain.frame_rms**2, weights=counts)) == pytest.approx(plain.rms)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["cycle", "alone"])
 def test_in_the_other_frame_of_the_world_x_and_y_change_their_signs(strategy):
     numbers = [np.arange(100) // 50] * 3 if strategy == "cycle" else None
@@ -144,7 +138,6 @@ def test_a_motion_that_does_not_repeat_has_a_knot_at_either_end():
     np.testing.assert_array_equal(found.moving.basis.knots[[0, -1]], [2, 5])
 
 
-@pytest.mark.slow
 def test_points_of_no_slice_and_slices_of_few_points_are_not_moved(plain):
     few = np.full(100, -1)
     few[: SHIFTING.fewest - 1] = 7
@@ -209,7 +202,6 @@ def test_no_step_goes_far_up(monkeypatch, cycle, too_far):
         assert np.abs(moved).max() < 2 * SMALLEST_STEP * np.abs(steps[0]).max()
 
 
-@pytest.mark.slow
 def test_a_cavity_that_empties_in_a_wall_that_does_not_move_is_tracked():
     """Three quarters of all points do not move; those of the cavity at the other time are no outliers for that."""
     outside = lumpy(300)

@@ -103,7 +103,6 @@ def rings(points_of_each):
     return frames
 
 
-@pytest.mark.slow
 def test_ten_times_more_points_along_the_same_contours_change_little(monkeypatch):
     """Counted as independent, or held across contours, they would move the surface by a tenth of the noise or more."""
     monkeypatch.setattr(comparison, "SAMPLES", 2000)
@@ -125,7 +124,6 @@ def open_tube(height, radius, sigma, seed):
     return points + sigma * random.normal(size=points.shape)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["cycle", "previous", "alone"])
 def test_open_tubes_close_near_the_base_of_each_frame(strategy):
     """Without the prior beyond the base, a cycle reaches half its length farther."""

@@ -45,7 +45,6 @@ def weights(numbers):
     return counts / counts.sum()
 
 
-@pytest.mark.slow
 def test_the_shifts_of_slices_of_an_image_are_found():
     """But for the part that is smooth along the stack, which the model follows itself."""
     clouds, numbers = stack(OFFSETS)
@@ -59,7 +58,6 @@ def test_the_shifts_of_slices_of_an_image_are_found():
     assert np.abs(rough).max() > PIXEL
 
 
-@pytest.mark.slow
 def test_a_bent_ventricle_in_slices_that_did_not_move_is_not_straightened():
     shifts = found_shifts(*stack(0 * OFFSETS, bend=8.0))
     assert np.abs(shifts).max() < 0.25 * PIXEL

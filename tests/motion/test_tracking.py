@@ -42,7 +42,6 @@ def cycle():
     return qf.track(heart(), box=BOX)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["alone", "previous"])
 def test_each_frame_comes_near_the_truth(strategy):
     found = qf.track(heart()[:3], strategy=strategy, box=BOX)
@@ -51,7 +50,6 @@ def test_each_frame_comes_near_the_truth(strategy):
     assert (found.moving is None) == (strategy == "alone")
 
 
-@pytest.mark.slow
 def test_the_cycle_comes_near_the_truth_and_does_not_fold(cycle):
     for time, model in enumerate(cycle.models):
         assert off(model, time) < 0.12 and off(model, time, "epi") < 0.12
@@ -86,7 +84,6 @@ def test_between_the_frames_it_is_near_the_truth_too(cycle):
     assert off(cycle.moving.at(1.5 + FRAMES), 1.5) < 0.25
 
 
-@pytest.mark.slow
 def test_a_sparse_frame_borrows_from_its_neighbours():
     """Of one frame only a sixth of the points is left, all on one side."""
     frames = heart()
@@ -96,7 +93,6 @@ def test_a_sparse_frame_borrows_from_its_neighbours():
     assert off(together.models[2], 2) < 0.6 * off(alone.model, 2)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["previous", "cycle"])
 def test_a_strength_that_is_asked_for_is_used(strategy):
     assert qf.track(heart()[:2], strategy=strategy, box=BOX, strength=1e-3).strengths[0] == pytest.approx(1e-3)
@@ -130,7 +126,6 @@ def sliced(seed=1):
     return frames, numbers
 
 
-@pytest.mark.slow
 def test_a_slice_that_moved_is_put_back():
     """Slice 3 lies 2 units aside; that all slices moved together could not be told, so their shifts sum to zero."""
     times = range(0, FRAMES, 2)
@@ -226,7 +221,6 @@ def test_the_frame_that_is_wrong_is_named():
         qf.track(frames)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["cycle", "alone"])
 def test_a_loss_of_digits_is_reported_with_its_frame(strategy):
     """As they came: once they are checked all are double precision."""

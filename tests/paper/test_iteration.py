@@ -21,7 +21,6 @@ def superquadric(cloud):
 READINGS = [("svd", "auto"), ("svd", 1e-3), ("springs", "auto"), ("springs", 1e-5)]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("regularity", "strength"), READINGS)
 def test_thirty_iterations_converge(superquadric, cloud, regularity, strength):
     """The last step is at most 10 % of the first, and the error never rises by more than 5 %."""
@@ -37,7 +36,6 @@ def test_thirty_iterations_converge(superquadric, cloud, regularity, strength):
 SETTINGS = {"svd": (97, 60, 30, 12), "springs": (1e-8, 1e-6, 1e-4, 1e-2)}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("regularity", SETTINGS)
 def test_regularity_trades_error_against_motion_of_the_box(superquadric, cloud, regularity):
     """Fig. 11 and 12: each stronger setting has a larger error and a quieter box, for both ways."""
@@ -51,7 +49,6 @@ def test_regularity_trades_error_against_motion_of_the_box(superquadric, cloud, 
     assert [fit.strength for fit in fits] == list(SETTINGS[regularity])
 
 
-@pytest.mark.slow
 def test_the_papers_direction_of_matching_is_the_better(superquadric, cloud):
     fits = {
         way: qf.refine(superquadric, cloud, method="paper", matching=way) for way in ("data-to-model", "model-to-data")
@@ -59,7 +56,6 @@ def test_the_papers_direction_of_matching_is_the_better(superquadric, cloud):
     assert fits["data-to-model"].rms < fits["model-to-data"].rms
 
 
-@pytest.mark.slow
 def test_springs_to_the_letter_draw_the_box_in(superquadric, cloud):
     """P9 as printed pulls on P itself: stronger springs make the body smaller; on the displacement they do not."""
     volumes = {
@@ -69,7 +65,6 @@ def test_springs_to_the_letter_draw_the_box_in(superquadric, cloud):
     assert volumes["springs-paper"] < 0.5 * superquadric.volume() < 0.9 * volumes["springs"]
 
 
-@pytest.mark.slow
 def test_two_walls_in_one_box_need_half_the_numbers():
     """3.4.2: 397 numbers in place of twice 386, and both walls are closer than their superellipsoids."""
     clouds = two_walls(600)

@@ -105,7 +105,6 @@ def begun(request):
     return cloud, qf.fit_superquadric(cloud, method="paper").superquadric
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("box", [(5, 5, 5), (4, 3, 5)])
 @pytest.mark.parametrize("way", WAYS)
 def test_each_iteration_is_the_papers(begun, way, box, monkeypatch):

@@ -1,7 +1,6 @@
 """M12, M15 to M17: many inputs at once; what fewer points, and what a richer model, cost at best; halves of data."""
 
 import numpy as np
-import pytest
 from clouds_made import noisy_egg
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
@@ -23,7 +22,6 @@ def best(points):
     return cost(qf.fit_superquadric(points, method="paper").superquadric, points)
 
 
-@pytest.mark.slow
 def test_fewer_points_cost_no_more():
     """M15: each half for itself, and both together, against the whole."""
     halves = CLOUD[::2], CLOUD[1::2]
@@ -66,7 +64,6 @@ def test_a_finer_box_costs_no_more():
     assert costs[-1] < 0.01 * costs[0]
 
 
-@pytest.mark.slow
 def test_many_inputs_at_once_are_each_alone(tmp_path, monkeypatch, capsys, blank_figures):
     """M12: in either order."""
     monkeypatch.chdir(tmp_path)
@@ -81,7 +78,6 @@ def test_many_inputs_at_once_are_each_alone(tmp_path, monkeypatch, capsys, blank
         assert all((tmp_path / out / name / "model.json").read_bytes() == alone for out in ("ab", "ba"))
 
 
-@pytest.mark.slow
 def test_two_halves_of_the_data_agree_within_what_they_say_of_themselves():
     """M17: everywhere within five of their standard deviations together, which are no larger than need be."""
     points = noisy_egg(1000)

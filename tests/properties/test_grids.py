@@ -25,7 +25,7 @@ OTHERS = {
     "twice as fine": (turned(5), (2.5, 2.5, 2.5)),
     "long voxels": (turned(4), (2.0, 2.0, 6.0)),
 }
-ONE, TWO = ("endo",), pytest.param(("endo", "epi"), marks=pytest.mark.slow)
+ONE, TWO = ("endo",), ("endo", "epi")
 
 
 def bumpy(points, semi_axes):
@@ -86,7 +86,6 @@ def plain(request):
     return request.param, volume, fitted(volume, request.param)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("how", REORDERED)
 def test_the_order_of_the_axes_does_not_matter(plain, how):
     surfaces, volume, model = plain
@@ -94,7 +93,6 @@ def test_the_order_of_the_axes_does_not_matter(plain, how):
     assert max(gap(model, found, name) for name in surfaces) < EXACT
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("how", OTHERS)
 def test_another_grid_gives_the_same_surface_to_half_a_voxel(plain, how):
     """Half the longest side: its own to the true surface, that of the coarser grid to the plain fit."""
@@ -107,7 +105,6 @@ def test_another_grid_gives_the_same_surface_to_half_a_voxel(plain, how):
         assert farthest(model, found, name) < coarser
 
 
-@pytest.mark.slow
 def test_a_shape_of_revolution_has_one_surface_too():
     """Its voxels have partners equally far from everything, and 5.3 is no number of a computer."""
     volume = image(np.eye(3), (5.3, 5.3, 5.3), round_about_z)

@@ -59,7 +59,6 @@ OF_THE_PAPER = ("M1 rigid", "M2 scale 1e6", "M6 mirror", "M9 offset 1e6")
 """One of each sort, for a method after the other: all are centred and scaled by the same lines."""
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("plain", "change"),
     [(way, change) for way in WAYS for change in (CHANGES if way == "tangent" else OF_THE_PAPER)],
@@ -82,7 +81,6 @@ def test_a_fit_moves_with_its_points(plain, change):
     assert set(found.warnings) == set(fit.warnings)
 
 
-@pytest.mark.slow
 def test_the_order_of_points_does_not_matter(plain, rng):
     """M3."""
     options, tolerance, fit = plain
@@ -93,7 +91,6 @@ def test_the_order_of_points_does_not_matter(plain, rng):
     np.testing.assert_allclose(found.inliers, fit.inliers[order], atol=1e-4)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("exponents", [(1.9, 1.0), (2.0, 1.0)])
 def test_a_shape_with_edges_moves_with_its_points_too(exponents, rng):
     """M1 and M3. Old bug: rounding chose to which side model points on an edge face, and fits were far apart."""
@@ -106,7 +103,6 @@ def test_a_shape_with_edges_moves_with_its_points_too(exponents, rng):
     assert np.abs(found.model.distance(vertices)).max() < 1e-7 * Frame.of(vertices).scale
 
 
-@pytest.mark.slow
 def test_a_weight_counts_copies_and_zero_is_absent(rng):
     """M4 and row A11, for the refinement from a given superquadric."""
     weights = rng.integers(0, 3, len(CLOUD)).astype(float)
@@ -125,7 +121,6 @@ def test_a_weight_counts_copies_and_zero_is_absent(rng):
     assert not note_of(weighted, "DUPLICATES") and not note_of(plain, "DUPLICATES")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["ellipsoid", "toroid", "hyperboloid1", "hyperboloid2"])
 @pytest.mark.parametrize("method", ["robust", "paper"])
 def test_superquadric_fits_move_with_their_points(kind, method):
@@ -137,7 +132,6 @@ def test_superquadric_fits_move_with_their_points(kind, method):
     np.testing.assert_allclose(found.implicit(plain.grid(6)[0] @ TURN.T + 1e6), 1, atol=1e-5)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("method", ["tangent", "paper"])
 def test_names_of_surfaces_and_their_order_do_not_matter(method):
     clouds = two_walls(150)
@@ -169,7 +163,6 @@ def measures(model):
     return [model.volume(n) for n in names], [model.area(n) for n in names], np.sort(thickness)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("change", [change for change in CHANGES if change.startswith(("M1", "M5", "M6"))])
 def test_measures_do_not_depend_on_the_pose_of_a_model(wall, change):
     """M26. The mirror image of a superellipsoid is one whose own first axis points the other way."""
@@ -201,7 +194,6 @@ print(*(array.tobytes().hex() for array in found), sorted(fit.warnings))
 """
 
 
-@pytest.mark.slow
 def test_two_processes_give_the_same_bytes(capsys):
     """M13: no hash order, no global random state; this process, and a fresh one with another hash seed."""
     chosen = os.environ | {"PYTHONHASHSEED": "1", "OMP_NUM_THREADS": "1"}

@@ -25,7 +25,6 @@ def plain():
     return qf.fit_superquadric(CLOUD).superquadric
 
 
-@pytest.mark.slow
 def test_the_24_ways_to_name_the_axes(plain):
     """M7."""
     assert len(TURNS) == 24
@@ -33,7 +32,6 @@ def test_the_24_ways_to_name_the_axes(plain):
     assert max(off(qf.fit_superquadric(CLOUD @ t.T).superquadric, vertices @ t.T) for t in TURNS) < 1e-7
 
 
-@pytest.mark.slow
 def test_single_precision_near_the_origin():
     """M10."""
     vertices = qf.fit(CLOUD, box=(3, 3, 3)).model.mesh(resolution=8).vertices
@@ -41,7 +39,6 @@ def test_single_precision_near_the_origin():
     assert np.abs(found.distance(vertices)).max() < 1e-6 * max(1, np.abs(CLOUD).max() / RADIUS) * RADIUS
 
 
-@pytest.mark.slow
 def test_clean_samples_give_their_shape_back_or_a_warning():
     """M19: 99 of 100 shapes and poses."""
     good, rng = 0, np.random.default_rng(19)

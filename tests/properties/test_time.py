@@ -28,20 +28,17 @@ def plain(request):
     return options, tracked(FRAMES, **options)
 
 
-@pytest.mark.slow
 def test_the_frames_differ(plain):
     models = plain[1].models
     assert min(gap(one, other) for one, other in pairwise(models)) > 1e-2
 
 
-@pytest.mark.slow
 def test_backwards(plain):
     options, found = plain
     back = tracked(FRAMES[::-1], **options)
     assert max(gap(a, b) for a, b in zip(found.models, back.models[::-1], strict=True)) < SAME
 
 
-@pytest.mark.slow
 def test_another_clock(plain):
     """Milliseconds from 100 on."""
     options, found = plain
@@ -49,7 +46,6 @@ def test_another_clock(plain):
     assert apart(found, tracked(FRAMES, **options | {"times": 30.0 * TIMES + 100, "period": period})) < SAME
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["cycle", "previous", "alone"])
 def test_the_same_frame_again_and_again_has_the_same_model(strategy):
     found = tracked([FRAMES[0]] * 3, strategy=strategy)

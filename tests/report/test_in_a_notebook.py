@@ -21,7 +21,6 @@ qf.DeformableModel({"surface": surface}, qf.ControlBox.around(surface))
 """
 
 
-@pytest.mark.slow
 def test_a_model_at_the_end_of_a_cell_is_a_viewer():
     client = pytest.importorskip("nbclient", reason="nbclient is not installed: no notebook was run")
     formats = pytest.importorskip("nbformat")

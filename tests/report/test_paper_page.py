@@ -125,7 +125,6 @@ def comparison(text, figure):
     return re.search(r'class="comparison">(.*?)</p>', sections(text)[figure], re.DOTALL)[1]
 
 
-@pytest.mark.slow
 def test_every_figure_is_there_in_the_papers_order(text):
     names = [name for name in sections(text) if name.startswith("Fig. ")]
     assert names == [f"Fig. {k}" for k in range(1, 23)]
@@ -141,7 +140,6 @@ def test_every_figure_has_a_picture_and_every_picture_a_source(text):
             assert "<svg" in picture or 'src="data:image/png;base64,' in picture, name
 
 
-@pytest.mark.slow
 def test_every_figure_says_what_the_paper_shows_and_compares_in_numbers(text):
     for name, body in sections(text).items():
         if name != "What the paper says in numbers":
@@ -217,7 +215,6 @@ def test_the_approximations_of_the_distance_stand_beside_the_exact_one(text, mat
     assert float(of_n[1]) < float(of_n[2]) < float(of_n[0])
 
 
-@pytest.mark.slow
 def test_one_box_is_compared_with_two_in_numbers(text, material):
     found = material.walls
     for name in ("epi", "endo"):
@@ -248,7 +245,6 @@ def test_the_paper_is_quoted_with_its_own_ratios(text):
     assert "not given" not in summary
 
 
-@pytest.mark.slow
 def test_without_hearts_the_page_says_so(text, material):
     assert "No folder of real hearts was given" in text
     assert text.count("for no real data was given") == 2
@@ -283,7 +279,6 @@ def test_words_for_comparisons():
 # --- what the figures are made of --------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_the_fits_are_by_the_papers_own_algorithm(material):
     """P7 by SVD in 30 iterations, with the box that was asked for: what the two-step loop gives when told so."""
     points = qf.examples.crossing_superquadrics(5)
@@ -304,7 +299,6 @@ def test_displacements_are_those_of_the_paper_on_all_model_points(material):
     assert np.array_equal(rest.box.control_points, egg.paper.model.box.rest)
 
 
-@pytest.mark.slow
 def test_regularities_are_p8_and_p9_as_printed(monkeypatch):
     monkeypatch.setattr(trade_off, "STRENGTHS", (1e-6, 1e-2, 1.0))
     monkeypatch.setattr(trade_off, "BENDING", (1e-4,))
@@ -334,7 +328,6 @@ def test_motions_are_compared_at_equal_errors():
     assert turning(back) == 2
 
 
-@pytest.mark.slow
 def test_convergence_is_run_to_the_stop_test(monkeypatch):
     monkeypatch.setattr(convergence, "STEPS", (1,))
     points = qf.examples.crossing_superquadrics(6)
@@ -378,7 +371,6 @@ def test_slices_of_one_value_are_left_out():
     assert list(slice_pictures(values[:, :, :3], np.eye(4), [], 5)) == [0, 1, 2]
 
 
-@pytest.mark.slow
 def test_the_page_fits_a_narrow_screen(material, tmp_path, browser):
     path = tmp_path / "paper.html"
     path.write_bytes(drawn(material, ["4", "11", "21", "22"]))
@@ -411,7 +403,6 @@ def test_real_hearts_come_through_the_papers_chain(shared):
         assert spect.segmentation.hole_voxels == 0 and len(spect.points) > 1000
 
 
-@pytest.mark.slow
 def test_stand_ins_have_the_papers_sizes():
     coarse = scans.coarse_brain(BOX)
     assert len(coarse.subject.cloud) == pytest.approx(1000, rel=0.1)

@@ -154,7 +154,6 @@ def test_refusing_leaves_given_axes_as_they_were():
     assert not axes.has_data() and axes.get_xlabel() == ""
 
 
-@pytest.mark.slow
 def test_pyplot_is_never_touched():
     script = (
         "import sys, quadriform as qf, matplotlib\n"

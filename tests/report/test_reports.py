@@ -50,7 +50,6 @@ def demo(tmp_path_factory):
     return folder / "out"
 
 
-@pytest.mark.slow
 def test_the_page_of_the_demo_says_what_the_model_says(browser, demo):
     model = qf.load(demo / "model.json")
     path = demo / "report.html"
@@ -63,7 +62,6 @@ def test_the_page_of_the_demo_says_what_the_model_says(browser, demo):
     assert browser.run("return document.querySelectorAll('img').length") == 9
 
 
-@pytest.mark.slow
 def test_a_report_begins_with_the_summary_and_holds_the_fit(egg):
     fit, points = egg
     text = fit_report(fit, {"surface": points}, title="an egg", record={"options": {"box": [3, 3, 3]}}).decode()
@@ -77,7 +75,6 @@ def test_a_report_begins_with_the_summary_and_holds_the_fit(egg):
     assert "Bardinet" in text and f"quadriform {qf.__version__}" in text
 
 
-@pytest.mark.slow
 def test_warnings_are_shown_first(egg):
     fit, points = egg
     cut = np.concatenate([points[points[:, 2] < 10], [[90.0, 0, 0], [0, 95, 0]]])
@@ -90,7 +87,6 @@ def test_warnings_are_shown_first(egg):
         assert text.index(str(kind)) < text.index("<canvas")
 
 
-@pytest.mark.slow
 def test_titles_and_records_are_escaped(egg):
     fit, points = egg
     bad = "<img src=x onerror=alert(1)>"
@@ -98,14 +94,12 @@ def test_titles_and_records_are_escaped(egg):
     assert bad not in text and text.count("&lt;img src=x") >= 3
 
 
-@pytest.mark.slow
 def test_the_same_fit_gives_the_same_page(egg):
     fit, points = egg
     one, two = (fit_report(fit, {"surface": points}, title="egg", record={"seconds": s}) for s in (1.0, 2.0))
     assert one == two
 
 
-@pytest.mark.slow
 def test_a_page_without_points_and_with_many(browser, egg, tmp_path):
     fit, points = egg
     many = np.tile(points, (450, 1))
@@ -142,7 +136,6 @@ def page_of_a_heart(cycle, tmp_path_factory):
     return path
 
 
-@pytest.mark.slow
 def test_the_page_of_a_ventricle_says_what_python_says(browser, cycle, page_of_a_heart):
     found, _, measures = cycle
     page = page_of_a_heart.read_bytes()
@@ -160,7 +153,6 @@ def test_the_page_of_a_ventricle_says_what_python_says(browser, cycle, page_of_a
     assert text.count("Bullseye of wall thickness") == 2
 
 
-@pytest.mark.slow
 def test_frames_that_were_tracked_alone_show_the_first(cycle):
     found, clouds, _ = cycle
     alone = Track("alone", found.times, found.models, None, found.residuals, 0.4, (1e-6,))
@@ -198,14 +190,12 @@ def page_of_a_model(cycle, tmp_path_factory):
     return folder, words
 
 
-@pytest.mark.slow
 def test_the_terminal_writes_the_page_of_a_model(browser, cycle, page_of_a_model):
     browser.open(page_of_a_model[0] / "page.html")
     measured = qf.measure(cycle[0].models, cycle[0].times, base=0.9)
     assert browser.number("ejection") == float(f"{measured['ejection fraction']:.4g}")
 
 
-@pytest.mark.slow
 def test_the_terminal_writes_no_page_over_another_nor_of_nothing(page_of_a_model, blank_figures, tmp_path, capsys):
     folder, words = page_of_a_model
     assert main(words) == 5  # exists already
@@ -217,7 +207,6 @@ def test_the_terminal_writes_no_page_over_another_nor_of_nothing(page_of_a_model
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.slow
 def test_the_image_is_shown_in_the_frame_that_was_asked_for(tmp_path, capsys):
     at = np.moveaxis(np.indices((24, 24, 24)), 0, -1) - 11.5
     values = ((at / (9, 7, 6)) ** 2).sum(axis=-1) < 1
@@ -251,7 +240,6 @@ def test_slices_of_small_labels_and_of_even_images_are_drawn():
     assert (one - other).max() > 200
 
 
-@pytest.mark.slow
 def test_the_configuration_in_effect_is_on_the_page(egg, tmp_path, capsys):
     np.savetxt(tmp_path / "egg.xyz", egg[1])
     words = ["fit", str(tmp_path / "egg.xyz"), "-o", str(tmp_path / "out"), "--box", "3,3,3", "--json"]
@@ -263,7 +251,6 @@ def test_the_configuration_in_effect_is_on_the_page(egg, tmp_path, capsys):
     assert str(tmp_path) not in page
 
 
-@pytest.mark.slow
 def test_a_hostile_file_name_runs_nothing(browser, egg, tmp_path, capsys):
     name = "<img src=x onerror=document.title=1><script>document.title=2<script>.xyz"
     np.savetxt(tmp_path / name, egg[1])
@@ -273,7 +260,6 @@ def test_a_hostile_file_name_runs_nothing(browser, egg, tmp_path, capsys):
     assert browser.run("return [document.images.length, document.scripts.length]") == [0, 2]
 
 
-@pytest.mark.slow
 def test_the_pages_can_be_read_on_a_phone(browser, page_of_a_heart, demo):
     with browser.phone():
         for page in (page_of_a_heart, demo / "report.html"):

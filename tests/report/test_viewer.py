@@ -32,7 +32,6 @@ def written(folder, model, scene=None, title="model"):
     return path
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", SHAPES)
 def test_vertices_are_where_python_has_them_and_so_is_the_volume(browser, tmp_path, kind):
     model = bent({"surface": SHAPES[kind]}, unit="mm")
@@ -46,7 +45,6 @@ def test_vertices_are_where_python_has_them_and_so_is_the_volume(browser, tmp_pa
         assert browser.text("volume-surface") == f"{float(f'{model.volume() / 1000:.4g}')} ml"
 
 
-@pytest.mark.slow
 def test_a_moved_control_point_changes_the_volume_as_python_says(browser, tmp_path):
     model = bent({"surface": SHAPES["ellipsoid"]}, unit="mm")
     browser.open(written(tmp_path, model))
@@ -65,7 +63,6 @@ def test_a_moved_control_point_changes_the_volume_as_python_says(browser, tmp_pa
     browser.check()
 
 
-@pytest.mark.slow
 def test_a_control_point_is_dragged_by_the_mouse(every_browser, tmp_path):
     from selenium.webdriver.common.action_chains import ActionChains
 
@@ -87,7 +84,6 @@ def test_a_control_point_is_dragged_by_the_mouse(every_browser, tmp_path):
     every_browser.check()
 
 
-@pytest.mark.slow
 def test_time_moves_surface_and_volume(browser, tmp_path):
     model = beating(4)
     browser.open(written(tmp_path, model, Scene(errors=[0.5] * 4, cavity="endo")))
@@ -109,7 +105,6 @@ def test_time_moves_surface_and_volume(browser, tmp_path):
     browser.check()
 
 
-@pytest.mark.slow
 def test_play_runs_and_stops(browser, tmp_path):
     browser.open(written(tmp_path, beating(2), Scene(errors=[None] * 2)))
     browser.run("document.getElementById('play').click()")
@@ -122,7 +117,6 @@ def test_play_runs_and_stops(browser, tmp_path):
     assert browser.number("time-now") == stopped
 
 
-@pytest.mark.slow
 def test_the_base_cuts_the_cavity_as_in_python(browser, tmp_path):
     model, ventricle = beating(4), SyntheticVentricle()
     point, direction = ventricle.base_plane(0.8)
@@ -136,7 +130,6 @@ def test_the_base_cuts_the_cavity_as_in_python(browser, tmp_path):
     assert browser.picture() != cut
 
 
-@pytest.mark.slow
 def test_only_what_reaches_below_the_base_is_drawn(browser):
     """Three squares on top of each other in the plane y = 0, and a base between the second and the third."""
     x = [value for height in range(4) for corner in (0, 1) for value in (corner, 0, height)]
@@ -148,7 +141,6 @@ def test_only_what_reaches_below_the_base_is_drawn(browser):
     assert browser.run(script, quads, x, None) == quads
 
 
-@pytest.mark.slow
 def test_every_colour_and_switch_draws_something_else(every_browser, tmp_path):
     model = bent({"inner part": SHAPES["ellipsoid"], "outer": made(semi_axes=(4.0, 3.0, 5.0))}, unit="mm")
     places = {name: model.box.deform(s.grid(FIELD_CELLS)[0]) for name, s in model.surfaces.items()}
@@ -174,7 +166,6 @@ def test_every_colour_and_switch_draws_something_else(every_browser, tmp_path):
     every_browser.check()
 
 
-@pytest.mark.slow
 def test_keys_turn_zoom_and_reset(every_browser, tmp_path):
     from selenium.webdriver.common.keys import Keys
 
@@ -190,7 +181,6 @@ def test_keys_turn_zoom_and_reset(every_browser, tmp_path):
     assert seen[3] == first
 
 
-@pytest.mark.slow
 def test_a_name_that_looks_like_markup_stays_a_name(browser, tmp_path):
     name = "a</script><img src=x onerror=document.title='broken'>\"'"
     model = bent({name: SHAPES["ellipsoid"]}, unit="mm")

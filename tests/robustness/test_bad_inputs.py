@@ -131,7 +131,6 @@ WARNED = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("row", WARNED)
 def test_what_is_doubtful_is_never_plain_ok(row):
     points, kinds = WARNED[row]
@@ -169,12 +168,10 @@ def same_surface(found, plain, tolerance):
     assert np.abs(found.model.distance(vertices)).max() < tolerance * RADIUS
 
 
-@pytest.mark.slow
 def test_row_13_at_worse_offsets_the_digits_that_are_gone_are_named():
     assert set(fit(CLOUD + 1e10).warnings) >= {"PRECISION_LOSS"}
 
 
-@pytest.mark.slow
 def test_row_17_whole_numbers_are_what_they_say():
     """Those above zero, which a byte without a sign holds too."""
     points = np.round(CLOUD) + 50
@@ -191,14 +188,12 @@ def test_row_21_a_memory_map_is_never_written_to(tmp_path):
     assert mapped.tobytes() == CLOUD.tobytes() == np.load(tmp_path / "cloud.npy").tobytes()
 
 
-@pytest.mark.slow
 def test_row_23_one_gross_outlier_moves_nothing(plain):
     found = fit(np.vstack([CLOUD, [20 * RADIUS, 0, 0]]))
     same_surface(found, plain, tolerance=1e-2)
     assert note_of(found, "OUTLIERS").endswith("200")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("count", "share", "seed", "tolerance"), [(400, 0.1, 0, 2e-2), (1200, 0.3, 0, 5e-2)])
 def test_row_24_outliers_change_little(count, share, seed, tolerance):
     """With 30 % of outliers 400 points are too few for the box, which is warned of: see `WARNED`."""

@@ -23,7 +23,6 @@ def test_normals_of_a_file_are_not_read(tmp_path, sign):
     np.testing.assert_array_equal(qf.read_points(tmp_path / "cloud.ply"), points)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("signs", ["arbitrary", "zero"])
 def test_row_34_the_signs_of_normals_do_not_matter(signs):
     """Some are flipped, or all are nothing; how long they are does not matter either."""
@@ -36,7 +35,6 @@ def test_row_34_the_signs_of_normals_do_not_matter(signs):
     np.testing.assert_allclose(found.residuals, plain.residuals, atol=1e-12)
 
 
-@pytest.mark.slow
 def test_row_35_more_control_points_than_points():
     """40 points, 375 coordinates: what holds the box decides the rest, stays near the points and is uncertain there."""
     points = lumpy(40)
@@ -53,7 +51,6 @@ def test_row_35_a_box_without_regularisation_is_refused():
         qf.fit(lumpy(40), strength=0)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("count", "strength", "ill_conditioned"), [(40, 1e-12, True), (40, "auto", False), (150, 1e-10, False)]
 )
@@ -71,7 +68,6 @@ def side_by_side():
     return {"large": u * [3, 2, 4], "small": u * [1, 1.2, 0.8] + [8, 0, 0]}
 
 
-@pytest.mark.slow
 def test_row_38_the_box_grows_around_all_surfaces():
     found = qf.fit(side_by_side(), **SMALL)
     for name in found.model.surfaces:
@@ -80,7 +76,6 @@ def test_row_38_the_box_grows_around_all_surfaces():
     assert "OUTSIDE_LATTICE" not in found.warnings
 
 
-@pytest.mark.slow
 def test_row_38_the_papers_box_does_not_and_says_so():
     found = qf.fit(side_by_side(), method="paper", iterations=2)
     assert found.status == "warned"
@@ -108,7 +103,6 @@ def turned_over(volume):
     return Volume(values, affine)
 
 
-@pytest.mark.slow
 def test_row_43_each_frame_may_lie_on_a_grid_of_its_own():
     one, two, three = (body(shrink) for shrink in (1.0, 0.9, 0.8))
 

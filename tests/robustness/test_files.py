@@ -84,7 +84,6 @@ def peak_of(call, error):
         tracemalloc.stop()
 
 
-@pytest.mark.slow
 def test_row_61_a_gzip_that_swells_takes_little_room(tmp_path, monkeypatch):
     """A whole image, and 400 MiB of nothing behind it."""
     image = nibabel.Nifti1Image(np.ones((3, 3, 3), np.uint8), np.eye(4)).to_bytes()
@@ -93,7 +92,6 @@ def test_row_61_a_gzip_that_swells_takes_little_room(tmp_path, monkeypatch):
     assert peak_of(lambda: read_volume(tmp_path / "image.nii.gz"), FileLimitError) < 64 * MIB
 
 
-@pytest.mark.slow
 def test_row_61_an_archive_that_swells_takes_little_room(tmp_path):
     with zipfile.ZipFile(tmp_path / "p.npz", "w", zipfile.ZIP_DEFLATED) as file:
         file.writestr("points.npy", bytes(300 * MIB))

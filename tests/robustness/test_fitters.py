@@ -12,7 +12,6 @@ import quadriform as qf
 from quadriform.point_sets import precision_loss
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
 @pytest.mark.parametrize("name", FITTERS)
 def test_every_fitter_holds_the_common_checks(name, check):

@@ -25,7 +25,6 @@ SAMPLE = (
 )
 
 
-@pytest.mark.slow
 def test_files_of_other_people_end_in_a_result_or_a_typed_error(tmp_path):
     paths = [path for path in wheel_files() if path.name in SAMPLE]
     assert len({path.name for path in paths}) > 15

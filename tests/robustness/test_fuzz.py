@@ -17,7 +17,6 @@ import fuzzing
 from quadriform.errors import FileFormatError
 
 
-@pytest.mark.slow
 def test_mutated_files_end_as_promised():
     each = 45
     tally, faults = fuzzing.run(each * len(fuzzed_kinds.KINDS), seed=0, processes=1)

@@ -51,7 +51,6 @@ def test_checks_messages_and_constants_are_left_alone(code):
     assert made(code) == []
 
 
-@pytest.mark.slow
 def test_a_sample_is_the_same_for_a_seed_and_changes_the_code():
     sample = mutants.drawn(15, 3)
     assert sample == mutants.drawn(15, 3) and sample != mutants.drawn(15, 4)
@@ -68,7 +67,6 @@ def test_tests_of_a_file_begin_with_those_of_its_name():
     assert "fitting" in [name for names in mutants.stages("fitting/refinement/surface_data.py") for name in names]
 
 
-@pytest.mark.slow
 def test_what_is_explained_is_there():
     """An explanation goes with its change."""
     for text in mutants.KNOWN:

@@ -28,7 +28,6 @@ def test_there_are_dialects_of_every_format():
     assert len(GOOD) > 180 and len(BAD) > 60
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("cases", by_suffix(GOOD))
 def test_a_dialect_is_read_as_the_body_that_it_is(tmp_path, cases):
     for suffix, name, content in cases:
@@ -53,7 +52,6 @@ def test_what_cannot_be_read_is_refused_with_the_name_of_the_file(tmp_path, case
             pytest.fail(f"{suffix}: {name} was read")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("cases", by_suffix(GOOD[::4] + BAD))
 def test_the_terminal_shows_a_table_or_one_line(tmp_path, monkeypatch, capsys, cases):
     """No internal error (70), no traceback; a Python warning would be an error here. Of those that are read, a part."""
@@ -68,7 +66,6 @@ def test_the_terminal_shows_a_table_or_one_line(tmp_path, monkeypatch, capsys, c
             assert code == 4 and len(shown.err.splitlines()) == 1, name
 
 
-@pytest.mark.slow
 def test_nothing_but_our_own_words_reaches_the_screen_of_a_process(tmp_path):
     """In a process of its own, where the loggers of libraries and Python's warnings would write to the screen."""
     files = []

@@ -32,7 +32,6 @@ def test_names_that_are_written_alike_are_refused(call, clouds):
         call(clouds)
 
 
-@pytest.mark.slow
 def test_a_number_as_a_name_goes_with_the_same_number():
     plain = qf.fit({"1": CLOUD}, weights={"1": np.ones(60)}, box=(2, 2, 2))
     found = qf.fit({1: CLOUD}, weights={1: np.ones(60)}, box=(2, 2, 2))

@@ -45,7 +45,6 @@ def test_every_row_and_property_stands_once():
     assert sorted(re.findall(r"^\| (M?\d+) \|", PAGE, re.MULTILINE)) == sorted(WANTED)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("row", WANTED)
 def test_a_row_names_tests_that_exist(row):
     assert HELD[row]
@@ -54,7 +53,6 @@ def test_a_row_names_tests_that_exist(row):
         assert name in names_in(TESTS / path), f"{path}::{name}"
 
 
-@pytest.mark.slow
 def test_every_test_that_the_page_names_exists():
     for path, name in re.findall(r"`([\w/]+\.py)::([\w:]*test_\w+)`", PAGE):
         assert name in names_in(TESTS / path), f"{path}::{name}"

@@ -126,7 +126,6 @@ def contents(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-@pytest.mark.slow
 def test_row_68_what_does_not_fit_on_the_disk_leaves_the_old_files(saved, cloud, tmp_path, blank_figures):
     """As on a full disk: the system refuses the write itself.
 
@@ -148,7 +147,6 @@ def test_row_68_what_does_not_fit_on_the_disk_leaves_the_old_files(saved, cloud,
     assert contents(tmp_path / "out") == before
 
 
-@pytest.mark.slow
 def test_row_69_stopped_at_fifty_instants(tmp_path):
     """The target is the old file or the new one, whole; all that may be left is the temporary file of a killed one."""
     done = python("-c", STOPPED, tmp_path / "a")
@@ -163,7 +161,6 @@ def test_row_69_stopped_at_fifty_instants(tmp_path):
     assert (tmp_path / "a").read_bytes() == b"next"
 
 
-@pytest.mark.slow
 def test_row_69_whole_fits_that_are_stopped():
     """Three of them, a signal each, by a seed that sees files written in place; fifty by `make kill`."""
     done = python(Path(__file__).with_name("killed_fits.py"), 3, 1, PYTHONPATH=WITH_TESTS)
@@ -171,7 +168,6 @@ def test_row_69_whole_fits_that_are_stopped():
     assert done.stdout.splitlines()[-1] == "3 of 3 as promised"
 
 
-@pytest.mark.slow
 def test_row_70_two_writers_of_one_file(tmp_path):
     """Each 60 times; whoever reads meanwhile sees one of the two files, whole."""
     path, seen = tmp_path / "a", set()
@@ -212,12 +208,10 @@ def has_points_in_its_numbers(done):
     assert "\x1b" not in table and f"{CLOUD[:, 0].min():.4g}"[:5] in table
 
 
-@pytest.mark.slow
 def test_row_71_numbers_have_a_point_on_a_poor_terminal(cloud):
     has_points_in_its_numbers(commanded(SEVERAL, said(cloud), LC_ALL="C", TERM="dumb"))
 
 
-@pytest.mark.slow
 def test_row_71_numbers_have_a_point_where_others_write_commas(cloud, saved, tmp_path, german):
     """A program that has taken over the locale of its user, and what it writes."""
 
@@ -234,7 +228,6 @@ def test_row_71_numbers_have_a_point_where_others_write_commas(cloud, saved, tmp
         assert (tmp_path / "commas" / name).read_bytes() == (tmp_path / "points" / name).read_bytes()
 
 
-@pytest.mark.slow
 def test_row_72_the_number_of_threads_does_not_matter(tmp_path, monkeypatch):
     """More points than one thread is given here: a hundred and sixtieth of the real number."""
     monkeypatch.setattr(threads, "WORTH", 100)
@@ -247,14 +240,12 @@ def test_row_72_the_number_of_threads_does_not_matter(tmp_path, monkeypatch):
     np.testing.assert_allclose(np.load(tmp_path / "8.npy"), alone, rtol=0, atol=1e-7 * Frame.of(alone).scale)
 
 
-@pytest.mark.slow
 def test_rows_32_and_73_a_large_cloud_in_one_gib():
     """`make large` takes ten million points."""
     done = python(Path(__file__).with_name("little_room.py"), 60_000)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-@pytest.mark.slow
 def test_row_76_two_runs_write_the_same_bytes(cloud, tmp_path):
     """A fresh process, and this one with another hash seed; all files of a fit."""
     fit = ["fit", str(cloud), "--box", "2,2,2", "-o"]
@@ -267,7 +258,6 @@ def test_row_76_two_runs_write_the_same_bytes(cloud, tmp_path):
     assert found == contents(tmp_path / "here")
 
 
-@pytest.mark.slow
 def test_fits_in_processes_and_threads_at_once():
     """Row 77: workers, spawned, forked, and as threads, of a Python without assert: the bytes of fits made here."""
     program = Path(__file__).with_name("at_once.py")

@@ -81,7 +81,6 @@ def read(tmp_path, content, name="p.csv"):
         return None
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("head", HEADS, ids=repr)
 def test_every_variant_gives_the_right_numbers_or_an_error(tmp_path, head):
     right = 0

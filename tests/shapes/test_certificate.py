@@ -66,7 +66,6 @@ def test_affine_box_has_its_exact_determinant(shape, rng):
     assert bound.lower <= np.linalg.det(matrix)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("shape", [(5, 5, 5), (3, 4, 6)])
 def test_bound_is_below_all_samples_and_close_to_the_least(seed, shape):
@@ -83,7 +82,6 @@ def test_bound_is_below_all_samples_and_close_to_the_least(seed, shape):
     assert surface.implicit(bound.where[None])[0] <= 1 + 1e-9
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["ellipsoid", "toroid", "hyperboloid1", "hyperboloid2"])
 def test_bound_holds_inside_every_kind_in_a_box_turned_against_it(kind):
     surface = made(kind)

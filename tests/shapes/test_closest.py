@@ -80,7 +80,6 @@ def brute_beside_planes(surface, box, targets):
 RIDGES = [(2.0, 0.4), (2.0, 2.0), (1.0, 2.0), (1.5, 1.5), (0.3, 1.9), (1.9, 1.2), (4.0, 1.0), (1.0, 3.0)]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("exponents", "size"), [*product(RIDGES, (0.0, 0.15)), ((3.0, 2.5), 0.0)])
 def test_beside_edges_and_cusps_nothing_is_nearer(exponents, size, rng):
     """Exponents above 1, where the curvature is infinite along the planes of symmetry; inside, outside, at tips."""
@@ -136,7 +135,6 @@ def test_ellipsoid_by_its_lagrange_equation(rng):
     np.testing.assert_allclose(found.points[well], feet[well], atol=1e-6)
 
 
-@pytest.mark.slow
 def test_medial_axis_of_an_ellipsoid():
     surface, box = undeformed()
     x = np.linspace(-1.5, 1.5, 31)
@@ -148,7 +146,6 @@ def test_medial_axis_of_an_ellipsoid():
     assert found[31] == pytest.approx(-2, abs=1e-12)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("exponents", [(1, 1), (0.6, 1.2), (0.3, 0.3), (0.1, 0.1), (0.1, 1.0), (1.4, 0.5)])
 @pytest.mark.parametrize("size", [0.0, 0.3])
 def test_no_vertex_of_a_dense_mesh_leads_closer(exponents, size, rng):
@@ -160,7 +157,6 @@ def test_no_vertex_of_a_dense_mesh_leads_closer(exponents, size, rng):
     np.testing.assert_allclose(box.deform(found.origins), found.points, atol=1e-12)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("exponents", [(1, 1), (0.6, 1.2), (0.1, 0.1), (0.01, 0.01), (1.9, 1.9)])
 def test_sign_is_that_of_the_implicit_function(exponents, rng):
     surface, box = undeformed(exponents=exponents)
@@ -178,7 +174,6 @@ def test_cube_with_sharp_edges_is_a_box_from_far(rng):
     assert (closest_on(surface, box, targets).signed >= exact - 1e-12).all()
 
 
-@pytest.mark.slow
 def test_inside_a_sharp_edge_the_nearer_face_is_found(rng):
     surface, box = undeformed(exponents=(0.05, 0.05))
     edge = rng.choice([-1.0, 1.0], (6000, 3)) * [3, 2, 4]
@@ -227,7 +222,6 @@ def test_other_kinds_find_their_own_normal_offsets(kind, rng):
     np.testing.assert_allclose(found.points, inner, atol=1e-7)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("exponents", [(1.3, 1.2), (0.8, 1.5), (3.0, 2.5)])
 @pytest.mark.parametrize("kind", ["hyperboloid1", "hyperboloid2"])
 def test_ridges_that_run_to_infinity_are_searched_in_any_unit(kind, exponents, rng):
@@ -287,7 +281,6 @@ def test_rounding_chooses_no_side_of_an_edge(exponents, rng):
         np.testing.assert_allclose(gradient, plain.gradient(grid) @ rotation.T, atol=1e-9)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("exponents", [(0.1, 0.1), (0.01, 1.9996), (2.0, 2.0)])
 @pytest.mark.parametrize("seed", range(3))
 def test_rounding_does_not_choose_between_faces_that_are_equally_near(exponents, seed):

@@ -51,14 +51,12 @@ def plate(height=0.0, size=1.0):
     return Mesh(vertices, np.array([[0, 1, 2], [0, 2, 3]]))
 
 
-@pytest.mark.slow
 def test_spheres_around_each_other_are_their_gap_apart():
     for found in surface_distances(sphere(10), sphere(12)):
         for value in (found.mean, found.rms, found.percentile_95, found.largest):
             assert value == pytest.approx(2, abs=2e-3)
 
 
-@pytest.mark.slow
 def test_what_the_distances_are_of_a_shifted_sphere():
     """A point at angle t from the shift s is | |x - s| - r | away; cos t is even over a sphere."""
     r, s = 10.0, 4.0
@@ -72,7 +70,6 @@ def test_what_the_distances_are_of_a_shifted_sphere():
         assert found.largest == pytest.approx(s, rel=5e-3)
 
 
-@pytest.mark.slow
 def test_distances_to_a_large_triangle_are_exact_inside_and_beyond_its_edges():
     there, back = surface_distances(plate(0.5), plate())
     for found in (there, back):
@@ -92,7 +89,6 @@ def test_the_points_are_even_over_large_triangles():
     assert found.largest == 1
 
 
-@pytest.mark.slow
 def test_a_model_with_itself():
     model = deformed()
     for found in surface_distances(model, model):
@@ -103,14 +99,12 @@ def test_a_model_with_itself():
     assert not np.any([numbers.semi_axes, numbers.translation]) and not numbers.exponents.any()
 
 
-@pytest.mark.slow
 def test_the_order_only_swaps():
     a, b = (deformed(seed).mesh(resolution=16) for seed in (3, 4))
     assert surface_distances(a, b) == surface_distances(b, a)[::-1]
     assert dice(a, b) == dice(b, a)
 
 
-@pytest.mark.slow
 def test_a_model_is_its_mesh_also_wound_the_other_way():
     model = deformed()
     mesh = model.mesh(resolution=64)
@@ -120,7 +114,6 @@ def test_a_model_is_its_mesh_also_wound_the_other_way():
     assert enclosed_volume(turned) == pytest.approx(enclosed_volume(model), rel=1e-3)
 
 
-@pytest.mark.slow
 def test_everything_grows_with_the_scale():
     models = deformed(), deformed(4)
     small, large = (
@@ -131,7 +124,6 @@ def test_everything_grows_with_the_scale():
     assert dice(*large) == pytest.approx(dice(*small), abs=1e-4)
 
 
-@pytest.mark.slow
 def test_overlap_of_spheres():
     assert dice(sphere(10), sphere(12)) == pytest.approx(2 * 10**3 / (10**3 + 12**3), abs=1e-3)
     assert dice(sphere(10), sphere(10, CENTRE + 30)) == 0

@@ -81,7 +81,6 @@ def test_a_surface_bent_through_itself_is_found():
     assert np.abs(np.median(points[:, 2])) < 0.5
 
 
-@pytest.mark.slow
 def test_where_rays_meet_a_surface_once_the_long_way_finds_nothing_either(monkeypatch):
     surface = made(exponents=(1.0, 1.0))
     plain, rng, seen = ControlBox.around(surface, (4, 4, 4)), np.random.default_rng(0), []

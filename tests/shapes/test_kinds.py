@@ -71,7 +71,6 @@ def test_a_new_entry_is_a_kind_for_files(pair, tmp_path):
     np.testing.assert_array_equal(again.mesh().vertices, model.mesh().vertices)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", KINDS)
 def test_nothing_depends_on_the_name_of_a_kind(monkeypatch, rng, name):
     """With ridges too, which have a search of their own."""

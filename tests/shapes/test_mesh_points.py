@@ -131,14 +131,12 @@ class TestFits:
         """Fewer points, which know these bodies as well."""
         monkeypatch.setattr("quadriform.shapes.mesh_points.SAMPLES", 800)
 
-    @pytest.mark.slow
     @pytest.mark.parametrize("mesh", [box_mesh(), prism_mesh()], ids=["block", "prism"])
     def test_the_volume_of_a_body_with_few_vertices(self, mesh):
         found = qf.fit(mesh, box=(3, 3, 3))
         assert found.model.volume() == pytest.approx(mesh.volume(), rel=0.01)
         assert found.n_points == 800 and "spread evenly over the area" in found.notes[0]
 
-    @pytest.mark.slow
     def test_a_cone_is_a_closed_body_without_folds(self):
         """Its rim, where base and mantle meet at 63 degrees, was once taken for the edge of an open cloud."""
         mesh = cone_mesh()
