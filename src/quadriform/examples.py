@@ -118,13 +118,10 @@ def _on_lattice_lines(points: Array, spacing: float) -> np.ndarray:
     node = np.floor(position)
     off = np.abs(position - node - 0.5)
     along = off.argmax(axis=1)
-    # The line is along the axis in which the point is farthest from a lattice plane.
     rows = np.arange(len(points))
     distance = np.sqrt(np.maximum((off**2).sum(axis=1) - off[rows, along] ** 2, 0))
-    side = np.sign(points[rows, along])  # a line enters the body and leaves it
-    node[rows, along] = np.nan_to_num(side)
-    order = np.lexsort((distance, *node.T, along))
-    keys = np.column_stack([along, node])[order]
-    first = np.r_[True, (np.diff(keys, axis=0) != 0).any(axis=1)]
-    kept = order[first]
-    return np.sort(kept[distance[kept] < 0.25])
+    node[rows, along] = np.sign(points[rows, along])  # a line enters the body and leaves it
+    order = np.argsort(distance, kind="stable")
+    # the first of equal rows is the nearest point of its crossing
+    nearest = order[np.unique(np.column_stack([along, node])[order], axis=0, return_index=True)[1]]
+    return np.sort(nearest[distance[nearest] < 0.25])

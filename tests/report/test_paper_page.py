@@ -15,7 +15,6 @@ from quadriform.fitting.result import rms
 from quadriform.imaging.image_points import points_from_image
 from quadriform.imaging.volume import Volume
 from quadriform.report.paper import (
-    clouds,
     convergence,
     drawing,
     image_figures,
@@ -380,7 +379,7 @@ def test_the_page_fits_a_narrow_screen(material, tmp_path, browser):
 
 
 def test_the_scanner_image_has_the_papers_voxels():
-    volume = clouds.scanner_image()
+    volume = scans.scanner_image()
     assert volume.values.shape == (98, 100, 110)
     assert volume.spacing == pytest.approx(0.926)
     blood = (volume.values > 145).sum() * 0.926**3

@@ -86,7 +86,7 @@ def test_a_control_point_is_dragged_by_the_mouse(every_browser, tmp_path):
 
 def test_time_moves_surface_and_volume(browser, tmp_path):
     model = beating(4)
-    browser.open(written(tmp_path, model, Scene(errors=[0.5] * 4, cavity="endo")))
+    browser.open(written(tmp_path, model, Scene(errors=[0.5] * 4)))
     volumes = [model.at(t).volume("endo") / 1000 for t in model.frame_times]
     fraction = 100 * (1 - min(volumes) / max(volumes))
     assert browser.number("ejection") == float(f"{fraction:.4g}")
@@ -121,12 +121,12 @@ def test_the_base_cuts_the_cavity_as_in_python(browser, tmp_path):
     model, ventricle = beating(4), SyntheticVentricle()
     point, direction = ventricle.base_plane(0.8)
     planes = [(np.asarray(point), np.asarray(direction))] * 4
-    browser.open(written(tmp_path, model, Scene(errors=[None] * 4, cavity="endo", planes=planes)))
+    browser.open(written(tmp_path, model, Scene(errors=[None] * 4, planes=planes)))
     measured = qf.measure([model.at(t) for t in model.frame_times], base=(point, direction))
     assert browser.number("volume-endo") == float(f"{measured['end-diastolic volume']:.4g}")
     assert browser.number("ejection") == float(f"{measured['ejection fraction']:.4g}")
     cut = browser.picture()
-    browser.open(written(tmp_path, model, Scene(errors=[None] * 4, cavity="endo")))
+    browser.open(written(tmp_path, model, Scene(errors=[None] * 4)))
     assert browser.picture() != cut
 
 

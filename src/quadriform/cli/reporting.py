@@ -62,7 +62,7 @@ def page_of_fit(
     rotated = {name: cloud @ rotation.T for name, cloud in clouds.items()}
     if image is not None:
         # the image rotates with its points: its voxels stay, their places in the world change
-        affine = np.block([[rotation, np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]]) @ image.world_from_voxel
+        affine = np.vstack([rotation @ image.world_from_voxel[:3], image.world_from_voxel[3:]])
         image = replace(image, world_from_voxel=affine, space=fit.model.space)
     found = measures_of([fit.model], None)
     return fit_report(fit, rotated, title=title, record=record, image=image, measures=found)

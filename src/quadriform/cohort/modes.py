@@ -51,23 +51,14 @@ def write_modes(results: Path, layout: Layout) -> Modes | None:
     mean = found.mean
     ends = found.reconstruct(np.eye(len(found.deviations)))  # one standard deviation along each mode
     moved = np.array([end.box.control_points - mean.box.control_points for end in ends])
+    arrays = io.BytesIO()
+    ratios = found.variance_ratios
+    np.savez(arrays, mean=mean.box.control_points, displacements=moved, deviations=found.deviations, shares=ratios)
     folder = make_folder(results / FOLDER)
     save(mean, folder / "mean.json", force=True)
-    write_bytes(folder / "modes.npz", _arrays(found, moved), force=True)
+    write_bytes(folder / "modes.npz", arrays.getvalue(), force=True)
     write_bytes(folder / "scores.parquet", _scores(found, results, layout), force=True)
     return Modes(found, moved, len(sample))
-
-
-def _arrays(modes: ShapeModes, displacements: Array) -> bytes:
-    stream = io.BytesIO()
-    np.savez(
-        stream,
-        mean=modes.mean.box.control_points,
-        displacements=displacements,
-        deviations=modes.deviations,
-        shares=modes.variance_ratios,
-    )
-    return stream.getvalue()
 
 
 def _scores(found: ShapeModes, results: Path, layout: Layout) -> bytes:

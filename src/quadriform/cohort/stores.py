@@ -6,7 +6,6 @@ the table. The models, one file a subject, are the source of truth; all of this 
 
 import io
 import os
-import shutil
 import tempfile
 import threading
 import warnings
@@ -66,17 +65,12 @@ def make_store(results: Path, layout: Layout) -> None:
     if target.exists():
         return
     try:
-        draft = tempfile.mkdtemp(prefix=".quadriform-", dir=results)
-        try:
+        with tempfile.TemporaryDirectory(prefix=".quadriform-", dir=results, ignore_cleanup_errors=True) as draft:
             _create(Path(draft) / STORE, layout)
             os.rename(Path(draft) / STORE, target)
-        except OSError:
-            if not target.exists():  # else another process was first
-                raise
-        finally:
-            shutil.rmtree(draft, ignore_errors=True)
     except OSError as error:
-        raise OutputError(f"{quoted(target)}: cannot be created: {error.strerror}") from error
+        if not target.exists():  # else another process was first
+            raise OutputError(f"{quoted(target)}: cannot be created: {error.strerror}") from error
 
 
 def _create(path: Path, layout: Layout) -> None:

@@ -14,8 +14,10 @@ SEGMENT = re.compile(r"(?:unanchored )?segment (\d+), [^:]*: (.*)")
 UNITS = {"cavity volume": "ml", "wall thickness": "mm", "twist angle": "degrees"}
 
 
-def heart_sections(measures: Measures) -> list[Section]:
+def heart_sections(measures: Measures | None) -> list[Section]:
     """Function, wall and curves, where they were measured."""
+    if measures is None:
+        return []
     sections = [Section("Function", _function(measures))]
     if bullseyes := _bullseyes(measures):
         sections.append(Section("Segments", bullseyes))

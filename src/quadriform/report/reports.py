@@ -16,13 +16,14 @@ from quadriform.report.fields import residual_field, thickness_field, uncertaint
 from quadriform.report.heart_sections import heart_sections
 from quadriform.report.page import Section, page, report_text, source
 from quadriform.report.slices import planes_section
-from quadriform.report.viewer import Plane, ScalarField, Scene, viewer
+from quadriform.report.viewer import Scene, viewer
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
 from quadriform.shapes.record import remarks, remarks_of
 
 WALLS = {"endo", "epi"}
 Clouds = Mapping[str, Array]
+AnyModel = DeformableModel | MovingModel
 
 
 def fit_report(
@@ -47,24 +48,28 @@ def fit_report(
     Returns:
         HTML, UTF-8.
     """
-    model, unit = fit.model, fit.model.unit.replace("unknown", "units")
+    model, unit = fit.model, _unit(fit.model)
     residuals, before = _by_name(fit.residuals, clouds), _by_name(fit.superquadric_residuals, clouds)
     # the longest side: an error below half of it is below what the image resolves
     voxel = None if image is None else float(image.spacing.max())
+    sentence = report_text("fit", "summary", fit=fit, unit=unit, support=_support_text(fit))
+    points = {name: [cloud] for name, cloud in clouds.items()}
+    signed = {name: [values] for name, values in residuals.items()}
+    fields = [residual_field([model], points, signed)]
+    if fit.enriched is not None:
+        fields.append(uncertainty_field(fit))
     parts = [
-        sections.summary(
-            report_text("fit", "summary", fit=fit, unit=unit, support=_support_text(fit)),
-            fit.status,
-            remarks(fit.warnings, fit.notes),
-        ),
-        Section("Model", viewer(model, replace(_fit_scene(fit, clouds, residuals, title), planes=_planes(measures)))),
+        sections.summary(sentence, fit.status, remarks(fit.warnings, fit.notes)),
+        _shown(model, [model], Scene(title, points, signed, [fit.rms], fields), measures),
         sections.errors(residuals, before, unit, voxel),
     ]
     if image is not None:
         parts.append(planes_section(image, {name: model.mesh(name) for name in model.surfaces}, title))
-    parts += [] if measures is None else heart_sections(measures)
+    parts += heart_sections(measures)
     parts += [sections.convergence(fit.history, unit), sections.parameters(model, fit.n_points)]
-    return _page(title, [*parts, *sections.methods(_fit_words(fit), record)])
+    method = report_text("fit", "paper" if fit.enriched is None else "tangent")
+    words = report_text("fit", "methods", fit=fit, method=method, **_model_words(model))
+    return _page(title, [*parts, sections.description(words), sections.configuration(record)])
 
 
 def _support_text(fit: Fit) -> str:
@@ -74,16 +79,6 @@ def _support_text(fit: Fit) -> str:
         about = f"of {name}" if len(fit.support) > 1 else "of the surface"
         texts.append(f"{100 * each.area:.0f} % of the area {about} (volume {fit.volume(name)})")
     return ", ".join(texts)
-
-
-def _fit_scene(fit: Fit, clouds: Clouds, residuals: Clouds, title: str) -> Scene:
-    each = {name: [cloud] for name, cloud in clouds.items()}
-    signed = {name: [values] for name, values in residuals.items()}
-    fields = [residual_field([fit.model], each, signed)]
-    if fit.enriched is not None:
-        fields.append(uncertainty_field(fit))
-    fields += _thickness([fit.model])
-    return Scene(title, each, signed, [fit.rms], fields, _cavity(fit.model))
 
 
 def track_report(
@@ -98,37 +93,32 @@ def track_report(
         record: options and results, for the end of the page.
         measures: of a ventricle.
     """
-    model: MovingModel | DeformableModel = found.models[0] if found.moving is None else found.moving
-    unit = model.unit.replace("unknown", "units")
+    model: AnyModel = found.models[0] if found.moving is None else found.moving
+    unit = _unit(model)
     # frames that were fitted alone have no common motion to play; the first stands for them
-    shown = range(len(found.models) if found.moving is not None else 1)
-    each = {name: [clouds[k][name] for k in shown] for name in model.surfaces}
-    signed = {name: [found.residuals[k][name] for k in shown] for name in model.surfaces}
-    models = [found.models[k] for k in shown]
-    fields = [residual_field(models, each, signed), *_thickness(models)]
-    errors, planes = found.frame_rms[list(shown)].tolist(), _planes(measures)
-    scene = Scene(title, each, signed, errors, fields, _cavity(model), planes)
+    count = 1 if found.moving is None else len(found.models)
+    points = {name: [frame[name] for frame in clouds[:count]] for name in model.surfaces}
+    signed = {name: [frame[name] for frame in found.residuals[:count]] for name in model.surfaces}
+    models = found.models[:count]
+    scene = Scene(title, points, signed, found.frame_rms[:count].tolist(), [residual_field(models, points, signed)])
     worst = int(found.frame_rms.argmax())
     words = {"frames": len(found.models), "worst": worst, "worst_rms": found.frame_rms[worst], "unit": unit}
-    sentence = report_text("track", "summary", track=found, **words)
     together = {name: np.concatenate([frame[name] for frame in found.residuals]) for name in model.surfaces}
     parts = [
-        sections.summary(sentence, found.status, remarks(found.warnings, found.notes)),
-        Section("Model", viewer(model, scene)),
-        *([] if measures is None else heart_sections(measures)),
+        sections.summary(
+            report_text("track", "summary", track=found, **words), found.status, remarks(found.warnings, found.notes)
+        ),
+        _shown(model, models, scene, measures),
+        *heart_sections(measures),
         sections.errors(together, None, unit, None),
         sections.parameters(model, sum(map(len, together.values()))),
+        sections.description(_track_words(found)),
+        sections.configuration(record),
     ]
-    return _page(title, [*parts, *sections.methods(_track_words(found), record)])
+    return _page(title, parts)
 
 
-def model_report(
-    model: DeformableModel | MovingModel,
-    *,
-    title: str,
-    record: Mapping[str, Any],
-    measures: Measures | None = None,
-) -> bytes:
+def model_report(model: AnyModel, *, title: str, record: Mapping[str, Any], measures: Measures | None = None) -> bytes:
     """The page of a model without the data it was fitted to.
 
     Args:
@@ -139,17 +129,15 @@ def model_report(
     """
     moving = isinstance(model, MovingModel)
     models = [model.at(t) for t in model.frame_times] if isinstance(model, MovingModel) else [model]
-    unknown, planes = [None] * len(models), _planes(measures)
-    scene = Scene(title, errors=unknown, fields=_thickness(models), cavity=_cavity(model), planes=planes)
     sentence = report_text("model", "summary", model=model, moving="moving " if moving else "")
     fit = model.record
     status, found = (fit.status, remarks_of(fit)) if measures is None else (measures.status, measures.remarks)
     parts = [
         sections.summary(sentence, status, found),
-        Section("Model", viewer(model, scene)),
-        *([] if measures is None else heart_sections(measures)),
+        _shown(model, models, Scene(title, errors=[None] * len(models)), measures),
+        *heart_sections(measures),
         sections.parameters(model, None),
-        sections.methods("", record)[1],
+        sections.configuration(record),
     ]
     return _page(title, parts)
 
@@ -158,27 +146,21 @@ def _page(title: str, parts: Sequence[Section]) -> bytes:
     return page(title, report_text("page", "lead"), parts, source("viewer/viewer.css"))
 
 
+def _shown(model: AnyModel, models: Sequence[DeformableModel], scene: Scene, measures: Measures | None) -> Section:
+    """The viewer; of a ventricle with the thickness of its wall, and the base that its volumes are below."""
+    walls = [thickness_field(models)] if model.surfaces.keys() >= WALLS else []
+    bases = [plane for plane in (() if measures is None else measures.planes) if plane is not None]
+    # without a base the surface is closed
+    planes = [(plane.point, plane.direction) for plane in bases] or None
+    return Section("Model", viewer(model, replace(scene, fields=[*scene.fields, *walls], planes=planes)))
+
+
 def _by_name(residuals: Array | dict[str, Array], clouds: Clouds) -> dict[str, Array]:
     return residuals if isinstance(residuals, dict) else {next(iter(clouds)): residuals}
 
 
-def _thickness(models: Sequence[DeformableModel]) -> list[ScalarField]:
-    return [thickness_field(models)] if models[0].surfaces.keys() >= WALLS else []
-
-
-def _cavity(model: DeformableModel | MovingModel) -> str:
-    return "endo" if "endo" in model.surfaces else next(iter(model.surfaces))
-
-
-def _planes(measures: Measures | None) -> list[Plane] | None:
-    """The base of each frame, where the cavity of the viewer's volumes ends; None where a surface is closed."""
-    found = [plane for plane in (() if measures is None else measures.planes) if plane is not None]
-    return [(plane.point, plane.direction) for plane in found] or None
-
-
-def _fit_words(fit: Fit) -> str:
-    method = report_text("fit", "paper" if fit.enriched is None else "tangent")
-    return report_text("fit", "methods", fit=fit, method=method, **_model_words(fit.model))
+def _unit(model: AnyModel) -> str:
+    return model.unit.replace("unknown", "units")
 
 
 def _track_words(found: Track) -> str:
@@ -189,9 +171,7 @@ def _track_words(found: Track) -> str:
 
 def _model_words(model: DeformableModel) -> dict[str, str]:
     box = " x ".join(str(count) for count in model.box.control_points.shape[:3])
-    return {"surfaces": _surfaces(model), "box": box, "unit": model.unit.replace("unknown", "units")}
-
-
-def _surfaces(model: DeformableModel) -> str:
-    kinds = ", ".join(f"{name} ({surface.kind})" for name, surface in model.surfaces.items())
-    return f"superquadrics for {kinds}" if len(model.surfaces) > 1 else f"a superquadric ({kinds.split('(')[1]}"
+    named = [f"{name} ({surface.kind})" for name, surface in model.surfaces.items()]
+    one = f"a superquadric ({next(iter(model.surfaces.values())).kind})"
+    surfaces = f"superquadrics for {', '.join(named)}" if len(named) > 1 else one
+    return {"surfaces": surfaces, "box": box, "unit": _unit(model)}

@@ -6,7 +6,7 @@ from importlib.metadata import version
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
 from quadriform.fitting.result import Iteration
 from quadriform.points import Array
@@ -30,10 +30,7 @@ def summary(sentence: str, status: str, remarks: Sequence[Remark]) -> Section:
         status: "ok", "warned", "unreliable" or "unknown".
         remarks: warnings and notes.
     """
-    warnings = [remark for remark in remarks if remark.kind]
-    notes = [remark for remark in remarks if not remark.kind]
-    body = rendered("summary.html.j2", sentence=sentence, status=status, warnings=warnings, notes=notes)
-    return Section("Summary", body)
+    return Section("Summary", rendered("summary.html.j2", sentence=sentence, status=status, remarks=remarks))
 
 
 def errors(residuals: Clouds, before: Clouds | None, unit: str, voxel: float | None) -> Section:
@@ -97,18 +94,18 @@ def parameters(model: DeformableModel | MovingModel, n_points: int | None) -> Se
     return Section("Parameters", table((), rows) + table(header, surfaces))
 
 
-def methods(text: str, record: Mapping[str, Any]) -> list[Section]:
-    """A paragraph on the method, for a publication, and all that was in effect: options, hash of the input, versions.
-
-    Args:
-        text: what was done, without versions and citation.
-        record: options and results, as JSON can hold them. Folders of this machine and the time that it took are left
-            out: they are private, and the same input gives the same page.
-    """
+def description(text: str) -> Section:
+    """A paragraph on the method for a publication: what was done, with versions and citation."""
     used = ", ".join(f"{name} {version(name)}" for name in LIBRARIES)
     whole = report_text("methods", "paper", text=text, version=version("quadriform"), used=used)
-    # what changes from one run to the next would make pages of the same fit differ
+    return Section("Description of the method", Markup('<p class="description">{}</p>').format(whole))
+
+
+def configuration(record: Mapping[str, Any]) -> Section:
+    """All that was in effect, options and results, as JSON can hold them.
+
+    Folders of this machine and the time that it took are left out: they are private, and the same input gives the same
+    page.
+    """
     kept = {name: value for name, value in record.items() if name not in HERE}
-    description = Markup('<p class="description">{}</p>').format(whole)
-    settings = Markup("<pre>{}</pre>").format(escape(json.dumps(kept, indent=1, default=str)))
-    return [Section("Description of the method", description), Section("Configuration and record", settings)]
+    return Section("Configuration and record", Markup("<pre>{}</pre>").format(json.dumps(kept, indent=1, default=str)))

@@ -56,8 +56,7 @@ class Scene:
         residuals: surface -> one array (n,) a frame, the points' signed distances.
         errors: RMS distance of each frame, as Python has it; None where it is not known.
         fields: further values that colour the surface.
-        cavity: surface whose volume gives the curve and the ejection fraction.
-        planes: the base in each frame, where the cavity's volume ends; None is the whole closed surface.
+        planes: the base in each frame, where the volume of the cavity ends; None is the whole closed surface.
     """
 
     title: str = "model"
@@ -65,7 +64,6 @@ class Scene:
     residuals: Mapping[str, Sequence[Array]] = field(default_factory=dict)
     errors: Sequence[float | None] = (None,)
     fields: Sequence[ScalarField] = ()
-    cavity: str | None = None
     planes: Sequence[Plane] | None = None
 
 
@@ -110,7 +108,8 @@ def payload(model: DeformableModel | MovingModel, scene: Scene) -> dict[str, Any
         "residual_quantum": residual_quantum,
         "errors": list(scene.errors),
         "fields": [_field(one) for one in scene.fields],
-        "cavity": scene.cavity if scene.cavity is not None else next(iter(model.surfaces)),
+        # its volume gives the curve and the ejection fraction
+        "cavity": "endo" if "endo" in model.surfaces else next(iter(model.surfaces)),
         "planes": None if scene.planes is None else [[p.tolist(), d.tolist()] for p, d in scene.planes],
     }
 

@@ -32,21 +32,23 @@ TEXT = 11
 
 Artist = Callable[[Any], object]
 """Draws one thing into axes in space."""
+Tile = tuple[str, Markup]
+"""A title and its picture."""
 
 
 def in_space(
+    title: str,
     window: Array,
-    words: str,
     *artists: Artist,
     view: tuple[float, float] = VIEW,
     inches: float = 2.8,
     zoom: float = 1.12,
-) -> Markup:
-    """A picture of what the artists draw.
+) -> Tile:
+    """A title and a picture of what the artists draw, for `tiles`.
 
     Args:
+        title: also the text alternative of the picture.
         window: (n, 3) points; what lies around them is shown, equal lengths along all axes.
-        words: text alternative of the picture.
         *artists: of `cloud`, `mesh`, `box`, `arrows`.
         view: elevation and azimuth in degrees.
         inches: width of the picture, 100 pixels each.
@@ -65,7 +67,7 @@ def in_space(
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     # the same scale along all axes, whatever the window
     axes.set_box_aspect(high - low, zoom=zoom)
-    return _packed(figure, words)
+    return title, _packed(figure, title)
 
 
 def cloud(points: Array, colour: str = ORANGE, size: float = 2.0) -> Artist:

@@ -9,7 +9,7 @@ from quadriform.fitting.result import flat, rms
 from quadriform.imaging.volume import Volume
 from quadriform.report.paper import drawing
 from quadriform.report.paper.material import Material
-from quadriform.report.paper.remake import NONE, Remake, Row, beside, listed, mm, shown, text
+from quadriform.report.paper.remake import NONE, Remake, Row, beside, in_mm, listed, mm, shown, text, warnings
 from quadriform.report.paper.scans import Scan
 from quadriform.report.parts import image, legend, tiles
 from quadriform.report.slices import slice_pictures
@@ -25,12 +25,8 @@ def images(key: str, scans: Mapping[str, Scan]) -> Remake:
     sizes = listed([f"{_voxels(scan)} voxels of {_spacing(scan)} mm" for scan in scans.values()])
     real = any(scan.real for scan in scans.values())
     instead = "of other hearts" if real else f"of {text(key, 'stand_in')}, for no real data was given"
-    rows = [_size(scan, stated) for stated, scan in scans.items()]
+    rows = [(f"voxels, {scan.subject.name}", stated, *[_voxels(scan)] * 2) for stated, scan in scans.items()]
     return Remake(key, {"instead": instead, "sizes": sizes}, [_slices(key, scan) for scan in scans.values()], rows)
-
-
-def _size(scan: Scan, stated: str) -> Row:
-    return f"voxels, {scan.subject.name}", stated, *[_voxels(scan)] * 2
 
 
 def _voxels(scan: Scan) -> str:
@@ -101,9 +97,9 @@ def overlaid(key: str, scan: Scan) -> Remake:
 
 def _rows(scan: Scan) -> list[Row]:
     name, fits = scan.subject.name, scan.subject.fits
-    rows: list[Row] = [(f"error RMS, {name}", NONE, *(mm(fit.rms) for fit in fits))]
+    rows = [in_mm(f"error RMS, {name}", [fit.rms for fit in fits])]
     if scan.caps.any():
-        measured = (mm(rms(flat(fit.residuals)[~scan.caps])) for fit in fits)
-        rows.append((f"the same without the lids where the image or its region ends, {name}", NONE, *measured))
+        measured = [rms(flat(fit.residuals)[~scan.caps]) for fit in fits]
+        rows.append(in_mm(f"the same without the lids where the image or its region ends, {name}", measured))
     rows.append((f"iterations, {name}", "30", *(str(fit.iterations) for fit in fits)))
-    return [*rows, (f"warnings, {name}", NONE, *(", ".join(fit.warnings) or "none" for fit in fits))]
+    return [*rows, warnings(name, fits)]

@@ -125,8 +125,7 @@ def _judged(found: dict[str, Matching]) -> dict[str, object]:
         )
     pairs = [[m.directions[name] for name in DIRECTIONS] for m in found.values()]
     nearer, farther = (sum(pair[k] < (1 - SAME) * pair[1 - k] for pair in pairs) for k in (0, 1))
-    words = {"matchings": " ".join(sentences), "same": SAME, "nearer": nearer, "cases": len(pairs)}
-    return words | {"farther": farther}
+    return {"matchings": " ".join(sentences), "nearer": nearer, "farther": farther, "cases": len(pairs)}
 
 
 def _both(each: Matching) -> str:

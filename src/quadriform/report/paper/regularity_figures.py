@@ -1,5 +1,6 @@
 """Figs. 10 to 12, and outliers: regularity and its cost, and robustness."""
 
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -8,7 +9,7 @@ from markupsafe import Markup
 
 from quadriform.report.paper import drawing
 from quadriform.report.paper.material import Material
-from quadriform.report.paper.remake import NONE, NOT, Remake, Row, beside, listed, mm, shown, text
+from quadriform.report.paper.remake import NONE, NOT, Remake, Row, beside, in_mm, listed, mm, shown, text
 from quadriform.report.paper.subjects import SYNTHETIC
 from quadriform.report.paper.trade_off import FOUR, Curve, TradeOff, moved, ratios, turning
 from quadriform.report.parts import legend, table, tiles
@@ -43,7 +44,7 @@ def four_boxes(material: Material) -> Remake:
         colour = drawing.BY_DEFAULT if name == "default" else drawing.BY_PAPER
         mesh = drawing.mesh(fit.model.mesh(resolution=drawing.RESOLUTION), colour, 0.7)
         window = fit.model.box.control_points.reshape(-1, 3)
-        pictures.append((name, drawing.in_space(window, name, mesh, drawing.box(fit.model.box), zoom=1.0)))
+        pictures.append(drawing.in_space(name, window, mesh, drawing.box(fit.model.box), zoom=1.0))
     motions, default = [moved(fit) for fit in trade.four], mm(moved(trade.auto))
     rows: list[Row] = [(f"box moved RMS, {name}", NONE, mm(motion), NOT) for name, motion in zip(settings, motions)]
     rows.append((f"box moved RMS, strength estimated: {trade.auto.strength:.1e}", NONE, NOT, default))
@@ -59,22 +60,16 @@ def four_boxes(material: Material) -> Remake:
 
 
 def _error_and_motion_curves(four: Curve, bending: Curve) -> list[tuple[str, Markup]]:
-    def draw(quantity: str) -> Any:
-        """What draws a quantity."""
+    def draw(axes: Any, quantity: str) -> None:
+        """Draw a curve for each regularity over its settings."""
+        for each, style, colour in ((four, "o-", drawing.BY_PAPER), (bending, "s--", drawing.BY_DEFAULT)):
+            axes.plot(np.arange(1, len(each.settings) + 1), getattr(each, quantity), style, color=colour)
+        axes.set(xticks=np.arange(1, len(four.settings) + 1))
 
-        def curves(axes: Any) -> None:
-            """Draw a curve for each regularity over its settings."""
-            for each, style, colour in ((four, "o-", drawing.BY_PAPER), (bending, "s--", drawing.BY_DEFAULT)):
-                axes.plot(np.arange(1, len(each.settings) + 1), getattr(each, quantity), style, color=colour)
-            axes.set(xticks=np.arange(1, len(four.settings) + 1))
-
-        return curves
-
-    labels = {"error": "error RMS, mm", "moved": "box moved RMS, mm"}
-    scales = {"error": "linear", "moved": "log"}
+    quantities = (("error", "error RMS, mm", "linear"), ("moved", "box moved RMS, mm", "log"))
     return [
-        (label, drawing.chart(draw(name), label, "setting, weak to strong", label, yscale=scales[name]))
-        for name, label in labels.items()
+        (label, drawing.chart(partial(draw, quantity=name), label, "setting, weak to strong", label, yscale=scale))
+        for name, label, scale in quantities
     ]
 
 
@@ -140,8 +135,8 @@ def both_regularities(material: Material) -> Remake:
     header = ("regularity", "setting", "error RMS, mm", "box moved RMS, mm")
     listing = [
         (name, f"{setting:g}", f"{error:.3f}", f"{motion:,.2f}")
-        for name, attribute, _, _ in CURVES[:2]
-        for setting, error, motion in _points(getattr(trade, attribute))
+        for name, curve in ((TRUNCATION, trade.svd), (P9, trade.springs_paper))
+        for setting, error, motion in zip(curve.settings, curve.error, curve.moved)
     ]
     low, high = (f"{found.min():.2f}", f"{found.max():.2f}") if len(found) else (NOT, NOT)
     rows: list[Row] = [
@@ -152,10 +147,6 @@ def both_regularities(material: Material) -> Remake:
     words: dict[str, object] = {"compared": _equivalent(found), "turn": _curve_of_p9(trade.springs_paper)}
     picture = tiles(_both_curves(trade), "charts") + legend(key)
     return Remake("12", words, [shown("12", picture, SYNTHETIC)], rows, [table(header, listing)])
-
-
-def _points(curve: Curve) -> list[tuple[float, float, float]]:
-    return list(zip(curve.settings, curve.error.tolist(), curve.moved.tolist()))
 
 
 def _equivalent(found: Any) -> str:
@@ -196,9 +187,9 @@ def outliers(material: Material) -> Remake:
     label = "error of the true surface RMS, mm"
     picture = drawing.chart(draw, label, "outliers, % of the points", label)
     key = legend([('method="paper"', drawing.BY_PAPER), ("default", drawing.BY_DEFAULT)])
-    rows: list[Row] = [
-        (f"error with {ratio:.0%} outliers", "claimed, not measured", mm(paper), mm(default))
-        for ratio, paper, default in zip(found.ratios, found.paper, found.default)
+    rows = [
+        in_mm(f"error with {ratio:.0%} outliers", both, "claimed, not measured")
+        for ratio, *both in zip(found.ratios, found.paper, found.default)
     ]
     words: dict[str, object] = {
         "most": found.ratios[-1],

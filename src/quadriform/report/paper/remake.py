@@ -1,10 +1,11 @@
 """One figure of the paper made again: what it shows, ours by both methods, and how they compare in numbers."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from markupsafe import Markup
 
+from quadriform.fitting.result import Fit
 from quadriform.report.page import Section, rendered, texts
 from quadriform.report.parts import figure, table
 
@@ -62,10 +63,10 @@ class Remake:
 
 
 def text(key: str, part: str, /, **words: object) -> str:
-    """One of the texts of a figure, its placeholders replaced."""
+    """One of the texts of a figure, its placeholders replaced; all may contain the limits SAME and SIMILAR."""
     every = texts(FIGURES)
     found = every[key] if part in every[key] else every[every[key]["like"]]
-    return str(found[part].format(**words))
+    return str(found[part].format(same=SAME, similar=SIMILAR, **words))
 
 
 def shown(key: str, picture: Markup, source: str, /, **words: object) -> Markup:
@@ -89,6 +90,16 @@ def similar(distance: float, length: float) -> str:
 def mm(length: float) -> str:
     """A length with three digits."""
     return f"{length:.3g} mm" if length < 1000 else f"{length:,.0f} mm"
+
+
+def in_mm(name: str, lengths: Iterable[float], stated: str = NONE) -> Row:
+    """A row of a length by the paper's method and by default, and what the paper states about it."""
+    return name, stated, *map(mm, lengths)
+
+
+def warnings(name: str, fits: Iterable[Fit]) -> Row:
+    """A row of the kinds of the warnings of both fits; `name` tells which, where there are several."""
+    return ", ".join(filter(None, ["warnings", name])), NONE, *(", ".join(fit.warnings) or "none" for fit in fits)
 
 
 def listed(values: Sequence[str]) -> str:

@@ -7,6 +7,7 @@ from typing import Any, Literal
 import numpy as np
 
 from quadriform.errors import InputError
+from quadriform.heart.synthetic import SyntheticVentricle
 from quadriform.imaging.image_points import ImagePoints, points_from_image
 from quadriform.imaging.object_choice import Select
 from quadriform.imaging.reading import example_volume, read_volume
@@ -14,10 +15,10 @@ from quadriform.imaging.segmentation import Mask
 from quadriform.imaging.thinning import thinned
 from quadriform.imaging.ventricle import HALF
 from quadriform.imaging.volume import Region, Volume
-from quadriform.report.paper import clouds
 from quadriform.report.paper.remake import text
 from quadriform.report.paper.subjects import SYNTHETIC, Box, Subject, Walls, fitted, walls
 from quadriform.shapes.mesh import Mesh
+from quadriform.shapes.voxels import voxels_inside
 
 SPECT_FILE = "spect_mpi/nifti/mpi_rest_{}.nii.gz"
 PIG_LABELS, PIG_IMAGE = "pig_cine_mri/sax_lv_labels_crop_4d.nii.gz", "pig_cine_mri/sax_cine_crop_4d.nii.gz"
@@ -29,6 +30,10 @@ EXACT = "Both walls of this shape were made by one box of 5 x 5 x 5 control poin
 COARSER = 4
 """So many voxels along each axis become one in the coarse brain, which then has as many points as the paper's SPECT."""
 CAVITY_LABEL = 1
+SCANNER = ((98, 100, 110), 0.926)
+"""Voxels and their side in mm of the paper's third image, by the Dynamic Spatial Reconstructor (p. 47)."""
+BRIGHTNESS = (40.0, 90.0, 200.0)
+"""Background, muscle and blood with its contrast agent."""
 
 
 @dataclass(frozen=True)
@@ -141,21 +146,42 @@ def coarse_brain(box: Box) -> Scan:
     return _scan(coarse, COARSE_BRAIN, "coarse brain", text("sources", "brain"), box)[0]
 
 
+def scanner_image() -> Volume:
+    """The undeformed synthetic ventricle as the paper's scanner shows one: bright blood, dark muscle, blur, noise."""
+    from scipy.ndimage import gaussian_filter
+
+    shape, side = SCANNER
+    model = SyntheticVentricle().model(0.0)
+    # the centre of the heart is that of the image, whose first voxel is half its size away
+    corner = model.mesh("epi").vertices.mean(axis=0) - side * (np.array(shape) - 1) / 2
+    affine = np.diag([side, side, side, 1.0])
+    affine[:3, 3] = corner
+    volume = Volume(np.full(shape, BRIGHTNESS[0]), affine)
+    # the outer wall first: the cavity is filled over it
+    for name, value in zip(("epi", "endo"), BRIGHTNESS[1:]):
+        mesh = model.mesh(name, 48)
+        inside = voxels_inside(Mesh(volume.voxels(mesh.vertices), mesh.faces), shape)
+        volume.values[inside] = value
+    # noise of a reconstruction is correlated between neighbours, unlike that of a detector
+    noise = np.random.default_rng(3).normal(0, 12.0, shape)
+    return Volume(gaussian_filter(volume.values, 1.0) + gaussian_filter(noise, 0.7), affine)
+
+
 def scanner(box: Box) -> Scan:
     """The cavity of a synthetic ventricle in an image of the paper's third kind."""
-    return _scan(clouds.scanner_image(), _level("endo"), "synthetic scanner image", SYNTHETIC, box)[0]
+    return _scan(scanner_image(), _level("endo"), "synthetic scanner image", SYNTHETIC, box)[0]
 
 
 def scanner_walls(box: Box) -> Walls:
     """Both walls of the same image, one point kept in each cube of 3 mm."""
-    image = clouds.scanner_image()
+    image = scanner_image()
     points = {name: thinned(_level(name).points(image).mesh.vertices, 3.0) for name in ("epi", "endo")}
     return walls("synthetic ventricle, both walls", SYNTHETIC, points, box, EXACT)
 
 
 def _level(name: str) -> Chain:
     """The chain of one wall of the synthetic image: a threshold halfway between the tissues that it divides."""
-    background, muscle, blood = clouds.BRIGHTNESS
+    background, muscle, blood = BRIGHTNESS
     level = (background + muscle) / 2 if name == "epi" else (muscle + blood) / 2
     return Chain(level, f"{level:g}, halfway between the tissues", closing=1)
 

@@ -1,16 +1,16 @@
 """Figs. 1, 2 and 5, and the kinds without a figure: superquadrics, their samples, the box that deforms them."""
 
 import numpy as np
-from markupsafe import Markup
 from scipy.spatial import cKDTree
 
 from quadriform import examples
 from quadriform.examples import ROUNDED_BOX
 from quadriform.points import Array
 from quadriform.report.paper import drawing
+from quadriform.report.paper.drawing import Tile
 from quadriform.report.paper.kinds import Bent
 from quadriform.report.paper.material import Material
-from quadriform.report.paper.remake import NONE, NOT, SAME, Remake, Row, mm, shown
+from quadriform.report.paper.remake import NONE, NOT, SAME, Remake, Row, in_mm, mm, shown
 from quadriform.report.paper.subjects import SYNTHETIC
 from quadriform.report.parts import tiles
 from quadriform.shapes.control_box import ControlBox
@@ -34,7 +34,8 @@ def gallery(_: Material) -> Remake:
         if e1 == e2:
             filled[e1] = body.volume() / 8
         name, surface = f"{e1:g}, {e2:g}", drawing.mesh(body.mesh(2 * drawing.RESOLUTION), drawing.ORANGE)
-        pictures.append((name, drawing.in_space(window, f"superellipsoid, exponents {name}", surface, inches=2.0)))
+        picture = drawing.in_space(f"superellipsoid, exponents {name}", window, surface, inches=2.0)[1]
+        pictures.append((name, picture))
     rows: list[Row] = [
         (f"part of its cube that both exponents of {e:g} fill", NONE, NOT, f"{part:.1%}") for e, part in filled.items()
     ]
@@ -60,11 +61,12 @@ def parametrisations(_: Material) -> Remake:
         "ours: projected cube": ROUNDED_BOX.grid(12)[0],
     }
     window = samples["natural (P2)"]
-    pictures = {
-        f"{name}, {len(points)} points": drawing.in_space(window, name, drawing.cloud(points, size=5))
+    pictures = [
+        drawing.in_space(f"{name}, {len(points)} points", window, drawing.cloud(points, size=5))
         for name, points in samples.items()
-    }
-    far, curved = ([of(points) for points in samples.values()] for of in (_largest_distance, _curved))
+    ]
+    far = [_largest_distance(points) for points in samples.values()]
+    curved = [float(_is_curved(points).mean()) for points in samples.values()]
     area = _curved_area()
     rows: list[Row] = [
         (f"{quantity}, {name}", NONE, *((NOT, value) if name == "projected cube" else (value, NOT)))
@@ -83,17 +85,12 @@ def parametrisations(_: Material) -> Remake:
         # a pole ends each of the meridians, of which the closed grid has the first twice
         "pole": 2 * 20 + 1,
     }
-    return Remake("2", words, [shown("2", tiles(pictures.items()), SYNTHETIC)], rows)
+    return Remake("2", words, [shown("2", tiles(pictures), SYNTHETIC)], rows)
 
 
 def _largest_distance(points: Array) -> float:
     """The largest distance of a point of the surface from its nearest sample."""
     return float(cKDTree(points).query(ROUNDED_BOX.grid(80)[0])[0].max())
-
-
-def _curved(points: Array) -> float:
-    """Share of the samples where the surface is curved."""
-    return float(_is_curved(points).mean())
 
 
 def _is_curved(points: Array) -> Array:
@@ -123,7 +120,7 @@ def free_form(_: Material) -> Remake:
     return Remake("5", words, [shown("5", tiles(_object_and_box(body, undeformed, model)), SYNTHETIC)], rows)
 
 
-def _object_and_box(body: Superquadric, undeformed: ControlBox, model: DeformableModel) -> list[tuple[str, Markup]]:
+def _object_and_box(body: Superquadric, undeformed: ControlBox, model: DeformableModel) -> list[Tile]:
     window = np.concatenate([model.box.control_points, undeformed.control_points]).reshape(-1, 3)
     meshes = (body.mesh(drawing.RESOLUTION), model.mesh(resolution=drawing.RESOLUTION))
     surfaces = [drawing.mesh(mesh, drawing.ORANGE, 0.6) for mesh in meshes]
@@ -134,7 +131,7 @@ def _object_and_box(body: Superquadric, undeformed: ControlBox, model: Deformabl
         ("deformed box", (boxes[1],)),
         ("deformed object in the deformed box", (surfaces[1], boxes[1])),
     ]
-    return [(name, drawing.in_space(window, name, *artists, zoom=1.0)) for name, artists in pictures]
+    return [drawing.in_space(name, window, *artists, zoom=1.0) for name, artists in pictures]
 
 
 def _bent(points: Array) -> Array:
@@ -151,11 +148,11 @@ def other_kinds(material: Material) -> Remake:
     for bent in material.kinds:
         name = KINDS[bent.truth.kind].title
         rows.append((f"error RMS of the superquadric, {name}", NONE, mm(bent.error), NOT))
-        rows.append((f"after a bend: the superquadric alone, {name}", NONE, *_each(bent, "superquadric_rms")))
-        rows.append((f"after a bend: the model, {name}", NONE, *_each(bent, "rms")))
+        alone, refined = zip(*((fit.superquadric_rms, fit.rms) for fit in bent.fits))
+        rows.append(in_mm(f"after a bend: the superquadric alone, {name}", alone))
+        rows.append(in_mm(f"after a bend: the model, {name}", refined))
     words: dict[str, object] = {
         "errors": ", ".join(f"{bent.error:.2f}" for bent in material.kinds),
-        "same": SAME,
         "nearer": [_nearer(material, method) for method in (0, 1)],
     }
     return Remake("kinds", words, [shown("kinds", tiles(pictures), SYNTHETIC)], rows)
@@ -166,11 +163,7 @@ def _nearer(material: Material, method: int) -> str:
     return f"{sum(fit.rms < (1 - SAME) * fit.superquadric_rms for fit in fits)} of {len(fits)}"
 
 
-def _each(bent: Bent, quantity: str) -> list[str]:
-    return [mm(getattr(fit, quantity)) for fit in bent.fits]
-
-
-def _kind_pictures(bent: Bent) -> list[tuple[str, Markup]]:
+def _kind_pictures(bent: Bent) -> list[Tile]:
     name = KINDS[bent.truth.kind].title
     meshes = [bent.found.superquadric.mesh(drawing.RESOLUTION), bent.fits[0].model.mesh(resolution=drawing.RESOLUTION)]
     window = np.concatenate([bent.points, bent.bent, *(mesh.vertices for mesh in meshes)])
@@ -180,4 +173,4 @@ def _kind_pictures(bent: Bent) -> list[tuple[str, Markup]]:
         "points after a bend": drawing.cloud(bent.bent, size=4),
         'model, method="paper"': drawing.mesh(meshes[1], drawing.BY_PAPER),
     }
-    return [(title, drawing.in_space(window, title, artist, zoom=1.0)) for title, artist in artists.items()]
+    return [drawing.in_space(title, window, artist, zoom=1.0) for title, artist in artists.items()]

@@ -11,7 +11,7 @@ from quadriform.fitting.result import Fit, rms
 from quadriform.points import Array
 from quadriform.report.paper import drawing
 from quadriform.report.paper.material import Material
-from quadriform.report.paper.remake import NONE, SAME, Remake, Row, listed, mm, shown
+from quadriform.report.paper.remake import NONE, SAME, Remake, Row, in_mm, listed, mm, shown
 from quadriform.report.paper.subjects import Subject, Walls, before
 from quadriform.report.parts import legend, tiles
 from quadriform.shapes.control_box import ControlBox
@@ -47,11 +47,9 @@ def wall_rows(walls: Walls) -> list[Row]:
         (f"compression ratio in one box: {both}", "154", *(one for one, _ in ratios)),
         (f"compression ratio in a box each: {both}", "77", *(two for _, two in ratios)),
     ]
-    for name in walls.alone:
-        rows.append((f"error RMS in one box, {name}", NONE, *(mm(rms(_residuals(fit, name))) for fit in together.fits)))
-        rows.append(
-            (f"error RMS in a box of its own, {name}", "better", *(mm(fit.rms) for fit in walls.alone[name].fits))
-        )
+    for name, own in walls.alone.items():
+        rows.append(in_mm(f"error RMS in one box, {name}", [rms(_residuals(fit, name)) for fit in together.fits]))
+        rows.append(in_mm(f"error RMS in a box of its own, {name}", [fit.rms for fit in own.fits], "better"))
     return rows
 
 

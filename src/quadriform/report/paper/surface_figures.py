@@ -7,7 +7,7 @@ from markupsafe import Markup
 
 from quadriform.report.paper import drawing
 from quadriform.report.paper.material import Material
-from quadriform.report.paper.remake import NONE, Remake, Row, beside, mm, shown, text
+from quadriform.report.paper.remake import Remake, Row, beside, in_mm, mm, shown, text
 from quadriform.report.paper.scans import Scan
 from quadriform.report.paper.space_figures import wall_rows, wall_words
 from quadriform.report.parts import tiles
@@ -47,7 +47,7 @@ def _rows(scan: Scan, stated: tuple[str, str]) -> list[Row]:
     return [
         (f"points of the isosurface, {name}", stated[0], *[f"{count:,}"] * 2),
         (f"compression ratio, {name}", stated[1], *(f"{fit.compression_ratio:.1f}" for fit in fits)),
-        (f"error RMS at that ratio, {name}", NONE, *(mm(fit.rms) for fit in fits)),
+        in_mm(f"error RMS at that ratio, {name}", [fit.rms for fit in fits]),
     ]
 
 
@@ -58,7 +58,7 @@ def _beside(key: str, scan: Scan, views: int) -> Markup:
     # one window, so that the three are drawn at one scale
     window = np.concatenate([mesh.vertices for mesh in meshes.values()])
     pictures = [
-        (title, drawing.in_space(window, title, drawing.mesh(mesh, colour), view=view, inches=2.4))
+        drawing.in_space(title, window, drawing.mesh(mesh, colour), view=view, inches=2.4)
         for view in VIEWS[:views]
         for (title, mesh), colour in zip(meshes.items(), COLOURS)
     ]
