@@ -166,4 +166,5 @@ def _draw_outline(axes: Any, mesh: Mesh, k: float, colour: str, width: float) ->
 
     shell = Trimesh(mesh.vertices, mesh.faces, process=False)
     lines = mesh_plane(shell, (0, 0, 1), (0, 0, k + 1e-6))  # beside the level: vertices on it would count twice
-    axes.add_collection(LineCollection([line[:, :2] for line in lines], colors=colour, linewidths=width))
+    drawn = LineCollection([line[:, :2] for line in lines], colors=colour, linewidths=width)
+    axes.add_collection(drawn, autolim=False)  # the limits are those of the image
