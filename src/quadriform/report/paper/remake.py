@@ -98,7 +98,7 @@ def in_mm(name: str, lengths: Iterable[float], stated: str = NONE) -> Row:
 
 
 def warnings(name: str, fits: Iterable[Fit]) -> Row:
-    """A row of the kinds of the warnings of both fits; `name` tells which, where there are several."""
+    """A row of the kinds of the warnings of both fits; `name` is what they are fits of, where there are several."""
     return ", ".join(filter(None, ["warnings", name])), NONE, *(", ".join(fit.warnings) or "none" for fit in fits)
 
 
