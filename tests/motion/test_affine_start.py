@@ -9,7 +9,7 @@ from quadriform.fitting.refinement.point_to_plane import Rows
 from quadriform.fitting.refinement.unfolding import JacobianPenalty
 from quadriform.motion.affine_start import AffineMotion, fitted_motion
 from quadriform.motion.cycle import Cycle
-from quadriform.motion.cycle_rounds import _near, _Report
+from quadriform.motion.cycle_rounds import _affine_images, _Report
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.splines import TimeBasis
 
@@ -143,7 +143,7 @@ def test_frames_that_are_affine_images_begin_on_their_points():
     basis = TimeBasis(np.arange(3.0), 3.0)
     values, known = basis.values(np.arange(3.0)), KnownNoise.of_local({}, {})
     cycle = Cycle(surfaces, box, frames, values, basis, "bending", False, None, known, [None] * 3)
-    state = _near(cycle, cycle.init(), start, _Report(None))
+    state = _affine_images(cycle, cycle.init(), start, _Report(None))
     for moved, each in zip(state.boxes, state.datasets):
         assert each[0].distances(moved).max() < 0.02
         assert moved.jacobian_determinant(points * 0.3).min() > 0

@@ -95,7 +95,7 @@ def test_what_is_not_verified_to_be_free_of_folds_is_reported_of_its_frame(monke
         checks.append(state)
         return (True, False, True), state
 
-    monkeypatch.setattr(Cycle, "checked", all_but_the_second)
+    monkeypatch.setattr(Cycle, "with_checked_folds", all_but_the_second)
     found = tracked()
     assert found.warnings["FOLDING"].startswith("frame 1: the map is not verified to be free of folds")
     assert "FOLDING" not in plain.warnings

@@ -186,7 +186,19 @@ def test_folds_strengthen_the_penalties_of_their_frames_alone(monkeypatch):
     state = of.init()
     verified = iter([True, False, True])
     monkeypatch.setattr(cycles.JacobianPenalty, "check", lambda self, box, surfaces: (next(verified), self))
-    found, after = of.checked(state)
+    found, after = of.with_checked_folds(state)
     assert found == (True, False, True)
     weights = [penalty.weight / state.fold_penalties[0].weight for penalty in after.fold_penalties]
     assert weights == pytest.approx([1, 2, 1])
+
+
+def test_displacements_of_a_solution_are_from_the_reference():
+    """Of data on a deformed box that is the reference they are zero, not those of the box from the undeformed one."""
+    of = cycle(robust=False)
+    box = BOX.with_control_points(BOX.rest + 0.05 * np.random.default_rng(1).normal(size=BOX.rest.shape))
+    on_surface = {name: box.deform(surface.grid(4)[0]) for name, surface in SURFACES.items()}
+    of = replace(of, frames=[on_surface] * 3)
+    state = of.all_at(of.init(), box).nearest()
+    solution = of.linear_problem(state).solve(1e-3, 1e-6)
+    assert np.abs(state.displacement).max() > 0.05
+    np.testing.assert_allclose(solution.displacement, 0, atol=1e-6)

@@ -56,7 +56,7 @@ class Counted:
 
         return SimpleNamespace(best_in_time=best_in_time)
 
-    def checked(self, state):
+    def with_checked_folds(self, state):
         verified = self.verified_at is not None and state.steps >= self.verified_at
         return (True, verified), state
 
@@ -74,7 +74,7 @@ FIRST = 1 / (2 * np.pi) ** 4
 
 def test_strengths_fall_to_their_own_and_are_then_estimated():
     cycle = Counted()
-    state, strengths = cycle_rounds._converged(cycle, State(), (0, 1), None, report())
+    state, strengths = cycle_rounds._fitted(cycle, State(), (0, 1), None, report())
     factors = [100, 100 ** (2 / 3), 100 ** (1 / 3), 1]
     np.testing.assert_allclose(cycle.log[:4], [(3 * f, FIRST * f) for f in factors])
     # six rounds in which the strength in space is estimated, that in time in the first two
@@ -89,30 +89,30 @@ def test_strengths_fall_to_their_own_and_are_then_estimated():
 
 def test_a_given_strength_is_kept():
     cycle = Counted()
-    _, strengths = cycle_rounds._converged(cycle, State(), (0, 1), 7.0, report())
+    _, strengths = cycle_rounds._fitted(cycle, State(), (0, 1), 7.0, report())
     assert not cycle.spaces and strengths[0] == 7 and all(alpha == 7 for alpha, _ in cycle.log[3:])
 
 
 @pytest.mark.parametrize(("change", "rounds"), [(0.0049, 6), (0.0051, 16)])
 def test_rounds_end_where_the_noise_changes_by_less_than_half_a_per_cent(change, rounds):
     cycle = Counted(np.cumprod(np.full(30, 1 - change)))
-    cycle_rounds._converged(cycle, State(), (0, 1), 1.0, report())
+    cycle_rounds._fitted(cycle, State(), (0, 1), 1.0, report())
     assert len(cycle.log) == 4 + rounds
     later = Counted([1.0] * 4 + [0.9**k for k in range(8)] + [0.9**7] * 9)
-    cycle_rounds._converged(later, State(), (0, 1), 1.0, report())
+    cycle_rounds._fitted(later, State(), (0, 1), 1.0, report())
     assert len(later.log) == 4 + 9
 
 
 @pytest.mark.parametrize("alpha", [None, 5.0])
 def test_a_round_that_leaves_control_points_undetermined_is_an_error(alpha, monkeypatch):
-    monkeypatch.setattr(cycle_rounds, "_near", lambda cycle, undeformed, start, report: State())
+    monkeypatch.setattr(cycle_rounds, "_affine_images", lambda cycle, undeformed, start, report: State())
     cycle = Counted(fails_at=6)
     cycle.init, cycle.extremes = State, lambda state: (0, 1)
     with pytest.raises(DegenerateError if alpha is None else OptionError, match="undetermined"):
         cycle_rounds.fit_cycle(cycle, "box", alpha)
     early = Counted(fails_at=2)  # the last state goes on
-    state, _ = cycle_rounds._converged(Counted(), State(), (0, 1), 1.0, report())
-    assert cycle_rounds._converged(early, State(), (0, 1), 1.0, report()) is None and state.steps == 10
+    state, _ = cycle_rounds._fitted(Counted(), State(), (0, 1), 1.0, report())
+    assert cycle_rounds._fitted(early, State(), (0, 1), 1.0, report()) is None and state.steps == 10
 
 
 FACTORS = np.geomspace(1000, 1, 8)
@@ -121,7 +121,7 @@ FACTORS = np.geomspace(1000, 1, 8)
 @pytest.mark.parametrize("at", [0, 3, 14])
 def test_folds_are_removed_in_fifteen_rounds_from_the_fit(at):
     cycle = Counted(verified_at=at)
-    state, strengths, verified = cycle_rounds._without_folds(cycle, State(), State(), (2.0, 3.0))
+    state, strengths, verified = cycle_rounds._unfolded_fit(cycle, State(), State(), (2.0, 3.0))
     assert cycle.log == [(2, 3)] * at
     assert state.steps == at and strengths == (2, 3) and verified == (True, True) and cycle.before is None
 
@@ -130,7 +130,7 @@ def test_folds_that_stay_are_removed_from_the_first_state_at_decreasing_strength
     """Four rounds at each of eight strengths, one of which is enough where nothing folds; then the strengths given."""
     first = State(reference="affine")
     cycle = Counted(verified_at=15)
-    state, strengths, verified = cycle_rounds._without_folds(cycle, first, State(fraction=0.3), (2.0, 3.0))
+    state, strengths, verified = cycle_rounds._unfolded_fit(cycle, first, State(fraction=0.3), (2.0, 3.0))
     factors = [*np.repeat(FACTORS[:3], 4), *np.repeat(FACTORS[3], 3), *FACTORS[4:]]
     np.testing.assert_allclose(cycle.log[15:], [(2 * f, 3 * f) for f in factors])
     assert (state.reference, state.fraction, state.steps) == ("affine", 0.3, len(factors))
@@ -139,7 +139,7 @@ def test_folds_that_stay_are_removed_from_the_first_state_at_decreasing_strength
 
 def test_the_fit_stays_where_no_strength_removes_folds():
     cycle = Counted()
-    state, strengths, verified = cycle_rounds._without_folds(cycle, State(), State(), (2.0, 3.0))
+    state, strengths, verified = cycle_rounds._unfolded_fit(cycle, State(), State(), (2.0, 3.0))
     assert len(cycle.log) == 15 + 8 * 4 + 15
     assert strengths == (2, 3) and state.steps == 0 and verified == (True, False)
 
@@ -148,25 +148,25 @@ def test_the_last_strength_is_kept_at_which_nothing_folds():
     """At the strengths themselves only within one and a half times the noise, at larger ones at any."""
     noises = [1.6, *np.full(7, 1.7), 1.6]
     cycle = Counted(noises, verified_at=1)
-    state, strengths, verified = cycle_rounds._without_folds(cycle, State(), State(steps=-1), (2.0, 3.0))
+    state, strengths, verified = cycle_rounds._unfolded_fit(cycle, State(), State(steps=-1), (2.0, 3.0))
     np.testing.assert_allclose(strengths, (2, 3))
     assert state.sigma == 1.6 and verified == (True, True) and cycle.before == 1
     little = Counted([0.024, 0.024], verified_at=2)  # a fortieth of the radius is always accepted
-    assert cycle_rounds._without_folds(little, State(), State(0.001), (2.0, 3.0))[0].steps == 2
+    assert cycle_rounds._unfolded_fit(little, State(), State(0.001), (2.0, 3.0))[0].steps == 2
     fails = Counted(fails_at=0, verified_at=2)
-    assert cycle_rounds._without_folds(fails, State(), State(), (2.0, 3.0))[2] == (True, False)
+    assert cycle_rounds._unfolded_fit(fails, State(), State(), (2.0, 3.0))[2] == (True, False)
 
 
 def test_where_nothing_folds_at_larger_strengths_only_the_last_of_them_is_kept():
     """Folds come back at the third of the eight strengths, and stay."""
 
     class Folds(Counted):
-        def checked(self, state):
+        def with_checked_folds(self, state):
             return (True, bool(self.log) and self.log[-1][0] > 2.001 * FACTORS[2]), state
 
     cycle = Folds()
     first, folded = State(reference="affine"), State(0.3)
-    state, strengths, verified = cycle_rounds._without_folds(cycle, first, folded, (2.0, 3.0))
+    state, strengths, verified = cycle_rounds._unfolded_fit(cycle, first, folded, (2.0, 3.0))
     np.testing.assert_allclose(strengths, (2 * FACTORS[1], 3 * FACTORS[1]))
     assert verified == (True, True) and (state.reference, cycle.before) == ("affine", 0.3)
 

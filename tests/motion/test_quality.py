@@ -6,7 +6,7 @@ from shapes_made import even_directions
 
 import quadriform as qf
 from quadriform.fitting.support import Reach, Support
-from quadriform.motion.quality import not_supported
+from quadriform.motion.quality import support_warnings
 
 SPHERE = even_directions(400)
 
@@ -17,11 +17,11 @@ def support(within, reach=0.1):
 
 def test_the_frame_with_the_least_support_is_named():
     frames = [{"a": support(0.99)}, {"a": support(0.9)}, {"a": support(0.8)}, {"a": support(0.96, reach=3.0)}]
-    found = not_supported(frames)
+    found = support_warnings(frames)
     assert found["PARTIAL_COVERAGE"].startswith("frame 2: 20 % of the surface")
     assert found["RUNAWAY"].startswith("frame 3: ")  # another frame than that with the least support
-    assert not_supported([{"a": support(0.96)}] * 2) == {}
-    walls = not_supported([{"a": support(0.4), "b": support(0.9)}, {"a": support(0.3), "b": support(0.99)}])
+    assert support_warnings([{"a": support(0.96)}] * 2) == {}
+    walls = support_warnings([{"a": support(0.4), "b": support(0.9)}, {"a": support(0.3), "b": support(0.99)}])
     assert "a: frame 1: 70 %" in walls["PARTIAL_COVERAGE"] and "b: frame 0: 10 %" in walls["PARTIAL_COVERAGE"]
     assert walls["UNSUPPORTED"] == "a: frame 1: data supports 30 % of the area only"
 

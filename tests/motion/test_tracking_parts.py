@@ -102,7 +102,7 @@ def test_distances_of_frames_are_root_mean_squares_over_their_points():
 def test_noise_of_all_frames_is_relative_in_their_frame():
     noise = [{"a": np.tile(4 * np.eye(3), (60, 1, 1))}, {"a": np.tile(16 * np.eye(3), (60, 1, 1))}]
     local = [{"a": SPHERE}, {"a": SPHERE}]
-    found = tracking._in_frame(noise, local, 2.0)
+    found = tracking._local_noise(noise, local, 2.0)
     # along a normal and a hundredth of all three
     np.testing.assert_allclose(found.least_sigma**2, 1.03 * (1 + 4) / 2)
     assert set(found.relative) == {"frame 0: a", "frame 1: a"}
@@ -201,7 +201,7 @@ def test_a_motion_much_farther_from_the_points_than_the_folded_one_is_a_poor_fit
     """By more than half, and more than a fortieth of the radius: what folds are removed to at any strength."""
 
     def found(sigma, before):
-        return quality.without_folds(SimpleNamespace(sigma=sigma, sigma_before=before))
+        return quality.fold_removal_warnings(SimpleNamespace(sigma=sigma, sigma_before=before))
 
     assert found(0.5, None) == found(0.0449, 0.03) == found(0.0249, 0.001) == {}
     assert list(found(0.0451, 0.03)) == list(found(0.0251, 0.001)) == ["POOR_FIT"]

@@ -1,1 +1,23 @@
-"""A model that moves: one superquadric, control points that are functions of time (after the companion paper)."""
+"""A model that moves: one superquadric in a box whose control points are functions of time.
+
+The extension of the paper to sequences of images is Bardinet, Cohen and Ayache, Tracking and motion analysis of the
+left ventricle with deformable superquadrics, Medical Image Analysis 1996; 1: 129-149. The whole cycle as one problem is
+ours.
+
+    frame       the points at one time, and that time; F of them
+    knot        a time at which the splines have their coefficients; K of them
+    spline      the function of time that is one at its knot and zero at the others (`shapes/splines.py`)
+    u           time in units of the period, or without one of the time that the knots cover
+    displacement  of a control point, from its position in the undeformed box
+    alpha, gamma  strengths of the regularisation in space and in time, per data point
+    sigma       standard deviation of the inliers' point-to-plane residuals, in RMS radii
+
+`tracking.track` with the strategy "cycle":
+
+1. `frames.py` checks the input; `tracking._cycle` takes as reference the frame of the superquadrics, `_Task.first`.
+2. `tracking._start` fits this frame alone, with a smooth surface.
+3. `affine_start.fitted_motion`, in rounds, maps this box to each frame by affine maps (`cycle_rounds._affine_images`).
+4. `cycle.Cycle.step` makes rounds of the whole problem, the linear one of `cycle_equations.py`, at strengths that fall
+   to those estimated, and until sigma converges (`cycle_rounds._fitted`). `slice_shifts.py` adds shifts of slices.
+5. `cycle_rounds._unfolded_fit` removes folds; `quality.py` states what the data supports, and warns.
+"""

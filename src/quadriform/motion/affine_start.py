@@ -1,11 +1,14 @@
 """The first boxes of a cycle: for each frame an affine image of one deformed box, smooth in time.
 
-Most of a heart's motion is affine. The affine image T(D(x)) of a map D without folds has none, whatever its volume,
-and is itself a map of the same box: T of each control point. Minimised over the affine maps T_k at the knots is
+Most of a heart's motion is affine. If a map D has no folds, its image T(D(x)) under an affine map T that preserves
+orientation has none either. It is a map of the same box, whose control points are the images of those of D under T.
+Minimised over the affine maps T_k at the knots is
 
     sum_i w_i (squared distances) + gamma sum_i mean over t of |d2 T(x_i) / d u2|^2,
 
-the sum of `cycle_equations.py` for a motion that is affine. A frame without data follows from the others in time.
+the sum of `cycle_equations.py` for a motion that is affine. In a frame without data the smoothness in time alone
+determines the motion. A squared distance is (T(y) - p)' A (T(y) - p), for a target p and the image y = D(x) of its foot
+point, with the metric A = n n' / noise^2 of `point_to_plane.Rows`.
 """
 
 from collections.abc import Sequence
@@ -21,7 +24,8 @@ from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.splines import TimeBasis
 
 LEAST_VOLUME = 0.01
-"""An affine map to less than this fraction of the volume is no motion, but matches both sides of a body to one."""
+"""Least change of volume of an affine map. A smaller one comes from wrong foot points: both sides of a body are matched
+to the same side of the data."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +33,8 @@ class AffineMotion:
     """Affine maps at the knots of splines over time.
 
     Attributes:
-        maps: (K, 4, 3), the images of the unit vectors and of the origin: x, y, z, 1 times a map is the image.
+        maps: (K, 4, 3); the image of a point is the row (x, y, z, 1) times its map. The first three rows are the images
+            of the directions of the axes, the last one is that of the origin.
         values: (F, K), the splines at the frames.
     """
 
@@ -68,13 +73,16 @@ def fitted_motion(
         basis: the splines.
         gamma: strength in time, per data point.
     """
+    # indices: n points, a and b homogeneous coordinates, i and j coordinates of the image, k and l knots
     knots = values.shape[1]
     matrix, right, squares = np.zeros((knots, 12, knots, 12)), np.zeros((knots, 12)), np.zeros((4, 4))
     for value, frame in zip(values, rows):
         for row in frame:
             points = _homogeneous(start.deform(row.origins))
+            # normal matrix and right side of one frame's map, by the 12 entries of the map
             normal = np.einsum("na,nij,nb->aibj", points, row.metric, points, optimize=True).reshape(12, 12)
             image = np.einsum("na,nij,nj->ai", points, row.metric, row.targets, optimize=True).ravel()
+            # the map of a frame is the sum over the knots of spline value times map
             matrix += np.einsum("k,l,ij->kilj", value, value, normal)
             right += np.outer(value, image)
             squares += points.T @ points

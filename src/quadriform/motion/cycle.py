@@ -30,8 +30,8 @@ from quadriform.shapes.superquadric import Superquadric
 TANGENTIAL_STEPS = 3
 """Gauss-Newton steps of each foot point in a round; the next round continues from there."""
 LEAST_INLIERS = 0.5
-"""A surface with a smaller mean inlier probability in a frame is still far from its points: sigma is then estimated
-from these alone."""
+"""A surface with a smaller mean inlier probability in a frame is still far from its points: their inlier probabilities
+are then those at a sigma that is estimated from this surface and frame alone."""
 
 
 def named(frame: int, surface: str) -> str:
@@ -75,8 +75,9 @@ class CycleState:
         datasets: for each frame one for each surface.
         sigma: standard deviation of the inliers' point-to-plane residuals.
         fold_penalties: for each frame.
-        reference: the box whose deformation has no energy: the undeformed one, except in the first rounds.
-        fraction: independent points over all points, in (0, 1].
+        reference: the box from which the displacement in the regularisation is measured, so that it has no energy: the
+            undeformed one, except while all frames have the same start.
+        fraction: independent points over all points, in (0, 1]; see `Cycle.effective_fraction`.
     """
 
     displacement: Array
@@ -191,8 +192,9 @@ class Cycle:
     def effective_fraction(self, state: CycleState, first: bool = False) -> float:
         """Number of independent points over that of all points, of all frames together.
 
-        The least effective number of points of a frame (`least` of `independent_fraction`) is its part of all unknowns.
-        That is smaller than in single fits: splines in time have fewer unknowns than all frames alone.
+        Points whose errors are correlated count by an effective number (`independent_fraction`), which is never taken
+        smaller than the number of unknowns that they determine. For one frame of a cycle that is its part of all
+        unknowns, 3 k K / F: at most the 3 k of a single fit.
         """
         least, every = state.displacement.size / len(self.frames), zip(state.boxes, state.datasets)
         found = [independent_fraction(tuple(each), None if first else box, least) for box, each in every]
@@ -221,16 +223,17 @@ class Cycle:
     def step(self, state: CycleState, strengths: tuple[float, float]) -> CycleState | None:
         """The state after a round: foot points, inlier probabilities, and a step to the solution of the linear problem.
 
-        The step is shortened until `total` decreases. None where the linear problem is singular.
+        The step is shortened until `total` decreases. None where the linear problem is singular. The linear problem and
+        the equations of the penalties are in displacements from the reference; those of the state are from the
+        undeformed box.
         """
         state = replace(state, datasets=self._updated(state))
-        linear, penalties, before = self.linear_problem(state), _penalties(state), state.reference_displacement
-        equations = [_sum(each, box).recentred_at(before) for each, box in zip(penalties, state.boxes)]
+        linear, penalties, reference = self.linear_problem(state), _penalties(state), state.reference_displacement
+        equations = [_sum(each, box).recentred_at(reference) for each, box in zip(penalties, state.boxes)]
         solution = linear.with_extra_terms(equations).solve(*strengths)
         if solution is None:
             return None
-        # displacements of the solution, as of the equations, are from the reference
-        direction = solution.displacement + before - state.displacement
+        direction = solution.displacement + reference - state.displacement
         shifted = solution.shifts - state.shifts.ravel()
 
         def at(length: float) -> tuple[Array, Array]:
@@ -306,21 +309,22 @@ class Cycle:
             count += sum(float((data.weights * data.inliers).sum()) for data in datasets)
             if self.planes:
                 rows.append(list(zip(found, self.planes[1][frame].values(), offsets)))
-        bordered = (
-            self.planes[0].bordered_block(rows, state.boxes, state.sigma / np.sqrt(state.fraction))
-            if self.planes
-            else None
-        )
-        regulariser, weights, least = (
-            regulariser_matrix(self.regularity, self.shape),
+        bordered = None  # the rows and columns of the shifts beside the matrix of the control points
+        if self.planes:
+            bordered = self.planes[0].bordered_block(rows, state.boxes, state.sigma / np.sqrt(state.fraction))
+        return LinearCycleProblem(
+            equations,
             self.weights_in_time,
+            self.basis,
+            regulariser_matrix(self.regularity, self.shape),
+            self.shape,
+            count,
+            bordered,
+            state.fraction,
             self.known_noise.least_sigma,
         )
-        return LinearCycleProblem(
-            equations, weights, self.basis, regulariser, self.shape, count, bordered, state.fraction, least
-        )
 
-    def checked(self, state: CycleState) -> tuple[tuple[bool, ...], CycleState]:
+    def with_checked_folds(self, state: CycleState) -> tuple[tuple[bool, ...], CycleState]:
         """Which frames are verified to be free of folds, and the state with stronger penalties on the others."""
         found = [penalty.check(box, self.surfaces) for penalty, box in zip(state.fold_penalties, state.boxes)]
         penalties = [penalty if verified else penalty.stronger() for verified, penalty in found]
@@ -343,5 +347,4 @@ def _weighted(data: SurfaceData, box: ControlBox, sigma: float) -> SurfaceData:
     found = data.with_inliers(box, sigma)
     if np.average(found.inliers, weights=data.weights) >= LEAST_INLIERS:
         return found
-    # most points are still far from the surface, and no outliers
     return data.with_inliers(box, MAD_TO_SIGMA * float(np.median(data.standardised_distances(box))))

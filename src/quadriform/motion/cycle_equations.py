@@ -1,8 +1,9 @@
 """The whole cycle as one linear problem: control points that are splines over time, and shifts of slices.
 
 The displacement of each control point is a sum of K cardinal splines in time; the unknowns are their coefficients, the
-displacements at the K knots. With d(x, t) the displacement field, u time in units of the spans of the splines and N the
-sum of the weights of all data points, they minimise
+displacements at the K knots. With d(x, t) the displacement field, from the reference box (in all rounds but the first
+the undeformed one), u time in units of the period (without one, of the time that the knots cover) and N the sum of the
+weights of all data points, they minimise
 
     sum_i w_i (squared distances) + alpha N  mean over t of E(d)  +  gamma N  mean over t, x of |d2 d / d u2|^2.
 
@@ -12,6 +13,10 @@ cycle (REML), and alpha is given: it is chosen on single frames.
 All is solved in the eigenbases of both regularisers, in space and in time, so that the data's part on their null spaces
 is not lost in rounding. With S the matrix of E and M the mass matrix of the Bernstein polynomials of the box, the block
 of one eigenvector in time, of eigenvalue tau, has the regulariser N (alpha S + gamma tau M).
+
+Indices of arrays: f frames, a and b knots or eigenvectors in time, j and k control points or eigenvectors in space,
+i coordinates, m shifts. With P the coefficients (a, j, i) in both eigenbases, V those of time and Q those of space, the
+displacements at the knots are D_akI = sum_bj V_ab Q_kj P_bjI.
 """
 
 from collections.abc import Sequence
@@ -35,7 +40,7 @@ LOG_TOLERANCE = 0.5
 """And to within this tolerance."""
 ROUNDING = 1e-9
 """Eigenvalues below this fraction of the largest are rounding of zero. Those of the regulariser in time also where they
-are below this number itself: of motions that it penalises, with time in spans, none is below 100."""
+are below this number itself: of motions that it penalises, with time in periods, none is below 100."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +48,7 @@ class CycleSolution:
     """Displacements of the control points under one pair of strengths.
 
     Attributes:
-        displacement: (K, k, 3), from the undeformed box, at the knots: the coefficients of the K splines.
+        displacement: (K, k, 3), from the reference box, at the knots: the coefficients of the K splines.
         shifts: (m,), the further unknowns.
         sigma: standard deviation of the data along the normal.
         criterion: minus twice the log marginal likelihood, up to a constant.
@@ -89,7 +94,7 @@ class LinearCycleProblem:
         # two spectra of S: in its orthonormal eigenbasis S is diagonal and M full, as the solution needs it;
         energies, self._space_vectors = spectrum(regulariser_matrix.tobytes())
         self._energies = np.repeat(energies, 3)
-        self._mass = np.kron(self._space_vectors.T @ mass @ self._space_vectors, np.eye(3))
+        self._space_mass = np.kron(self._space_vectors.T @ mass @ self._space_vectors, np.eye(3))
         # the eigenvalues kappa relative to M give the determinant of alpha S + gamma tau M, up to that of M
         kappa = np.maximum(eigh(regulariser_matrix, mass, eigvals_only=True), 0)
         self._kappa = kappa * (kappa > ROUNDING * kappa.max())
@@ -114,9 +119,9 @@ class LinearCycleProblem:
 
     def _add_bordered_block(self, coupling: Array, own: Array, right: Array) -> None:
         """Append the further unknowns to matrix and right side."""
+        # the coupling of shift m with the control points, in both eigenbases: sum over f, k of V_fa Q_kj C_mfki
         by_point = coupling.reshape(*coupling.shape[:2], len(self._space_vectors), 3)
         rotated = np.einsum("mfki,kj->mfji", by_point, self._space_vectors)
-        # coupling of the shifts with the control points, in the same two bases
         across = np.einsum("fa,mfji->ajim", self._rotated_splines, rotated).reshape(len(self.matrix), -1)
         self.matrix = np.block([[self.matrix, across], [across.T, own]])
         self.right = np.concatenate([self.right, right])
@@ -137,7 +142,7 @@ class LinearCycleProblem:
         rotated = np.einsum("jk,aki->aji", self._space_vectors.T, displacement.reshape(self.n_splines, -1, 3))
         # coefficients in both eigenbases; V' M is the inverse of V
         p = self._time_vectors.T @ self._time_mass @ rotated.reshape(self.n_splines, -1)
-        energy = alpha * np.sum(p**2 @ self._energies) + gamma * self._tau @ np.sum((p @ self._mass) * p, axis=1)
+        energy = alpha * np.sum(p**2 @ self._energies) + gamma * self._tau @ np.sum((p @ self._space_mass) * p, axis=1)
         q = np.concatenate([p.ravel(), shifts])
         return float(q @ (self.matrix @ q) - 2 * self.right @ q + self.constant + self.total_weight * energy)
 
@@ -172,7 +177,9 @@ class LinearCycleProblem:
         matrix = self.matrix.copy()
         for index, tau in enumerate(self._tau):
             block = slice(index * self.size, (index + 1) * self.size)
-            matrix[block, block] += self.total_weight * (alpha * np.diag(self._energies) + gamma * tau * self._mass)
+            matrix[block, block] += self.total_weight * (
+                alpha * np.diag(self._energies) + gamma * tau * self._space_mass
+            )
         return matrix
 
     def best_in_time(self, alpha: float, gamma: float) -> float:

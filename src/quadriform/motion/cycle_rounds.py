@@ -75,16 +75,16 @@ def fit_cycle(cycle: Cycle, start: ControlBox, alpha: float | None, progress: Pr
     """
     report = _Report(progress)
     undeformed = cycle.init()
-    frames, first = cycle.extremes(undeformed), _near(cycle, undeformed, start, report)
-    found = _converged(cycle, first, frames, alpha, report)
+    frames, first = cycle.extremes(undeformed), _affine_images(cycle, undeformed, start, report)
+    found = _fitted(cycle, first, frames, alpha, report)
     if found is None and alpha is not None:
         raise OptionError(f"option strength={alpha:g} leaves control points undetermined; expected a larger one")
     if found is None:
         raise DegenerateError("frames leave control points undetermined; expected points all around the body")
-    return _without_folds(cycle, first, *found)
+    return _unfolded_fit(cycle, first, *found)
 
 
-def _near(cycle: Cycle, undeformed: CycleState, start: ControlBox, report: _Report) -> CycleState:
+def _affine_images(cycle: Cycle, undeformed: CycleState, start: ControlBox, report: _Report) -> CycleState:
     """All frames as affine images of a box, found on an unweighted subsample, with the nearest foot points of all.
 
     What is a fold is relative to the change of volume of each frame.
@@ -121,7 +121,7 @@ def _first_in_time(state: CycleState) -> float:
     return state.sigma**2 / (2 * np.pi) ** 4
 
 
-def _converged(
+def _fitted(
     cycle: Cycle, state: CycleState, frames: tuple[int, int], alpha: float | None, report: _Report
 ) -> tuple[CycleState, Strengths] | None:
     """The state when the noise has converged, and the strengths; None where control points stay undetermined."""
@@ -147,7 +147,7 @@ def _converged(
     return state, strengths
 
 
-def _without_folds(cycle: Cycle, first: CycleState, state: CycleState, strengths: Strengths) -> CycleFit:
+def _unfolded_fit(cycle: Cycle, first: CycleState, state: CycleState, strengths: Strengths) -> CycleFit:
     """The fit without folds, or where that is not reached the folded one.
 
     Fold removal starts from the fit at these strengths, and then from the first state again: its surfaces are smooth.
@@ -158,7 +158,7 @@ def _without_folds(cycle: Cycle, first: CycleState, state: CycleState, strengths
         return cycle.result(found, strengths, (True,) * len(found.boxes))
     smooth = replace(first, fraction=state.fraction)
     verified, found, strengths = _by_decreasing_strength(cycle, smooth, strengths, most) or (None, state, strengths)
-    return cycle.result(found, strengths, verified or cycle.checked(found)[0], before)
+    return cycle.result(found, strengths, verified or cycle.with_checked_folds(found)[0], before)
 
 
 def _by_decreasing_strength(
@@ -174,7 +174,7 @@ def _by_decreasing_strength(
         stronger = float(factor * strengths[0]), float(factor * strengths[1])
         for _ in range(FOLDS.rounds):
             state = cycle.step(state, stronger) or state
-            verified, state = cycle.checked(state)
+            verified, state = cycle.with_checked_folds(state)
             if all(verified):
                 break
         if all(verified):
@@ -189,7 +189,7 @@ def _unfolded(cycle: Cycle, state: CycleState, strengths: Strengths, most: float
     for _ in range(ROUNDS.unfolding):
         if found is None or found.sigma > most:
             return None
-        verified, found = cycle.checked(found)
+        verified, found = cycle.with_checked_folds(found)
         if all(verified):
             return found
         found = cycle.step(found, strengths)

@@ -27,7 +27,7 @@ def support_of_frame(
     model: DeformableModel,
     datasets: Mapping[str, SurfaceData],
     feet: Mapping[str, FootPoints],
-    frame: Frame,
+    normalisation: Frame,
     sigma: float,
     base: BasePlane | None,
     noise: Mapping[str, Array],
@@ -36,33 +36,35 @@ def support_of_frame(
 
     Args:
         model: of the frame, in the unit of the points.
-        datasets: name -> data with inlier probabilities, in the centred, scaled frame.
+        datasets: name -> data with inlier probabilities, in centred, scaled coordinates.
         feet: name -> the points of the surface nearest to the data, in the unit of the points.
-        frame: of the data.
-        sigma: standard deviation of the points, likewise.
-        base: where the data ends on purpose, likewise.
-        noise: name -> covariances (n, 3, 3) that are known of the points, likewise.
+        normalisation: the coordinates of the data.
+        sigma: standard deviation of the points, in their unit.
+        base: where the data ends on purpose, in the unit of the points.
+        noise: name -> covariances (n, 3, 3) that are known of the points, in their unit.
     """
     found = dict[str, Support]()
     for name, data in datasets.items():
         kept, nearest = data.inliers >= INLIER, feet[name]
         mesh, step = model.mesh(name, LIMITS.resolution), sampling_step(noise.get(name))
-        found[name] = support_of(mesh, frame.to_world(data.points[kept]), nearest.points[kept], sigma, base, step)
+        found[name] = support_of(
+            mesh, normalisation.to_world(data.points[kept]), nearest.points[kept], sigma, base, step
+        )
     return found
 
 
 def cycle_warnings(
     models: Sequence[DeformableModel], feet: Sequence[Mapping[str, FootPoints]], found: CycleFit, unit: float
 ) -> Warnings:
-    """The warnings about the surfaces of a cycle; `unit` is the length of one in its centred, scaled frame."""
+    """The warnings about the surfaces of a cycle; `unit` is the length of one in its centred, scaled coordinates."""
     result = []
     for model, nearest, datasets, verified in zip(models, feet, found.datasets, found.verified):
         each = {n: outliers(data.inliers) | _poor_fit(data, nearest[n], found, unit) for n, data in datasets.items()}
         result.append(named_texts(each) | ({} if verified else folding(model)))
-    return without_folds(found) | by_frame(result)
+    return fold_removal_warnings(found) | by_frame(result)
 
 
-def without_folds(found: CycleFit) -> Warnings:
+def fold_removal_warnings(found: CycleFit) -> Warnings:
     """POOR_FIT where folds were removed at the price of a much larger distance from the points."""
     before = found.sigma_before
     if before is None or found.sigma <= accepted_sigma(before):
@@ -76,7 +78,7 @@ def _poor_fit(data: SurfaceData, nearest: FootPoints, found: CycleFit, unit: flo
     return poor_fit(nearest.signed[kept] / unit, known=known[kept])
 
 
-def not_supported(frames: Sequence[Mapping[str, Support]]) -> Warnings:
+def support_warnings(frames: Sequence[Mapping[str, Support]]) -> Warnings:
     """PARTIAL_COVERAGE, UNSUPPORTED and RUNAWAY of the frames, by the one that is supported least."""
     return named_texts({name: _least_supported([each[name] for each in frames]) for name in frames[0]})
 

@@ -25,12 +25,14 @@ class Shifting:
     fewest: int = 6
     """Slices of fewer points are not moved: the two unknowns would be a third of what their points determine."""
     together: float = 1e6
-    """Factor on the penalty of the mean shift of all slices, which is unobservable: the model can move with them."""
+    """Factor on the penalty of unobservable shifts, such as the mean of all: the model can move with the slices, so the
+    data does not determine it. With this factor their variance is a millionth of the prior's."""
     parallel: float = 0.9
     """Slices whose normals have at least this cosine with each other are a stack that no slice crosses."""
     followed: int = 3
-    """Degree of polynomials along a stack up to which shifts are penalised by the same factor. A shear of the model has
-    no bending energy either, and curved shifts have so little that the shape of the heart would be taken for them."""
+    """Shifts that are polynomials of the position along a stack, up to this degree, are taken as unobservable too.
+    Linear ones are a shear of the model, which has no bending energy. Those of degree 2 and 3 cost so little of it that
+    the curved form of a heart would be explained by shifts."""
 
 
 SHIFTING = Shifting()
@@ -85,7 +87,13 @@ class SlicePlanes:
         return bool((np.abs(normals @ normals.T) > SHIFTING.parallel).all())
 
     def unobservable(self) -> Array:
-        """Columns (2 S, m), weighted sums of the shifts that are unobservable: the mean, and smooth ones of a stack."""
+        """Unit vectors (2 S, m), in the space of all shifts, whose directions are unobservable.
+
+        With n_s the points of slice s, z_s its height along the stack and p a polynomial, they are the shifts of all
+        slices by sqrt(n_s) p(z_s) in the direction of each of the three coordinates, projected onto the slice's plane;
+        the polynomials are orthonormal in the sum over the slices with these weights. They are the mean, of degree 0,
+        and for slices that no other crosses those up to the degree `followed`.
+        """
         if not len(self.numbers):
             return np.empty((0, 0))
         fractions = self.counts / self.counts.sum()

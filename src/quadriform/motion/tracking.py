@@ -1,4 +1,4 @@
-"""Moving models of points at several times, by three strategies (after the companion paper).
+"""Moving models of points at several times, by three strategies (after the paper named in `motion`).
 
 "alone" fits each frame for itself; "previous" keeps the superquadrics of the first fit and continues from the box of
 the frame before; "cycle" finds the control points of all times at once, smooth and periodic.
@@ -37,7 +37,7 @@ from quadriform.motion.frames import (
     planes_of_frames,
     time_basis,
 )
-from quadriform.motion.quality import by_frame, cycle_warnings, not_supported, support_of_frame
+from quadriform.motion.quality import by_frame, cycle_warnings, support_of_frame, support_warnings
 from quadriform.motion.slice_shifts import SlicePlanes
 from quadriform.point_sets import ALONE, Given, PointSet, common_unit, points_sha256
 from quadriform.points import Array, Frame
@@ -119,11 +119,11 @@ class Track(Warned):
         return np.array([min(each.area for each in frame.values()) for frame in self.support])
 
     def in_space(self, space: str) -> Track:
-        """The track with models and shifts in another frame of the world, "LPS" or "RAS".
+        """The track with models and shifts in other world coordinates, "LPS" or "RAS".
 
         Raises:
-            OptionError: another frame.
-            InputError: that of the models is unknown.
+            OptionError: other coordinates.
+            InputError: those of the models are unknown.
         """
         rotation = rotation_between(self.models[0].space, space)
         return replace(
@@ -213,9 +213,10 @@ class _Task:
 
     @property
     def first(self) -> int:
-        """The frame whose superquadrics serve for all: one of many points and a large extent, of a heart end diastole.
+        """The frame whose superquadrics serve for all: of the largest product of number of points and median radius.
 
-        Lines that are straight across its wall are those along which the wall is measured in all frames.
+        Of a heart this is a frame near end diastole. Its superquadrics determine the material lines along which the
+        wall is measured in all frames: those that are straight between them.
         """
         every = [np.concatenate(list(frame.values())) for frame in self.clouds]
         sizes = [np.median(np.linalg.norm(points - points.mean(axis=0), axis=1)) for points in every]
@@ -254,7 +255,7 @@ def _alone(task: _Task) -> Track:
 
 
 def _previous(task: _Task) -> Track:
-    """Forwards from the frame with the most points to the last, and backwards from it to the first."""
+    """Forwards from the frame `first` to the last, and backwards from it to the frame 0."""
     fits: dict[int, Fit] = {task.first: fit(task.sets[task.first], **task.options_of(task.first))}
     first = fits[task.first].model
     for order, before in ((range(task.first + 1, len(task.clouds)), -1), (range(task.first - 1, -1, -1), 1)):
@@ -294,14 +295,16 @@ def _of_fits(strategy: str, task: _Task, fits: Sequence[Fit], moving: MovingMode
 
 
 def _cycle(task: _Task) -> Track:
-    frame = Frame.of(np.concatenate([cloud for clouds in task.clouds for cloud in clouds.values()]))
-    local = [{name: frame.to_local(cloud) for name, cloud in clouds.items()} for clouds in task.clouds]
+    normalisation = Frame.of(np.concatenate([cloud for clouds in task.clouds for cloud in clouds.values()]))
+    local = [{name: normalisation.to_local(cloud) for name, cloud in clouds.items()} for clouds in task.clouds]
     surfaces = nested_ellipsoids(local[task.first])  # data on an open surface does not determine exponents
     box = common_box(surfaces, check_box(task.options["box"]))
     planes = None if task.slices is None else (SlicePlanes.of(local, task.slices), task.slices)
     values, options = task.basis.values(task.times), task.options
-    noise = _in_frame(task.noise, local, frame.scale)
-    bases = [None if each is None else (frame.to_local(each.point[None])[0], each.direction) for each in task.bases]
+    noise = _local_noise(task.noise, local, normalisation.scale)
+    bases = [
+        None if each is None else (normalisation.to_local(each.point[None])[0], each.direction) for each in task.bases
+    ]
     regularity, robust = options["regularity"], options["robust"]
     cycle = Cycle(surfaces, box, local, values, task.basis, regularity, robust, planes, noise, bases)
     start = _start(surfaces, local[task.first], bases[task.first], options)
@@ -310,11 +313,11 @@ def _cycle(task: _Task) -> Track:
     moving = MovingModel(
         surfaces, box.origin, box.edges, task.basis, control, input_sha256=task.sha256, frame_times=task.times
     )
-    result = _cycle_in_world(task, frame, frame.shape_to_world(moving), found)
+    result = _cycle_in_world(task, normalisation, normalisation.shape_to_world(moving), found)
     if planes is None:
         return result
     notes = (STACK,) if planes[0].are_parallel else ()
-    return replace(result, shifts=planes[0].named(frame.scale * found.shifts), notes=(*result.notes, *notes))
+    return replace(result, shifts=planes[0].named(normalisation.scale * found.shifts), notes=(*result.notes, *notes))
 
 
 def _start(
@@ -329,8 +332,8 @@ def _start(
     return smooth_box(RefinementInput(points, weights, {}, KnownNoise({}, 0.0), chosen, base), dict(surfaces))
 
 
-def _in_frame(noise: Frames, local: Frames, scale: float) -> KnownNoise:
-    """What is known of the noise of all frames, named as `Cycle` does, in the centred, scaled frame."""
+def _local_noise(noise: Frames, local: Frames, scale: float) -> KnownNoise:
+    """What is known of the noise of all frames, named as `Cycle` does, in centred, scaled coordinates."""
     covariances, clouds = (
         {named(n, name): values for n, frame in enumerate(frames) for name, values in frame.items()}
         for frames in (noise, local)
@@ -338,17 +341,17 @@ def _in_frame(noise: Frames, local: Frames, scale: float) -> KnownNoise:
     return KnownNoise.of_local({name: each / scale**2 for name, each in covariances.items()}, clouds)
 
 
-def _cycle_in_world(task: _Task, frame: Frame, moving: MovingModel, found: CycleFit) -> Track:
-    """The track in the unit and frame of the points, with distances and warnings."""
+def _cycle_in_world(task: _Task, normalisation: Frame, moving: MovingModel, found: CycleFit) -> Track:
+    """The track in the unit and coordinates of the points, with distances and warnings."""
     models = tuple(moving.at(time) for time in task.times)
     feet = tuple(
         # of the points after the shifts of their slices
-        {name: model.foot_points(frame.to_world(data.points), name) for name, data in datasets.items()}
+        {name: model.foot_points(normalisation.to_world(data.points), name) for name, data in datasets.items()}
         for model, datasets in zip(models, found.datasets)
     )
-    noise, sigma = task.noise, frame.scale * found.sigma
+    noise, sigma = task.noise, normalisation.scale * found.sigma
     support = tuple(
-        support_of_frame(models[k], found.datasets[k], feet[k], frame, sigma, task.bases[k], noise[k])
+        support_of_frame(models[k], found.datasets[k], feet[k], normalisation, sigma, task.bases[k], noise[k])
         for k in range(len(models))
     )
     return Track(
@@ -359,7 +362,7 @@ def _cycle_in_world(task: _Task, frame: Frame, moving: MovingModel, found: Cycle
         residuals=tuple({name: each.signed for name, each in nearest.items()} for nearest in feet),
         noise=sigma,
         strengths=found.strengths,
-        warnings=cycle_warnings(models, feet, found, frame.scale) | not_supported(support),
+        warnings=cycle_warnings(models, feet, found, normalisation.scale) | support_warnings(support),
         support=support,
     )
 
