@@ -1,13 +1,11 @@
 """`quadriform demo`: a model of a real image that comes with a dependency."""
 
 import time
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from quadriform.cli.options import subcommand
 from quadriform.cli.screen import emit_table, print_line, progress_bar, warn
-from quadriform.errors import join_warnings
 
 if TYPE_CHECKING:
     from quadriform.fitting.result import Fit
@@ -29,40 +27,25 @@ def demo(*, output: Path = Path("out/demo"), force: bool = False) -> None:
         output: Folder for the results.
     """
     from quadriform.files.result_folder import check_results
-    from quadriform.fitting.fit import fit
+    from quadriform.imaging.file_points import ImageOptions, Source
+    from quadriform.imaging.fit_files import fit_sources
     from quadriform.imaging.image_points import points_from_image
-    from quadriform.imaging.reading import example_volume
+    from quadriform.imaging.reading import example_path, example_volume
+    from quadriform.point_sets import ALONE, PointSet
 
     check_results(output, NAMES, force)
     volume = example_volume()
     found = points_from_image(volume, select="otsu", closing=2, border="close")
-    warn(found.warnings)
+    source = Source(PointSet(found.points), volume.space, volume.unit, found.warnings)
     begin = time.perf_counter()
     with progress_bar("fitting") as progress:
-        result = fit(found.points, progress=progress)
+        files = {ALONE: (example_path(), ImageOptions())}
+        result = fit_sources(files, {ALONE: source}, {"progress": progress})
     seconds = time.perf_counter() - begin
     warn(result.warnings)
-    _write(_with_source(result, found, volume), found, volume, output, force)
+    _write(result, found, volume, output, force)
     emit_table([*_rows(result, found), ("iterations, time", f"{result.iterations}, {seconds:.1f} s")], SOURCE)
     print_line(f"written to {output}: {', '.join(NAMES)}")
-
-
-def _with_source(result: "Fit", found: "ImagePoints", volume: "Volume") -> "Fit":
-    """The fit with the frame, the unit, the file and the warnings of its image."""
-    from quadriform.files import sha256_of
-    from quadriform.imaging.file_points import input_files
-    from quadriform.imaging.reading import example_path
-
-    file = example_path()
-    record = replace(result.model.record, title=SOURCE, sources=input_files({"": [file]}))
-    metadata: dict[str, Any] = {
-        "space": volume.space,
-        "unit": volume.unit,
-        "input_sha256": sha256_of(file),
-        "record": record,
-    }
-    model = replace(result.model, **metadata)
-    return replace(result, model=model, warnings=join_warnings(found.warnings, result.warnings))
 
 
 def _write(result: "Fit", found: "ImagePoints", volume: "Volume", output: Path, force: bool) -> None:

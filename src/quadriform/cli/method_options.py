@@ -1,7 +1,8 @@
 """Options of `quadriform fit` that choose how the model is fitted, and how they are read."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -64,13 +65,11 @@ class MethodChoice:
         Raises:
             OptionError, FileFormatError: an option that cannot be read, or a loop that cannot.
         """
-        read = {"box": _box(self.box), "strength": _strength(self.strength), "base": _base(self.base)}
-        read |= {"viewpoint": _position(self.viewpoint), "support": _support(self.support)}
-        read["noise"] = parse_noise(self.noise)
-        return {name: value for name, value in (asdict(self) | read).items() if value is not None}
+        given = {name: value for name, value in asdict(self).items() if value is not None}
+        return given | {name: read(given[name]) for name, read in READERS.items() if name in given}
 
 
-def parse_noise(text: str | None) -> float | None:
+def parse_noise(text: str) -> float:
     """The standard deviation of `--noise`, in the unit of the points.
 
     Raises:
@@ -79,8 +78,6 @@ def parse_noise(text: str | None) -> float | None:
     from quadriform.files.numbers import to_number
     from quadriform.points import LARGEST
 
-    if text is None:
-        return None
     number = to_number(text)
     if number is None or not 0 < number <= LARGEST:
         raise OptionError(
@@ -110,42 +107,42 @@ def known_noise(each: "Sequence[Array | None]", unit: str, given: float | None, 
     return f"up to {largest:.3g}{after_number(unit)} along the edges of voxels"
 
 
-def _box(text: str | None) -> tuple[int, ...] | str | None:
-    return text if text is None or text == "auto" else numbers(text, 3, "--box")
+def _box(text: str) -> tuple[int, ...] | str:
+    return text if text == "auto" else numbers(text, 3, "--box")
 
 
-def _strength(text: str | None) -> float | str | None:
+def _strength(text: str) -> float | str:
     try:
         # words such as auto go to the fit, which knows and names those that are allowed
-        return None if text is None else float(text)
+        return float(text)
     except ValueError:
         return text
 
 
-def _base(text: str | None) -> Any:
+def _base(text: str) -> Any:
     """A plane (point, direction) from x,y,z/nx,ny,nz; anything that is not numbers is a file with a loop."""
     from quadriform.files import read_points
 
-    if text is None:
-        return None
     try:
         rows = tuple(decimals(row, "--base") for row in text.split("/"))
     except OptionError:
         return read_points(Path(text))
-    return _two_rows(rows, text, "--base", ", or a file of points")
+    return _plane(rows, f"--base={text!r}: expected x,y,z/nx,ny,nz, or a file of points")
 
 
-def _support(text: str | None) -> Any:
-    if text is None:
-        return None
-    return _two_rows(tuple(decimals(row, "--support") for row in text.split("/")), text, "--support")
+def _support(text: str) -> tuple[list[float], ...]:
+    rows = tuple(decimals(row, "--support") for row in text.split("/"))
+    return _plane(rows, f"--support={text!r}: expected x,y,z/nx,ny,nz")
 
 
-def _two_rows(rows: tuple[Any, ...], text: str, option: str, alternative: str = "") -> tuple[Any, ...]:
+def _plane(rows: tuple[list[float], ...], fault: str) -> tuple[list[float], ...]:
     if [len(row) for row in rows] != [3, 3]:
-        raise OptionError(f"option {option}={text!r}: expected x,y,z/nx,ny,nz{alternative}")
+        raise OptionError(f"option {fault}")
     return rows
 
 
-def _position(text: str | None) -> Any:
-    return None if text is None else decimals(text, "--viewpoint", 3)
+READERS: dict[str, Callable[[str], Any]] = {
+    **{"box": _box, "strength": _strength, "base": _base, "support": _support, "noise": parse_noise},
+    "viewpoint": partial(decimals, option="--viewpoint", count=3),
+}
+"""How the texts of options are read; the values of others are taken as they are."""

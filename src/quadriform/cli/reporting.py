@@ -6,7 +6,6 @@ from inspect import signature
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from quadriform.cli.screen import note
 from quadriform.errors import QuadriformError
@@ -14,6 +13,7 @@ from quadriform.fitting.options import options_for
 from quadriform.fitting.result import Fit
 from quadriform.heart.measure import measure
 from quadriform.heart.measures_table import Measures
+from quadriform.imaging.frame_series import FrameSeries
 from quadriform.imaging.volume import Volume
 from quadriform.motion.tracking import Track, track
 from quadriform.points import Array
@@ -68,32 +68,22 @@ def page_of_fit(
     return fit_report(fit, rotated, title=title, record=record, image=image, measures=found)
 
 
-def page_of_track(
-    found: Track,
-    clouds: Sequence[Mapping[str, Array]],
-    slices: Sequence[Mapping[str, NDArray[np.int64]]],
-    space: str,
-    title: str,
-    record: Record,
-    measures: Measures | None,
-) -> bytes:
+def page_of_track(found: Track, frames: FrameSeries, title: str, record: Record, measures: Measures | None) -> bytes:
     """The page of a moving model; points are shown where the shifts of their slices move them.
 
     Args:
         found: in the frame that was asked for.
-        clouds: for each frame surface -> points, in `space`.
-        slices: their slice numbers, in the same form; empty where no slice was shifted.
-        space: frame of the input.
+        frames: the points.
         title: of the page.
         record: what the terminal shows.
         measures: of a ventricle.
     """
-    rotation = rotation_between(space, found.models[0].space)
+    rotation = rotation_between(frames.space_and_unit[0], found.models[0].space)
     no_shift = np.zeros(3)
     shown = []
-    for number, frame in enumerate(clouds):
+    for number, frame in enumerate(frames.clouds):
         rotated = {name: cloud @ rotation.T for name, cloud in frame.items()}
-        for name, which in (slices[number] if found.shifts else {}).items():
+        for name, which in (frames.slices[number] if found.shifts else {}).items():
             # a slice that was not shifted has no entry
             rotated[name] = rotated[name] + np.array([found.shifts.get(int(n), no_shift) for n in which]).reshape(-1, 3)
         shown.append(rotated)

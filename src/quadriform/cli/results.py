@@ -6,8 +6,7 @@ from pathlib import Path
 from quadriform.cli.options import surface_file
 from quadriform.cli.reporting import REPORT
 from quadriform.errors import QuadriformError
-from quadriform.files import load
-from quadriform.shapes.mesh import Mesh
+from quadriform.files.models import read_any_model
 from quadriform.shapes.moving_model import MovingModel
 
 MODEL, FRAMES = "model.json", "frames.csv"
@@ -21,26 +20,17 @@ def frame_model(number: int) -> str:
 
 def earlier_results(folder: Path) -> list[str]:
     """Names of the files of an earlier run in a folder, found by its models; empty without any."""
-    if not folder.is_dir():
-        return []
-    models = [path.name for path in folder.iterdir() if path.name == MODEL or FRAME.fullmatch(path.name)]
-    found: set[str] = set()
-    for name in models:
-        # a file of this name that is no model of ours is not ours to replace
-        found |= {name, REPORT, *_beside(folder / name)} if _is_model(folder / name) else set()
+    files = list(folder.iterdir()) if folder.is_dir() else []
+    models = [path for path in files if path.name == MODEL or FRAME.fullmatch(path.name)]
+    found = {name for path in models for name in _written_with(path)}
     return sorted(name for name in found if (folder / name).exists())
 
 
-def _is_model(path: Path) -> bool:
+def _written_with(path: Path) -> set[str]:
+    """Names of a model and what `fit` or `track` wrote with it; empty for a file that is no model of ours."""
     try:
-        return not isinstance(load(path), Mesh)
+        model = read_any_model(path)
     except QuadriformError:
-        return False
-
-
-def _beside(path: Path) -> set[str]:
-    """What `fit` or `track` wrote beside a model."""
-    model = load(path)
-    if isinstance(model, MovingModel) or path.name != MODEL:
-        return {FRAMES}
-    return set() if isinstance(model, Mesh) else {surface_file(name, ".ply") for name in model.surfaces}
+        return set()
+    is_of_track = isinstance(model, MovingModel) or path.name != MODEL
+    return {path.name, REPORT} | ({FRAMES} if is_of_track else {surface_file(name, ".ply") for name in model.surfaces})

@@ -78,7 +78,7 @@ class Motion:
             "times": None if self.times is None else decimals(self.times, "--times"),
             "box": None if self.box is None else numbers(self.box, 3, "--box"),
             "strength": self.strength,
-            "noise": parse_noise(self.noise),
+            "noise": None if self.noise is None else parse_noise(self.noise),
         }
         given = {name: value for name, value in given.items() if value is not None}
         return {"strategy": self.strategy, "period": _period(self.period), **given}

@@ -68,7 +68,7 @@ def run(
     noise = [each.noise for each in every]
     stated = known_noise(noise, found.models[0].unit, options.get("noise"), every[0].factor)
     record = _record(shown, targets, found, measures, time.perf_counter() - begin) | {"known_noise": stated}
-    page = _page(found, frames, measures, title_of(shown), record | track_options(options))
+    page = page_of_track(found, frames, title_of(shown), record | track_options(options), measures)
     with replaced_together(folder, next(iter(models)), common.force, earlier) as staging:
         for name, model in models.items():
             save(model, staging / name)
@@ -117,11 +117,6 @@ def _track(
         notes=(*without_folders(frames.notes, files), *found.notes),
     )
     return replace(found, notes=(*found.notes, *reach_notes(found.models))).in_space(target)
-
-
-def _page(found: "Track", frames: FrameSeries, measures: "Measures | None", title: str, record: Record) -> bytes:
-    space = frames.space_and_unit[0]
-    return page_of_track(found, frames.clouds, frames.slices, space, title, record, measures)
 
 
 def _record(

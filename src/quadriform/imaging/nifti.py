@@ -10,11 +10,11 @@ import re
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from quadriform.errors import FileFormatError, FileLimitError, InputError, MaskError, WarningKind, Warnings
 from quadriform.files import reading
@@ -45,48 +45,28 @@ LABEL = re.compile(rb"<Label\s[^>]*?Key=[\"'](\d{1,9})[\"'][^>]*>(.*?)</Label>",
 CDATA = re.compile(rb"^\s*<!\[CDATA\[(.*?)\]\]>\s*$", re.DOTALL)
 
 
-@dataclass(frozen=True)
-class _Frame:
-    """What the header states about the voxels of the requested frame.
-
-    Attributes:
-        shape: voxels along i, j, k, and number of frames.
-        number: of the frame.
-        dtype: of the stored voxels.
-        scale: slope and intercept.
-        start: first byte of the voxels.
-        placement: world from voxel (4, 4), space and unit.
-        warnings: of the header.
-        is_label_map: whether the header states that the values are labels.
-    """
-
-    shape: Size
-    number: int
-    dtype: np.dtype[Any]
-    scale: tuple[float, float]
-    start: int
-    placement: tuple[Array, str, str]
-    warnings: Warnings
-    is_label_map: bool
-
-    @property
-    def n_bytes(self) -> int:
-        """The number of bytes of one frame, without overflow for a damaged header."""
-        return int(np.prod(self.shape[:3], dtype=object)) * self.dtype.itemsize
-
-
 def read_nifti(path: Path, frame: int | None, affine: str | None = None) -> Volume:
     """Return one frame; see `quadriform.imaging.reading.read_volume`."""
     head, data = pair_of(path) if is_pair(path) else (path, path)
     with _opened_expanded(head) as stream:
         header = _read_header(stream, head)
+        shape, dtype, (factor, offset) = _shape(header), _dtype(header), _scale(header)
+        placement, warnings = _placement(header, shape, affine)
+        number = choose_frame(frame, shape, path)
         # in one file the voxels begin behind the header, in two at the first byte of the other
         at = header.sizeof_hdr if data == head else 0
-        described = _frame(header, path, frame, affine, at)
+        start = _start(header, at)
         if data == head:
-            return _read_voxels(stream, described, at, data)
-    with _opened_expanded(data) as stream:
-        return _read_voxels(stream, described, at, data)
+            extensions, values = _read_voxels(stream, at, start, shape, dtype, number, data)
+    if data != head:
+        with _opened_expanded(data) as stream:
+            extensions, values = _read_voxels(stream, at, start, shape, dtype, number, data)
+    with named_in_errors(path):
+        if (factor, offset) != (1.0, 0.0):  # labels stay whole numbers
+            values = values.astype(np.float64) * factor + offset
+        segments = _label_table(extensions)
+        is_label_map = bool(segments) or int(header["intent_code"]) == LABEL_INTENT
+        return Volume(values, *placement, warnings, segments, is_label_map)
 
 
 def nifti_times(path: Path) -> tuple[int, Array | None]:
@@ -126,41 +106,26 @@ def _opened_expanded(path: Path) -> Iterator[IO[bytes]]:
             raise FileFormatError(f"damaged or cut short: {error}; fetch the file again") from error
 
 
-def _frame(header: "Nifti1Header", path: Path, frame: int | None, affine: str | None, at: int) -> _Frame:
-    shape = _shape(header)
-    placement, warnings = _placement(header, shape, affine)
-    return _Frame(
-        shape=shape,
-        number=choose_frame(frame, shape, path),
-        dtype=_dtype(header),
-        scale=_scale(header),
-        start=_start(header, at),
-        placement=placement,
-        warnings=warnings,
-        is_label_map=int(header["intent_code"]) == LABEL_INTENT,
-    )
+def _read_voxels(
+    stream: IO[bytes], at: int, start: int, shape: Size, dtype: np.dtype[Any], number: int, path: Path
+) -> tuple[bytes, NDArray[Any]]:
+    """The extensions of the header, and the voxels (i, j, k) of a frame as they are stored.
 
-
-def _read_voxels(stream: IO[bytes], frame: _Frame, at: int, path: Path) -> Volume:
-    """The image from a stream at byte `at` of the file, which is read to its end so that damage anywhere is found."""
-    shape, block = frame.shape, frame.n_bytes
-    _check_size(frame.start + block * shape[3], path)
-    extensions = stream.read(min(frame.start - at, MAX_EXTENSIONS))
+    The stream, at byte `at` of the file, is read to its end, so that damage anywhere is found.
+    """
+    block = int(np.prod(shape[:3], dtype=object)) * dtype.itemsize  # without overflow for a damaged header
+    _check_size(start + block * shape[3], path)
+    extensions = stream.read(min(start - at, MAX_EXTENSIONS))
     # frames before and behind the requested one are read without being kept
-    _skip(stream, frame.start - at - len(extensions) + block * frame.number)
+    _skip(stream, start - at - len(extensions) + block * number)
     content = stream.read(block)
-    missing = block * (shape[3] - frame.number) - len(content) - _skip(stream, reading.MAX_BYTES)
+    missing = block * (shape[3] - number) - len(content) - _skip(stream, reading.MAX_BYTES)
     if missing > 0:
         raise FileFormatError(f"cut short: {missing} bytes of the {shape} voxels are missing")
     if stream.read(1):
         raise FileLimitError(f"expands to more than the budget of {reading.MAX_BYTES} bytes")
-
-    stored = np.frombuffer(content, frame.dtype).reshape(shape[:3], order="F")
-    values = stored.astype(frame.dtype.newbyteorder("="), copy=False)
-    if frame.scale != (1.0, 0.0):  # labels stay whole numbers
-        values = values.astype(np.float64) * frame.scale[0] + frame.scale[1]
-    segments = _label_table(extensions)
-    return Volume(values, *frame.placement, frame.warnings, segments, bool(segments) or frame.is_label_map)
+    stored = np.frombuffer(content, dtype).reshape(shape[:3], order="F")
+    return extensions, stored.astype(dtype.newbyteorder("="), copy=False)
 
 
 def _label_table(extensions: bytes) -> tuple[Segment, ...]:
