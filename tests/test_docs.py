@@ -7,10 +7,14 @@ import runpy
 from pathlib import Path
 from types import SimpleNamespace
 
+import nibabel
 import numpy as np
 import pytest
+from typer.main import get_command
 
 import quadriform as qf
+from quadriform.cli.main import app
+from quadriform.files import write_mesh
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -29,7 +33,8 @@ def cells():
 @pytest.mark.parametrize("page", PAGES, ids=relative)
 def test_links_lead_to_files_and_headings(page):
     """As plain code hosting follows them, without the site."""
-    for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
+    text = page.read_text(encoding="utf-8")
+    for target in [*re.findall(r"\]\(([^)\s]+)\)", text), *re.findall(r'<img src="([^"]+)"', text)]:
         path, _, heading = target.partition("#")
         if re.match(r"https?:", target):
             continue
@@ -50,6 +55,70 @@ def test_figures_of_how_to_choose_are_measured():
     said = re.findall(r"\b\d+\.\d+\b", re.sub(r"`[^`]*`", "", (DOCS / "choose.md").read_text(encoding="utf-8")))
     assert len(said) > 5
     assert [number for number in said if not re.search(rf"(?<![\d.]){re.escape(number)}(?!\d)", measured)] == []
+
+
+def test_figures_of_the_limits_are_measured():
+    """Each number with a decimal point stands in a table of measurements."""
+    pages = (ROOT / "BENCHMARK.md", DOCS / "benchmarks.md")
+    measured = [line for page in pages for line in page.read_text(encoding="utf-8").splitlines() if line[:1] == "|"]
+    limits = (ROOT / "README.md").read_text(encoding="utf-8").partition("## Limits")[2].partition("\n## ")[0]
+    stated = re.findall(r"\b\d+\.\d+\b", limits)
+    assert len(stated) > 5
+    assert [number for number in stated if not re.search(rf"(?<![\d.]){number}(?!\d)", "\n".join(measured))] == []
+
+
+def test_the_readme_has_its_parts_in_the_order_in_which_a_reader_needs_them():
+    titles = re.findall(r"^## (.+)$", (ROOT / "README.md").read_text(encoding="utf-8"), re.MULTILINE)
+    order = ["Installation", "First example", "Command line", "Limits"]
+    assert [title for title in titles if title in order] == order
+
+
+COMMANDS = [
+    (page.name, line.partition("  ")[0])
+    for page in (ROOT / "README.md", DOCS / "command_line.md")
+    for block in re.findall(r"^```\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    for line in re.findall(r"^quadriform .*", block, re.MULTILINE)
+]
+
+
+@pytest.mark.parametrize(("page", "line"), COMMANDS)
+def test_commands_have_subcommands_and_options_that_are(page, line):
+    _, name, *words = line.split()
+    known = {option for each in get_command(app).commands[name].params for option in each.opts}
+    assert {word for word in words if re.match("--?[a-z]", word)} <= known
+
+
+def python_blocks():
+    return re.findall(
+        r"^```python\n(.*?)^```", (ROOT / "README.md").read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL
+    )
+
+
+def test_the_examples_of_the_readme_run(tmp_path, monkeypatch, capsys):
+    """On ellipsoids: what they print and make is that of the ellipsoid."""
+    body = qf.Superquadric(semi_axes=(40.0, 30.0, 20.0), exponents=(1.0, 1.0))
+    points, inner = body.mesh(8).vertices, 0.8 * body.mesh(8).vertices
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(qf, "show", lambda fit: None)
+    write_mesh(body.mesh(8), tmp_path / "kidney.ply")
+    grid = np.stack(np.meshgrid(*[np.arange(-45, 46, 3.0)] * 3, indexing="ij"), axis=-1)
+    mask = body.implicit(grid.reshape(-1, 3)).reshape(grid.shape[:3]) < 1
+    nibabel.save(nibabel.Nifti1Image(mask.astype(np.uint8), np.diag([3.0, 3.0, 3.0, 1.0])), tmp_path / "mask.nii.gz")
+    names = {
+        "np": np,
+        "pcd": SimpleNamespace(points=list(points), normals=list(points / body.semi_axes**2)),
+        "inner_points": inner,
+        "outer_points": points,
+        "points_in_wall": 0.9 * points,
+        "frames": [{"endo": scale * inner, "epi": scale * points} for scale in (1.0, 0.9)],
+    }
+    for number, block in enumerate(python_blocks()):
+        (tmp_path / f"block{number}.py").write_text(block, encoding="utf-8")
+        names |= runpy.run_path(str(tmp_path / f"block{number}.py"), names)
+    printed = capsys.readouterr().out.split("\n")
+    assert printed[0] == "ok {}" and float(printed[3]) == pytest.approx(body.volume(), rel=0.01)
+    assert names["after"] == pytest.approx(0.9 * points, abs=1e-6)
+    assert 0.9**3 < names["model"].volume("epi") / body.volume() < 1
 
 
 def test_the_line_of_the_readme_for_open3d_fits_its_vectors(tmp_path):

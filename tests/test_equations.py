@@ -6,10 +6,16 @@ import re
 from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from quadriform.fitting import mixture, noise
+from quadriform.fitting.least_squares.regularisers import regulariser_matrix
+from quadriform.fitting.refinement import left_out, point_to_plane, stage, surface_data
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = (ROOT / "docs" / "equations.md").read_text(encoding="utf-8")
+BENDING = regulariser_matrix("bending", (4, 4, 4))
 SECTIONS = {"2", "2.2", "2.4", "3.2.1", "3.2.2", "3.2.3", "3.3", "3.4.2", "5", "A.1", "A.3"}
 
 spec = importlib.util.spec_from_file_location("equation_lines", ROOT / "docs" / "equation_lines.py")
@@ -20,7 +26,7 @@ places = cache(lines.lines)
 
 def rows():
     """(paper, module:function, test) of each row."""
-    table = [line for line in PAGE.splitlines() if line.startswith("|")]
+    table = [line for line in PAGE.partition("## The default method")[0].splitlines() if line.startswith("|")]
     cells = [[cell.strip(" `") for cell in line.strip("| ").split(" | ")] for line in table]
     return [(paper, where, test) for paper, _, where, test in cells[2:]]
 
@@ -68,3 +74,19 @@ def test_every_named_function_is_there(module, name):
 
 def test_every_equation_of_the_paper_has_a_row():
     assert {paper for paper, _, _ in rows()} == {f"P{n}" for n in range(1, 20)} | {f"section {n}" for n in SECTIONS}
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("epsilon = {:g}", point_to_plane.LEAST_TANGENTIAL),
+        ("+ {:g} tr C_i", noise.LEAST_VARIANCE),
+        ("s is {:g} times the median", stage.MAD_TO_SIGMA),
+        ("or {:g} if that is more", surface_data.MISFIT),
+        ("density of an outlier is 1/{:g}", mixture.DEPTH),
+        ("level {:g}", left_out.LEFT_OUT.significant),
+        ("null space: {:g} for bending", 3 * np.count_nonzero(np.linalg.eigvalsh(BENDING) < 1e-9)),
+    ],
+)
+def test_constants_of_the_default_method_are_those_of_the_code(text, value):
+    assert text.format(value) in " ".join(PAGE.split())

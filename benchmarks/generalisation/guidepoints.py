@@ -30,7 +30,7 @@ ACCEPTED = {"ejection fraction": 3.0, "end-diastolic volume": 8.0, "end-systolic
 """Largest difference from the reference: points of EF, 4 % of the volumes in ml."""
 COLUMNS = {"ejection fraction": "EF %", "end-diastolic volume": "ED ml", "end-systolic volume": "ES ml"}
 COMMANDS = {"defaults": (), "shift-slices": ("--shift-slices",)}
-"""The README's command shifts slices."""
+"""The command of docs/command_line.md shifts slices."""
 
 
 def benchmarks(shared: Path, limit: int | None) -> list[Benchmark]:

@@ -1,4 +1,4 @@
-"""Perfusion images (data/spect_mpi): the README's command, and both surfaces of the wall; there is no truth."""
+"""Perfusion images (data/spect_mpi): a fit by threshold and region, and both surfaces of the wall, without a truth."""
 
 from collections.abc import Sequence
 from functools import partial

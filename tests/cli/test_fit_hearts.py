@@ -105,14 +105,14 @@ def test_later_commands_count_below_the_base_that_the_model_was_stored_with(term
     assert FACE in terminal("info", "out/model.json").out.replace("\n", " ")
 
 
-def test_the_example_of_the_readme_finds_the_ejection_fraction_of_two_phases(terminal, hearts):
+def test_the_example_of_the_page_finds_the_ejection_fraction_of_two_phases(terminal, hearts):
     """The phases have different last slices; their volumes are known in closed form."""
     systole, top = 0.8 * ENDO, TOP - SPACING[2]
     hearts("ED.nii.gz")
     hearts("ES.nii.gz", top, endo=systole)
-    readme = (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
+    page = (Path(__file__).resolve().parents[2] / "docs" / "command_line.md").read_text(encoding="utf-8")
     fit, measure = re.search(
-        r"of two phases, .*?```\nquadriform (.*?)\nquadriform (.*?)\n```", readme, re.DOTALL
+        r"### The ejection fraction .*?```\nquadriform (.*?)\nquadriform (.*?)\n```", page, re.DOTALL
     ).groups()
     assert terminal(*fit.split()).code == 0
     found = {row["quantity"]: row for row in record_of(terminal(*measure.split(), "--json"))["measures"]}

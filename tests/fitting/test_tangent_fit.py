@@ -169,6 +169,18 @@ def test_the_strength_of_the_evidence_is_near_the_best_one(start, refined):
     assert error(refined.model) < min(error(weaker.model), error(stronger.model))
 
 
+def test_strengths_do_what_the_page_on_options_states(fitted):
+    """docs/choose.md, which rounds the strength to one digit."""
+    assert f"{fitted.strength:.0e}" == "7e-06"
+    weak, detail_lost, affine = (qf.refine(fitted.model.surfaces, NOISY, strength=k) for k in (1e-9, 1e-3, 1.0))
+    assert weak.rms < 0.95 * fitted.rms and error(weak.model) > 1.5 * error(fitted.model)
+    assert error(detail_lost.model) > 3 * error(fitted.model)
+    control, undeformed = affine.model.box.control_points.reshape(-1, 3), affine.model.box.rest.reshape(-1, 3)
+    ones = np.column_stack([undeformed, np.ones(len(undeformed))])
+    left = control - ones @ np.linalg.lstsq(ones, control)[0]
+    assert np.abs(left).max() < 0.02 * Frame.of(NOISY).scale
+
+
 def test_every_round_is_reported_and_recorded(start):
     told = []
     fit = qf.refine(start, FEW[:300], progress=lambda done, total: told.append((done, total)))

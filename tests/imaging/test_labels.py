@@ -50,9 +50,9 @@ class TestPresets:
         }
 
     @pytest.mark.parametrize("preset", ["acdc", "mnms", "ukbb", "totalsegmentator"])
-    def test_the_readme_has_the_labels_of_the_preset(self, preset):
-        readme = (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
-        row = re.search(rf"\| `{preset}` \| (\d+) \| (\d+) \| (\d+) \| `(.*?)`, `(.*?)` \|", readme).groups()
+    def test_the_page_has_the_labels_of_the_preset(self, preset):
+        page = (Path(__file__).resolve().parents[2] / "docs" / "command_line.md").read_text(encoding="utf-8")
+        row = re.search(rf"\| `{preset}` \| (\d+) \| (\d+) \| (\d+) \| `(.*?)`, `(.*?)` \|", page).groups()
         assert tuple(map(int, row[:3])) == SCANNED[preset]
         volume = heart(*SCANNED[preset])
         for name, rule in zip(("endo", "epi"), row[3:], strict=True):
