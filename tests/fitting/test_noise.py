@@ -242,3 +242,18 @@ def test_long_voxels_are_no_poor_fit_and_filled_volumes_are_one():
     assert qf.fit(tall, noise=known, **small).status == "ok"
     filled = clean * np.cbrt(rng.uniform(size=(700, 1)))
     assert "POOR_FIT" in qf.fit(filled, noise=0.01, **small).warnings
+
+
+@pytest.mark.parametrize("many", [10**9, 2000], ids=["at once", "from a sample"])
+def test_the_noise_of_displaced_slices_is_their_displacement(many, monkeypatch):
+    """Old fault: the known errors were scaled as a whole, and slices displaced by 3 mm had a noise of 9.6 mm."""
+    monkeypatch.setattr(large_clouds, "LARGE", replace(large_clouds.LARGE, many=many, sample=1000, part=800))
+    count, voxel = np.array([64, 64, 11]), np.array([1.25, 1.25, 8.0])
+    at = (np.moveaxis(np.indices(count), 0, -1) - (count - 1) / 2) * voxel
+    shifts = 3 * np.random.default_rng(0).normal(size=(11, 2))
+    at[..., :2] -= shifts
+    inside = ((at / (26.0, 24.0, 40.0)) ** 2).sum(axis=-1) < 1
+    found = qf.points_from_image(qf.Volume(inside.astype(np.uint8), np.diag([*voxel, 1.0])))
+    fit = qf.fit(found.points, noise=found.noise, box=(3, 3, 3))
+    rms = np.sqrt((fit.residuals**2).mean())
+    assert rms < fit.noise < 1.1 * np.sqrt((shifts**2).mean())

@@ -61,8 +61,10 @@ def test_rounds_are_counted_for_the_caller(problem, start):
     assert counts == [(1, 7), (2, 7), (3, 7)]
 
 
-@pytest.mark.parametrize("intersecting", range(4))
-def test_coarse_stages_that_intersect_themselves_are_repeated_at_last_with_correlated_errors(monkeypatch, intersecting):
+@pytest.mark.parametrize("intersecting", range(6))
+def test_coarse_stages_that_intersect_themselves_are_repeated_with_correlated_errors_and_on_other_points(
+    monkeypatch, intersecting
+):
     """Old fault: a surface followed displaced slices from the start, folded, and amplified rounding to millimetres."""
     used = []
 
@@ -77,10 +79,6 @@ def test_coarse_stages_that_intersect_themselves_are_repeated_at_last_with_corre
     monkeypatch.setattr(stages, "_not_worse", lambda problem, state, datasets: state)
     box = ControlBox.around(BALL, (3, 3, 3))
     found = stages.all_coarse_stages(SimpleNamespace(box=box, robust=True), "given", [])
-    expected = [
-        ("given", 1000, False),
-        ("first of 700", 700, False),
-        ("first of 1500", 1500, False),
-        ("first of 1500", 1500, True),
-    ]
+    firsts = ("given", 1000), ("first of 700", 700), ("first of 1500", 1500)
+    expected = [(*first, correlated) for first in firsts for correlated in (False, True)]
     assert used == expected[: intersecting + 1] and found.number == len(used)

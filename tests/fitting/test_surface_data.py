@@ -8,7 +8,7 @@ from shapes_made import even_directions, lumpy, made, turned
 
 from quadriform.fitting.refinement.correspondence import MODEL_RESOLUTION, Correspondence
 from quadriform.fitting.refinement.point_to_plane import data_rows
-from quadriform.fitting.refinement.surface_data import OrientedCloud, SurfaceData, inlier_probabilities
+from quadriform.fitting.refinement.surface_data import OrientedCloud, SurfaceData, inlier_probabilities, with_excess
 from quadriform.points import Frame
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superquadric import Superquadric
@@ -155,3 +155,28 @@ def test_the_inlier_ratio_stays_below_one(rng):
     assert 0.9 < found.inlier_ratio < 1
     assert inlier_probabilities(np.array([1.0]), 1e-3, found.inlier_ratio)[0] < 1e-3
     assert inlier_probabilities(np.array([1e-4]), 1e-3, found.inlier_ratio)[0] > 0.9
+
+
+def test_the_excess_is_the_variance_that_known_errors_leave_open(rng):
+    """Residuals whose squares are known variances and a constant: the constant, in units of the mean known one."""
+    variances, least = rng.uniform(0.2, 3.0, len(CLOUD)), 0.1
+    # isotropic covariances count 1 + 3 / 100 times, for their lower bound
+    covariances = variances[:, None, None] * np.eye(3) / 1.03
+    directions = CLOUD / np.linalg.norm(CLOUD, axis=1)[:, None]
+    box = ControlBox.around(BALL, (3, 3, 3))
+    for excess in (0.7, 0.0):
+        residuals = least * np.sqrt(variances + excess) * rng.choice([-1, 1], len(CLOUD))
+        points, weights = (1 + residuals)[:, None] * directions, rng.uniform(1, 2, len(CLOUD))
+        data = SurfaceData.of(BALL, points, weights, covariances=covariances, least_sigma=least)
+        data = replace(data, origins=directions)
+        (found,) = with_excess([data], [box])
+        assert found.excess == pytest.approx(excess, abs=1e-9)
+        np.testing.assert_allclose(found.variances(directions), (variances + excess) / (1 + excess), rtol=1e-6)
+    (smaller,) = with_excess([replace(data, least_sigma=0.2)], [box])
+    assert smaller.excess == 0
+
+
+def test_points_of_no_known_noise_are_alike():
+    data = data_of()
+    (found,) = with_excess([data], [ControlBox.around(BALL, (3, 3, 3))])
+    assert found is data and (found.variances(CLOUD) == 1).all()

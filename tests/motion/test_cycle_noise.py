@@ -203,13 +203,21 @@ def basis_matrix(local):
     return np.einsum("ni,nj,nk->nijk", s, t, u).reshape(len(local), -1)
 
 
-def displaced_slices(size: float, shift: float) -> qf.Volume:
+def displaced_slices(size: float, shift: float, pixel: float = 4.0) -> qf.Volume:
     """A mask of an ellipsoid in slices of 8 mm that are displaced in their planes, as between breath-holds."""
-    count, voxel = np.array([18, 18, 11]), np.array([4.0, 4.0, 8.0])
+    voxel = np.array([pixel, pixel, 8.0])
+    count = np.array([72 // pixel, 72 // pixel, 11], dtype=int)
     at = (np.moveaxis(np.indices(count), 0, -1) - (count - 1) / 2) * voxel
     at[..., :2] -= shift * np.random.default_rng(0).normal(size=(11, 2))
     inside = ((at / (size * np.array([26.0, 24.0, 40.0]))) ** 2).sum(axis=-1) < 1
     return qf.Volume(inside.astype(np.uint8), np.diag([*voxel, 1.0]))
+
+
+def test_the_noise_of_a_cycle_of_displaced_slices_is_their_displacement():
+    """Old fault: the known errors were scaled as a whole, to 7.5 mm where slices were displaced by 3 mm."""
+    masks = [displaced_slices(size, 3.0, pixel=1.5) for size in (1.0, 0.85)]
+    found = qf.track([qf.points_from_image(mask).cloud for mask in masks], box=(3, 3, 3))
+    assert found.rms < found.noise < 3.3
 
 
 def test_voxels_of_displaced_slices_are_no_outliers():

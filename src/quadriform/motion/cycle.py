@@ -17,7 +17,7 @@ from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.refinement.base_prior import base_priors
 from quadriform.fitting.refinement.point_to_plane import data_rows, linear_problem_of, step_length
 from quadriform.fitting.refinement.stage import MAD_TO_SIGMA, Penalty, independent_fraction
-from quadriform.fitting.refinement.surface_data import SurfaceData
+from quadriform.fitting.refinement.surface_data import SurfaceData, with_excess
 from quadriform.fitting.refinement.unfolding import JacobianPenalty
 from quadriform.fitting.result import HalfSpace
 from quadriform.motion.cycle_equations import LinearCycleProblem
@@ -275,12 +275,14 @@ class Cycle:
         return [self.box.with_control_points(rest + each) for each in in_time]
 
     def _updated(self, state: CycleState) -> list[list[SurfaceData]]:
-        """Data with new foot points and inlier probabilities."""
-        result = []
+        """Data with new foot points, inlier probabilities, and errors beyond the known ones."""
+        result = list[list[SurfaceData]]()
         for box, datasets in zip(state.boxes, state.datasets):
             found = [data.with_tangential_steps(box, TANGENTIAL_STEPS) for data in datasets]
             result.append([_weighted(data, box, state.sigma) for data in found] if self.robust else found)
-        return result
+        boxes = [box for box, each in zip(state.boxes, result) for _ in each]
+        updated = iter(with_excess([data for each in result for data in each], boxes))
+        return [[next(updated) for _ in each] for each in result]
 
     def _shifted(self, datasets: list[list[SurfaceData]], shifts: Array) -> list[list[SurfaceData]]:
         """Data whose points are moved by the shifts of their slices."""

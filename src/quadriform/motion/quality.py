@@ -74,7 +74,7 @@ def fold_removal_warnings(found: CycleFit) -> Warnings:
 
 def _poor_fit(data: SurfaceData, nearest: FootPoints, found: CycleFit, unit: float) -> Warnings:
     kept = data.inliers >= INLIER
-    known = found.least_sigma**2 * data.variances(nearest.normals)
+    known = found.least_sigma**2 * data.known_variances(nearest.normals)
     return poor_fit(nearest.signed[kept] / unit, known=known[kept])
 
 

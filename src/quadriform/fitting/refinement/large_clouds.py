@@ -23,7 +23,7 @@ from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.options import TangentOptions, check_strength
 from quadriform.fitting.refinement.base_prior import base_prior
 from quadriform.fitting.refinement.point_to_plane import data_rows, displaced, linear_problem_from, probes, record
-from quadriform.fitting.refinement.surface_data import SurfaceData
+from quadriform.fitting.refinement.surface_data import SurfaceData, with_excess
 from quadriform.fitting.refinement.unfolding import JacobianPenalty, remove_folds
 from quadriform.fitting.result import Fit, unnamed
 from quadriform.point_sets import points_sha256
@@ -149,11 +149,11 @@ class _All:
 
     def updated(self, box: ControlBox, sigma: float) -> "_All":
         """The points with the samples' foot points, and if robust their inlier ratios, updated to another box."""
-        surfaces = []
-        for surface in self.surfaces:
-            data = surface.data.with_tangential_steps(box, LARGE.tangential_steps)
-            surfaces.append(replace(surface, data=data.with_inliers(box, sigma) if self.options.robust else data))
-        return replace(self, surfaces=surfaces)
+        samples = [each.data.with_tangential_steps(box, LARGE.tangential_steps) for each in self.surfaces]
+        if self.options.robust:
+            samples = [data.with_inliers(box, sigma) for data in samples]
+        updated = with_excess(samples, [box] * len(samples))
+        return replace(self, surfaces=[replace(each, data=data) for each, data in zip(self.surfaces, updated)])
 
     def each(self, surfaces: Sequence[_Surface], work: Callable[[_Surface, slice], T]) -> Iterator[T]:
         """The results of a function of each part, in the order of the parts."""

@@ -124,11 +124,10 @@ def fraction_of(datasets: Sequence[SurfaceData], box: ControlBox) -> float:
     """Effective number of independent points over the number of all points, by the residuals of a fit."""
     counts, kept = [], []
     for data in (each for each in datasets if each.count):  # a surface of outliers alone says nothing
-        feet = box.deform(data.origins)
-        normals = surface_normals(data.superquadric, box, data.origins)
-        deviations = np.einsum("ni,ni->n", data.points - feet, normals) / np.sqrt(data.variances(normals))
+        feet, normals, residuals = data.along_normals(box)
+        standardised = residuals / np.sqrt(data.variances(normals))
         counts.append(data.count)
-        kept.append(effective_fraction(feet, deviations, data.effective_weights))
+        kept.append(effective_fraction(feet, standardised, data.effective_weights))
     return float(np.average(kept, weights=counts))
 
 

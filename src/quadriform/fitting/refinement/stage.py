@@ -25,7 +25,7 @@ from quadriform.fitting.refinement.point_to_plane import (
     record,
     step_length,
 )
-from quadriform.fitting.refinement.surface_data import Subsample, SurfaceData
+from quadriform.fitting.refinement.surface_data import Subsample, SurfaceData, with_excess
 from quadriform.fitting.result import Iteration, Progress
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
@@ -323,6 +323,8 @@ class Stage:
         problem, box = self.problem, state.box
         datasets, attractions = self.foot_points(box, state.datasets)
         datasets = problem.weighted(box, datasets, state.sigma)
+        if state.sigma is not None:
+            datasets = with_excess(datasets, [box] * len(datasets))
         fitted = None if state.solution is None else box
         fraction = independent_fraction(datasets, fitted, problem.unknowns) if self.correlated else 1.0
         linear = problem.linear_problem(datasets, attractions, box, fraction)

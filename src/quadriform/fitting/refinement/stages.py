@@ -86,21 +86,19 @@ def warm_start(
 
 
 def all_coarse_stages(problem: Problem, first: Refined, datasets: Sequence[SurfaceData]) -> Refined:
-    """The result of the coarse stages, repeated on other points while its surfaces cross.
+    """The result of the coarse stages, repeated with correlated errors and on other points while its surfaces cross.
 
-    Where they cross on each sample, the last sample is used once more with correlated errors, so that its points count
-    as fewer and the surface is smoother. A surface that follows correlated errors, as of displaced slices, crosses
-    itself on all samples, and the folds of later rounds amplify rounding.
+    A surface that follows correlated errors, as of displaced slices, crosses itself, and the folds of later rounds
+    amplify rounding. With correlated errors its points count as fewer, and the surface is smoother. Where that does not
+    help, both are tried on another sample, which may lead to another minimum.
     """
-    sample = Subsample.of(datasets, SCHEDULE.coarse_points, problem.robust)
-    found = coarse_stages(problem, first, sample)
-    for count in SCHEDULE.other_coarse_points:
-        if found.crosses_though_covered:
-            sample = Subsample.of(datasets, count, problem.robust)
-            first = first_stage(problem, sample)
-            found = coarse_stages(problem, first, sample)
-    if found.crosses_though_covered:
-        found = coarse_stages(problem, first, sample, correlated=True)
+    for count in (SCHEDULE.coarse_points, *SCHEDULE.other_coarse_points):
+        sample = Subsample.of(datasets, count, problem.robust)
+        start = first if count == SCHEDULE.coarse_points else first_stage(problem, sample)
+        for correlated in (False, True):
+            found = coarse_stages(problem, start, sample, correlated)
+            if not found.crosses_though_covered:
+                return _not_worse(problem, found, datasets)
     return _not_worse(problem, found, datasets)
 
 

@@ -2,9 +2,11 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from quadriform.fitting.cloud import (
     Neighbourhood,
@@ -51,6 +53,7 @@ class SurfaceData:
         covariances: (n, 3, 3) of the measurement errors of the points, divided by the square of `least_sigma`; None
             where all points are alike.
         least_sigma: the known standard deviation of the measurement errors, s0; zero where nothing is known.
+        excess: x, variance by which the errors exceed the known ones, over s0^2 (`with_excess`).
     """
 
     superquadric: Superquadric
@@ -64,6 +67,7 @@ class SurfaceData:
     inlier_ratio: float = 1.0
     covariances: Array | None = None
     least_sigma: float = 0.0
+    excess: float = 0.0
 
     @classmethod
     def of(
@@ -146,12 +150,21 @@ class SurfaceData:
         """Distances (n,) from the points to their foot points."""
         return lengths(self.points - box.deform(self.origins))
 
+    def along_normals(self, box: ControlBox) -> "NormalResiduals":
+        """Foot points, normals and residuals at a box."""
+        feet, normals = box.deform(self.origins), surface_normals(self.superquadric, box, self.origins)
+        return NormalResiduals(feet, normals, np.einsum("ni,ni->n", self.points - feet, normals))
+
     def variances(self, normals: Array) -> Array:
+        """(v_i + x) / (1 + x), the variance (n,) of each point along a normal (n, 3), relative to the mean one."""
+        return (self.known_variances(normals) + self.excess) / (1 + self.excess)
+
+    def known_variances(self, normals: Array) -> Array:
         """v_i, the variance (n,) of the measurement error of each point along a normal (n, 3), over s0^2."""
         return np.ones(len(normals)) if self.covariances is None else variances_along(self.covariances, normals)
 
     def standardised_distances(self, box: ControlBox) -> Array:
-        """Distances (n,) from the points to their foot points, divided by the root of v_i (`variances`)."""
+        """Distances (n,) from the points to their foot points, divided by the roots of `variances`."""
         if self.covariances is None:
             return self.distances(box)
         normals = surface_normals(self.superquadric, box, self.origins)
@@ -169,7 +182,7 @@ class SurfaceData:
     def _distances_at(self, box: ControlBox, sigma: float) -> Array:
         """sigma d_i / sqrt(var_i), (n,), where d_i is the distance from a point to its foot point.
 
-        With s0 the known standard deviation and v_i the relative variance along the normal (`variances`), it is
+        With s0 the known standard deviation and v_i the relative variance along the normal (`known_variances`), it is
         var_i = s0^2 v_i + (sigma^2 - s0^2). The estimated variance exceeds the known one because the surface does not
         fit or because other errors were not known, and that excess is the same for all points. So in a mask whose
         slices are displaced against each other, a point that is known to a tenth of a voxel is no outlier. A sigma
@@ -179,7 +192,7 @@ class SurfaceData:
             return self.distances(box)
         known_fraction = (self.least_sigma / max(sigma, self.least_sigma)) ** 2
         normals = surface_normals(self.superquadric, box, self.origins)
-        return self.distances(box) / np.sqrt(known_fraction * self.variances(normals) + 1 - known_fraction)
+        return self.distances(box) / np.sqrt(known_fraction * self.known_variances(normals) + 1 - known_fraction)
 
     def weighted(self, distances: Array, sigma: float) -> "SurfaceData":
         """The data with inlier probabilities and ratio, by EM at a given sigma, from standardised distances (n,)."""
@@ -215,6 +228,43 @@ def inlier_probabilities(distances: Array, sigma: float, inlier_ratio: float) ->
     # with exact data sigma would be that of the model's own misfit, and every corner an outlier
     mixture = Mixture(np.array([inlier_ratio]), np.array([max(sigma, MISFIT)]))
     return mixture.densities(distances[None])[0][0]
+
+
+def with_excess(datasets: Sequence[SurfaceData], boxes: Sequence[ControlBox]) -> tuple[SurfaceData, ...]:
+    """The data with the variance x by which its errors exceed the known ones, of all surfaces together.
+
+    With residuals d_i along the normals, known variances s0^2 v_i and weights w_i, it is the x >= 0 where the mean of
+    w_i d_i^2 / (s0^2 (v_i + x)) is that of w_i, or zero where the residuals are smaller than the known errors. Known
+    errors have a direction, as that of a voxel's edge. Others are alike in all directions, as where slices of a mask
+    are displaced against each other: scaling the known covariances instead would give such points a weight along the
+    slices that they do not deserve.
+
+    Args:
+        datasets: one or more surfaces; without known covariances they stay as they are.
+        boxes: the deformed box of each.
+    """
+    if all(data.covariances is None for data in datasets):
+        return tuple(datasets)
+    found = [data.along_normals(box) for data, box in zip(datasets, boxes)]
+    squares = np.concatenate([(each.residuals / data.least_sigma) ** 2 for data, each in zip(datasets, found)])
+    known = np.concatenate([data.known_variances(each.normals) for data, each in zip(datasets, found)])
+    weights = np.concatenate([data.effective_weights for data in datasets])
+
+    def surplus(excess: float) -> float:
+        """How far the sum of the weighted ratios is above that of the weights; it decreases."""
+        return float(weights @ (squares / (known + excess) - 1))
+
+    # at the largest square no ratio is above one
+    excess = float(brentq(surplus, 0.0, squares.max())) if surplus(0.0) > 0 else 0.0
+    return tuple(replace(data, excess=excess) for data in datasets)
+
+
+class NormalResiduals(NamedTuple):
+    """Foot points (n, 3), normals (n, 3) there, and the components (n,) along them from foot points to data points."""
+
+    feet: Array
+    normals: Array
+    residuals: Array
 
 
 @dataclass(frozen=True)
