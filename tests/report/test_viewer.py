@@ -117,6 +117,16 @@ def test_play_runs_and_stops(browser, tmp_path):
     assert browser.number("time-now") == stopped
 
 
+def test_a_click_on_the_volume_curve_sets_the_time_that_is_drawn_there(browser, tmp_path):
+    browser.open(written(tmp_path, beating(4), Scene(errors=[None] * 4)))
+    click = """const area = document.getElementById('line').getBoundingClientRect();
+        const place = { clientX: area.left + arguments[0] * area.width, bubbles: true };
+        document.getElementById('volume-curve').dispatchEvent(new MouseEvent('click', place))"""
+    for part in (0.0, 0.25, 0.9):  # of a period of 1
+        browser.run(click, part)
+        assert browser.number("time-now") == pytest.approx(part, abs=0.005)
+
+
 def test_the_base_cuts_the_cavity_as_in_python(browser, tmp_path):
     model, ventricle = beating(4), SyntheticVentricle()
     point, direction = ventricle.base_plane(0.8)
