@@ -98,14 +98,19 @@ WAYS = {
 }
 
 
-@pytest.fixture(scope="module", params=CLOUDS)
+@pytest.fixture(scope="module")
 def begun(request):
     """A cloud and the superquadric that both loops start from."""
     cloud = CLOUDS[request.param]
     return cloud, qf.fit_superquadric(cloud, method="paper").superquadric
 
 
-@pytest.mark.parametrize("box", [(5, 5, 5), (4, 3, 5)])
+@pytest.mark.parametrize(
+    ("begun", "box"),
+    [*((cloud, (5, 5, 5)) for cloud in CLOUDS), ("sparse", (4, 3, 5))],
+    indirect=["begun"],
+    scope="module",  # else the superquadric would be fitted anew for each way
+)
 @pytest.mark.parametrize("way", WAYS)
 def test_each_iteration_is_the_papers(begun, way, box, monkeypatch):
     """The surface agrees to 1e-9 r and the box to 1e-6 r in every iteration, until two points are equally near."""
