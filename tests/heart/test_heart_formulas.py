@@ -99,9 +99,9 @@ def test_segments_count_by_the_part_below_the_base():
     base = BasePlane(np.array([0, 0, 1.0]), np.array([0, 0, 1.0]))
     starts = np.array([[0, 0, 0], [0, 0, 2], [0, 0, 0], [0, 0, 3.0], [0, 0, 1], [0, 0, 0.5]], dtype=float)
     stops = np.array([[0, 0, 4], [5, 0, 2], [9, 0, 0.5], [0, 0, -1.0], [5, 0, 1], [7, 0, 0.5]], dtype=float)
-    found = measure._below(np.stack([starts, stops]), base)
+    found = measure._fractions_below(np.stack([starts, stops]), base)
     np.testing.assert_allclose(found[[0, 1, 2, 3, 5]], [0.25, 0, 1, 0.5, 1])
-    np.testing.assert_array_equal(measure._below(np.stack([starts, stops]), None), np.ones(6))
+    np.testing.assert_array_equal(measure._fractions_below(np.stack([starts, stops]), None), np.ones(6))
 
 
 def test_positions_along_and_across_a_long_axis(rng):
@@ -387,7 +387,7 @@ def test_a_section_has_its_centre_of_area():
 
 
 def test_function_is_that_of_both_volumes():
-    rows = measure._function(np.array([120.0, 45.0]), "how", ", closed")
+    rows = measure._ejection_rows(np.array([120.0, 45.0]), "how", ", closed")
     found = [tuple(vars(row).values())[:3] for row in rows]
     expected = [("end-systolic volume", 45, "ml"), ("stroke volume", 75, "ml"), ("ejection fraction", 62.5, "%")]
     assert found == [(f"{name}, closed", value, unit) for name, value, unit in expected]

@@ -82,5 +82,6 @@ class AhaSegmentation:
         # six and four equal sectors, whose first is centred on anterior, 90 degrees clockwise from the septum
         sixth = np.floor((degrees + 120) / 60).astype(np.int64) % 6
         quarter = np.floor((degrees + 135) / 90).astype(np.int64) % 4
+        # segment 17, the apex, is the wall below the apex of the cavity, where heights are negative
         choices = [np.full(len(points), 17), 13 + quarter, 7 + sixth, 1 + sixth]
         return np.select([heights < limit for limit in (0, 1 / 3, 2 / 3, 1)], choices, 0)

@@ -66,7 +66,7 @@ def cavity_ends(model: DeformableModel, cavity: str, warnings: Warnings) -> Arra
         warnings: APEX_AMBIGUOUS is added when both quarters have the same volume to 5 %.
     """
     superquadric = model.superquadric(cavity)
-    # the deformed longest semi-axis runs from apex to base
+    # a ventricle is longest from apex to base, so this is the longest semi-axis of its superquadric
     longest = int(superquadric.semi_axes.argmax())
     end = superquadric.project(superquadric.translation + superquadric.rotation[:, longest][None])[0]
     ends = np.stack([2 * superquadric.translation - end, end])
@@ -110,7 +110,7 @@ def base_planes(frames: HeartCycle, rule: BaseRule, warnings: Warnings) -> Plane
         DegenerateError: mitral points on a line.
     """
     planes = tuple(_plane(frames, rule, number, warnings) for number in range(len(frames.models)))
-    uncut = [number for number, plane in enumerate(planes) if plane and not _cuts(frames, number, plane)]
+    uncut = [number for number, plane in enumerate(planes) if plane and not _meets_cavity(frames, number, plane)]
     if uncut and rule.fraction is None:
         warnings[WarningKind.BASE_MISSES] = (
             f"the base cuts nothing off the cavity in {len(uncut)} of {len(planes)} frames, the first is {uncut[0]}; "
@@ -131,13 +131,21 @@ def _plane(frames: HeartCycle, rule: BaseRule, number: int, warnings: Warnings) 
 
 
 def superquadric_axis(frames: HeartCycle, number: int, warnings: Warnings) -> LongAxis:
-    """Return the deformed longest axis of the cavity's superquadric; if it is common, frame 0 determines the apex."""
+    """Return the deformed longest axis of the cavity's superquadric.
+
+    Which end is the apex is determined in frame 0 where all frames have the same undeformed space, so that it is the
+    same end in all of them; otherwise in the frame itself.
+    """
     compared = frames.models[0 if frames.material else number]
     return LongAxis(*frames.models[number].deform(cavity_ends(compared, frames.cavity, warnings)))
 
 
-def _cuts(frames: HeartCycle, number: int, plane: BasePlane) -> bool:
-    """Whether the plane meets the cavity; refuses one that leaves nothing."""
+def _meets_cavity(frames: HeartCycle, number: int, plane: BasePlane) -> bool:
+    """Whether the plane meets the cavity of a frame.
+
+    Raises:
+        OptionError: the whole cavity lies beyond it.
+    """
     # a plane on the wrong side, or with the wrong direction, leaves nothing
     mesh = frames.models[number].mesh(frames.cavity)
     if volume_below(mesh, plane) <= EMPTY * mesh.volume():
@@ -154,7 +162,7 @@ def long_axis(frames: HeartCycle, number: int, rule: BaseRule, plane: BasePlane 
     With a base: from the farthest point of the cavity to the centre of its section. With a fraction: that part of the
     longest axis of the superquadric. Of a closed surface: the whole axis.
     """
-    if plane is not None and rule.fraction is None and _cuts(frames, number, plane):
+    if plane is not None and rule.fraction is None and _meets_cavity(frames, number, plane):
         return axis_to_base_plane(frames.models[number], frames.cavity, plane)
     # a base that misses the cavity determines no axis
     axis = superquadric_axis(frames, number, warnings)

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from quadriform.errors import OptionError, WarningKind, Warnings
 from quadriform.points import Array, check_number, check_points
-from quadriform.shapes.landmarks import BasePlane as BasePlane  # still found here
+from quadriform.shapes.landmarks import BasePlane
 from quadriform.shapes.landmarks import plane_through as plane_through
 from quadriform.shapes.model import DeformableModel
 

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from quadriform.columns import MILLIMETRES
 from quadriform.errors import OptionError, WarningKind, Warnings
+from quadriform.motion.frames import checked_times
 from quadriform.points import Array
 from quadriform.shapes.model import DeformableModel
 
@@ -25,7 +26,7 @@ class HeartCycle:
         cavity: name of the surface around the cavity.
         wall: name of the outer surface; None where there is only the cavity.
         material: whether all frames have the same undeformed space, so that a point of it is one material point.
-        millimetres: of a unit of length.
+        millimetres: length of one unit of the models, in mm.
         warnings: kind -> sentence.
     """
 
@@ -77,7 +78,7 @@ def check_cycle(models: Sequence[DeformableModel] | DeformableModel, times: Arra
             "thickening, twist or strain of the wall, only that of the length of contours; refine all frames from one "
             "superquadric, or track them together"
         )
-    checked = _check_times(times, len(given))
+    checked = checked_times(times, len(given))
     return HeartCycle(given, checked, cavity, wall, material, MILLIMETRES.get(first.unit, 1.0), warnings)
 
 
@@ -106,19 +107,3 @@ def _same_undeformed(one: DeformableModel, other: DeformableModel) -> bool:
         for field, scale in (("semi_axes", size), ("translation", size), ("exponents", 1.0), ("rotation", 1.0)):
             pairs.append((getattr(surface, field), getattr(other.surfaces[name], field), scale))
     return all(np.abs(a - b).max() <= SAME * scale for a, b, scale in pairs)
-
-
-def _check_times(times: ArrayLike | None, n_frames: int) -> Array:
-    if times is None:
-        return np.arange(n_frames, dtype=np.float64)
-    given = np.asarray(times, dtype=np.float64)
-    if given.shape != (n_frames,) or not np.isfinite(given).all():
-        raise OptionError(f"times: expected {n_frames} finite numbers, one a frame, found shape {given.shape}")
-    wrong = np.flatnonzero(np.diff(given) <= 0)
-    if len(wrong):
-        at = int(wrong[0])
-        raise OptionError(
-            f"times: frame {at + 1} is at {given[at + 1]:g}, not after frame {at} at {given[at]:g}; expected times "
-            "that increase, without repetition"
-        )
-    return given

@@ -67,8 +67,9 @@ def measure(
     rows = _volume_rows(frames, rule, planes, volumes, start, end)
     curves = {"cavity volume": volumes}
     if end is not None:
-        # of the endocardium as cine long-axis views show it: no material points are needed
-        length = _contours(frames, rule, planes, warnings)
+        # the global longitudinal strain (GLS) as in cine long-axis views, by the length of endocardial contours. It
+        # needs no material points, unlike the longitudinal Green strain of the tissue in `wall_rows.py`
+        length = _contour_lengths(frames, rule, planes, warnings)
         curves["longitudinal strain"] = 100 * (length / length[start] - 1)
         how = f"{CONTOURS}, {rule.description}"
         rows.append(Row("longitudinal strain", float(curves["longitudinal strain"][end]), "%", how))
@@ -116,7 +117,7 @@ def _stored_inserts(model: DeformableModel, axis: LongAxis) -> Array | None:
     return found
 
 
-def _contours(frames: HeartCycle, rule: BaseRule, planes: Planes, warnings: Warnings) -> Array:
+def _contour_lengths(frames: HeartCycle, rule: BaseRule, planes: Planes, warnings: Warnings) -> Array:
     """Length (F,) of the endocardium's longitudinal contours in every frame, in the unit of the data."""
     lengths = []
     for number, (model, plane) in enumerate(zip(frames.models, planes)):
@@ -137,11 +138,11 @@ def contour_length(mesh: Mesh, axis: LongAxis, base: BasePlane | None) -> float:
     for across in _directions(axis):
         segments = section(mesh, BasePlane(axis.apex, across))
         lengths = np.linalg.norm(segments[1] - segments[0], axis=1)
-        total += float(lengths @ _below(segments, base))
+        total += float(lengths @ _fractions_below(segments, base))
     return total / CUTS
 
 
-def _below(segments: Array, base: BasePlane | None) -> Array:
+def _fractions_below(segments: Array, base: BasePlane | None) -> Array:
     """The fraction (m,) of each segment that lies below the base."""
     if base is None:
         return np.ones(segments.shape[1])
@@ -164,24 +165,24 @@ def _volume_rows(
     diastole = f"frame {ed} at {frames.times[ed]:g}"
     rows = [Row("end-diastolic volume", float(volumes[ed]), "ml", f"{diastole}, {rule.description}")]
     if es is not None:
-        rows += _function(volumes[[ed, es]], f"frames {ed} and {es}, {rule.description}", "")
+        rows += _ejection_rows(volumes[[ed, es]], f"frames {ed} and {es}, {rule.description}", "")
     if planes[ed] is not None:
         parts = [frames.models[number] for number in (ed, es) if number is not None]
         closed = frames.ml * np.array([volume(model, frames.cavity, None) for model in parts])
         words = "whole closed surface, beside the one below the base"
         whole = [Row("end-diastolic volume, closed", float(closed[0]), "ml", f"{diastole}, {words}")]
         if es is not None:
-            whole += _function(closed, f"frames {ed} and {es}, {words}", ", closed")
-        rows += _of_closed_surfaces(whole, frames)
+            whole += _ejection_rows(closed, f"frames {ed} and {es}, {words}", ", closed")
+        rows += _observed_where_supported(whole, frames)
     if frames.wall is not None:
         # muscle is the volume between endocardium and epicardium
         outer = frames.ml * volume(frames.models[ed], frames.wall, planes[ed])
         how = f"{DENSITY:g} g/ml times the volume between the surfaces, {diastole}, {rule.description}"
         rows.append(Row("myocardial mass", DENSITY * float(outer - volumes[ed]), "g", how))
-    return _of_closed_surfaces(rows, frames) if planes[ed] is None else rows
+    return _observed_where_supported(rows, frames) if planes[ed] is None else rows
 
 
-def _of_closed_surfaces(rows: list[Row], frames: HeartCycle) -> list[Row]:
+def _observed_where_supported(rows: list[Row], frames: HeartCycle) -> list[Row]:
     """Rows about whole closed surfaces, not observed where data does not support these in some frame."""
     recorded = [part for model in frames.models for part in model.record.supported.values()]
     least = min(recorded, default=OBSERVED)
@@ -191,7 +192,7 @@ def _of_closed_surfaces(rows: list[Row], frames: HeartCycle) -> list[Row]:
     return [replace(row, how=f"{about}: {row.how}", observed=False) for row in rows]
 
 
-def _function(pair: Array, how: str, suffix: str) -> list[Row]:
+def _ejection_rows(pair: Array, how: str, suffix: str) -> list[Row]:
     """End-systolic and stroke volume and ejection fraction from both volumes (2,) in ml."""
     before, after = (float(value) for value in pair)
     return [

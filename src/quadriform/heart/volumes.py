@@ -17,8 +17,9 @@ RESOLUTION = 32
 def volume_below(mesh: Mesh, plane: BasePlane | None) -> float:
     """Return the volume of the part of a body below a plane, in cubed units.
 
-    By the divergence theorem, with tetrahedra from a point on the plane: the section adds nothing. So a mesh that is
-    open beyond the plane need not be closed.
+    By the divergence theorem it is the sum of the signed tetrahedra between a point on the plane and the triangles of
+    the part's surface. Those of the section with the plane are flat. Of a triangle that the plane cuts the part below
+    has a tetrahedron in proportion to its area. So triangles beyond the plane are not needed.
 
     Args:
         mesh: closed, or open only beyond the plane.
@@ -32,7 +33,11 @@ def volume_below(mesh: Mesh, plane: BasePlane | None) -> float:
 
 
 def _fraction_below(heights: Array) -> Array:
-    """The fraction (m,) of the area of each triangle below zero, by the heights (m, 3) of its corners."""
+    """The fraction (m,) of the area of each triangle below zero, by the heights (m, 3) of its corners.
+
+    Where one corner h1 is alone on its side of the plane, the plane cuts off a triangle of the fraction
+    h1 / (h1 - h2) h1 / (h1 - h3) of the area there.
+    """
     below = heights <= 0
     count = below[:, 0].astype(np.int64) + below[:, 1] + below[:, 2]
     fraction = (count == 3).astype(np.float64)
@@ -40,7 +45,6 @@ def _fraction_below(heights: Array) -> Array:
     heights, single = heights[mixed], count[mixed] == 1
     alone = np.where(single, below[mixed].argmax(axis=1), (~below[mixed]).argmax(axis=1))
     one, two, three = (np.take_along_axis(heights, (alone[:, None] + k) % 3, axis=1)[:, 0] for k in range(3))
-    # both edges of the corner that is alone on its side are cut at height 0: its tip is similar to the triangle
     tip = one**2 / ((one - two) * (one - three))
     fraction[mixed] = np.where(single, tip, 1 - tip)
     return fraction

@@ -24,14 +24,15 @@ LEAST_WALL = 1e-9
 class Wall:
     """Lines across the wall, in the undeformed space of all frames.
 
-    A point at depth w lies at centre + (start + w (stop - start)) ray.
+    A point of a line is centre + s ray, with s from `start` to `stop`; at depth w it is s = start + w (stop - start).
 
     Attributes:
         centre: (3,), of the endocardial superquadric.
-        rays: (n, 3), in units of its semi-axes one long.
-        start: (n,), where the rays leave the endocardium.
-        stop: (n,), where they leave the epicardium.
-        cells: (n,), volume about a ray, per s^2 ds.
+        rays: (n, 3), of length one after each coordinate in the axes of that superquadric is divided by its semi-axis.
+        start: (n,), s where the rays leave the endocardium.
+        stop: (n,), s where they leave the epicardium.
+        cells: (n,), the volume about a piece ds of a ray over s^2 ds: the solid angle of the ray in these coordinates,
+            times the product of the semi-axes.
         normals: (2, n, 3), outward unit normals of both surfaces, before deformation.
         quads: (m, 4), neighbours among the rays.
         crossing: (n,), rays on which the epicardium comes first or both surfaces meet; they have no wall.
@@ -57,7 +58,7 @@ class Wall:
         inner = endo.surface(directions)
         rays = (directions * endo.semi_axes) @ endo.rotation.T
         start = np.linalg.norm(inner - endo.translation, axis=1) / np.linalg.norm(rays, axis=1)
-        # in units of the semi-axes a direction of the sphere grid is a straight ray of the superquadric
+        # from s instead of from the surface itself, so that the points lie on the rays to the last digit
         inner = endo.translation + start[:, None] * rays
         crossing = epi.implicit(inner) >= 1 - LEAST_WALL
         if crossing.mean() > 0.5 or epi.implicit(endo.translation[None])[0] >= 1:
@@ -89,7 +90,7 @@ class Wall:
 
     def volumes(self, box: ControlBox) -> Array:
         """Return the deformed volume (n, 4) about each Gauss point; their sum is the volume of the wall."""
-        # volume element of a cone of rays, s^2 ds, times the determinant of the deformation
+        # the integral of cells s^2 det J ds over a line, ds = span dw, by Gauss points in the depth w
         span = self.stop - self.start
         columns = []
         for depth, weight in zip(NODES, WEIGHTS):

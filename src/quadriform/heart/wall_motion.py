@@ -59,8 +59,9 @@ class MovingWall:
         A cell that the plane cuts counts in part, so that means are continuous in the plane.
         """
         heights = plane.heights(self.box.deform(self.origins.reshape(-1, 3))).reshape(self.volumes.shape)
+        # a Gauss point stands for a piece of its line, of the length weight times thickness. The cell about it is as
+        # wide as the root of its volume over that length, and half of it lies below a plane through its middle
         depths = WEIGHTS * np.where(self.wall.crossing, 1.0, self.thickness)[:, None]
-        # width of a cell across the wall's lines: square root of volume over depth
         size = np.sqrt(np.maximum(self.volumes, 1e-300) / depths)
         return np.clip(0.5 - heights / size, 0, 1)
 

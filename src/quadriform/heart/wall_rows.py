@@ -136,7 +136,8 @@ def _strain_rows(moving: MovingWall, strain: Array, part: str, where: NDArray[np
     how = f"{prefix}change of length from ED to ES per length, from the gradient, mean over the volume of the wall"
     rows = [Row(f"{part}circumferential strain", around, "%", how, observed)]
     how = f"{prefix}(F'F - I) / 2 from ED to ES, mean over the volume of the wall"
-    # the tensor is averaged along local axes, so that components keep their directions
+    # the tensor is averaged along local axes, so that components keep their directions. The longitudinal one is the
+    # strain of the tissue; the global longitudinal strain (GLS), of contours, is the row of `measure.py`
     green = np.diagonal(moving.mean(strain, where))
     return rows + [
         Row(f"{part}Green strain, {name}", float(value), "1", how, observed) for name, value in zip(DIRECTIONS, green)

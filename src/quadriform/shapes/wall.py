@@ -41,17 +41,17 @@ class HexMesh:
 
     def jacobians(self) -> Array:
         """Determinants (m, 8) of each cell's trilinear map from the unit cube at its corners; positive: unfolded."""
-        corners = self.vertices[self.cells]
-        derivatives = _derivatives(CORNERS)
-        return np.linalg.det(np.einsum("qcd,mcx->mqxd", derivatives, corners))
+        return self._determinants(CORNERS)
 
     def volumes(self) -> Array:
         """Volumes of the cells (m,), in cubed units, by two Gauss points along each axis: exact."""
         # A trilinear determinant is quadratic in each coordinate, which two Gauss points integrate exactly.
         low = 0.5 - 0.5 / np.sqrt(3)
-        points = np.where(CORNERS > 0, 1 - low, low)
-        derivatives = _derivatives(points)
-        return np.linalg.det(np.einsum("qcd,mcx->mqxd", derivatives, self.vertices[self.cells])).mean(axis=1)
+        return self._determinants(np.where(CORNERS > 0, 1 - low, low)).mean(axis=1)
+
+    def _determinants(self, points: Array) -> Array:
+        """Determinants (m, q) of each cell's trilinear map at points (q, 3) of the unit cube."""
+        return np.linalg.det(np.einsum("qcd,mcx->mqxd", _derivatives(points), self.vertices[self.cells]))
 
 
 def wall_mesh(
