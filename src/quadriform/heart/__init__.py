@@ -10,8 +10,8 @@
     observed       determined by the data; otherwise the prior, the smoothness of the model, determines the number
 
 `measure.measure`: `heart_cycle.py` checks the models, `volumes.py` gives volumes below the base. Contours in long-axis
-planes give the longitudinal strain; `wall_rows.py` measures the wall by `wall.py`, `wall_motion.py` (strain), `twist.py`
-and `aha_segments.py`; `measures_table.py` holds the result.
+planes give the longitudinal strain. `wall_rows.py` measures the wall by `wall.py`, `wall_motion.py` (strain),
+`twist.py` and `aha_segments.py`; `measures_table.py` holds the result.
 
 The points of a ventricle that a model is fitted to come from images by `imaging/ventricle.py`.
 """
