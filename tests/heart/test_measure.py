@@ -148,7 +148,7 @@ def test_what_surfaces_do_not_determine_is_reported_as_not_observed(known, measu
 
 
 @pytest.mark.parametrize("supported", [0.97, 0.7])
-def test_volumes_observed_where_supported_without_data_are_not_observed(known, valve, supported):
+def test_volumes_of_closed_surfaces_without_data_are_not_observed(known, valve, supported):
     """Those below the base still are, for there the data ends on purpose."""
     models = [
         replace(model, record=replace(model.record, supported={"endo": supported, "epi": 1.0})) for model in known
