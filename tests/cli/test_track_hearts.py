@@ -75,7 +75,7 @@ def shown_on(page):
     """The ejection fraction in the table of a page, and the planes at which its viewer ends the cavity."""
     text = page.read_text(encoding="utf-8")
     planes = json.loads(re.search(r'"planes":(null|\[\[.*?\]\]\])', text)[1])
-    return re.search(r"<td>ejection fraction</td><td[^>]*>([0-9.]+) %", text)[1], planes
+    return re.search(r"<td[^>]*>ejection fraction</td><td[^>]*>([0-9.]+) %", text)[1], planes
 
 
 @pytest.mark.parametrize("space", ["LPS", "RAS"])
