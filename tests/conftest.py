@@ -6,8 +6,11 @@ import signal
 from collections import Counter
 from pathlib import Path
 
-import numpy as np
-import pytest
+for library in ("OMP", "OPENBLAS"):  # before NumPy is imported; threads that share tiny matrices wait for each other
+    os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+
+import numpy as np  # noqa: E402
+import pytest  # noqa: E402
 
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as in a background job, whose children would not be interrupted
     signal.signal(signal.SIGINT, signal.default_int_handler)
