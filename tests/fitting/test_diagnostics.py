@@ -53,6 +53,15 @@ def test_the_area_without_data_is_stated_in_per_cent():
     assert found["RUNAWAY"] == "the surface reaches 1.25 beyond data that is 0.5 wide there"
 
 
+def test_the_volume_without_data_is_not_called_an_area():
+    """Old fault: where the share of the volume was the smaller one, it was stated as a share of the surface."""
+    found = diagnostics.unsupported(replace(GOOD, within=0.4, area=0.9, limit=0.25, by_volume=True))
+    assert found["PARTIAL_COVERAGE"].startswith(
+        "60 % of the volume below the base is under surface that is farther than"
+    )
+    assert found["UNSUPPORTED"] == "data supports 40 % of the volume only"
+
+
 def test_limits_of_support():
     assert diagnostics.unsupported(GOOD) == {}
     assert diagnostics.unsupported(replace(GOOD, within=diagnostics.OBSERVED)) == {}

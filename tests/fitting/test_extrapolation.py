@@ -78,6 +78,11 @@ def test_beside_data_nothing_is_added():
     assert not variances[near].any() and found["surface"].is_open(frame.to_world(moved))[far].all()
     without = open_surfaces(refined(starts={}), {"surface": SUPPORT}, {"surface": data}, frame)
     assert not without
+    no_inliers = open_surfaces(
+        refined(starts={"surface": start(SHIFT)}), {"surface": SUPPORT}, {"surface": data[:0]}, frame
+    )
+    no_covariance = replace(refined(starts={"surface": start(SHIFT)}), covariance=None)
+    assert not no_inliers and not open_surfaces(no_covariance, {"surface": SUPPORT}, {"surface": data}, frame)
 
 
 def test_the_uncertainty_covers_the_error_where_half_a_body_has_no_data():

@@ -11,7 +11,8 @@ import quadriform as qf
 from quadriform.errors import status_of
 from quadriform.fitting.diagnostics import unsupported
 from quadriform.fitting.noise import sampling_step
-from quadriform.fitting.support import LIMITS, Reach, Support, support_of
+from quadriform.fitting.support import Reach, Support, support_of
+from quadriform.fitting.support_settings import LIMITS
 from quadriform.shapes.landmarks import BasePlane
 
 BALL = qf.Superquadric().mesh(32)

@@ -1,12 +1,15 @@
 """Each measure of support against a plain computation, triangle by triangle and point by point."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from shapes_made import even_directions, made, turned
 
 from quadriform.fitting import interpolation
 from quadriform.fitting import support as supports
-from quadriform.fitting.support import LIMITS, ONE, Arrangement, Reach, Support
+from quadriform.fitting.support import Arrangement, Reach, Support, spread_by_distance
+from quadriform.fitting.support_settings import LIMITS, ONE
 from quadriform.shapes.directions import sphere_grid
 from quadriform.shapes.landmarks import BasePlane
 from quadriform.shapes.superquadric import Superquadric
@@ -37,7 +40,7 @@ def test_support_is_the_share_of_the_triangles_within_the_limit(step, base):
     triangles = MESH.vertices[MESH.faces]
     middles = np.array([(a + b + c) / 3 for a, b, c in triangles])
     areas = np.array([np.linalg.norm(np.cross(b - a, c - a)) / 2 for a, b, c in triangles])
-    data, distances, limit = supports._data(points, feet, middles, areas, max(3 * noise, step))
+    data, distances, limit = supports._distances_from_data(points, feet, middles, areas, max(3 * noise, step))
     found, near = supports.support_of(MESH, points, feet, noise, base, step), distances <= limit
     middle = points[data].mean(axis=0)
     apex = middle if base is None else base.point
@@ -53,6 +56,7 @@ def test_support_is_the_share_of_the_triangles_within_the_limit(step, base):
             below[-1] = -height * up
     shares = [sum(np.array(of)[near]) / sum(of) for of in (areas, cones, below, within)]
     if base is not None:
+        assert found.by_volume == (shares[2] < shares[3])
         shares[3] = min(shares[2:])
     np.testing.assert_allclose([found.area, found.volume, found.below, found.within], shares, rtol=1e-9)
     assert found.limit == limit and 0 < min(shares) < max(shares) < 1
@@ -69,7 +73,7 @@ def test_reach_is_the_largest_over_even_directions(monkeypatch):
         rows.append((of_vertices.max() - of_points.max(), of_points.max() - of_points.min()))
     expected = max(rows)
     for at_once in (10, 4_000_000):
-        monkeypatch.setattr(supports, "LIMITS", supports.Limits(at_once=at_once))
+        monkeypatch.setattr(supports, "LIMITS", replace(LIMITS, at_once=at_once))
         found = Reach.of(MESH.vertices, points)
         np.testing.assert_allclose([found.distance, found.width], expected, rtol=1e-9)
 
@@ -163,23 +167,23 @@ def test_clusters_that_are_closed_bodies_are_counted():
     ball, aside = even_directions(150), np.array([1.0, 0, 0])
     gap = ONE.distant * 0.3
     near, far = ball + (2 + 0.9 * gap) * aside, ball + (2 + 1.3 * gap) * aside
-    assert supports.bodies(np.concatenate([ball, near]), 0.3) == 1
-    assert supports.bodies(np.concatenate([ball, far]), 0.3) == 2
-    assert supports.bodies(np.concatenate([ball, far[:12] + 9 * aside]), 0.3) == 1
+    assert supports.closed_bodies(np.concatenate([ball, near]), 0.3) == 1
+    assert supports.closed_bodies(np.concatenate([ball, far]), 0.3) == 2
+    assert supports.closed_bodies(np.concatenate([ball, far[:12] + 9 * aside]), 0.3) == 1
     half = ball[ball[:, 2] < 0]
-    assert supports.bodies(np.concatenate([half, half + 9 * aside]), 0.5) == 0
-    assert supports.bodies(ball[:99], 5.0) == 0
+    assert supports.closed_bodies(np.concatenate([half, half + 9 * aside]), 0.5) == 0
+    assert supports.closed_bodies(ball[:99], 5.0) == 0
     third = np.concatenate([even_directions(300), 20 + even_directions(110), 40 + even_directions(99)])
-    assert supports.bodies(third, 0.3) == 2
+    assert supports.closed_bodies(third, 0.3) == 2
     few = np.concatenate([even_directions(1400), 20 + even_directions(120)])  # below a tenth of all
-    assert supports.bodies(few, 0.3) == 1
+    assert supports.closed_bodies(few, 0.3) == 1
 
 
 def test_of_many_points_an_even_sample_is_looked_at():
     points = np.arange(17.0)[:, None] * [1, 0, 0]
     far = np.abs(points[:, 0] - 8)
-    np.testing.assert_array_equal(far[supports._chosen(points, 5)], np.sort(far)[[0, 4, 8, 12, 16]])
-    np.testing.assert_array_equal(supports._chosen(points[:3], 5), [1, 0, 2])
+    np.testing.assert_array_equal(far[spread_by_distance(points, 5)], np.sort(far)[[0, 4, 8, 12, 16]])
+    np.testing.assert_array_equal(spread_by_distance(points[:3], 5), [1, 0, 2])
 
 
 @pytest.mark.parametrize(("cut", "closed"), [(20, True), (44, True), (62, True), (80, False)])
@@ -224,22 +228,22 @@ def test_two_layers_are_the_best_split_of_neighbouring_deviations(step, rng):
     second = np.where(feet[:, 2] > 0.3, rng.random(400) < 0.4, (feet[:, 2] > -0.4) & (rng.random(400) < 0.12))
     deviations = step * second + rng.normal(0, 0.01, 400) * (1 + 3 * (feet[:, 0] > 0))
     expected = plain_layered(feet, deviations, 1.0)
-    np.testing.assert_allclose(supports.layered(feet, deviations, 1.0), expected, rtol=1e-12)
-    np.testing.assert_allclose(supports.layered(7 * feet, 7 * deviations, 7.0), expected, rtol=1e-12)
+    np.testing.assert_allclose(supports.layered_fraction(feet, deviations, 1.0), expected, rtol=1e-12)
+    np.testing.assert_allclose(supports.layered_fraction(7 * feet, 7 * deviations, 7.0), expected, rtol=1e-12)
     assert (step > 0.1) == (expected > 0.1)
 
 
 def test_layers_need_sixteen_points():
     feet, deviations = even_directions(16), np.repeat([0.0, 1.0], 8)
-    assert supports.layered(feet, deviations, 1.0) == 1
-    assert supports.layered(feet[:15], deviations[:15], 1.0) == 0
-    assert supports.layered(feet, np.zeros(16), 1.0) == 0
+    assert supports.layered_fraction(feet, deviations, 1.0) == 1
+    assert supports.layered_fraction(feet[:15], deviations[:15], 1.0) == 0
+    assert supports.layered_fraction(feet, np.zeros(16), 1.0) == 0
 
 
 def test_points_deeper_than_a_third_of_the_thickness_fill_a_body():
-    assert supports.filled(np.array([-0.34, -0.33, 0.5, 0.0]), 1.0) == 0.25
-    assert supports.filled(np.array([-0.6, -0.7, 0.5, 0.0]), 2.0) == 0.25
-    assert supports.filled(np.empty(0), 1.0) == 0
+    assert supports.deep_fraction(np.array([-0.34, -0.33, 0.5, 0.0]), 1.0) == 0.25
+    assert supports.deep_fraction(np.array([-0.6, -0.7, 0.5, 0.0]), 2.0) == 0.25
+    assert supports.deep_fraction(np.empty(0), 1.0) == 0
 
 
 def test_whether_points_are_of_one_surface_by_all_three_tests():

@@ -10,7 +10,8 @@ from quadriform.errors import WarningKind, Warnings
 from quadriform.fitting.elements import Elements
 from quadriform.fitting.least_squares.marginal_likelihood import Solution
 from quadriform.fitting.result import HalfSpace, Result, SuperquadricFit, rms
-from quadriform.fitting.support import MOST_SLICES, ONE, Arrangement, Support
+from quadriform.fitting.support import MOST_SLICES, Arrangement, Support, mean_thickness
+from quadriform.fitting.support_settings import ONE
 from quadriform.point_sets import PointSet
 from quadriform.points import Array
 from quadriform.shapes.kinds import KINDS
@@ -30,20 +31,22 @@ NAMED = 5
 POOR = 0.05
 """An RMS distance above this fraction of the cloud's RMS radius is that of a poor fit."""
 SCATTER = 2.0
-"""Standard deviations of the mean square of a known noise that are put down to chance."""
+"""Standard deviations of the mean of chi-squares that chance explains (`poor_fit`)."""
 OVERLAP_RESOLUTION = 48
 """Of the mesh of a fitted body that is compared with the mask or closed mesh that it was fitted to."""
 SAME_VOLUME = 0.05
-"""Largest difference of their volumes, as a fraction: that of what must count as observed."""
+"""Largest difference of the volumes of a fitted body and of the data, as a fraction: as large as the part of a surface
+that may be extrapolated without a warning (`OBSERVED`)."""
 MOSTLY_SUPPORTED = 0.5
-"""Of the area; where data supports less, a result must not be used unless the rest is known better than the surface of
-a poor fit, as that of a superquadric seen from one side. It is "ok" only where nearly all is observed."""
+"""Where data supports a smaller fraction of a surface than this, the result must not be used (UNSUPPORTED), unless the
+standard deviation of the extrapolated part is below `POOR`, as that of a superquadric that was seen from one side.
+Between this and `OBSERVED` there is only PARTIAL_COVERAGE; from `OBSERVED` on no warning."""
 LONGER = 1.5
 """RUNAWAY: most of the length of a surface is extrapolated where it reaches beyond data by more than this many widths
 of the data in the same direction. Half a body that is extrapolated from the other half reaches one width beyond it."""
 SURE = 0.005
-"""Of the cloud's RMS radius. A surface is uncertain where its standard deviation, as RMS over its area, is above that
-of a single point by more than this, which is what models of exact points are allowed."""
+"""In RMS radii of the cloud. A surface is uncertain where its standard deviation, as RMS over its area, exceeds that of
+a single point by more than this. Of exact points, with a standard deviation of zero, a model may be so uncertain."""
 ROUNDING_MOVES = 5e9
 """Condition above which rounding, 2e-16 for each unit of it, may move the surface by a millionth of the RMS radius."""
 THIN = 0.25
@@ -100,6 +103,7 @@ def model_warnings(result: Result, quality: Mapping[str, SurfaceQuality], unit: 
         unit: the length of one in this frame, in the unit of the points.
     """
     found = {name: _of_surface(result, name, each, unit) for name, each in quality.items()}
+    # where a kind occurs twice the later text is kept: that of the refinement itself
     return named_texts(found) | base_not_observed(result, quality) | uncertain(result, unit) | result.warnings
 
 
@@ -174,15 +178,16 @@ def unsupported(found: Support, open_deviation: float = np.inf) -> Warnings:
             WarningKind.UNSUPPORTED: "all points are isolated: none has two others near it, which could confirm it",
         }
     distance, width = found.reach.distance, found.reach.width
+    part = "volume below the base is under surface that" if found.by_volume else "surface"
     text = (
-        f"{100 * (1 - found.within):.0f} % of the surface is farther than {found.limit:.3g} from all data, and the "
+        f"{100 * (1 - found.within):.0f} % of the {part} is farther than {found.limit:.3g} from all data, and the "
         f"surface reaches {distance:.3g} beyond it; there the surface is extrapolated"
     )
     is_covered = found.within >= OBSERVED and distance <= found.limit
     warnings = _not_checked_between(found.slices) if is_covered else {WarningKind.PARTIAL_COVERAGE: text}
     if found.within < MOSTLY_SUPPORTED and open_deviation > POOR:
         known = f", and the rest is known to {100 * open_deviation:.2g} % of the cloud's RMS radius"
-        text = f"data supports {100 * found.within:.0f} % of the area only"
+        text = f"data supports {100 * found.within:.0f} % of the {'volume' if found.by_volume else 'area'} only"
         warnings[WarningKind.UNSUPPORTED] = text + known if np.isfinite(open_deviation) else text
     if distance > max(LONGER * width, found.limit):
         warnings[WarningKind.RUNAWAY] = f"the surface reaches {distance:.3g} beyond data that is {width:.3g} wide there"
@@ -260,14 +265,16 @@ def poor_fit(
 ) -> Warnings:
     """POOR_FIT where inliers are farther from the surface than a limit and what is known of their noise explain.
 
-    The mean of their chi-squares is above one, with the square of the limit added to the variance of each: a misfit
-    beside the noise. Long voxels alone, whose vertices are a tenth of a small body off, are no poor fit.
+    It is a poor fit where mean_i d_i^2 / (limit^2 + v_i (1 + 2 sqrt(2 / N))) > 1, with the distances d_i, their known
+    variances v_i and the number N of independent points. The mean square of N independent errors has a relative
+    standard deviation of sqrt(2 / N), so the v_i are enlarged by `SCATTER` = 2 of these. The points of a mask with long
+    voxels may be a tenth of a small body away from its surface; as these variances are known, that is no poor fit.
 
     Args:
-        distances: (n,), of the inliers, in RMS radii of the cloud; none are a poor fit.
+        distances: d_i (n,), of the inliers, in RMS radii of the cloud; without inliers the fit is poor.
         limit: of the RMS distance of points without noise.
-        known: variances (n,) along the normals that are known of the measurement, or zero.
-        independent: effective number of points; the mean of the squares of their noise is known so well.
+        known: v_i (n,), variances along the normals that are known of the measurement, or zero.
+        independent: N, the effective number of points.
     """
     explained = known * (1 + SCATTER * np.sqrt(2 / max(independent, 1.0)))
     relative, noise = rms(distances) if len(distances) else 1.0, float(np.sqrt(np.mean(known)))
@@ -336,7 +343,7 @@ def _thin(model: DeformableModel, sigma: float) -> list[str]:
     texts = []
     for name, surface in model.surfaces.items():
         mesh = model.mesh(name, THICKNESS_RESOLUTION)
-        thickness = 2 * abs(mesh.volume()) / mesh.area()
+        thickness = mean_thickness(mesh)
         if KINDS[surface.kind].cut_axis is None and sigma > THIN * thickness:
             about = "the body" if len(model.surfaces) == 1 else name
             texts.append(f"{about} is {thickness / sigma:.3g} times as thick as the noise of the points")

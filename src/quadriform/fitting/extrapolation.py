@@ -1,8 +1,10 @@
 """Standard deviation of a surface where there is no data, from the superquadric and from its refinement.
 
-The posterior of the control points takes the superquadric as known. Where data ends nothing corrects it, so its own
-variance is added. And where the refinement moved the surface, the body is no superquadric, and either of the two may be
-the better extrapolation: their squared distance counts as a variance.
+The posterior of the control points is that of their displacement from a superquadric that counts as known. Where there
+is data, the displacement corrects an error of the superquadric. Where there is none, nothing corrects it: it comes in
+addition to the error of the displacement, and its variance is added as that of an independent error. Where the
+refinement moved the surface away from the superquadric, the body is no superquadric, and either of the two may be the
+better extrapolation: the square of their distance counts as a further variance.
 """
 
 from collections.abc import Mapping
@@ -26,9 +28,9 @@ class OpenSurface:
 
     Attributes:
         start: the superquadric of which it is a refinement.
-        feet: (n, 3), the points of the surface nearest to its inliers, in the same frame.
-        limit: distance from these up to which the surface has data, likewise.
-        frame: of all these, in the unit and frame of the points.
+        feet: (n, 3), the points of the surface nearest to its inliers, in the frame of the superquadric.
+        limit: distance from these up to which the surface has data, in the unit of that frame.
+        frame: that of the superquadric, within the world.
     """
 
     start: SuperquadricFit
@@ -53,7 +55,10 @@ class OpenSurface:
 def open_surfaces(
     result: Result, support: Mapping[str, Support], feet: Mapping[str, Array], frame: Frame
 ) -> dict[str, OpenSurface]:
-    """Name -> what is known of a surface without data; none where the superquadric's covariance is not known.
+    """Name -> what is known of a surface without data.
+
+    None of a surface without inliers, of one whose superquadric was given and not fitted, and of any by a refinement
+    that has no covariance of the control points (method="paper").
 
     Args:
         result: of the refinement.

@@ -18,7 +18,8 @@ from quadriform.fitting.diagnostics import INLIER, SurfaceQuality, model_warning
 from quadriform.fitting.extrapolation import open_deviations
 from quadriform.fitting.noise import sampling_step, variances_along
 from quadriform.fitting.result import Result, rms
-from quadriform.fitting.support import LIMITS, Arrangement, Support, covered_fraction, support_of
+from quadriform.fitting.support import Arrangement, Support, covered_fraction, support_of
+from quadriform.fitting.support_settings import LIMITS
 from quadriform.points import Array
 from quadriform.shapes.closest import FootPoints, closest_on
 from quadriform.shapes.landmarks import BasePlane

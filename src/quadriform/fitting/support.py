@@ -1,4 +1,4 @@
-"""How far data supports a fitted surface, measured from each part of it; whether points are of one surface.
+"""How far data supports a fitted surface, measured from each part of it.
 
 `diagnostics.py` derives warnings from these measures. The option `support` is something else: a plane such as a table.
 """
@@ -8,41 +8,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from quadriform.fitting.cloud import evenly_spread
+from quadriform.fitting.connected import components
 from quadriform.fitting.interpolation import interpolated
-from quadriform.points import Array, unit_vectors
+from quadriform.fitting.support_settings import LIMITS, ONE
+from quadriform.points import Array, rms_length, unit_vectors
 from quadriform.shapes.directions import sphere_grid
 from quadriform.shapes.landmarks import BasePlane
 from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.superquadric import Superquadric
 
-
-@dataclass(frozen=True)
-class Limits:
-    """The constants of support."""
-
-    widest: float = 0.5
-    """Largest limit, in RMS radii of the points. Gaps of more than two thirds of a radius are not interpolated: the
-    shape there is unknown, and so few slices do not show their usual distance."""
-    noise: float = 3.0
-    """Standard deviations of the noise within which a point can be from the part of the surface that it measures."""
-    at_base: float = 2.0
-    """Standard deviations of the noise within which a surface that closes at its base is not distinguished from it."""
-    others: int = 2
-    """A point with fewer others within the limit is no data: an outlier whose place no other confirms. Of random points
-    on a surface one in 5,000 has fewer."""
-    resolution: int = 32
-    """Of the mesh whose triangles are the parts."""
-    directions: int = 12
-    """Of the grid of directions in which a surface can extend beyond the data: one every eight degrees."""
-    at_once: int = 300_000
-    """Products of points and directions that are in memory at a time: more leave the cache."""
-
-
-LIMITS = Limits()
 PER_CELL = 8
 """Points of an even cloud in a cell of directions, enough that an empty cell means missing data."""
 
@@ -72,13 +49,15 @@ class Support:
         area: share [0, 1] of its area that is supported.
         volume: share [0, 1] of the volume, seen from the centre of the data, that lies below supported area.
         below: the same of the volume below the base, seen from a point of it; that of all without a base.
-        within: the share of the area on this side of the base, or of the volume there where that is less; the share of
-            all of the area without a base.
+        within: min(area share, volume share) on the data's side of the base: of the area that lies more than
+            `at_base` standard deviations of the noise below the base, and of the volume, `below`. Without a base the
+            share of all of the area.
         limit: distance from data up to which a part is supported, in the unit of the points.
         extends_beyond: how far the surface reaches beyond the data in the direction where that is farthest, likewise.
         reach: the same of the part on this side of the base.
         slices: number of parallel slices that all data lies in, where it is so small that nothing checks the shape
             between them; else 0.
+        by_volume: whether `within` is the share of the volume, which is less than that of the area.
     """
 
     area: float
@@ -89,6 +68,7 @@ class Support:
     extends_beyond: float
     reach: Reach
     slices: int = 0
+    by_volume: bool = False
 
     @property
     def has_data(self) -> bool:
@@ -117,40 +97,69 @@ def support_of(
     """
     corners, across = mesh.vertices[mesh.faces], mesh.area_vectors()
     middles, areas = corners.mean(axis=1), np.linalg.norm(across, axis=1)
-    connected, distances, limit = _data(points, feet, middles, areas, max(LIMITS.noise * noise, step))
+    connected, distances, limit = _distances_from_data(points, feet, middles, areas, max(LIMITS.noise * noise, step))
     points = points[connected]
     if not len(points):
         far = float(np.linalg.norm(mesh.vertices - mesh.vertices.mean(axis=0), axis=1).max())
         return Support(0.0, 0.0, 0.0, 0.0, 0.0, far, Reach(far, 0.0))
-    supported = distances <= limit
-    volumes = below = _cones(corners, points.mean(axis=0))
-    extends = reach = Reach.of(mesh.vertices, points)
-    area = within = _fraction(areas, supported)
-    if base is not None:
-        heights = base.heights(middles)
-        below = np.where(heights <= 0, _cones(corners, base.point), 0.0)
-        # where it closes below the base for want of data, all of the space up to the base is extrapolated
-        lid = ~supported & (heights <= 0) & (across @ base.direction > 0)
-        below[lid] = -heights[lid] * (across[lid] @ base.direction)
-        before = np.where(heights <= -LIMITS.at_base * noise, areas, 0.0)
-        within = min(_fraction(before, supported), _fraction(below, supported))
-        reach = Reach.of(mesh.vertices[base.heights(mesh.vertices) <= 0], points)
-    fractions = area, _fraction(volumes, supported), _fraction(below, supported), within
-    return Support(*fractions, limit, extends.distance, reach, sparse_slices(points))
+    supported, slices = distances <= limit, sparse_slices(points)
+    area, volume = _fraction(areas, supported), _fraction(_cones(corners, points.mean(axis=0)), supported)
+    reach = Reach.of(mesh.vertices, points)
+    if base is None:
+        return Support(area, volume, volume, area, limit, reach.distance, reach, slices)
+    heights = base.heights(middles)
+    area_below = _fraction(np.where(heights <= -LIMITS.at_base * noise, areas, 0.0), supported)
+    volume_below = _fraction(_volumes_below(corners, across @ base.direction, heights, base, supported), supported)
+    within = min(area_below, volume_below)
+    reach_below = Reach.of(mesh.vertices[base.heights(mesh.vertices) <= 0], points)
+    by_volume = volume_below < area_below
+    return Support(area, volume, volume_below, within, limit, reach.distance, reach_below, slices, by_volume)
 
 
-def _data(
+def _volumes_below(
+    corners: Array, upward: Array, heights: Array, base: BasePlane, supported: NDArray[np.bool_]
+) -> Array:
+    """The volume (m,) below the base that belongs to each triangle of a surface; zero for triangles above the base.
+
+    A triangle has the cone (tetrahedron) from it to a point of the base. The cones of all triangles fill the space that
+    the surface encloses below the base. Where data ends below the base, the surface may close there with a lid, and all
+    of the space between this lid and the base is extrapolated. So a triangle of the lid, which faces the base and is
+    not supported, has the prism from it up to the base: height times area as seen along the direction of the base.
+
+    Args:
+        corners: (m, 3, 3), of the triangles.
+        upward: (m,), areas of the triangles as seen along the direction of the base; negative where they face away.
+        heights: (m,), of their middles above the base.
+        base: the plane.
+        supported: (m,).
+    """
+    volumes = np.where(heights <= 0, _cones(corners, base.point), 0.0)
+    lid = ~supported & (heights <= 0) & (upward > 0)
+    volumes[lid] = -heights[lid] * upward[lid]
+    return volumes
+
+
+def _distances_from_data(
     points: Array, feet: Array, middles: Array, areas: Array, least: float
 ) -> tuple[NDArray[np.bool_], Array, float]:
-    """Which points (n,) are data, the distances (m,) from it of the parts of a surface, and the limit of support."""
+    """Which points (n,) are data, the distances (m,) of the parts of a surface from it, and the limit of support.
+
+    Args:
+        points: (n, 3).
+        feet: (n, 3), the points of the surface nearest to them.
+        middles: (m, 3), of the parts of the surface.
+        areas: (m,), of these parts.
+        least: least limit.
+    """
     distinct, number = np.unique(feet, axis=0, return_inverse=True)
     if len(distinct) <= LIMITS.others:
         return np.zeros(len(points), dtype=np.bool_), np.full(len(middles), np.inf), 0.0
     tree = cKDTree(distinct)
+    # of each foot point the first is itself: the nearest other, and the last of those that must be within the limit
     neighbours = tree.query(distinct, k=[2, 1 + LIMITS.others])[0]
     distances, nearest = tree.query(middles)
     limit = max(interpolated(distances, nearest, areas, float(np.median(neighbours[:, 0]))), least)
-    limit = min(limit, LIMITS.widest * _radius(points))
+    limit = min(limit, LIMITS.widest * rms_length(points - points.mean(axis=0)))
     connected = neighbours[:, 1] <= limit
     if connected.any() and not connected.all():
         distances = cKDTree(distinct[connected]).query(middles)[0]
@@ -164,11 +173,6 @@ def _farthest(points: Array, directions: Array) -> Array:
     step = max(1, LIMITS.at_once // len(points))
     parts = [(directions[k : k + step] @ points.T).max(axis=1) for k in range(0, len(directions), step)]
     return np.concatenate(parts)
-
-
-def _radius(points: Array) -> float:
-    """The RMS distance of points (n, 3) from their centre."""
-    return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
 def _cones(corners: Array, apex: Array) -> Array:
@@ -202,26 +206,27 @@ def covered_fraction(superquadric: Superquadric, points: Array, half_space: tupl
     return float(seen.mean()) if len(seen) else 0.0
 
 
-# --- slices ------------------------------------------------------------------------------------------------------
+# --- slices: whether all points lie in a few parallel ones, between which nothing checks the shape --------------------
 
 MOST_SLICES = 4
 """Slices. The profile of a superquadric along an axis across them has four parameters, two ends, the largest width and
 an exponent, so that so many slices determine it, and none is left that could contradict it."""
 WITHIN_SLICE = 0.2
-"""Points of a slice are within this fraction of the least distance between slices; of even points two fifths are."""
+"""Points of a slice are nearer to its plane than this fraction of the least distance between slices, which is a band of
+two fifths of that distance: of points that are spread evenly two fifths lie in it."""
 NEARLY_ALL = 0.95
-"""The fraction of the points that must be; the others may be outliers that were not found."""
+"""The fraction of the points that must lie so near to a slice; the others may be outliers that were not found."""
 SLICE_ROUNDS = 20
-"""Of moving each slice to the mean height of the points nearest to it."""
+"""Most rounds of k-means: each moves every slice to the mean height of the points nearest to it."""
 LOOKED_AT = 500
-"""Of more points an even sample is taken."""
+"""Of more points a sample of so many is taken."""
 
 
 def sparse_slices(points: Array) -> int:
     """The number of parallel slices that points (n, 3) lie in where it is two to four, else 0."""
     if len(points) <= MOST_SLICES:
         return 0
-    some = points[_chosen(points, LOOKED_AT)]
+    some = points[spread_by_distance(points, LOOKED_AT)]
     for across in _directions(some):
         heights = some @ across
         edge = (1 - NEARLY_ALL) / 2
@@ -233,9 +238,10 @@ def sparse_slices(points: Array) -> int:
 
 
 def _directions(points: Array) -> Iterator[Array]:
-    """Unit vectors (3,) across which points may lie in slices: those least along the steps to neighbours.
+    """Unit vectors (3,) across which points may lie in slices: those along which the steps to neighbours are shortest.
 
-    Near neighbours are apart by noise, distant ones may be of another slice, so neighbours of several ranks are tried.
+    The step to the nearest neighbours may be noise, and that to distant ones may lead to another slice. So one vector
+    is found from the 2nd, one from the 4th, one from the 8th neighbours, and so on.
     """
     ranks = 2 ** np.arange(1, int(np.log2(len(points))))
     neighbours = cKDTree(points).query(points, k=ranks)[1]
@@ -257,46 +263,12 @@ def _is_in_slices(heights: Array, slices: Array) -> bool:
     return bool((np.abs(heights - slices[nearest]) < WITHIN_SLICE * np.diff(slices).min()).mean() >= NEARLY_ALL)
 
 
-# --- one surface -------------------------------------------------------------------------------------------------
+def spread_by_distance(points: Array, count: int) -> NDArray[np.int64]:
+    """Indices of at most `count` of (n, 3) points, spread over their distances from their centre."""
+    return evenly_spread(np.argsort(((points - points.mean(axis=0)) ** 2).sum(axis=1)), count)
 
 
-@dataclass(frozen=True)
-class OneSurface:
-    """The constants of the tests whether points are of one surface."""
-
-    asked: int = 2000
-    """Points of an even sample, of which all near pairs are considered."""
-    distant: float = 2.25
-    """Points farther from all others than this many limits of support are of another cluster: far above the distance
-    between slices, which is that limit."""
-    least: float = 0.1
-    """Least fraction of the points in a cluster that is a body."""
-    fewest: int = 100
-    """Least number of points in a cluster that is a body."""
-    open_angle: float = np.radians(40)
-    """Widest empty cone of a closed body of that many points, seen from its centre in units of its axes. That many
-    random directions leave 25 degrees empty; half an ellipsoid, such as an end of a body without data in its middle,
-    50 degrees."""
-    directions: int = 8
-    """Resolution of the grid of directions among which the widest empty cone is found."""
-    neighbours: int = 16
-    """Points of a neighbourhood in which two layers are sought."""
-    layer: int = 4
-    """Least number of these that are of the smaller layer."""
-    split: float = 0.85
-    """Least fraction of the variance of 16 neighbours that two layers explain. The best two halves of normal deviates
-    explain two thirds, of uniform ones three quarters."""
-    thick: float = 0.1
-    """Least distance of layers in RMS radii, twice the distance of a poor fit: voxels and noise make thinner ones."""
-    layered: float = 0.5
-    """Fraction of neighbourhoods with two layers above which the points are of a double wall."""
-    deep: float = 1 / 3
-    """Depth, as a fraction of the mean thickness of a body, below which points are not of its surface."""
-    most: float = 0.1
-    """Largest fraction of the points deep inside; outliers everywhere around a body leave less than half of that."""
-
-
-ONE = OneSurface()
+# --- one surface: whether points are of one, or of several bodies, a double wall, or a filled volume ------------------
 
 
 @dataclass(frozen=True)
@@ -324,11 +296,19 @@ class Arrangement:
             signed: (n,), their distances, negative inside.
             limit: distance from data up to which the surface is supported.
         """
-        thickness = 2 * abs(mesh.volume()) / mesh.area()
-        return cls(bodies(points, limit), layered(feet, signed, _radius(points)), filled(signed, thickness))
+        layered = layered_fraction(feet, signed, rms_length(points - points.mean(axis=0)))
+        return cls(closed_bodies(points, limit), layered, deep_fraction(signed, mean_thickness(mesh)))
 
 
-def bodies(points: Array, limit: float) -> int:
+def mean_thickness(mesh: Mesh) -> float:
+    """2 |V| / A, from volume V and area A of a closed surface: that of a plate of this volume with this area.
+
+    A plate of thickness t and area A / 2 on each side has V = t A / 2. A sphere of radius r has 2 r / 3.
+    """
+    return 2 * abs(mesh.volume()) / mesh.area()
+
+
+def closed_bodies(points: Array, limit: float) -> int:
     """The number of separate closed bodies that points (n, 3) are of; 0 where no cluster of them is closed.
 
     Args:
@@ -337,10 +317,8 @@ def bodies(points: Array, limit: float) -> int:
     """
     if len(points) < ONE.fewest:
         return 0
-    some = points[_chosen(points, ONE.asked)]
-    pairs = cKDTree(some).query_pairs(ONE.distant * limit, output_type="ndarray")
-    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(some),) * 2)
-    member = connected_components(graph, directed=False)[1]
+    some = points[spread_by_distance(points, ONE.asked)]
+    member = components(some, ONE.distant * limit)
     sizes = np.bincount(member)
     return sum(_is_closed(some[member == k]) for k in np.flatnonzero(sizes >= ONE.least * len(some)))
 
@@ -355,8 +333,12 @@ def _is_closed(points: Array) -> bool:
     return bool(2 * np.arcsin(chords.max() / 2) < ONE.open_angle)
 
 
-def layered(feet: Array, deviations: Array, radius: float) -> float:
+def layered_fraction(feet: Array, deviations: Array, radius: float) -> float:
     """The fraction of neighbourhoods in which points form two layers along the normal.
+
+    The signed distances of a neighbourhood are split at the threshold with the largest variance between the two parts
+    (Otsu, IEEE Transactions on Systems, Man, and Cybernetics 9(1), 1979). They form two layers where the split explains
+    most of their variance and the means of the parts are far enough from each other.
 
     Args:
         feet: (n, 3), on the surface.
@@ -365,10 +347,10 @@ def layered(feet: Array, deviations: Array, radius: float) -> float:
     """
     if len(feet) < ONE.neighbours:
         return 0.0
-    some = feet[_chosen(feet, ONE.asked)]
+    some = feet[spread_by_distance(feet, ONE.asked)]
     near = cKDTree(feet).query(some, k=ONE.neighbours)[1]
     ordered = np.sort(deviations[near], axis=1)
-    # the best split into an inner and an outer layer: that of the largest variance between their means
+    # means of the inner and of the outer part for each number of points in the inner one
     counts = np.arange(1, ONE.neighbours)
     inner = np.cumsum(ordered, axis=1)[:, :-1] / counts
     outer = (ordered.sum(axis=1, keepdims=True) - inner * counts) / (ONE.neighbours - counts)
@@ -379,12 +361,6 @@ def layered(feet: Array, deviations: Array, radius: float) -> float:
     return float((is_split & (steps[rows, best] > ONE.thick * radius)).mean())
 
 
-def _chosen(points: Array, count: int) -> NDArray[np.int64]:
-    """Indices of at most `count` of (n, 3) points, spread over their distances from their centre."""
-    order = np.argsort(((points - points.mean(axis=0)) ** 2).sum(axis=1))
-    return order[np.linspace(0, len(order) - 1, min(count, len(order))).astype(np.int64)]
-
-
-def filled(deviations: Array, thickness: float) -> float:
+def deep_fraction(deviations: Array, thickness: float) -> float:
     """The fraction of points deep inside a body, by their signed distances (n,) and its mean thickness."""
     return float((deviations < -ONE.deep * thickness).mean()) if len(deviations) else 0.0

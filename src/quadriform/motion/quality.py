@@ -15,7 +15,8 @@ from quadriform.fitting.diagnostics import (
 from quadriform.fitting.noise import sampling_step
 from quadriform.fitting.refinement.surface_data import SurfaceData
 from quadriform.fitting.refinement.unfolding import accepted_sigma
-from quadriform.fitting.support import LIMITS, Support, support_of
+from quadriform.fitting.support import Support, support_of
+from quadriform.fitting.support_settings import LIMITS
 from quadriform.motion.cycle import CycleFit
 from quadriform.points import Array, Frame
 from quadriform.shapes.closest import FootPoints
