@@ -34,6 +34,8 @@ def condition_number(factor: Array) -> float:
 def spectrum(matrix: bytes) -> tuple[Array, Array]:
     """Eigenvalues (k,), those of the null space exactly zero, and eigenvectors (k, k) of a regulariser's matrix (k, k).
 
+    The matrix is given by its bytes, for an array cannot be a key of the cache.
+
     Raises:
         OptionError: an eigenvalue is negative.
     """

@@ -48,15 +48,23 @@ class EnrichedBox:
 
     @property
     def sigma(self) -> float:
-        """Standard deviation of the data, as estimated in the enriched box, corrected for correlated residuals."""
+        """sigma / sqrt(f) of the enriched box: larger than that of the data where its residuals are correlated."""
         return self.scale * self._solution.independent_sigma
 
     def deviation(self, box: ControlBox, origins: Array, normals: Array) -> Array:
-        """One standard deviation (n,) along the normals (n, 3) at (n, 3) points of the undeformed surface."""
+        """One standard deviation (n,) along the normals (n, 3) at (n, 3) points of the undeformed surface.
+
+        It is sqrt(b^2 + sigma^2 / f g), with the bias b of the fitted box, its difference from the enriched one along
+        the normal, and sigma^2 / f g the variance of the enriched box for correlated residuals, of which only the
+        fraction f is independent.
+
+        Args:
+            box: fitted, in the unit of the data; its elevated form has the same undeformed lattice as the enriched box.
+            origins: (n, 3), in the unit of the data.
+            normals: (n, 3), unit.
+        """
         # derivatives of the normal displacement by the control points of the enriched box
         rows = box.elevate(self.degrees).matrix(origins)[:, :, None] * normals[:, None, :]
         rows = rows.reshape(len(origins), -1)
-        sigma = self._solution.sigma
-        relative_variance = self._solution.variance(rows) / sigma**2
-        # bias^2 + variance: of the smaller box by its difference from the enriched one, and of the enriched one
+        relative_variance = self._solution.variance(rows) / self._solution.sigma**2  # g
         return np.sqrt((rows @ self.shift) ** 2 + self.sigma**2 * relative_variance)

@@ -54,18 +54,20 @@ def is_less(one: Array, other: Array) -> bool:
 
 
 def signed_rank_p_value(differences: Array) -> float:
-    """Probability that with signs at random the ranks of the positive ones of some differences (n,) sum up to as much.
+    """The p-value of Wilcoxon's signed-rank test (Biometrics Bulletin 1(6), 1945), one-sided, of differences (n,).
 
-    Exact, for a few dozen differences; zeros are left out, and equal ones share their mean rank. SciPy has it too, in a
-    package that takes as long to load as a small fit.
-
-    Wilcoxon's signed-rank test, Biometrics Bulletin 1(6), 1945.
+    It is the probability that the ranks of the positive differences have a sum as large as here or larger, where the
+    signs are random and independent. Exact, for a few dozen differences; zeros are left out, and equal sizes share
+    their mean rank. SciPy has the test too, in a package that takes as long to load as a small fit.
     """
     differences = differences[differences != 0]
     sizes = np.abs(differences)
-    # twice the mean ranks, which are whole numbers: twice the smaller ones, and the equal ones and one
+    # twice the mean ranks, so that they are whole numbers: with m smaller sizes and e equal ones, itself among them,
+    # the ranks m + 1 to m + e have the mean m + (e + 1) / 2
     ranks = 2 * (sizes < sizes[:, None]).sum(axis=1) + (sizes == sizes[:, None]).sum(axis=1) + 1
-    counts = np.ones(1)  # of the signs that give each sum
+    # counts[s] becomes the number of sign patterns whose positive ranks sum up to s: each rank is negative, and leaves
+    # the sum as it is, or positive, and adds to it
+    counts = np.ones(1)
     for rank in ranks:
         without, more = counts, np.zeros(rank)
         counts = np.concatenate([without, more]) + np.concatenate([more, without])

@@ -1,12 +1,27 @@
 """One round of refinement by point-to-plane distances: the foot points are fixed, the box moves.
 
-For all surfaces at once, with r_i from the surface to a data point and n_i the normal at its foot point,
+For all surfaces at once the control points minimise
 
-    sum_i w_i [ (n_i . r_i)^2 + epsilon |r_i - (n_i . r_i) n_i|^2 ] + alpha N E(P - P0)
+    sum_i w_i / v_i [ (n_i . r_i)^2 + epsilon |r_i - (n_i . r_i) n_i|^2 ] + alpha N E(P - P0) + attractions + priors
 
-is minimised over the control points. w_i is the probability to be an inlier, E the regulariser and alpha the strength
-of the largest marginal likelihood. epsilon is small: the part of r_i along the surface is no error of the data, across
-a contour as little as along it, so more points on the same contours do not hold the surface more firmly.
+    P, P0   the control points, (k, 3), and their undeformed positions
+    x_i     a data point, and s_i the origin of its foot point
+    r_i     x_i - D(s_i), with D the deformation by P: from the surface to the data point
+    n_i     the normal at the foot point, before the round
+    w_i     the probability to be an inlier times the weight of the point
+    v_i     its known variance along n_i relative to that of the other points (`SurfaceData.variances`), else 1
+    epsilon `LEAST_TANGENTIAL`
+    alpha   the strength; E the energy of the regulariser, P -> p' K p for p = P - P0
+    N       the sum of the w_i of the data alone (`total_weight`): alpha is per data point, and terms that are no
+            measurements do not add to it
+
+Attractions of model points (`Attraction`) are terms like those of data points, in the first rounds only. Priors are
+those of surfaces beyond a base (`base_prior.py`). epsilon is small because a foot point may move along the surface:
+that part of r_i is no error of the data. With a large one, many points on the same contours would fix the surface
+across the contours too, where they measure nothing.
+
+As each term is r' M r with M_i = w_i / v_i [n_i n_i' + epsilon (I - n_i n_i')], the normal equations are those of
+`normal_equations.py`, with the displacement p in place of P and x_i - s_i in place of r_i.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -50,7 +65,7 @@ class Attraction:
 
 @dataclass(frozen=True)
 class Rows:
-    """Terms of one surface in the sum: origins, targets (n, 3) and metrics (n, 3, 3)."""
+    """Terms of one surface in the sum: origins s_i and targets x_i (n, 3), and metrics M_i (n, 3, 3)."""
 
     origins: Array
     targets: Array

@@ -40,14 +40,14 @@ AUTO_SIDES = (3, 5, 7)
 MORE = 2
 """Additional control points a side of the enriched box of the uncertainty: the next step of 3, 5, 7."""
 MUCH_NEARER = 0.5
-"""A start is tried first if its RMS distance from the points is below this fraction of the least that any start has
-after its first stage: then the first stage led away from a good start. At the true surface both distances are the noise
-of the points, and no start is tried first."""
-
+"""A start is tried first where the RMS distance of the points from its undeformed surface (`_Trial.undeformed_rms`) is
+below this fraction of the least sigma (of point-to-plane residuals) of any start after its first stage: then the first
+stage led away from a good start. At the true surface both are the noise, and the rule has no effect."""
 
 SMOOTH = (100.0, 10.0)
-"""Factors on the strength of the first stage for a smooth box, from each of which the next continues. At smaller ones
-the surface of open contours amplifies rounding of the data to a thousandth of its size and more."""
+"""Factors on the strength of the first stage, for two refinements of a smooth box: the second continues from the result
+of the first. At smaller factors a surface of open contours amplifies the rounding of the data to a thousandth of its
+size and more."""
 
 
 @dataclass(frozen=True)
@@ -78,16 +78,16 @@ class RefinementInput:
 
     @cached_property
     def datasets(self) -> list[SurfaceData]:
-        """The data of each surface; around spheres, until there are starts."""
-        known, ball, datasets = self.noise, Superquadric(), list[SurfaceData]()
+        """The data of each surface, with a unit sphere in place of its superquadric until there are starts."""
+        known, sphere, datasets = self.noise, Superquadric(), list[SurfaceData]()
         for name, cloud in self.clouds.items():
             of_points = self.normals.get(name), known.relative.get(name), known.least_sigma
-            datasets.append(SurfaceData.of(ball, cloud, self.weights[name], self.half_space, *of_points))
+            datasets.append(SurfaceData.of(sphere, cloud, self.weights[name], self.half_space, *of_points))
         return datasets
 
     @cached_property
     def first_sample(self) -> Subsample:
-        """The points of the first stage, around spheres."""
+        """The points of the first stage, with unit spheres in place of the superquadrics."""
         return Subsample.of(self.datasets, SCHEDULE.first_points, self.options.robust)
 
 
@@ -118,10 +118,11 @@ def refine_tangent(
 
 
 def smooth_box(given: RefinementInput, superquadrics: dict[str, Superquadric]) -> ControlBox:
-    """The box of a refinement without folds at the last possible of `SMOOTH` times the strength of the first stage.
+    """A smooth box without folds: refined at the strength of the first stage times each factor of `SMOOTH` in turn.
 
-    The options have no strength. Folds are not removed: that would amplify rounding as well. Where nothing is possible,
-    it is the box after the first stage.
+    It is the box of the last refinement before one that folds or leaves control points undetermined; where that is the
+    first one, the box after the first stage. Folds are not removed: that would amplify rounding as well. The options
+    must not have a strength.
     """
     l, m, n = shape = check_box(given.options.box)
     first = _Trial.of(given, superquadrics, shape).first
@@ -213,10 +214,10 @@ def _ordered(
     A start that is much nearer to the points undeformed than any is after its first stage comes before it: beside sharp
     edges the correspondence of the first stage can be wrong.
     """
-    # the criterion is minus twice the log evidence, so the least is the best
     trials = [_Trial.of(given, superquadrics, shape) for superquadrics in starts]
     if len(trials) == 1:
         return trials
+    # `best_first` puts the largest value first; the criterion is minus twice the log evidence
     order = best_first(np.array([-trial.first.solution.criterion for trial in trials]))
     undeformed = np.array([trial.undeformed_rms for trial in trials])
     nearest = best_first(-undeformed)[0]
@@ -303,10 +304,11 @@ def _result(attempt: Attempt, warnings: Warnings) -> Result:
 
 
 def sigma_of_distances(refined: Refined) -> float:
-    """Standard deviation of the inliers' distances: `sigma` where all that is known of their noise is true.
+    """Standard deviation of the inliers' distances: sigma sqrt(sum w_i d_i^2 / sum w_i d_i^2 / v_i).
 
-    `sigma` is the standard deviation of points of mean known noise. Where surfaces are farther from well-known
-    points than these permit, as from displaced slices of a mask, it is larger than the distances themselves.
+    d_i are distances to foot points, w_i effective weights, and v_i the known variances relative to their mean. sigma
+    is that of the standardised distances d_i / sqrt(v_i). So where the known variances are right, the result is sigma;
+    where surfaces are far from points that count as well known, as of displaced slices of a mask, sigma is too large.
     """
     if all(data.covariances is None for data in refined.datasets):
         return refined.sigma

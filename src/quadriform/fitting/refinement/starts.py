@@ -14,11 +14,13 @@ from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.superquadric import Superquadric
 
 PAPER_POINTS = 1000
+"""Points of which the paper's criterion is minimised: its time grows with them, and a start need not be precise."""
 LEAST_WALL = 1 / 3
 """Least thickness of the wall between nested superquadrics, as a fraction of the mean thickness of the points' wall."""
 LEAST_ENTRY = 0.1
 """Entries of a unit vector below this are skipped, since their sign may be rounding; some entry is always larger."""
 GRID = 24
+"""Cells along an edge of the grid of an inner surface, whose largest F in the outer one is sought."""
 LONGEST = 2.0
 """A fit with a semi-axis above this many extents of the data has diverged, and is no start."""
 
@@ -81,18 +83,22 @@ def nested_ellipsoids(clouds: Mapping[str, Array]) -> dict[str, Superquadric]:
 def nested(surfaces: dict[str, Superquadric], clouds: Mapping[str, Array]) -> dict[str, Superquadric]:
     """The surfaces; an inner one that leaves too thin a wall to the outermost is replaced by a smaller copy of that.
 
-    Separate fits to open data can touch where there is no data, and no smooth map separates them again. F is of degree
-    one: its median over the inner points, in units of that over the outer ones, is the scale of the copy.
+    Separate fits to open data can touch where there is no data, and no smooth map separates them again. F, the implicit
+    function of the outermost surface (P1), is 1 on it and grows in proportion to the distance from its centre: at a
+    point, F is the scale of the copy through that point. So the inner points have the scale s, the median of F over
+    them divided by that over the outer points, and the mean thickness of the wall is 1 - s. The inner surface comes as
+    near as 1 - max F. The wall is too thin where that is below `LEAST_WALL` (1 - s).
     """
-    # not by the fits, of which an inner one may have diverged, nor by means, which outliers enlarge
-    far = {n: float(np.median(((cloud - np.median(cloud, axis=0)) ** 2).sum(axis=1))) for n, cloud in clouds.items()}
-    outer = max(far, key=far.__getitem__)
-    result = {}
+    # by the median of squared distances from the centre: a fit may have diverged, and outliers enlarge a mean
+    squared_radius = {
+        name: float(np.median(((cloud - np.median(cloud, axis=0)) ** 2).sum(axis=1))) for name, cloud in clouds.items()
+    }
+    outer_name = max(squared_radius, key=squared_radius.__getitem__)
+    outer, result = surfaces[outer_name], {}
     for name, surface in surfaces.items():
-        # F of the outer surface at the inner points is their size in units of it; the median leaves outliers aside
-        level, unit = (np.median(surfaces[outer].implicit(clouds[of])) for of in (name, outer))
-        size = float(level / unit)
-        nearest = surfaces[outer].implicit(surface.grid(GRID)[0]).max()
-        too_thin = name != outer and size < 1 and 1 - nearest < LEAST_WALL * (1 - size)
-        result[name] = replace(surfaces[outer], semi_axes=size * surfaces[outer].semi_axes) if too_thin else surface
+        inner_level, outer_level = (np.median(outer.implicit(clouds[each])) for each in (name, outer_name))
+        scale = float(inner_level / outer_level)
+        largest_level = outer.implicit(surface.grid(GRID)[0]).max()
+        too_thin = name != outer_name and scale < 1 and 1 - largest_level < LEAST_WALL * (1 - scale)
+        result[name] = replace(outer, semi_axes=scale * outer.semi_axes) if too_thin else surface
     return result

@@ -42,7 +42,7 @@ class FoldRemoval:
     """Points along an axis of the lattice on which low determinants are sought where only the proof fails."""
     fine_grid: int = 32
     """Cells along an edge of the grids on the surfaces, in that search."""
-    around: int = 5
+    cluster: int = 5
     """Points along each axis of a cluster around the lowest bound of a determinant, two cells of that lattice wide."""
     strongest: float = 1e3
     """Fold removal begins at this many times the strength, where maps are nearly affine."""
@@ -176,7 +176,7 @@ def remove_folds(
 
 
 def accepted_sigma(before: float) -> float:
-    """The noise, in RMS radii, above which the removal of a fold is no success; `before` is that of the folded fit."""
+    """The largest sigma, in RMS radii, at which the removal of folds succeeds; `before` is that of the folded fit."""
     return max(FOLDS.accepted * before, FOLDS.negligible)
 
 
@@ -204,20 +204,22 @@ def least_regularised(problem: Problem, refined: Refined, surfaces: dict[str, Su
 def without_folds(
     problem: Problem, refined: Refined, surfaces: dict[str, Superquadric], largest_sigma: float
 ) -> Iterator[Refined]:
-    """Refinements that are verified to be free of folds inside the surfaces, with a noise of at most `largest_sigma`.
+    """Up to three certified refinements with a sigma of at most `largest_sigma`, each computed when it is asked for.
 
-    The given one itself if it is; else by fold removal from its box and from the undeformed one: from the latter first
-    where it is self-intersecting, for then its foot points are misleading.
+    First the given refinement, if it is such a one. Then the results of fold removal from two starts, its own box and
+    the undeformed one. Where surfaces cross although data covers them, the undeformed box comes first, because the foot
+    points of the given one are misleading.
     """
     penalty = _penalty(refined, surfaces)
     accepted = refined.sigma <= largest_sigma
     if accepted and penalty.minimum(refined.box) > FOLDS.verifiable and certified(refined.box, surfaces):
         yield refined
-    for undeformed in (True, False) if refined.crosses_though_covered else (False, True):
-        start = _undeformed(refined) if undeformed else refined
+    undeformed_first = refined.crosses_though_covered
+    for is_undeformed in (undeformed_first, not undeformed_first):
+        start = _undeformed(refined) if is_undeformed else refined
         found = _by_decreasing_strength(problem, start, penalty, surfaces, largest_sigma)
         if found is not None:
-            yield with_nearest_foot_points(problem, found, penalty, surfaces)
+            yield _continued_from_nearest(problem, found, penalty, surfaces)
 
 
 def _penalty(refined: Refined, surfaces: Mapping[str, Superquadric]) -> JacobianPenalty:
@@ -250,7 +252,7 @@ def _by_decreasing_strength(
     return None
 
 
-def with_nearest_foot_points(
+def _continued_from_nearest(
     problem: Problem, refined: Refined, penalty: JacobianPenalty, surfaces: dict[str, Superquadric]
 ) -> Refined:
     """The certified refinement, continued from the nearest foot points where the given ones are much farther away.
@@ -306,7 +308,7 @@ def _low_points(box: ControlBox, surfaces: Mapping[str, Superquadric], usual: fl
     inside = [grid_inside(box, list(surfaces.values()), FOLDS.fine_lattice)]
     fine = np.concatenate([*inside, *(surface.grid(FOLDS.fine_grid)[0] for surface in surfaces.values())])
     low = fine[box.jacobian_determinant(fine) < FOLDS.verifiable * usual]
-    steps = np.linspace(-1, 1, FOLDS.around) / FOLDS.fine_lattice
+    steps = np.linspace(-1, 1, FOLDS.cluster) / FOLDS.fine_lattice
     # the proof subdivides cells, so its lowest bound lies between lattice points
     cluster = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3) @ box.edges
     return np.concatenate([jacobian_bound(box, surfaces.values()).where + cluster, low])
