@@ -189,7 +189,7 @@ def refined(sigma, size, half_space=None):
 
 def plain_deviation(model, covariance, half_space=None):
     """The root of the mean of b' C b over the area."""
-    elements, squares, total = Elements.of(model, "surface"), 0.0, 0.0
+    elements, squares, total = Elements.of(model, "surface", None), 0.0, 0.0
     for origin, point, normal, area in zip(elements.origins, elements.points, elements.normals, elements.areas):
         if half_space is not None and (point - half_space[0]) @ half_space[1] > 0:
             continue
@@ -209,7 +209,7 @@ def test_the_deviation_of_a_surface_is_a_mean_over_its_area(at, rng):
 
 
 def test_elements_share_the_area_and_face_outwards():
-    elements = Elements.of(refined(1.0, 0.1).model, "surface")
+    elements = Elements.of(refined(1.0, 0.1).model, "surface", None)
     mesh = BALL.mesh(8)
     corner_share = np.zeros(len(mesh.vertices))
     for face in mesh.faces:

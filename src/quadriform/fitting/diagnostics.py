@@ -234,12 +234,9 @@ def rms_deviation(model: DeformableModel, covariance: Array, half_space: HalfSpa
     """
     squares, total = 0.0, 0.0
     for name in model.surfaces:
-        elements = Elements.of(model, name)
-        areas = elements.areas
-        if half_space is not None:
-            areas = np.where((elements.points - half_space[0]) @ half_space[1] > 0, 0.0, areas)
-        squares += float(areas @ elements.variances(model, covariance))
-        total += float(areas.sum())
+        elements = Elements.of(model, name, half_space)
+        squares += float(elements.areas @ elements.variances(model, covariance))
+        total += float(elements.areas.sum())
     return float(np.sqrt(squares / total)) if total else 0.0
 
 

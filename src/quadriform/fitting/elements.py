@@ -20,7 +20,7 @@ class Elements:
         origins: (m, 3), on the undeformed surface.
         points: (m, 3), on the surface.
         normals: (m, 3), unit.
-        areas: (m,).
+        areas: (m,), zero where no data is expected.
     """
 
     origins: Array
@@ -29,13 +29,16 @@ class Elements:
     areas: Array
 
     @classmethod
-    def of(cls, model: DeformableModel, name: str) -> "Elements":
-        """The elements of a surface, given by name."""
+    def of(cls, model: DeformableModel, name: str, half_space: tuple[Array, Array] | None) -> "Elements":
+        """The elements of a surface, given by name; `half_space` (point, direction) is where no data is expected."""
         origins, quads = model.surfaces[name].grid(RESOLUTION)
         mesh = Mesh(model.box.deform(origins), split_quads(quads, origins))
         vectors = np.zeros_like(origins)  # a triangle is shared among its corners
         np.add.at(vectors, mesh.faces.ravel(), np.repeat(mesh.area_vectors() / 3, 3, axis=0))
-        return cls(origins, mesh.vertices, unit_vectors(vectors), lengths(vectors))
+        areas = lengths(vectors)
+        if half_space is not None:
+            areas[(mesh.vertices - half_space[0]) @ half_space[1] > 0] = 0.0
+        return cls(origins, mesh.vertices, unit_vectors(vectors), areas)
 
     def variances(self, model: DeformableModel, covariance: Array) -> Array:
         """Variances (m,) along the normals by the covariance C (3 k, 3 k) of the control points: b' C b, b = B n."""

@@ -81,10 +81,8 @@ def open_deviations(result: Result, support: Mapping[str, Support], feet: Mappin
     found, covariance = dict[str, float](), result.covariance
     for name, surface in open_surfaces(result, support, feet, Frame(np.zeros(3), 1.0)).items():
         if support[name].within < MOSTLY_SUPPORTED and covariance is not None:
-            elements = Elements.of(result.model, name)
+            elements = Elements.of(result.model, name, result.half_space)
             areas = elements.areas * surface.is_open(elements.points)
-            if result.half_space is not None:
-                areas *= (elements.points - result.half_space[0]) @ result.half_space[1] <= 0
             squares = elements.variances(result.model, covariance) + surface.variances(elements.points)
             found[name] = float(np.sqrt(areas @ squares / areas.sum())) if areas.any() else 0.0
     return found

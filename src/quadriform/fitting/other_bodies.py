@@ -5,7 +5,6 @@ These are connected to the body: some of their points are as near to it as its o
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,16 +18,9 @@ from quadriform.points import Array
 Masks = dict[str, NDArray[np.bool_]]
 
 
-@dataclass(frozen=True)
-class OtherBodySettings:
-    """The constants of what is connected to a body."""
-
-    least: float = 0.01
-    """Least fraction of the points of an elongated part of the body that are near the rest of it; of a table or a
-    neighbour that touches the body fewer are."""
-
-
-OTHERS = OtherBodySettings()
+LEAST_NEAR = 0.01
+"""Least fraction of the points of an elongated part of the body that are near the rest of it; of a table or a neighbour
+that touches the body fewer are."""
 
 
 def points_of_others(clouds: Mapping[str, Array], starts: Mapping[str, SuperquadricFit]) -> Masks:
@@ -58,5 +50,5 @@ def _of_one(name: str, clouds: Mapping[str, Array], starts: Mapping[str, Superqu
     # outliers within the limit of each other are one part; it belongs to the body if enough of it is near the inliers
     part = components(others, limit)
     begins = np.bincount(part, cKDTree(body).query(others)[0] <= limit) / np.bincount(part)
-    found[outliers] = begins[part] < OTHERS.least
+    found[outliers] = begins[part] < LEAST_NEAR
     return found

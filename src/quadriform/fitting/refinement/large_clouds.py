@@ -217,8 +217,9 @@ def on_all(
     base, surfaces = local.landmarks.base, []
     half_space = None if base is None else (base.point, base.direction)
     for name, cloud in clouds.items():
-        some = local.surfaces[name], sample.points[name], sample.weights[name]
-        data = SurfaceData.of(*some, half_space, None, known.relative.get(name), known.least_sigma)
+        surface, some, some_weights = local.surfaces[name], sample.points[name], sample.weights[name]
+        covariances, least = known.relative.get(name), known.least_sigma
+        data = SurfaceData.of(surface, some, some_weights, half_space, None, covariances, least)
         data = data.with_nearest_foot_points(local.box)
         # the weights of the sample have mean one
         scaled = weights[name] if sample.mean_weight == 1 else weights[name] / sample.mean_weight

@@ -81,8 +81,9 @@ class RefinementInput:
         """The data of each surface, with a unit sphere in place of its superquadric until there are starts."""
         known, sphere, datasets = self.noise, Superquadric(), list[SurfaceData]()
         for name, cloud in self.clouds.items():
-            of_points = self.normals.get(name), known.relative.get(name), known.least_sigma
-            datasets.append(SurfaceData.of(sphere, cloud, self.weights[name], self.half_space, *of_points))
+            normals, covariances, least = self.normals.get(name), known.relative.get(name), known.least_sigma
+            weights, half_space = self.weights[name], self.half_space
+            datasets.append(SurfaceData.of(sphere, cloud, weights, half_space, normals, covariances, least))
         return datasets
 
     @cached_property

@@ -108,8 +108,9 @@ class SurfaceData:
             order = order[dense_points(self.points)[order]]
         chosen = evenly_spread(order, count)
         normals, covariances = (None if each is None else each[chosen] for each in (self.normals, self.covariances))
-        some = self.superquadric, self.points[chosen], self.weights[chosen]
-        return SurfaceData.of(*some, self.half_space, normals, covariances, self.least_sigma)
+        points, weights = self.points[chosen], self.weights[chosen]
+        half_space, least = self.half_space, self.least_sigma
+        return SurfaceData.of(self.superquadric, points, weights, half_space, normals, covariances, least)
 
     def with_superquadric(self, superquadric: Superquadric) -> "SurfaceData":
         """The data of another superquadric with the same points."""
