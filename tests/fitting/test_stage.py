@@ -15,6 +15,7 @@ from quadriform.fitting.refinement.stage import (
     Refined,
     Report,
     Stage,
+    StoppingRule,
     independent_fraction,
     tangential_steps,
 )
@@ -47,15 +48,15 @@ def test_at_first_the_noise_is_that_of_the_median_distance_of_all_surfaces():
     sigma = 1.4826 * np.median(distances)
     robust, plain = (replace(stage(1, 0.0)[0].problem, robust=each) for each in (True, False))
     for noise, used in ((None, sigma), (0.3, 0.3)):
-        for found, each in zip(robust.weighted(BOX, of, noise), of):
+        for found, each in zip(robust.weighting.weighted(BOX, of, noise), of):
             np.testing.assert_array_equal(found.inliers, each.weighted(each.standardised_distances(BOX), used).inliers)
-    assert plain.weighted(BOX, of, None) is of
+    assert plain.weighting.weighted(BOX, of, None) is of
 
 
 def stage(rounds, motion, strength=1e-3):
     log = []
     problem = Problem(BOX, probes([SURFACE]), "bending", strength, False, Report(lambda *of: log.append(of), 9))
-    return Stage(problem, tangential_steps, rounds, motion), log
+    return Stage(problem, tangential_steps, problem.weighting, StoppingRule(rounds, motion)), log
 
 
 def test_a_stage_ends_after_its_rounds_or_where_the_surface_is_still():

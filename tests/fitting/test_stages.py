@@ -1,6 +1,5 @@
 """Stages of the refinement: steps return new states, and stopping rules end them."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,10 +8,13 @@ from shapes_made import even_directions
 
 from quadriform.fitting.refinement import stages
 from quadriform.fitting.refinement.stage import (
+    FixedWeights,
     InitialState,
+    MixtureWeights,
     Problem,
     Report,
     Stage,
+    StoppingRule,
     nearest_foot_points,
     tangential_steps,
 )
@@ -36,10 +38,10 @@ def start(problem):
 
 
 @pytest.mark.parametrize("foot_points", [tangential_steps, nearest_foot_points])
-@pytest.mark.parametrize("robust", [False, True])
-def test_a_step_leaves_its_state_as_it_was(problem, start, foot_points, robust):
+@pytest.mark.parametrize("weighting", [FixedWeights(), MixtureWeights()])
+def test_a_step_leaves_its_state_as_it_was(problem, start, foot_points, weighting):
     """Old design: foot points and inliers of the caller changed, so that the order of calls mattered."""
-    stage, (data,) = Stage(replace(problem, robust=robust), foot_points), start.datasets
+    stage, (data,) = Stage(problem, foot_points, weighting), start.datasets
     origins, inliers = data.origins.copy(), data.inliers.copy()
     one, other = stage.step(start), stage.step(start)
     np.testing.assert_array_equal(one.box.control_points, other.box.control_points)
@@ -49,7 +51,7 @@ def test_a_step_leaves_its_state_as_it_was(problem, start, foot_points, robust):
 
 
 def test_a_stage_ends_by_its_motion_or_after_its_rounds(problem, start):
-    made = [Stage(problem, tangential_steps, 5, motion) for motion in (0.0, np.inf)]
+    made = [Stage(problem, tangential_steps, stop=StoppingRule(5, motion)) for motion in (0.0, np.inf)]
     assert [len(stage.run(start).history) for stage in made] == [5, 1]
 
 
@@ -57,7 +59,7 @@ def test_rounds_are_counted_for_the_caller(problem, start):
     counts = []
     report = Report(lambda done, total: counts.append((done, total)), 7)
     problem = Problem(problem.box, problem.probes, "bending", None, False, report)
-    Stage(problem, tangential_steps, 3).run(start)
+    Stage(problem, tangential_steps, stop=StoppingRule(3)).run(start)
     assert counts == [(1, 7), (2, 7), (3, 7)]
 
 

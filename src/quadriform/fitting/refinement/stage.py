@@ -182,6 +182,52 @@ class FacingPairs:
         return tuple(result), tuple(attractions)
 
 
+class WeightingRule(Protocol):
+    """A rule for the inlier probabilities: the robust kernel."""
+
+    def weighted(self, box: ControlBox, datasets: Datasets, sigma: float | None) -> Datasets:
+        """Data with the inlier probabilities at a sigma of the residuals; None where it is not known."""
+
+
+class FixedWeights:
+    """Inlier probabilities that are not updated; at first they are one."""
+
+    def weighted(self, box: ControlBox, datasets: Datasets, sigma: float | None) -> Datasets:
+        """The same data."""
+        return datasets
+
+
+class MixtureWeights:
+    """Inlier probabilities by a mixture of Gaussian inliers and uniform outliers."""
+
+    def weighted(self, box: ControlBox, datasets: Datasets, sigma: float | None) -> Datasets:
+        """Data with the probabilities at a sigma; a sigma of None stands for an estimate from the median distance."""
+        if sigma is None:  # of all surfaces together: a median is no estimate for a surface of outliers alone
+            distances = [data.standardised_distances(box) for data in datasets]
+            sigma = MAD_TO_SIGMA * float(np.median(np.concatenate(distances)))
+        return tuple(data.with_inliers(box, sigma) for data in datasets)
+
+
+@dataclass(frozen=True)
+class StoppingRule:
+    """When a stage ends.
+
+    Attributes:
+        rounds: after so many.
+        motion: earlier where the RMS motion of the surface in a round is below this fraction of sigma.
+    """
+
+    rounds: int
+    motion: float = 0.0
+
+    def converged(self, state: Refined) -> bool:
+        """Whether the surface moved less in the last round."""
+        return state.history[-1].surface_motion < self.motion * state.sigma
+
+
+ONCE, FIXED = StoppingRule(1), FixedWeights()
+
+
 def independent_fraction(datasets: Datasets, fitted: ControlBox | None, least: float) -> float:
     """Effective number of independent points over the number of all points, in (0, 1].
 
@@ -226,7 +272,7 @@ class Problem:
         regularity: name or object.
         strength: alpha, the weight of the regulariser per data point; None for that of the largest marginal likelihood,
             or a smaller one by left-out patches (`stages.py`).
-        robust: whether outliers are down-weighted: inlier probabilities are updated in each round.
+        robust: whether outliers are down-weighted.
         report: of the rounds.
         least_sigma: lower bound of sigma, the standard deviation of the residuals.
     """
@@ -244,17 +290,10 @@ class Problem:
         """The number of coordinates of the control points."""
         return float(self.box.rest.size)
 
-    def weighted(self, box: ControlBox, datasets: Datasets, sigma: float | None) -> Datasets:
-        """Data with the inlier probabilities at a sigma of the inliers; as it is unless the problem is `robust`.
-
-        A sigma of None stands for an estimate from the median distance.
-        """
-        if not self.robust:
-            return datasets
-        if sigma is None:  # of all surfaces together: a median is no estimate for a surface of outliers alone
-            distances = [data.standardised_distances(box) for data in datasets]
-            sigma = MAD_TO_SIGMA * float(np.median(np.concatenate(distances)))
-        return tuple(data.with_inliers(box, sigma) for data in datasets)
+    @property
+    def weighting(self) -> WeightingRule:
+        """The rule for the inlier probabilities in the fine stage; coarse stages keep those of their data."""
+        return MixtureWeights() if self.robust else FixedWeights()
 
     def linear_problem(
         self, datasets: Datasets, attractions: Attractions, box: ControlBox, effective_fraction: float
@@ -302,27 +341,27 @@ class Problem:
 
 @dataclass(frozen=True)
 class Stage:
-    """Rounds with one update of the foot points.
+    """Rounds with one update of the foot points and one weighting rule until a stopping rule is met.
 
     Attributes:
         problem: what the stages have in common.
         foot_points: the update of the foot points.
-        rounds: at most so many.
-        motion: a stage ends earlier when the RMS motion of the surface is below this fraction of sigma.
+        weighting: the rule for the inlier probabilities.
+        stop: the stopping rule.
         correlated: whether points count by `independent_fraction`; else each counts as independent.
     """
 
     problem: Problem
     foot_points: FootPointUpdate
-    rounds: int = 1
-    motion: float = 0.0
+    weighting: WeightingRule = FIXED
+    stop: StoppingRule = ONCE
     correlated: bool = False
 
     def step(self, state: InitialState | Refined) -> Refined:
         """The state after one round."""
         problem, box = self.problem, state.box
         datasets, attractions = self.foot_points(box, state.datasets)
-        datasets = problem.weighted(box, datasets, state.sigma)
+        datasets = self.weighting.weighted(box, datasets, state.sigma)
         if state.sigma is not None:
             datasets = with_excess(datasets, [box] * len(datasets))
         fitted = None if state.solution is None else box
@@ -332,10 +371,10 @@ class Stage:
         return problem.recorded(box, Refined(displaced(box, solution), datasets, solution, state.history))
 
     def run(self, start: InitialState | Refined) -> Refined:
-        """The state after the last round."""
+        """The state when the stopping rule is met."""
         state = self.step(start)
-        for _ in range(self.rounds - 1):
-            if state.history[-1].surface_motion < self.motion * state.sigma:
+        for _ in range(self.stop.rounds - 1):
+            if self.stop.converged(state):
                 break
             state = self.step(state)
         return state

@@ -15,6 +15,7 @@ from quadriform.fitting.refinement.stage import (
     Problem,
     Refined,
     Stage,
+    StoppingRule,
     nearest_foot_points,
     tangential_steps,
 )
@@ -55,7 +56,7 @@ def coarse_stages(problem: Problem, first: Refined, sample: Subsample, correlate
         found = _coarse_stage(problem, box.elevate((l - 1, m - 1, n - 1)), sample, history, correlated)
         box, history = found.box, found.history
     # from no solution, for its strength would be that of data and attractions
-    last = Stage(_unweighted(problem), tangential_steps, correlated=correlated)
+    last = Stage(problem, tangential_steps, correlated=correlated)
     return last.step(InitialState(box, found.datasets, history=history))
 
 
@@ -66,14 +67,9 @@ def _coarse_stage(
     history: tuple[Iteration, ...],
     correlated: bool = False,
 ) -> Refined:
-    update, rounds, motion = FacingPairs.of(sample).update, SCHEDULE.coarse_rounds, SCHEDULE.coarse_motion
-    stage = Stage(_unweighted(problem), update, rounds, motion, correlated)
+    update, stop = FacingPairs.of(sample).update, StoppingRule(SCHEDULE.coarse_rounds, SCHEDULE.coarse_motion)
+    stage = Stage(problem, update, stop=stop, correlated=correlated)
     return stage.run(InitialState(box, sample.datasets, history=history))
-
-
-def _unweighted(problem: Problem) -> Problem:
-    """The problem of the coarse stages, which keep the inlier probabilities of their data: one for each point."""
-    return replace(problem, robust=False)
 
 
 def warm_start(
@@ -82,7 +78,7 @@ def warm_start(
     """The state after one round on few points from a given box, in place of the coarse stages."""
     chosen = tuple(data.subsample(SCHEDULE.coarse_points, problem.robust) for data in datasets)
     solution, history = (None, ()) if before is None else (before.solution, before.history)
-    return Stage(_unweighted(problem), nearest_foot_points).step(InitialState(box, chosen, solution, history))
+    return Stage(problem, nearest_foot_points).step(InitialState(box, chosen, solution, history))
 
 
 def all_coarse_stages(problem: Problem, first: Refined, datasets: Sequence[SurfaceData]) -> Refined:
@@ -155,7 +151,9 @@ def _with_details(problem: Problem, found: Refined) -> Refined:
 
 
 def _stage(problem: Problem, rounds: int) -> Stage:
-    return Stage(problem, tangential_steps, rounds, SCHEDULE.fine_motion, correlated=True)
+    return Stage(
+        problem, tangential_steps, problem.weighting, StoppingRule(rounds, SCHEDULE.fine_motion), correlated=True
+    )
 
 
 def _on_points(

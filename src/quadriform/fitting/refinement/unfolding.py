@@ -192,7 +192,7 @@ def least_regularised(problem: Problem, refined: Refined, surfaces: dict[str, Su
     # one strength a decade: each map begins near that of the last
     decades = int(np.ceil(np.log10(FOLDS.affine / refined.solution.strength)))
     for strength in np.geomspace(FOLDS.affine, refined.solution.strength, max(decades, 0) + 1):
-        unfolded = replace(unfolded, datasets=problem.weighted(unfolded.box, unfolded.datasets, None))
+        unfolded = replace(unfolded, datasets=problem.weighting.weighted(unfolded.box, unfolded.datasets, None))
         unfolded, above = _after_penalised_rounds(problem, unfolded, penalty, float(strength))
         if not above or not certified(unfolded.box, surfaces):
             break
@@ -264,7 +264,7 @@ def _continued_from_nearest(
         renewed = refined.nearest()
         if _misfit(renewed) > FOLDS.not_nearer * _misfit(refined):
             return refined
-        renewed = replace(renewed, datasets=problem.weighted(renewed.box, renewed.datasets, refined.sigma))
+        renewed = replace(renewed, datasets=problem.weighting.weighted(renewed.box, renewed.datasets, refined.sigma))
         strength, sigma = refined.solution.strength, refined.sigma
         penalised, _ = _after_penalised_rounds(problem, renewed, penalty, strength)
         unfolded = remove_folds(problem.penalised, penalised, penalty, strength, surfaces, sigma)
