@@ -220,6 +220,10 @@ def test_a_changed_option_or_file_is_processed_again(tmp_path):
     run(cohort, out, one_thread, CHOICES)
     again = replace(CHOICES, resume=True)
     assert run(cohort, out, one_thread, again).counts == {"kept": 2}
+    record = out / "subjects" / "person00" / "record.json"
+    older = {**json.loads(record.read_text(encoding="utf-8")), "version": subject.VERSION - 1}
+    record.write_text(json.dumps(older), encoding="utf-8")
+    assert run(cohort, out, one_thread, again).counts == {"kept": 1, "fitted": 1}
     cloud = tmp_path / "clouds" / "person01" / "0.npy"
     np.save(cloud, 1.01 * np.load(cloud))
     assert run(cohort, out, one_thread, again).counts == {"kept": 1, "fitted": 1}

@@ -81,6 +81,10 @@ def test_files_for_each_wall(one, tmp_path):
             np.save(tmp_path / f"{name}{frame}.npy", HEART.surface_points(name, 0.4 * frame, 60))
     found = one("a,,epi=epi*.npy;endo=endo*.npy", shared=layout(surfaces=("epi", "endo")))
     assert found.failure is None and found.parameters.control_points.shape == (2, 3, 3, 3, 3)
+    for name in ("endo", "epi"):
+        np.save(tmp_path / f"{name}4.npy", HEART.surface_points(name, 0.2, 60))
+    later = one("a,,epi=epi*.npy;endo=endo*.npy", shared=layout(surfaces=("epi", "endo"), frames=3))
+    assert later.parameters.time.tolist() == [0, 1, 4]
     (tmp_path / "epi1.npy").unlink()
     again = one("a,,epi=epi*.npy;endo=endo*.npy", shared=layout(surfaces=("epi", "endo")))
     assert again.failure.kind == "InputError" and "as many files" in again.failure.error

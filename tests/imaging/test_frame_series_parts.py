@@ -186,5 +186,5 @@ def test_frames_of_an_image_are_asked_for_by_number(monkeypatch, count, asked):
 @pytest.mark.parametrize(("count", "notes"), [(1, 0), (2, 1), (3, 1)])
 def test_the_order_of_several_files_is_noted(count, notes):
     frames = FrameSeries()
-    frame_series._note_order(frames, [Path(f"frame_{n}.csv") for n in range(count)])
+    frame_series.note_order(frames, [Path(f"frame_{n}.csv") for n in range(count)])
     assert len(frames.notes) == notes and all(note.startswith(f"{count} files") for note in frames.notes)

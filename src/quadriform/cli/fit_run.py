@@ -33,7 +33,7 @@ from quadriform.imaging.file_points import (
     space_to_write,
     without_folders,
 )
-from quadriform.imaging.fit_files import fit_sources
+from quadriform.imaging.fit_files import fit_sources, with_base
 from quadriform.imaging.ventricle_files import Heart, read_ventricle
 from quadriform.point_sets import ALONE
 from quadriform.shapes.landmarks import Landmarks
@@ -186,7 +186,7 @@ def _run(job: Job, options: Mapping[str, Any], common: Common) -> Record:
     begin = time.perf_counter()
     with named_in_errors(*job.files):
         sources, landmarks = _read(job, options.get("base"))
-        options = _with_base(options, landmarks)
+        options = with_base(options, None if landmarks is None else landmarks.base)
         assumed = [text for source in sources.values() for text in source.notes]
         for text in dict.fromkeys(assumed):
             note(text)
@@ -210,14 +210,6 @@ def _read(job: Job, base: Any) -> tuple[dict[str, Source], Landmarks | None]:
     path, image = next(iter(job.sources.values()))
     found = read_ventricle(path, job.heart, image, base)
     return found.surfaces, found.landmarks
-
-
-def _with_base(options: Mapping[str, Any], landmarks: Landmarks | None) -> dict[str, Any]:
-    """The options with the base of a ventricle; the paper's method has none, its points end there all the same."""
-    if landmarks is None or landmarks.base is None or options.get("method") == "paper":
-        return dict(options)
-    # plain numbers, which the page lists
-    return {**options, "base": (landmarks.base.point.tolist(), landmarks.base.direction.tolist())}
 
 
 def _write(job: Job, found: Fit, page: bytes, force: bool) -> None:

@@ -29,10 +29,11 @@ from quadriform.files.strict import Field
 from quadriform.fitting.fit import fit
 from quadriform.fitting.result import Fit
 from quadriform.imaging.file_points import files_of, input_files, without_folders
+from quadriform.imaging.fit_files import with_base
 from quadriform.imaging.frame_series import FrameSeries, keep_slices
 from quadriform.motion.tracking import Track, track
-from quadriform.point_sets import ALONE
 from quadriform.points import Array
+from quadriform.shapes.landmarks import NONE_KNOWN
 from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
@@ -40,8 +41,9 @@ from quadriform.shapes.record import ModelRecord
 
 MODEL, RECORD = "model.json", "record.json"
 FORMAT = "quadriform-cohort-record"
-VERSION = 2
-"""Since 2 with the sentences of warnings, and with notes; subjects with older records are processed again."""
+VERSION = 3
+"""Of a record; subjects with older ones are processed again. Since 2 with the sentences of warnings, and with notes;
+since 3 a single frame is fitted with all that its files state about the points."""
 ONE_FRAME = ("method", "iterations")
 SEVERAL_FRAMES = ("strategy", "period", "shift_slices")
 """Options that apply only to subjects of one frame, or of several."""
@@ -182,16 +184,17 @@ def _work(task: Task) -> Outcome:
 
 def _fitted_or_tracked(frames: FrameSeries, task: Task) -> tuple[AnyModel, tuple[Measure, ...]]:
     options = {name: value for name, value in task.row.options if name not in READING}
-    several = len(frames.clouds) > 1  # one frame is fitted, several are tracked
+    several = len(frames.sets) > 1  # one frame is fitted, several are tracked
     for name in ONE_FRAME if several else SEVERAL_FRAMES:
         options.pop(name, None)  # an option of the cohort that does not apply to this subject
     return (_tracked if several else _fitted)(frames, task, options)
 
 
 def _fitted(frames: FrameSeries, task: Task, options: dict[str, Any]) -> tuple[AnyModel, tuple[Measure, ...]]:
-    clouds = frames.clouds[0]
-    found = _with_reading(fit(clouds[ALONE] if clouds.keys() == {ALONE} else clouds, **options), frames)
-    model = _with_metadata(found.model, frames, task.layout)
+    landmarks = frames.landmarks[0] if frames.landmarks else NONE_KNOWN
+    found = _with_reading(fit(frames.sets[0], **with_base(options, landmarks.base)), frames)
+    model = _with_metadata(replace(found.model, landmarks=landmarks), frames, task.layout)
+    model = replace(found, model=model).with_estimates().model
     about = {"points": found.n_points, "rms": found.rms, "noise": found.noise}
     return model, measures_of([model], np.zeros(1), [found.rms], about, model.record)
 

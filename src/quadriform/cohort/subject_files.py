@@ -10,7 +10,7 @@ from quadriform.errors import InputError
 from quadriform.files.frame_numbers import frame_numbers, natural
 from quadriform.files.guide_points import is_guide_points, read_guide_point_frames
 from quadriform.imaging.file_points import ImageOptions, files_of, kind_of, read_source, space_and_unit_of
-from quadriform.imaging.frame_series import FrameSeries, frame_files, read_frames
+from quadriform.imaging.frame_series import FrameSeries, frame_files, note_order, read_frames
 from quadriform.point_sets import ALONE
 
 
@@ -92,6 +92,7 @@ def read_subject(row: Row, folder: Path) -> tuple[FrameSeries, list[Path]]:
         frames, options = FrameSeries(), ImageOptions(affine=row.reading["affine"], columns=row.reading["columns"])
         for files in zip(*found.values()):
             frames.add_sources({name: read_source(file, options) for name, file in zip(found, files)})
+        note_order(frames, next(iter(found.values())))
     every = [file for files in found.values() for path in files for file in files_of(path)]
     return frames, list(dict.fromkeys(every))
 

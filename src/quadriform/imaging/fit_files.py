@@ -27,6 +27,7 @@ from quadriform.imaging.file_points import (
     without_folders,
 )
 from quadriform.point_sets import ALONE
+from quadriform.shapes.landmarks import BasePlane
 from quadriform.shapes.mesh import Mesh
 
 Input = ArrayLike | Mesh | PathLike | Mapping[str, ArrayLike | Mesh] | Mapping[str, PathLike]
@@ -136,6 +137,14 @@ def fit_sources(files: Files, sources: Mapping[str, Source], options: Mapping[st
     model = replace(found.model, space=space, unit=unit, input_sha256=sha256, record=record)
     warnings = join_warnings(*(source.warnings for source in sources.values()), found.warnings)
     return replace(found, model=model, warnings=warnings).with_estimates()
+
+
+def with_base(options: Mapping[str, Any], base: BasePlane | None) -> dict[str, Any]:
+    """Return the options of a fit with the base of a ventricle; the paper's method has none, its points end there."""
+    if base is None or options.get("method") == "paper":
+        return dict(options)
+    # plain numbers, which pages list
+    return {**options, "base": (base.point.tolist(), base.direction.tolist())}
 
 
 def _path_by_name(points: Any) -> dict[str, Path]:

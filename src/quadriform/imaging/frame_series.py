@@ -185,11 +185,11 @@ def read_frames(
             frames.add_sources({ALONE: read_source(file, ImageOptions(columns=columns))})
     if heart is not None:
         _check_ends(frames)
-    _note_order(frames, files)
+    note_order(frames, files)
     return frames
 
 
-def _note_order(frames: FrameSeries, files: Sequence[Path]) -> None:
+def note_order(frames: FrameSeries, files: Sequence[Path]) -> None:
     """Note the order of several files; missing numbers in their names determine the times."""
     if len(files) < 2:
         return
