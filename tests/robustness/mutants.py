@@ -92,8 +92,8 @@ MUTANTS = [
     Mutant(
         "surface without data",
         "fitting/support.py",
-        "supported = distances <= limit",
-        "supported = distances < np.inf",
+        "supported, slices = distances <= limit,",
+        "supported, slices = distances < np.inf,",
         "fitting/test_support.py",
     ),
     Mutant(
@@ -201,7 +201,7 @@ MUTANTS = [
     Mutant(
         "fields that no model has",
         "files/models.py",
-        "root.only((*body, *(FIELDS if has_record else ()), *([LANDMARKS] if has_landmarks else ())))",
+        "root.only((*body, *record, *([LANDMARKS] if version >= landmarks_since else ())))",
         "pass",
         "files/test_models.py",
     ),
