@@ -77,6 +77,11 @@ def csv_bytes(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> bytes:
     return stream.getvalue().encode("utf-8", "backslashreplace")
 
 
+def after_number(unit: str) -> str:
+    """The unit as it stands behind a number: nothing where it is not known."""
+    return "" if unit == "unknown" else f" {unit}"
+
+
 def listed(values: Iterable[float]) -> str:
     """Numbers of four digits between commas."""
     return ", ".join(f"{value:.4g}" for value in values)

@@ -1,13 +1,16 @@
 """The files of a subject give the same model, status, warnings and notes in a cohort as alone."""
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 
 import nibabel
 import numpy as np
 import pytest
+from cohort_made import needs
 
 import quadriform as qf
 from quadriform.cli.main import main
+from quadriform.cohort import executors
 from quadriform.cohort.layout import Layout
 from quadriform.cohort.manifest import read_manifest
 from quadriform.cohort.subject import Task, work
@@ -19,6 +22,13 @@ pytestmark = pytest.mark.usefixtures("blank_figures")
 HEART = SyntheticVentricle()
 OPTIONS = {"box": (3, 3, 3)}
 LABELS = ("epi=label:1+2", "endo=label:2")
+HEARTS = ("endo=label:2", "epi=label:1+2")
+SPACING, CENTRE = np.array([2.0, 2.0, 4.0]), np.array([30.0, 30.0, 40.0])
+"""Of the voxels of ventricles, and of their ellipsoids from the corner of the first voxel."""
+CAVITY = np.array([18.0, 17.0, 32.0])
+"""Semi-axes of a cavity."""
+FACE = 54.0
+"""Height of the upper face of the last slice in the world, where the centre of the first voxel is at 0."""
 
 
 @pytest.fixture
@@ -26,9 +36,9 @@ def documents(tmp_path, monkeypatch):
     """The contents of the model files that a cohort of one subject and the subcommand `alone` write."""
     monkeypatch.chdir(tmp_path)
 
-    def both(alone, inputs, *words, surface=""):
+    def both(alone, inputs, *words, surface="", heart=""):
         path = tmp_path / "list.csv"
-        path.write_text(f"id,input,surface\na,{';'.join(inputs)},{surface}\n", encoding="utf-8")
+        path.write_text(f"id,input,surface,heart\na,{';'.join(inputs)},{surface},{heart}\n", encoding="utf-8")
         row = next(read_manifest(path, OPTIONS).rows())
         about = inspect_files(row, tmp_path)
         layout = Layout(1, "", about.frames, about.surfaces, (3, 3, 3), about.space, about.unit, 1, 1)
@@ -56,6 +66,19 @@ def saved(labels, path, spacing=(1.5, 1.5, 4.0)):
     nibabel.save(image, path)
 
 
+def ventricle(scale):
+    """Labels of a cavity (2) and a wall (1), ellipsoids that end with the image at FACE, in voxels of 2 x 2 x 4 mm."""
+    at = np.moveaxis(np.indices((30, 30, 14)), 0, -1) * SPACING + 0.5 * SPACING - CENTRE
+    inside = [((at / axes) ** 2).sum(axis=-1) < 1 for axes in (scale * (CAVITY + 6), scale * CAVITY)]
+    return sum(inside).astype(np.uint8)
+
+
+def below_face(scale):
+    """Volume in ml of this cavity, by integration of the areas of its sections."""
+    (a, b, c), height = scale * CAVITY, 56 - CENTRE[2]
+    return np.pi * a * b * (height - height**3 / (3 * c**2) + 2 * c / 3) / 1000
+
+
 def balls(outer=8.0, wall=3.0):
     """Labels of a ball (2) and a wall around it (1), in voxels of 1.5 x 1.5 x 4."""
     i, j, k = np.indices((24, 24, 10))
@@ -68,6 +91,43 @@ def test_a_label_image_is_fitted_with_the_noise_of_its_voxels(documents, tmp_pat
     saved(balls(), tmp_path / "labels.nii.gz")
     words = [word for each in surfaces for word in ("--surface", each)]
     assert_same(*documents("fit", ["labels.nii.gz"], *words, surface=";".join(surfaces)))
+
+
+@pytest.mark.parametrize("alone", ["fit", "track"])
+def test_ventricles_of_label_images_end_at_their_base(documents, tmp_path, alone):
+    frames = [ventricle(1.0), ventricle(0.8)]
+    saved(frames[0] if alone == "fit" else np.stack(frames, axis=-1), tmp_path / "labels.nii.gz", SPACING)
+    words = [word for each in HEARTS for word in ("--heart", each)]
+    found, same = documents(alone, ["labels.nii.gz"], *words, heart=";".join(HEARTS))
+    first = same["landmarks"][0] if alone == "track" else same["landmarks"]
+    assert first["base"]["point"][2] == FACE
+    assert_same(found, same)
+
+
+@needs("zarr", "pyarrow")
+def test_volumes_and_ejection_fraction_count_below_the_base(tmp_path, monkeypatch, capsys):
+    """In the table of measures and on the page, as known in closed form; with other labels `--resume` keeps nothing."""
+    from pyarrow import parquet
+
+    saved(np.stack([ventricle(1.0), ventricle(0.8)], axis=-1), tmp_path / "labels.nii.gz", SPACING)
+    (tmp_path / "list.csv").write_text("id,input\na,labels.nii.gz\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(executors, "processes", lambda count: executors.from_executor(ThreadPoolExecutor(1), 1))
+    words = ["cohort", "list.csv", "-o", "out", "--set", "box=3,3,3"]
+    both = [word for each in HEARTS for word in ("--heart", each)]
+    assert main([*words, *both]) == 0
+    table = parquet.read_table(tmp_path / "out" / "metrics").to_pylist()
+    values = {row["quantity"]: row["value"] for row in table if row["frame"] is None}
+    full, empty = below_face(1.0), below_face(0.8)
+    assert values["end-diastolic volume"] == pytest.approx(full, rel=0.03)
+    assert values["end-systolic volume"] == pytest.approx(empty, rel=0.03)
+    assert values["ejection fraction"] == pytest.approx(100 * (1 - empty / full), abs=1.5)
+    page = (tmp_path / "out" / "cohort.html").read_text(encoding="utf-8")
+    assert all(f"{values[name]:.4g}</td>" in page for name in ("end-diastolic volume", "ejection fraction"))
+    capsys.readouterr()
+    for heart, counted in ((both, "kept"), (("--heart", "endo=label:7"), "failed")):
+        assert main([*words, *heart, "--resume", "--json"]) == (7 if counted == "failed" else 0)
+        assert json.loads(capsys.readouterr().out)[counted] == 1
 
 
 def test_a_mesh_is_fitted_with_its_body(documents, tmp_path):

@@ -4,6 +4,8 @@ import pytest
 
 from quadriform.cohort.manifest import option, read_manifest
 from quadriform.errors import FileFormatError, InputError, OptionError
+from quadriform.imaging.object_choice import Labels
+from quadriform.imaging.ventricle_files import LabelledHeart
 
 
 @pytest.fixture
@@ -31,6 +33,19 @@ def test_a_row_defines_a_subject(write):
 def test_options_of_the_whole_cohort_give_way_to_those_of_a_row(write):
     listed = read_manifest(write("id,input,strategy\na,a.ply,previous\nb,b.ply,\n"), {"strategy": "cycle"})
     assert [dict(row.options)["strategy"] for row in listed.rows()] == ["previous", "cycle"]
+
+
+def test_ventricles_are_those_of_the_row_or_of_the_whole_cohort(write):
+    path = write("id,input,heart\na,a.nii,endo=label:3;epi=label:2+3\nb,b.nii,\n")
+    hearts = [row.reading["heart"] for row in read_manifest(path, {"heart": option("heart", "endo=label:1")}).rows()]
+    assert hearts == [LabelledHeart(Labels((3,)), Labels((2, 3))), LabelledHeart(Labels((1,)))]
+
+
+@pytest.mark.parametrize(("column", "cell"), [("surface", "endo=label:1"), ("columns", '"x,y,z"')])
+def test_a_ventricle_goes_with_no_other_choice_of_points(write, column, cell):
+    path = write(f"id,input,{column}\na,a.nii,{cell}\n")
+    with pytest.raises(InputError, match=f"line 2: heart and {column} exclude each other"):
+        read_manifest(path, {"heart": option("heart", "endo=label:1")})
 
 
 def test_every_faulty_row_is_named_by_its_line_and_none_by_its_id(write):
@@ -91,11 +106,13 @@ def test_one_box_for_all(write):
         "iterations=0",
         "strategy=alone",
         "knid=x",
+        "heart=epi=label:1",
+        "heart=endo=label:x1;endo=label:2",
     ],
 )
 def test_invalid_values_of_options_are_refused(word):
     with pytest.raises(OptionError, match=word.split("=")[0]):
-        option(*word.split("="))
+        option(*word.split("=", 1))
 
 
 @pytest.mark.parametrize(("word", "value"), [("period=none", None), ("period=0.8", 0.8), ("robust=no", False)])

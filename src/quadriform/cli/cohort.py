@@ -19,6 +19,7 @@ def cohort(
     shard: str = "1/1",
     resume: bool = False,
     set_: list[str] | None = None,
+    heart: list[str] | None = None,
     space: str | None = None,
     common: Common,
     show_ids: bool = False,
@@ -34,13 +35,16 @@ def cohort(
         output: Folder for the results.
         shard: Only part i of n, i from 1: the task of an array job; all may run at the same time.
         resume: Continue: results that exist and whose input has not changed are kept.
+        heart: The left ventricle in label images: endo=label:1 for the cavity, for the wall epi=label:1+2, of all
+            subjects whose row has none. Volumes and ejection fraction are those below the base of the labels.
         set_: NAME=VALUE, an option of all subjects whose row has none, such as box=5,5,5.
         show_ids: Name subjects on the screen; else only their rows are shown.
     """
     from quadriform.cli.cohort_run import run_and_show
     from quadriform.cohort.run import Choices
 
-    choices = Choices(_options(set_ or []), _shard(shard), resume, common.force, common.strict, check_space(space))
+    given = [*(set_ or []), *([f"heart={';'.join(heart)}"] if heart else [])]
+    choices = Choices(_options(given), _shard(shard), resume, common.force, common.strict, check_space(space))
     if run_and_show(manifest, output, choices, engine, show_ids, common.as_json):
         raise typer.Exit(SOME_FAILED)
 

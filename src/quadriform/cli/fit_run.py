@@ -14,7 +14,7 @@ from quadriform.cli.method_options import known_noise
 from quadriform.cli.options import Common, check_file_names, stem, surface_file
 from quadriform.cli.reporting import REPORT, fit_options, page_of_fit
 from quadriform.cli.results import MODEL, earlier_results
-from quadriform.cli.screen import after_number, closing_rows, note, print_remarks, progress_bar, show, texts, warn
+from quadriform.cli.screen import closing_rows, note, print_remarks, progress_bar, show, texts, warn
 from quadriform.cli.status import check_strict
 from quadriform.errors import InputError, OptionError
 from quadriform.files import save, write_mesh
@@ -38,6 +38,7 @@ from quadriform.imaging.ventricle_files import Heart, read_ventricle
 from quadriform.point_sets import ALONE
 from quadriform.shapes.landmarks import Landmarks
 from quadriform.shapes.record import Estimate, remarks
+from quadriform.words import after_number
 
 Record = dict[str, Any]
 

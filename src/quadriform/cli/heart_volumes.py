@@ -1,11 +1,9 @@
 """Volumes of a fitted ventricle below its base: fields of the record, and rows of the table."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any
 
-from quadriform.cli.screen import after_number
 from quadriform.columns import MILLIMETRES
-from quadriform.errors import WarningKind
 from quadriform.fitting.support import Support
 from quadriform.heart.measures_table import Measures
 from quadriform.heart.volumes import volume
@@ -19,8 +17,6 @@ CYCLE = {
     "closed_ejection_fraction": "ejection fraction, closed",
 }
 """Field of `--json` -> quantity of the measures."""
-RESOLUTION = 16
-"""Of the meshes by which the reach of surfaces beyond a base is measured."""
 SAME = 1e-3
 """A closed volume that differs by a smaller fraction is that below the base."""
 
@@ -78,29 +74,6 @@ def cycle_rows(record: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("end-diastolic / end-systolic volume", f"{volumes} ml"),
         ("of", record["volumes_from"]),
     ]
-
-
-def reach_over_base(models: Sequence[DeformableModel]) -> float | None:
-    """How far the surfaces of any frame reach beyond its base, in their unit, at least 0; None where there is none."""
-    heights = [
-        float(model.landmarks.base.heights(model.mesh(name, RESOLUTION).vertices).max())
-        for model in models
-        if model.landmarks.base is not None
-        for name in model.surfaces
-    ]
-    return max(0.0, *heights) if heights else None
-
-
-def reach_notes(models: Sequence[DeformableModel]) -> tuple[str, ...]:
-    """BASE_NOT_OBSERVED, a note, of frames with a base: how far the surfaces reach beyond it."""
-    reach = reach_over_base(models)
-    if not reach:
-        return ()
-    unit = after_number(models[0].unit)
-    text = (
-        f"beyond the base the surface is not observed; there it reaches up to {reach:.3g}{unit}, which no volume counts"
-    )
-    return (f"{WarningKind.BASE_NOT_OBSERVED}: {text}",)
 
 
 def _text(point: Iterable[float], direction: Iterable[float]) -> str:

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from quadriform.cli.options import decimals
-from quadriform.cli.screen import after_number
 from quadriform.errors import OptionError
-from quadriform.words import numbers
+from quadriform.words import after_number, numbers
 
 if TYPE_CHECKING:
     from quadriform.points import Array

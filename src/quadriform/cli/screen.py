@@ -52,11 +52,6 @@ def closing_rows(record: Mapping[str, Any]) -> list[tuple[str, str]]:
     ]
 
 
-def after_number(unit: str) -> str:
-    """The unit as it stands behind a number: nothing where it is not known."""
-    return "" if unit == "unknown" else f" {unit}"
-
-
 def emit(text: str) -> None:
     """Data on stdout; a reader that went away (`| head`) is no error."""
     try:

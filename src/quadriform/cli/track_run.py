@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from quadriform.cli.heart_volumes import cycle_rows, cycle_volumes, reach_notes, reach_over_base
+from quadriform.cli.heart_volumes import cycle_rows, cycle_volumes
 from quadriform.cli.method_options import known_noise
 from quadriform.cli.options import Common, stem
 from quadriform.cli.reporting import REPORT, measures_of, page_of_track, track_options
 from quadriform.cli.results import FRAMES, MODEL, earlier_results, frame_model
-from quadriform.cli.screen import after_number, closing_rows, note, progress_bar, show, texts, warn
+from quadriform.cli.screen import closing_rows, note, progress_bar, show, texts, warn
 from quadriform.cli.status import check_strict
 from quadriform.cli.track_options import FrameReading, Motion
 from quadriform.errors import join_warnings
@@ -21,11 +21,12 @@ from quadriform.files import save, sha256_of
 from quadriform.files.atomic import write_bytes
 from quadriform.files.reading import named_in_errors
 from quadriform.files.result_folder import check_results, replaced_together
+from quadriform.heart.base_reach import reach_notes, reach_over_base
 from quadriform.imaging.file_points import files_of, input_files, space_to_write, title_of, without_folders
 from quadriform.imaging.frame_series import FrameSeries, frame_files, keep_slices, read_frames
 from quadriform.shapes.landmarks import NONE_KNOWN
 from quadriform.shapes.record import remarks
-from quadriform.words import csv_bytes
+from quadriform.words import after_number, csv_bytes
 
 if TYPE_CHECKING:
     from quadriform.heart.measures_table import Measures

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from quadriform.errors import FileFormatError, InputError, OptionError, choose
 from quadriform.files.reading import check_readable, quoted
@@ -16,11 +16,14 @@ from quadriform.imaging.labels import parse_surface
 from quadriform.imaging.nifti_forms import AFFINES
 from quadriform.words import numbers
 
+if TYPE_CHECKING:
+    from quadriform.imaging.ventricle_files import LabelledHeart
+
 ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
 """Names of folders that are valid on all systems."""
 STRATEGIES = ("cycle", "previous")
 """Strategies of `track` that give one moving model."""
-READING = ("affine", "columns")
+READING = ("affine", "columns", "heart")
 """Options that go to the readers of files."""
 YES_NO = {"yes": True, "no": False}
 Surface = tuple[str, str]
@@ -46,8 +49,8 @@ class Row:
     options: tuple[tuple[str, Any], ...]
 
     @property
-    def reading(self) -> dict[str, str | None]:
-        """Options of reading: the transform of NIfTI headers, and the columns of tables and arrays."""
+    def reading(self) -> dict[str, Any]:
+        """Options of reading: the transform of NIfTI headers, columns of tables and arrays, labels of a ventricle."""
         given = dict(self.options)
         return {name: given.get(name) for name in READING}
 
@@ -111,6 +114,12 @@ def _count(text: str) -> int:
     return int(text)
 
 
+def _heart(text: str) -> "LabelledHeart":
+    from quadriform.imaging.ventricle_files import labelled_heart
+
+    return labelled_heart(_parts(text))
+
+
 OPTIONS: dict[str, Callable[[str], Any]] = {
     "box": lambda text: check_box(numbers(text, 3, "box")),
     "strength": _strength,
@@ -123,6 +132,7 @@ OPTIONS: dict[str, Callable[[str], Any]] = {
     "shift_slices": _yes_no,
     "affine": lambda text: choose(text, AFFINES, "affine"),
     "columns": str,
+    "heart": _heart,
 }
 """Name of an option, which is a column of the list -> parser of its cells."""
 COLUMNS = ("id", "input", "surface", *OPTIONS)
@@ -220,6 +230,8 @@ def _row(number: int, cells: Mapping[str, str], defaults: Mapping[str, Any]) -> 
         raise InputError("expected files either as input, or for every surface as NAME=FILES")
     own = {name: option(name, cells[name]) for name in OPTIONS if cells.get(name)}
     options = dict(defaults) | own
+    if "heart" in options and (surfaces or "columns" in options):
+        raise InputError(f"heart and {'surface' if surfaces else 'columns'} exclude each other; give one")
     return Row(number, cells["id"], given, surfaces, tuple(sorted(options.items())))
 
 

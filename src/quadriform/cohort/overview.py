@@ -13,7 +13,7 @@ from quadriform.cohort.measures import NOTE, WARNING
 from quadriform.cohort.stores import parts, read_measures
 from quadriform.errors import WarningKind, status_of
 
-SHOWN = ("rms", "min det J", "ejection fraction", "myocardial mass")
+SHOWN = ("rms", "min det J", "end-diastolic volume", "end-systolic volume", "ejection fraction", "myocardial mass")
 """Quantities of a whole subject that the page shows, where they were measured."""
 VOLUME = "volume "
 

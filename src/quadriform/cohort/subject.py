@@ -28,6 +28,7 @@ from quadriform.files.reading import quoted, read_bytes
 from quadriform.files.strict import Field
 from quadriform.fitting.fit import fit
 from quadriform.fitting.result import Fit
+from quadriform.heart.base_reach import reach_notes
 from quadriform.imaging.file_points import files_of, input_files, without_folders
 from quadriform.imaging.fit_files import with_base
 from quadriform.imaging.frame_series import FrameSeries, keep_slices
@@ -210,7 +211,8 @@ def _tracked(frames: FrameSeries, task: Task, options: dict[str, Any]) -> tuple[
     count = sum(len(values) for frame in found.residuals for values in frame.values())
     about = {"points": count, "rms": found.rms, "noise": found.noise}
     models = [model.at(time) for time in found.times]  # each with the landmarks of its frame
-    return model, measures_of(models, found.times, found.frame_rms, about, model.record)
+    record = replace(model.record, notes=(*model.record.notes, *reach_notes(models)))
+    return replace(model, record=record), measures_of(models, found.times, found.frame_rms, about, record)
 
 
 def _with_reading(found: FitOrTrack, frames: FrameSeries) -> FitOrTrack:

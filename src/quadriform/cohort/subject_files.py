@@ -69,7 +69,9 @@ def inspect_files(row: Row, folder: Path) -> FileSummary:
     count = sum(frame_count(file) for file in files) if is_image and "" in found else len(files)
     if is_contours and len(files) == 1:
         count = len(read_guide_point_frames(files))
-    names = tuple(name for name, _ in row.surfaces) or (("endo", "epi") if is_contours else (ALONE,))
+    heart = row.reading["heart"]
+    named = tuple(name for name, _ in row.surfaces) if heart is None else heart.surfaces
+    names = named or (("endo", "epi") if is_contours else (ALONE,))
     if is_image or is_contours:
         # pixdim has no position or direction: see imaging/nifti_forms.py
         space, unit = "unknown" if is_image and row.reading["affine"] == "pixdim" else "LPS", "mm"
@@ -87,7 +89,7 @@ def read_subject(row: Row, folder: Path) -> tuple[FrameSeries, list[Path]]:
     found = files_by_surface(row, folder)
     if "" in found:
         labels = [f"{name}={rule}" for name, rule in row.surfaces if is_label(rule)]
-        frames = read_frames(found[""], labels, row.reading["columns"], row.reading["affine"])
+        frames = read_frames(found[""], labels, **row.reading)
     else:
         frames, options = FrameSeries(), ImageOptions(affine=row.reading["affine"], columns=row.reading["columns"])
         for files in zip(*found.values()):
