@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from remembered import remember
-from shapes_made import gap, lumpy
+from shapes_made import even_directions, gap, lumpy
 
 import quadriform as qf
 from quadriform.errors import OptionError, PointsError
@@ -211,6 +211,23 @@ def displaced_slices(size: float, shift: float, pixel: float = 4.0) -> qf.Volume
     at[..., :2] -= shift * np.random.default_rng(0).normal(size=(11, 2))
     inside = ((at / (size * np.array([26.0, 24.0, 40.0]))) ** 2).sum(axis=-1) < 1
     return qf.Volume(inside.astype(np.uint8), np.diag([*voxel, 1.0]))
+
+
+def test_models_keep_the_base_that_was_given_and_volumes_are_below_it():
+    """Old fault: only `fit` stored the base; volumes of tracked models counted what lies beyond it."""
+    planes = [((0.0, 0.0, height), (0.0, 0.0, 1.0)) for height in (12.0, 10.0)]
+    sizes = np.array([20.0, 18.0, 30.0]), np.array([16.0, 14.4, 27.0])
+    clouds = [size * even_directions(900) for size in sizes]
+    frames = [{"endo": cloud[cloud[:, 2] < plane[0][2]]} for cloud, plane in zip(clouds, planes)]
+    found = qf.track(frames, base=planes, box=(3, 3, 3), period=None)
+    for models in (found.models, [found.moving.at(time) for time in (0.0, 1.0)]):
+        assert [model.landmarks.base.point[2] for model in models] == [12.0, 10.0]
+    stored = qf.measure(found.models).curves["cavity volume"]
+    # the part of an ellipsoid below z = h c: pi a b c (h - h^3 / 3 + 2 / 3)
+    heights = np.array([12.0 / 30, 10.0 / 27])
+    truth = np.pi * np.array([size.prod() for size in sizes]) * (heights - heights**3 / 3 + 2 / 3) / 1000
+    np.testing.assert_allclose(stored, truth, rtol=0.02)
+    assert qf.track([{"endo": cloud} for cloud in clouds], box=(3, 3, 3), period=None).moving.landmarks == ()
 
 
 def test_the_noise_of_a_cycle_of_displaced_slices_is_their_displacement():

@@ -42,7 +42,7 @@ from quadriform.motion.slice_shifts import SlicePlanes
 from quadriform.point_sets import ALONE, Given, PointSet, common_unit, points_sha256
 from quadriform.points import Array, Frame
 from quadriform.shapes.control_box import ControlBox, common_box
-from quadriform.shapes.landmarks import BasePlane
+from quadriform.shapes.landmarks import GIVEN_BASE, NONE_KNOWN, BasePlane, Landmarks
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
 from quadriform.shapes.spaces import rotation_between
@@ -172,7 +172,7 @@ def track(
             frame an entry in the form of `frames`. It is the metric of the distances and the least noise that is
             estimated. Points of images and readers bring theirs; it counts where all frames and surfaces have some.
         base: where the data ends on purpose, as in `fit`: (point, direction) for all frames, or a list with a plane, a
-            loop (m, 3) or None for each.
+            loop (m, 3) or None for each. The models are stored with it, so that `measure` takes volumes below it.
         progress: called with (steps done, about how many).
 
     Raises:
@@ -195,8 +195,10 @@ def track(
     every = {named(n, name): each for n, frame in enumerate(sets) for name, each in frame.items()}
     notes = (*assumed, *partial_notes({name: each.noise for name, each in every.items()}), *found.notes)
     unit = common_unit(every)  # which the lengths have already
-    moving = None if found.moving is None else replace(found.moving, unit=unit)
-    models = tuple(replace(model, unit=unit) for model in found.models)
+    known = [NONE_KNOWN if plane is None else Landmarks(plane, GIVEN_BASE) for plane in bases]
+    of_frames = tuple(known) if any(plane is not None for plane in bases) else ()
+    moving = None if found.moving is None else replace(found.moving, unit=unit, landmarks=of_frames)
+    models = tuple(replace(model, unit=unit, landmarks=each) for model, each in zip(found.models, known))
     return replace(found, models=models, moving=moving, warnings=warnings, notes=notes)
 
 
