@@ -24,7 +24,7 @@ from quadriform.errors import InputError, OptionError, OutputError
 from quadriform.files import load
 
 pytestmark = needs("zarr", "pyarrow")
-SUBJECTS, BROKEN = 8, (3, 6)
+SUBJECTS, BROKEN = 6, (3, 4)
 CHOICES = Choices(options=TINY)
 WORDS = ("--set", "box=2,2,2", "--set", "robust=no", "--set", "strength=1e-4")
 
@@ -125,7 +125,7 @@ def test_dask_gives_the_same_bytes_although_a_worker_is_killed(cohort, serial, t
     killed = []
 
     def report(_outcome, count, _total):
-        if count == 3:
+        if count == 2:
             done.set()
 
     def killing(client):
@@ -165,13 +165,13 @@ def test_a_killed_run_resumes_without_repeating_finished_subjects(cohort, serial
     out = tmp_path / "out"
     command = [sys.executable, "-m", "quadriform.cli.main", "cohort", cohort, "-o", out, "--processes", "1", *WORDS]
     process = subprocess.Popen(command, start_new_session=True, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
-    while len(list((out / "subjects").glob("*/model.json"))) < 3 and process.poll() is None:
+    while len(list((out / "subjects").glob("*/model.json"))) < 1 and process.poll() is None:
         time.sleep(0.05)
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
     time.sleep(0.5)
     before = {path: path.stat().st_mtime_ns for path in (out / "subjects").glob("*/model.json")}
-    assert 3 <= len(before) < SUBJECTS - len(BROKEN)
+    assert 1 <= len(before) < SUBJECTS - len(BROKEN)
     summary = run(cohort, out, one_thread, replace(CHOICES, resume=True))
     assert summary.counts == {
         "kept": len(before),
@@ -196,7 +196,7 @@ def test_shards_at_the_same_time_make_the_same_store(cohort, serial, tmp_path):
         thread.start()
     for thread in threads:
         thread.join()
-    assert sorted(summary.subjects for summary in summaries) == [4, 4]
+    assert sorted(summary.subjects for summary in summaries) == [3, 3]
     assert any(summary.complete for summary in summaries)
     # two blocks, not one: the parts are others, their content is the same
     assert {name.split(os.sep)[0] for name in differences(serial[0], out)} <= {
