@@ -46,7 +46,7 @@ def descent(kind="ellipsoid", penalty=None, fixed=None, longest=5.0, candidates=
     weights, odds, noise = rng.uniform(0.5, 2, 40), rng.normal(0, 0.2, 40), rng.uniform(0.8, 1.3, 40)
     problem = SearchProblem(POINTS, weights, kind, {}, odds, noise, empty=penalty, longest=longest)
     found = Descent(problem, candidates, mixture)
-    found.fixed = found.fixed if fixed is None else fixed
+    found.fixed_mask = found.fixed_mask if fixed is None else fixed
     return found
 
 
@@ -69,7 +69,7 @@ def plain_step(of, i):
     if of.problem.empty is not None:
         terms = of.problem.empty.penalty(of.candidates, of.mixture)
         matrix, gradient = matrix + terms.matrix[i], gradient + terms.gradient[i]
-    free = [k for k in range(p) if not of.fixed[k]]
+    free = [k for k in range(p) if not of.fixed_mask[k]]
     free = [k for k in free if k not in (5, 6, 7) or matrix[k, k] > 1e-20 * matrix.diagonal().max()]
     for k in range(3):
         if of.candidates.log_axes[i, k] >= np.log(of.problem.longest) and gradient[k] < 0 and k in free:

@@ -151,7 +151,7 @@ class Recorded:
 
     def __init__(self, log, points, candidates, mixture):
         self.log, self.points, self.candidates, self.mixture = log, points, candidates, mixture
-        self.fixed = np.zeros(11, dtype=bool)
+        self.fixed_mask = np.zeros(11, dtype=bool)
 
     def run(self, steps, reestimate, tolerance=0.0):
         self.log.append((len(self.points), len(self.candidates), steps, tolerance))

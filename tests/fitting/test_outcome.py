@@ -80,7 +80,7 @@ def test_the_covariance_of_exact_points_is_that_of_least_squares():
     body, _ = points_of("ellipsoid")
     exact = ended("ellipsoid", body.grid(8)[0], 0.9e-6).descent
     weights = exact.weights * exact.inliers[0]
-    expected = identifiability_of(exact.candidates, exact.derivatives[0], weights, 0.9e-6, exact.fixed).covariance
+    expected = identifiability_of(exact.candidates, exact.derivatives[0], weights, 0.9e-6, exact.fixed_mask).covariance
     found = fits._outcome(SearchResult(exact, True, 0), body.grid(8)[0], ones, 0.0)
     np.testing.assert_array_equal(found.covariance, expected)
 

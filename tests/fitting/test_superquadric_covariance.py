@@ -45,7 +45,7 @@ def descent(kind="ellipsoid", penalty=None, fixed=(), sigma=0.06, points=NOISY):
     weights, odds, noise = rng.uniform(0.5, 2, n), rng.normal(0, 0.2, n), rng.uniform(0.8, 1.3, n)
     problem = SearchProblem(points, weights, kind, {}, odds, noise, empty=penalty, longest=9.0)
     found = Descent(problem, body, Mixture(np.array([0.9]), np.array([sigma])))
-    found.fixed = held
+    found.fixed_mask = held
     return found
 
 

@@ -123,7 +123,9 @@ def read_moving_model(path: PathLike) -> MovingModel:
 
 
 def is_model_file(path: PathLike) -> bool:
-    """Whether a .json, or a .npz (which may contain points), has the fields of a model; damaged files are errors.
+    """Whether a file is read as a model: any .json, and a .npz, which may contain points, with the fields of a model.
+
+    A .json is not opened, a damaged .npz is an error.
 
     Raises:
         InputError, FileFormatError, FileLimitError: as for `read_model`.

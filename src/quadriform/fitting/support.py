@@ -47,12 +47,14 @@ class Support:
 
     Attributes:
         area: share [0, 1] of its area that is supported.
-        volume: share [0, 1] of the volume, seen from the centre of the data, that lies below supported area.
-        below: the same of the volume below the base, seen from a point of it; that of all without a base.
+        volume: share [0, 1] of the volume that lies between the centre of the data and supported area.
+        below: the same of the volume on the side of the base with the data, between a point of the base and supported
+            area; `volume` without a base.
         within: min(area share, volume share) on the data's side of the base: of the area that lies more than
             `at_base` standard deviations of the noise below the base, and of the volume, `below`. Without a base the
             share of all of the area.
-        limit: distance from data up to which a part is supported, in the unit of the points.
+        limit: distance from data up to which a part is supported, in the unit of the points: as far as the surface is
+            interpolated between points or slices (`interpolation.py`), and at least the step of the measurement.
         extends_beyond: how far the surface reaches beyond the data in the direction where that is farthest, likewise.
         reach: the same of the part on this side of the base.
         slices: number of parallel slices that all data lies in, where it is so small that nothing checks the shape
@@ -84,7 +86,7 @@ class Support:
 def support_of(
     mesh: Mesh, points: Array, feet: Array, noise: float, base: BasePlane | None, step: float = 0.0
 ) -> Support:
-    """The support of a surface by its data.
+    """The support of a surface by its data: which parts are nearer to it than a limit (`interpolation.py`).
 
     Args:
         mesh: of the surface, fine.
@@ -149,7 +151,7 @@ def _distances_from_data(
         feet: (n, 3), the points of the surface nearest to them.
         middles: (m, 3), of the parts of the surface.
         areas: (m,), of these parts.
-        least: least limit.
+        least: least limit; else it is the distance up to which the surface is interpolated (`interpolated`).
     """
     distinct, number = np.unique(feet, axis=0, return_inverse=True)
     if len(distinct) <= LIMITS.others:

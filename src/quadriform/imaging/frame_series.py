@@ -280,7 +280,7 @@ def _check_ends(frames: FrameSeries) -> None:
 
 
 def keep_slices(frames: FrameSeries) -> None:
-    """Leave out the points of images that lie in no slice, with a note of their number.
+    """Take the points of images that lie in no slice out of `frames`, with a note of their number; contours have none.
 
     Raises:
         OptionError: frames without slice numbers, or whose numbers do not mean the same slices.

@@ -77,7 +77,9 @@ def edge_noise(volume: Volume, points: Array) -> Array:
     """Covariances (n, 3, 3) of vertices of the surface of a mask, in the square of the unit of the image.
 
     A vertex lies in the middle of the edge between two voxels; the surface crosses that edge anywhere. So the error is
-    uniform along the edge e, with the covariance e e' / 12, and there is none across it.
+    uniform along the edge e, with the covariance e e' / 12, and there is none across it. A vertex inside a cube of
+    eight voxels, as marching cubes adds where the pattern of a cube is ambiguous, is taken to be on an edge along the
+    axis whose coordinate is farthest from a whole number.
 
     Args:
         volume: the image.

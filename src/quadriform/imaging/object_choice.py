@@ -149,7 +149,7 @@ def _of_segments(volume: Volume) -> Choice:
     shown = first_of([f"{one.name!r} ({one.number}): {size}" for one, size in ordered], LISTED)
     raise MaskError(
         f"the image has {len(filled)} segments with voxels; choose with --label or --surface NAME=label:SEGMENT, "
-        f"by name or number, in Python with Labels((NAME,)). Voxels: {shown}"
+        f"by name or number, in Python with points_from_image(volume, select=Labels((NAME,))). Voxels: {shown}"
     )
 
 
@@ -203,6 +203,7 @@ def _candidates(present: NDArray[Any], counts: NDArray[np.int64]) -> str:
     order = np.argsort(-counts[kept], kind="stable")
     shown = first_of([f"{present[kept][n]:g}: {counts[kept][n]}" for n in order], LISTED)
     return (
-        "choose with --label or --surface NAME=label:VALUES, in Python with Labels((VALUE,)), or a grey image's object "
-        f"with --threshold, as otsu. Labels and voxels: {shown}"
+        "choose with --label or --surface NAME=label:VALUES, in Python with points_from_image(volume, "
+        "select=Labels((VALUE,))), or a grey image's object with --threshold, as otsu. Labels and voxels: "
+        f"{shown}"
     )

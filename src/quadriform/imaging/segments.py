@@ -73,14 +73,14 @@ class SegmentMap:
 
 
 def values_of(segments: tuple[Segment, ...], label: int | str) -> tuple[int, ...]:
-    """Return the voxel values of a segment by number or name, or of several by names with `,` or `+` between.
+    """Return the voxel values of a segment by number or name, or of several, with `,` or `+` between these.
 
     Args:
         segments: of the image; without any, a number is the voxel value itself.
-        label: number, name, or names.
+        label: number; name; or a text of several names or numbers.
 
     Raises:
-        OptionError: no segment has this name, or several have it.
+        OptionError: no segment has this name, or several have this name or number.
     """
     if isinstance(label, str):
         return _by_name(segments, label)

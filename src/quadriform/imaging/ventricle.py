@@ -57,9 +57,9 @@ class VentriclePoints:
         clouds: "endo", and "epi" where there is a wall, (n, 3) each, in world coordinates; an argument of `fit`.
         isosurfaces: the same before thinning.
         base: the plane beyond which points were removed, as given or found; None where there is none, as of a cavity
-            that is rounded at both ends and inside the image, unless one is given. OPEN_WALL where such a cavity has no
-            wall.
-        warnings: of reading and segmentation, BORDER_CUT, OPEN_BASE, OPEN_WALL.
+            that is rounded at both ends and inside the image, unless one is given.
+        warnings: of reading and segmentation, BORDER_CUT, OPEN_BASE, and OPEN_WALL where the cavity touches the
+            background inside the image, such as at a rounded end without wall.
         record: number of voxels of cavity and wall, number of points beyond the base by surface, spacing of the points;
             of labels also the number of voxels of the cavity outside its largest component, which are left out.
         cavity: the body that "endo" encloses on this side of the base, with which a fit is compared.

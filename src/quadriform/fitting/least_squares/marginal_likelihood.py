@@ -27,9 +27,13 @@ and the best strength minimises the criterion C, minus twice the log marginal li
 term is the constant m unless s^2 is at its lower bound. The noise that is returned as `Solution.sigma` is without the
 extra terms: s^2 with R - q(p) in place of R.
 
-Correlated residuals: where only f n of n are independent, A, lambda and n count f times. This changes neither p nor
-s^2, and in C only m. The posterior covariance of p is then s^2 / f (A + lambda K)^-1; the methods `variance` and
-`covariance` return s^2 (A + lambda K)^-1, that of independent residuals, WITHOUT 1 / f.
+Correlated residuals: where only f n of n are independent, A, lambda and n count f times. This does not change p, and
+C, up to a constant, only in m. The REML estimate of s^2 would be f R / (f n - d); R / (n - d), which all residuals
+give, is taken instead, so that s^2 does not depend on f: it is smaller, by a factor between 1 - d / (f n) and 1. So
+f matters for the strength, by m, and for the posterior covariance of p, which is s^2 / f (A + lambda K)^-1; the methods
+`variance` and `covariance` return s^2 (A + lambda K)^-1, that of independent residuals, WITHOUT 1 / f.
+
+In docs/equations.md n is N, C is L, and K the matrix for all coordinates. s with the extra terms is s_q there.
 
 How the best strength is found, in x = log alpha: `best` looks at every decade (`_best_decade`), then seeks the root of
 dC/dx by secant steps (`_by_secants`), or, where these fail, the minimum of C without derivatives

@@ -1,12 +1,12 @@
 """Normal equations of the control points from sums over a few moments, without a matrix that has a row for each point.
 
-    d_i     (3,), what the displacement of point i should be: from the undeformed surface to the data point
+    r_i     (3,), what the displacement of point i should be: from the undeformed surface to the data point
     M_i     (3, 3), its weight: symmetric (`refinement/point_to_plane.py`)
     b_i     (k,), products of Bernstein polynomials at its local coordinates, one for each control point; B_i (3, 3 k)
             is b_i' times the unit matrix, so that B_i p is the displacement of the point by those p of control points
     b_ij    entry j of b_i
 
-The sum of squares is sum_i (d_i - B_i p)' M_i (d_i - B_i p). In its matrix the block of control points j and j' is
+The sum of squares is sum_i (r_i - B_i p)' M_i (r_i - B_i p). In its matrix the block of control points j and j' is
 sum_i b_ij b_ij' M_i. A product of two Bernstein polynomials of degree l is a multiple of one of degree 2 l, so every
 entry is a multiple of one of (2 l + 1)(2 m + 1)(2 n + 1) moments. Points are taken in chunks: memory does not grow.
 """
@@ -26,7 +26,7 @@ PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 @dataclass(frozen=True)
 class NormalEquations:
-    """The sum of squares sum_i (d_i - B_i p)' M_i (d_i - B_i p) over the displacements p, as p' A p - 2 b' p + c.
+    """The sum of squares sum_i (r_i - B_i p)' M_i (r_i - B_i p) over the displacements p, as p' A p - 2 b' p + c.
 
     Attributes:
         matrix: (3 k, 3 k), A; the coordinates of a control point stand together.
@@ -76,7 +76,7 @@ def normal_equations(local: Array, metric: Array, target: Array, degrees: tuple[
     Args:
         local: (n, 3) local coordinates of the points in the box.
         metric: (n, 3, 3) symmetric weights M_i.
-        target: (n, 3), d_i, what the displacement of each should be.
+        target: (n, 3), r_i, what the displacement of each should be.
         degrees: of the box.
     """
     weighted = np.einsum("nij,nj->ni", metric, target)
@@ -96,7 +96,7 @@ def normal_equations(local: Array, metric: Array, target: Array, degrees: tuple[
 
 
 def right_side(local: Array, weighted: Array, degrees: tuple[int, int, int]) -> Array:
-    """The right side (3 k,) alone, from the targets times their weights, M_i d_i (n, 3)."""
+    """The right side (3 k,) alone, from the targets times their weights, M_i r_i (n, 3)."""
     return _sums(local, weighted, degrees).reshape(-1)
 
 

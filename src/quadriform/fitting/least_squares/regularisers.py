@@ -1,4 +1,4 @@
-"""Regularisers of the box: symmetric matrices over its control points (paper 4)."""
+"""Regularisers of the box: symmetric matrices over its control points (section 4 of the paper)."""
 
 from functools import lru_cache
 from typing import Protocol

@@ -54,9 +54,10 @@ class EnrichedBox:
     def deviation(self, box: ControlBox, origins: Array, normals: Array) -> Array:
         """One standard deviation (n,) along the normals (n, 3) at (n, 3) points of the undeformed surface.
 
-        It is sqrt(b^2 + sigma^2 / f g), with the bias b of the fitted box, its difference from the enriched one along
-        the normal, and sigma^2 / f g the variance of the enriched box for correlated residuals, of which only the
-        fraction f is independent.
+        It is sqrt(b^2 + (sigma^2 / f) g). The bias b of the fitted box is its difference from the enriched one along
+        the normal. The second term is the variance of the enriched box along the normal: sigma^2 g if all residuals
+        were independent, with g = v' (A + lambda K)^-1 v, v the derivatives of the normal displacement by its control
+        points; divided by f, the fraction of the residuals that are.
 
         Args:
             box: fitted, in the unit of the data; its elevated form has the same undeformed lattice as the enriched box.

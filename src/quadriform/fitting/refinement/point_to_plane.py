@@ -2,14 +2,15 @@
 
 For all surfaces at once the control points minimise
 
-    sum_i w_i / v_i [ (n_i . r_i)^2 + epsilon |r_i - (n_i . r_i) n_i|^2 ] + alpha N E(P - P0) + attractions + priors
+    sum_i w_i / u_i [ (n_i . e_i)^2 + epsilon |e_i - (n_i . e_i) n_i|^2 ] + alpha N E(P - P0) + attractions + priors
 
     P, P0   the control points, (k, 3), and their undeformed positions
-    x_i     a data point, and s_i the origin of its foot point
-    r_i     x_i - D(s_i), with D the deformation by P: from the surface to the data point
+    d_i     a data point, and o_i the origin of its foot point
+    e_i     d_i - D(o_i), with D the deformation by P: the residual, from the surface to the data point
     n_i     the normal at the foot point, before the round
     w_i     the probability to be an inlier times the weight of the point
-    v_i     its known variance along n_i relative to that of the other points (`SurfaceData.variances`), else 1
+    u_i     (v_i + x) / (1 + x), its variance along n_i relative to the mean one (`SurfaceData.variances`), with the
+            known variance v_i (`SurfaceData.known_variances`) and the excess x; 1 where nothing is known
     epsilon `LEAST_TANGENTIAL`
     alpha   the strength; E the energy of the regulariser, P -> p' K p for p = P - P0
     N       the sum of the w_i of the data alone (`total_weight`): alpha is per data point, and terms that are no
@@ -17,11 +18,12 @@ For all surfaces at once the control points minimise
 
 Attractions of model points (`Attraction`) are terms like those of data points, in the first rounds only. Priors are
 those of surfaces beyond a base (`base_prior.py`). epsilon is small because a foot point may move along the surface:
-that part of r_i is no error of the data. With a large one, many points on the same contours would fix the surface
+that part of e_i is no error of the data. With a large one, many points on the same contours would fix the surface
 across the contours too, where they measure nothing.
 
-As each term is r' M r with M_i = w_i / v_i [n_i n_i' + epsilon (I - n_i n_i')], the normal equations are those of
-`normal_equations.py`, with the displacement p in place of P and x_i - s_i in place of r_i.
+Each term is e_i' M_i e_i with M_i = w_i / u_i [n_i n_i' + epsilon (I - n_i n_i')] and e_i = r_i - B_i p, r_i = d_i -
+o_i: the normal equations in the displacement p are those of `normal_equations.py`. Symbols are those of
+docs/equations.md.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -65,7 +67,7 @@ class Attraction:
 
 @dataclass(frozen=True)
 class Rows:
-    """Terms of one surface in the sum: origins s_i and targets x_i (n, 3), and metrics M_i (n, 3, 3)."""
+    """Terms of one surface in the sum: origins o_i and targets d_i (n, 3), and metrics M_i (n, 3, 3)."""
 
     origins: Array
     targets: Array

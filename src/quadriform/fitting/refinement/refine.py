@@ -38,7 +38,8 @@ from quadriform.shapes.superquadric import Superquadric
 
 AUTO_SIDES = (3, 5, 7)
 MORE = 2
-"""Additional control points a side of the enriched box of the uncertainty: the next step of 3, 5, 7."""
+"""Additional control points a side of the enriched box: the next step of 3, 5, 7. Its surface differs from the fitted
+one where that has too few control points, which is part of the uncertainty (`least_squares/uncertainty.py`)."""
 MUCH_NEARER = 0.5
 """A start is tried first where the RMS distance of the points from its undeformed surface (`_Trial.undeformed_rms`) is
 below this fraction of the least sigma (of point-to-plane residuals) of any start after its first stage: then the first
@@ -119,8 +120,9 @@ def refine_tangent(
 
 
 def smooth_box(given: RefinementInput, superquadrics: dict[str, Superquadric]) -> ControlBox:
-    """A smooth box without folds: refined at the strength of the first stage times each factor of `SMOOTH` in turn.
+    """A smooth box without folds, in which all frames of `track` start: refined at large strengths.
 
+    These are the strength of the first stage times each factor of `SMOOTH` in turn.
     It is the box of the last refinement before one that folds or leaves control points undetermined; where that is the
     first one, the box after the first stage. Folds are not removed: that would amplify rounding as well. The options
     must not have a strength.
@@ -153,10 +155,13 @@ def _best_start(
 ) -> Result:
     """The best certified refinement of all starts, or what comes nearest to one.
 
-    1. Where a start has a certified refinement, it is that one.
-    2. Where none has, and the first start is a poor fit: a more strongly regularised refinement of it. Where it is no
-       poor fit: a certified one without robust weights. With these, whole faces of a body with sharp edges can be taken
-       for outliers, and then no data prevents folds there.
+    The first start is the first one that is tried, and the accepted noise is relative to that of its refinement.
+
+    1. Where a start has a certified refinement within the accepted noise, it is that one; with several surfaces, if
+       none has, the certified one of least noise.
+    2. Where there is none, and the first start is a poor fit: a more strongly regularised refinement of it. Where it is
+       no poor fit: a certified one without robust weights. With these, whole faces of a body with sharp edges can be
+       taken for outliers, and then no data prevents folds there.
     3. Where neither exists, that of the first start with its folds, and `FOLDING`.
 
     `POOR_FIT` is reported where the removal of folds made the distances from the points much larger.
@@ -305,11 +310,12 @@ def _result(attempt: Attempt, warnings: Warnings) -> Result:
 
 
 def sigma_of_distances(refined: Refined) -> float:
-    """Standard deviation of the inliers' distances: sigma sqrt(sum w_i d_i^2 / sum w_i d_i^2 / v_i).
+    """Standard deviation of the inliers' distances: sigma sqrt((sum w_i |e_i|^2) / (sum w_i |e_i|^2 / u_i)).
 
-    d_i are distances to foot points, w_i effective weights, and v_i the known variances relative to their mean. sigma
-    is that of the standardised distances d_i / sqrt(v_i). So where the known variances are right, the result is sigma;
-    where surfaces are far from points that count as well known, as of displaced slices of a mask, sigma is too large.
+    |e_i| are distances to foot points, w_i effective weights, and u_i the relative variances (`SurfaceData.variances`).
+    sigma is that of the standardised distances |e_i| / sqrt(u_i). So where these variances are right, the result is
+    sigma; where surfaces are far from points that count as well known, as of displaced slices of a mask, sigma is too
+    large.
     """
     if all(data.covariances is None for data in refined.datasets):
         return refined.sigma
@@ -320,7 +326,7 @@ def sigma_of_distances(refined: Refined) -> float:
 
 
 def _enriched(problem: Problem, refined: Refined) -> EnrichedBox:
-    """The problem of the same foot points in a box with more control points."""
+    """The problem of the same foot points in a box with more control points, for the uncertainty."""
     l, m, n = refined.box.degrees
     # the same deformation, so foot points and inlier probabilities stay
     enriched = refined.box.elevate((l + MORE, m + MORE, n + MORE))

@@ -116,7 +116,8 @@ class Refined:
     def crosses_though_covered(self) -> bool:
         """Whether a surface crosses itself or another although the data covers every surface.
 
-        False for data with gaps: there a greater strength is tried instead.
+        By `SurfaceData.is_covered` it is False for contours and data with gaps: there the coarse stages are not
+        repeated, and a crossing is removed with the folds, at larger strengths.
         """
         if not all(data.is_covered() for data in self.datasets):
             return False
@@ -230,6 +231,9 @@ ONCE, FIXED = StoppingRule(1), FixedWeights()
 
 def independent_fraction(datasets: Datasets, fitted: ControlBox | None, least: float) -> float:
     """Effective number of independent points over the number of all points, in (0, 1].
+
+    It changes the evidence, and so the strength, and the uncertainty; points are not weighted by it
+    (`marginal_likelihood.py`).
 
     Errors of neighbours may be correlated, as those of a contour, a mask or a scan are. The correlation is estimated
     from the residuals of a fit, and the fit depends on it, through the strength. Two kinds of fits agree with their own

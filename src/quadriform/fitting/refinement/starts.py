@@ -36,7 +36,7 @@ def candidates(
     Args:
         clouds: name -> (n, 3) points, centred and scaled.
         robust: name -> robust fit, likewise.
-        kind: of superquadric; only for ellipsoids there is more than the robust fit.
+        kind: of all superquadrics; only of "ellipsoid" there are more starts than the robust fit.
     """
     if not KINDS[kind].is_radial:
         return [dict(robust)]

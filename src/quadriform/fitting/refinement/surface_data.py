@@ -135,7 +135,10 @@ class SurfaceData:
         return OrientedCloud(self.points, normals, np.where(given, 1.0, near.flatness))
 
     def is_covered(self) -> bool:
-        """Whether the data samples the whole surface, or all of it on this side of the base."""
+        """Whether the points are dense on a surface, not on contours or in a volume, and this has no edge.
+
+        Edges of data with a base count as those at the base.
+        """
         if not is_surface(self.neighbourhood):
             return False
         return self.half_space is not None or not has_edge(self.points, self.neighbourhood)
@@ -181,7 +184,7 @@ class SurfaceData:
         return replace(self, inliers=inlier_probabilities(distances, sigma, self.inlier_ratio))
 
     def _distances_at(self, box: ControlBox, sigma: float) -> Array:
-        """sigma d_i / sqrt(var_i), (n,), where d_i is the distance from a point to its foot point.
+        """sigma |e_i| / sqrt(var_i), (n,), where |e_i| is the distance from a point to its foot point.
 
         With s0 the known standard deviation and v_i the relative variance along the normal (`known_variances`), it is
         var_i = s0^2 v_i + (sigma^2 - s0^2). The estimated variance exceeds the known one because the surface does not
@@ -234,11 +237,11 @@ def inlier_probabilities(distances: Array, sigma: float, inlier_ratio: float) ->
 def with_excess(datasets: Sequence[SurfaceData], boxes: Sequence[ControlBox]) -> tuple[SurfaceData, ...]:
     """The data with the variance x by which its errors exceed the known ones, of all surfaces together.
 
-    With residuals d_i along the normals, known variances s0^2 v_i and weights w_i, it is the x >= 0 where the mean of
-    w_i d_i^2 / (s0^2 (v_i + x)) is that of w_i, or zero where the residuals are smaller than the known errors. Known
-    errors have a direction, as that of a voxel's edge. Others are alike in all directions, as where slices of a mask
-    are displaced against each other: scaling the known covariances instead would give such points a weight along the
-    slices that they do not deserve.
+    With residuals n_i . e_i along the normals, known variances s0^2 v_i and weights w_i, it is the x >= 0 where the
+    mean of w_i (n_i . e_i)^2 / (s0^2 (v_i + x)) is that of w_i, or zero where the residuals are smaller than the known
+    errors. Known errors have a direction, as that of a voxel's edge. Others are alike in all directions, as where
+    slices of a mask are displaced against each other: scaling the known covariances instead would give such points a
+    weight along the slices that they do not deserve.
 
     Args:
         datasets: one or more surfaces; without known covariances they stay as they are.

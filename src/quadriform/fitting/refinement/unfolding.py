@@ -183,6 +183,7 @@ def accepted_sigma(before: float) -> float:
 def least_regularised(problem: Problem, refined: Refined, surfaces: dict[str, Superquadric]) -> Refined | None:
     """The certified refinement of least noise on the way from an affine map to the strength of a folded refinement.
 
+    The noise falls with the strength, so it is mostly the least regularised one.
     For points that are no surface, such as those of a filled volume, whose folded fit is useless at any noise. The
     search begins with the undeformed superquadrics at a strength under which every map is nearly affine, and ends
     before the first fold. None where the undeformed superquadrics cross.

@@ -1,7 +1,7 @@
 """The covariance of a robust superquadric by the curvature of its likelihood, and the biases of its solution.
 
-In linear least squares the covariance is the inverse of the information H = sum_i w_i d_i' d_i / sigma^2, d_i' the
-derivatives of a distance. Three effects make the deviations larger:
+In linear least squares the covariance is the inverse of the information H = sum_i w_i J_i' J_i / sigma^2, J_i (1, p)
+the derivatives of distance i by the p parameters and ' the transpose. Three effects make the deviations larger:
 
 - The likelihood is flatter than its linearisation, where points are neither inliers nor outliers, and around edges.
   Its second derivatives K, by differences, take the place of H in the directions where they are smaller.
@@ -58,7 +58,7 @@ def likelihood_covariance(descent: Descent) -> Array:
     fraction = descent.weights[index].sum() / descent.weights.sum()
     sample = Descent(descent.problem.take(index, fraction), descent.candidates, descent.mixture)
     total = descent.weights.sum() / sample.weights.sum()
-    estimated = np.flatnonzero(~descent.fixed)
+    estimated = np.flatnonzero(~descent.fixed_mask)
     information = total * _linear(sample)[np.ix_(estimated, estimated)]
     values, vectors = np.linalg.eigh(information)
     known = values > values[-1] / UNDETERMINED**2
@@ -70,7 +70,7 @@ def likelihood_covariance(descent: Descent) -> Array:
     gradients = total * np.stack([_by_size(sample)[0], _by_direction_of_noise(sample)])[:, estimated]
     unknown = vectors[:, ~known] / np.sqrt(np.maximum(values[~known], 1e-16 * values[-1]))
     every = np.concatenate([roots, unknown, roots @ (roots.T @ gradients.T)], axis=1)
-    covariance = np.zeros((len(descent.fixed), len(descent.fixed)))
+    covariance = np.zeros((len(descent.fixed_mask), len(descent.fixed_mask)))
     covariance[np.ix_(estimated, estimated)] = every @ every.T
     return _of_parameters(descent.candidates, covariance)
 
@@ -86,7 +86,7 @@ def _linear(sample: Descent) -> Array:
 
 def _curvature(sample: Descent) -> Array:
     """Second derivatives (p, p) of the robust loss, by differences of the first."""
-    sigma, count = sample.mixture.sigma[0], len(sample.fixed)
+    sigma, count = sample.mixture.sigma[0], len(sample.fixed_mask)
     steps = COVARIANCE.step * sigma / np.maximum(np.sqrt((sample.derivatives[0] ** 2).mean(axis=1)), 1e-300)
     steps = np.minimum(steps, COVARIANCE.step)
     # central differences of the gradient: a step forwards and one backwards for each parameter, all at once
@@ -109,7 +109,7 @@ def _gradient(sample: Descent) -> Array:
 
 def _by_size(sample: Descent) -> Array:
     """Derivatives (M, p) of the penalty on the size."""
-    found = np.zeros((len(sample.candidates), len(sample.fixed)))
+    found = np.zeros((len(sample.candidates), len(sample.fixed_mask)))
     found[:, AXES] = sample.extent().derivatives(sample.candidates)
     return found
 

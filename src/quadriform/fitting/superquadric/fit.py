@@ -64,11 +64,13 @@ def fit_superquadric(
         method: "robust": allows for outliers, missing parts and other bodies, without parameters to set;
             "paper": the method of the paper, sections 2.3 and A.3: the least sum of (F - 1)^2 over the points, F the
             inside-outside function, by conjugate gradient from the ellipsoid with the moments of the points.
-        weights: (n,), >= 0; a point of weight k counts as k points, one of weight 0 does not count.
+        weights: (n,), >= 0; a point of weight k counts as k points, one of weight 0 does not count. Not for a mesh,
+            whose points are chosen here.
         fixed: values of "semi_axes", "exponents", "rotation" or "translation" that are fixed.
         noise: of the measurement, only for "robust": a standard deviation, one for each point (n,), or covariances
-            (n, 3, 3), in the unit of the points. Each distance is divided by the standard deviation of its point
-            along the normal, relative to the others, and the estimated noise of the fit is at least the known one.
+            (n, 3, 3), in the unit of the points; of a mesh a standard deviation. Each distance is divided by the
+            standard deviation of its point along the normal that its neighbours suggest, before any fit, relative to
+            the others; and the estimated noise of the fit is at least the known one.
         viewpoint: position (3,) of the sensor, or for each point (n, 3) where it was seen from, in the unit and frame
             of the points; only for "robust". Surface in its view, where it measured nothing, is penalised. Positions
             that fewer than 100 points have in common say nothing.
@@ -180,10 +182,10 @@ def _outcome(solution: SearchResult, points: Array, inliers: Array, least_sigma:
     sigma = float(descent.mixture.sigma[0])
     found = cut_to(descent.candidates.superquadric(0), points[inliers >= INLIER])
     weights = descent.weights * descent.inliers[0]
-    state = identifiability_of(descent.candidates, descent.derivatives[0], weights, sigma, descent.fixed)
+    state = identifiability_of(descent.candidates, descent.derivatives[0], weights, sigma, descent.fixed_mask)
     steps = len(descent.history)
     warnings = (
-        undetermined(state.rank, state.condition, int((~descent.fixed).sum()))
+        undetermined(state.rank, state.condition, int((~descent.fixed_mask).sum()))
         | near_symmetric(state.symmetric)
         | outliers(inliers)
         | partial_coverage(covered_fraction(found, points[inliers >= INLIER]), inliers)

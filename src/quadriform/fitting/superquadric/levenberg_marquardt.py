@@ -66,7 +66,7 @@ class Descent:
         self, problem: SearchProblem, candidates: Candidates, mixture: Mixture, weights: Array | None = None
     ) -> None:
         self.problem, self.candidates, self.mixture = problem, candidates, mixture
-        self.points, self.fixed = problem.points, problem.fixed_mask
+        self.points, self.fixed_mask = problem.points, problem.fixed_mask
         self.weights = problem.weights if weights is None else weights
         self.damping = np.full(len(candidates), DESCENT.damping)
         self.distances, self.derivatives = self._standardised(candidates)
@@ -132,7 +132,7 @@ class Descent:
         """
         before = self.candidates, self.mixture
         self.damping = np.zeros(len(self.candidates))
-        positions, proposals = [np.zeros(self.fixed.size + 2)], list[Array]()
+        positions, proposals = [np.zeros(self.fixed_mask.size + 2)], list[Array]()
         for _ in range(iterations):
             step = self._step()
             mixture = reestimate(self)
@@ -192,7 +192,7 @@ class Descent:
 
     def _blocked(self, gradient: Array) -> Mask:
         """Parameters (M, n_parameters) that are fixed, or at a bound and would pass it."""
-        blocked = np.broadcast_to(self.fixed, gradient.shape).copy()
+        blocked = np.broadcast_to(self.fixed_mask, gradient.shape).copy()
         low, high = ((self.candidates.exponents <= EXPONENTS[0]), (self.candidates.exponents >= EXPONENTS[1]))
         blocked[:, POWERS] |= (low & (gradient[:, POWERS] > 0)) | (high & (gradient[:, POWERS] < 0))
         blocked[:, :3] |= (self.candidates.log_axes >= np.log(self.problem.longest)) & (gradient[:, :3] < 0)

@@ -40,7 +40,8 @@ from quadriform.shapes.superquadric import Superquadric
 Estimated = tuple[Candidates, Mixture]
 """Candidates with their mixtures."""
 UPRIGHT = START_ROTATIONS[::3]
-"""The first of them, which leaves the axes of a part as they are, and its dual."""
+"""Of each half of `START_ROTATIONS` the first: the principal axes as they are, and these rotated by 45 degrees about
+z."""
 ENOUGH_PAIRS = (4 / (1 - SEARCH.least_independent)) ** 2
 """Least number of pairs for a conclusion: independent distances of so many look correlated once in 30,000 (4 sigma)."""
 
@@ -62,7 +63,7 @@ class SearchResult:
 
 def em(descent: Descent) -> Mixture:
     """The mixture re-estimated."""
-    count = int((~descent.fixed).sum())
+    count = int((~descent.fixed_mask).sum())
     found = estimated(descent.distances, descent.inliers, descent.weights, count)
     return replace(found, sigma=np.maximum(found.sigma, descent.problem.least_sigma))
 
@@ -78,6 +79,8 @@ def solve(problem: SearchProblem) -> SearchResult:
     4. Where it has outliers: the log odds of each point by its density, for outliers are sparse.
     5. Restarts from boxes around the inliers, for a surface may be too long where points are on one side only.
     6. The descent of the best and its alternatives on all points.
+
+    Steps 2 and 3, and the restarts of step 5, are only for kinds whose surface lies around their centre (`is_radial`).
     """
     cloud = problem.sample(SEARCH.cloud)
     parts = dense_parts(cloud.points)
