@@ -97,13 +97,13 @@ def python_blocks():
 def test_the_examples_of_the_readme_run(tmp_path, monkeypatch, capsys):
     """On ellipsoids: what they print and make is that of the ellipsoid."""
     body = qf.Superquadric(semi_axes=(40.0, 30.0, 20.0), exponents=(1.0, 1.0))
-    points, inner = body.mesh(8).vertices, 0.8 * body.mesh(8).vertices
+    points, inner = body.mesh(6).vertices, 0.8 * body.mesh(6).vertices
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(qf, "show", lambda fit: None)
-    write_mesh(body.mesh(8), tmp_path / "kidney.ply")
-    grid = np.stack(np.meshgrid(*[np.arange(-45, 46, 3.0)] * 3, indexing="ij"), axis=-1)
+    write_mesh(body.mesh(6), tmp_path / "kidney.ply")
+    grid = np.stack(np.meshgrid(*[np.arange(-45, 46, 4.5)] * 3, indexing="ij"), axis=-1)
     mask = body.implicit(grid.reshape(-1, 3)).reshape(grid.shape[:3]) < 1
-    nibabel.save(nibabel.Nifti1Image(mask.astype(np.uint8), np.diag([3.0, 3.0, 3.0, 1.0])), tmp_path / "mask.nii.gz")
+    nibabel.save(nibabel.Nifti1Image(mask.astype(np.uint8), np.diag([4.5, 4.5, 4.5, 1.0])), tmp_path / "mask.nii.gz")
     names = {
         "np": np,
         "pcd": SimpleNamespace(points=list(points), normals=list(points / body.semi_axes**2)),

@@ -75,7 +75,7 @@ def record_of(result):
 
 
 def test_the_cavity_counts_below_the_face_where_the_image_cuts_it(terminal, hearts, tmp_path):
-    record = record_of(terminal("fit", hearts(), *CUT, "-o", "out", "--json"))
+    record = record_of(terminal("fit", hearts(), *CUT, *FEW, "-o", "out", "--json"))
     assert record["volume_ml"] == pytest.approx(below(ENDO, TOP), rel=0.02)
     counted = (read_volume(tmp_path / "heart.nii").values == 1).sum() * SPACING.prod() / 1000
     assert record["volume_ml"] == pytest.approx(counted, rel=0.02)

@@ -42,8 +42,8 @@ def tube():
 
 def ball():
     rng = np.random.default_rng(0)
-    points = rng.normal(size=(1500, 3))
-    return points * (rng.uniform(size=1500) ** (1 / 3) / np.linalg.norm(points, axis=1))[:, None]
+    points = rng.normal(size=(600, 3))
+    return points * (rng.uniform(size=600) ** (1 / 3) / np.linalg.norm(points, axis=1))[:, None]
 
 
 def outliers(share, others, seed=0):
