@@ -244,6 +244,19 @@ def test_long_voxels_are_no_poor_fit_and_filled_volumes_are_one():
     assert "POOR_FIT" in qf.fit(filled, noise=0.01, **small).warnings
 
 
+def test_points_that_are_less_exact_than_claimed_do_not_decide_alone():
+    """Old fault: points with claims from 1e-6 to 1, all of the same noise, gave a noise of 20,000 and only outliers."""
+    points = noisy_egg(300, noise=0.3)
+    claimed = 10.0 ** np.random.default_rng(0).uniform(-6, 0, 300)
+    fit = qf.fit(points, noise=claimed, box=(3, 3, 3))
+    assert fit.status == "ok" and 0.2 < fit.noise < 0.5
+
+
+def test_a_noise_larger_than_the_body_is_an_unreliable_fit_without_inliers():
+    """Old fault: a NumPy warning about the mean of nothing."""
+    assert qf.fit(noisy_egg(200, noise=0.3), noise=1e3, box=(3, 3, 3)).status == "unreliable"
+
+
 @pytest.mark.parametrize("many", [10**9, 2000], ids=["at once", "from a sample"])
 def test_the_noise_of_displaced_slices_is_their_displacement(many, monkeypatch):
     """Old fault: the known errors were scaled as a whole, and slices displaced by 3 mm had a noise of 9.6 mm."""

@@ -390,25 +390,18 @@ def test_known_noise_is_relative_to_its_mean_along_the_normals():
     assert "noise of 1 of 2 clouds is known" in partial_notes({"a": None, "b": noisy()})[0]
 
 
-def test_what_exceeds_the_known_noise_is_alike_in_all_directions():
-    of, here = replace(data(noisy()), least_sigma=0.02, inlier_ratio=0.8), box()
-    known = of.variances(surface_normals(SURFACE, here, of.origins)) * 0.02**2
-    for sigma in (0.02, 0.03, 0.3):
-        deviations = np.sqrt(known + (sigma**2 - 0.02**2))
-        expected = of.weighted(sigma * of.distances(here) / deviations, sigma)
-        np.testing.assert_allclose(of.with_inliers(here, sigma).inliers, expected.inliers, rtol=1e-6, atol=1e-12)
+@pytest.mark.parametrize("excess", [0.0, 0.7])
+def test_inliers_are_judged_by_the_known_noise_and_what_exceeds_it(excess):
+    """What exceeds the known noise is alike in all directions: of relative variances v_i it makes v_i + x."""
+    of, here = replace(data(noisy()), least_sigma=0.02, inlier_ratio=0.8, excess=excess), box()
+    variances = of.known_variances(surface_normals(SURFACE, here, of.origins)) + excess
+    distances = of.distances(here) * np.sqrt((1 + excess) / variances)
+    for sigma in (0.01, 0.03, 0.3):
+        expected = of.weighted(distances, sigma).inliers
+        np.testing.assert_allclose(of.with_inliers(here, sigma).inliers, expected, rtol=1e-6, atol=1e-12)
     same = of.with_inliers_at_ratio(here, 0.03)
-    np.testing.assert_allclose(
-        same.inliers,
-        inlier_probabilities(0.03 * of.distances(here) / np.sqrt(known + 0.03**2 - 0.02**2), 0.03, 0.8),
-        rtol=1e-6,
-        atol=1e-12,
-    )
+    np.testing.assert_allclose(same.inliers, inlier_probabilities(distances, 0.03, 0.8), rtol=1e-6, atol=1e-12)
     assert same.inlier_ratio == of.inlier_ratio
-    # no noise is below the known one, that of exact points neither
-    for sigma in (0.01, 0.0):
-        expected = of.weighted(of.standardised_distances(here), sigma)
-        np.testing.assert_allclose(of.with_inliers(here, sigma).inliers, expected.inliers, rtol=1e-6, atol=1e-12)
 
 
 @pytest.mark.parametrize("succeeds", [0, 2, 7, 8], ids=lambda n: f"at step {n} from the weakest")

@@ -274,7 +274,7 @@ def poor_fit(
         independent: N, the effective number of points.
     """
     explained = known * (1 + SCATTER * np.sqrt(2 / max(independent, 1.0)))
-    relative, noise = rms(distances) if len(distances) else 1.0, float(np.sqrt(np.mean(known)))
+    relative, noise = (rms(distances), float(np.sqrt(np.mean(known)))) if len(distances) else (1.0, 0.0)
     text = (
         f"the RMS distance of the inliers is {100 * relative:.1f} % of the cloud's RMS radius"
         f"{f', their known noise {100 * noise:.1f} %' if noise else ''}: are the points one closed surface, without "

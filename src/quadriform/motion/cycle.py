@@ -275,14 +275,15 @@ class Cycle:
         return [self.box.with_control_points(rest + each) for each in in_time]
 
     def _updated(self, state: CycleState) -> list[list[SurfaceData]]:
-        """Data with new foot points, inlier probabilities, and errors beyond the known ones."""
-        result = list[list[SurfaceData]]()
-        for box, datasets in zip(state.boxes, state.datasets):
-            found = [data.with_tangential_steps(box, TANGENTIAL_STEPS) for data in datasets]
-            result.append([_weighted(data, box, state.sigma) for data in found] if self.robust else found)
-        boxes = [box for box, each in zip(state.boxes, result) for _ in each]
-        updated = iter(with_excess([data for each in result for data in each], boxes))
-        return [[next(updated) for _ in each] for each in result]
+        """Data with new foot points, errors beyond the known ones, and inlier probabilities."""
+        every = [(data, box) for box, datasets in zip(state.boxes, state.datasets) for data in datasets]
+        moved = [data.with_tangential_steps(box, TANGENTIAL_STEPS) for data, box in every]
+        boxes = [box for _, box in every]
+        updated = with_excess(moved, boxes)
+        if self.robust:
+            updated = tuple(_weighted(data, box, state.sigma) for data, box in zip(updated, boxes))
+        of_frames = iter(updated)
+        return [[next(of_frames) for _ in datasets] for datasets in state.datasets]
 
     def _shifted(self, datasets: list[list[SurfaceData]], shifts: Array) -> list[list[SurfaceData]]:
         """Data whose points are moved by the shifts of their slices."""

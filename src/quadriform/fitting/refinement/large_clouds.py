@@ -150,9 +150,9 @@ class _All:
     def updated(self, box: ControlBox, sigma: float) -> "_All":
         """The points with the samples' foot points, and if robust their inlier ratios, updated to another box."""
         samples = [each.data.with_tangential_steps(box, LARGE.tangential_steps) for each in self.surfaces]
-        if self.options.robust:
-            samples = [data.with_inliers(box, sigma) for data in samples]
         updated = with_excess(samples, [box] * len(samples))
+        if self.options.robust:
+            updated = tuple(data.with_inliers(box, sigma) for data in updated)
         return replace(self, surfaces=[replace(each, data=data) for each, data in zip(self.surfaces, updated)])
 
     def each(self, surfaces: Sequence[_Surface], work: Callable[[_Surface, slice], T]) -> Iterator[T]:

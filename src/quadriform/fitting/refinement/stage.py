@@ -365,9 +365,8 @@ class Stage:
         """The state after one round."""
         problem, box = self.problem, state.box
         datasets, attractions = self.foot_points(box, state.datasets)
+        datasets = with_excess(datasets, [box] * len(datasets))
         datasets = self.weighting.weighted(box, datasets, state.sigma)
-        if state.sigma is not None:
-            datasets = with_excess(datasets, [box] * len(datasets))
         fitted = None if state.solution is None else box
         fraction = independent_fraction(datasets, fitted, problem.unknowns) if self.correlated else 1.0
         linear = problem.linear_problem(datasets, attractions, box, fraction)

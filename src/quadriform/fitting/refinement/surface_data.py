@@ -176,27 +176,12 @@ class SurfaceData:
 
     def with_inliers(self, box: ControlBox, sigma: float) -> "SurfaceData":
         """The data with inlier probabilities and inlier ratio at a standard deviation of the residuals."""
-        return self.weighted(self._distances_at(box, sigma), sigma)
+        return self.weighted(self.standardised_distances(box), sigma)
 
     def with_inliers_at_ratio(self, box: ControlBox, sigma: float) -> "SurfaceData":
         """The data with inlier probabilities at a standard deviation of the residuals; the inlier ratio is kept."""
-        distances = self._distances_at(box, sigma)
+        distances = self.standardised_distances(box)
         return replace(self, inliers=inlier_probabilities(distances, sigma, self.inlier_ratio))
-
-    def _distances_at(self, box: ControlBox, sigma: float) -> Array:
-        """sigma |e_i| / sqrt(var_i), (n,), where |e_i| is the distance from a point to its foot point.
-
-        With s0 the known standard deviation and v_i the relative variance along the normal (`known_variances`), it is
-        var_i = s0^2 v_i + (sigma^2 - s0^2). The estimated variance exceeds the known one because the surface does not
-        fit or because other errors were not known, and that excess is the same for all points. So in a mask whose
-        slices are displaced against each other, a point that is known to a tenth of a voxel is no outlier. A sigma
-        below s0 counts as s0.
-        """
-        if self.covariances is None:
-            return self.distances(box)
-        known_fraction = (self.least_sigma / max(sigma, self.least_sigma)) ** 2
-        normals = surface_normals(self.superquadric, box, self.origins)
-        return self.distances(box) / np.sqrt(known_fraction * self.known_variances(normals) + 1 - known_fraction)
 
     def weighted(self, distances: Array, sigma: float) -> "SurfaceData":
         """The data with inlier probabilities and ratio, by EM at a given sigma, from standardised distances (n,)."""
@@ -258,8 +243,9 @@ def with_excess(datasets: Sequence[SurfaceData], boxes: Sequence[ControlBox]) ->
         """How far the sum of the weighted ratios is above that of the weights; it decreases."""
         return float(weights @ (squares / (known + excess) - 1))
 
-    # at the largest square no ratio is above one
-    excess = float(brentq(surplus, 0.0, squares.max())) if surplus(0.0) > 0 else 0.0
+    # the mean of d^2 / (v + x) is below that of d^2 / x, so the root is below the mean of d^2
+    largest = 2 * float(weights @ squares) / max(float(weights.sum()), np.finfo(float).tiny)
+    excess = float(brentq(surplus, 0.0, largest, maxiter=1000)) if surplus(0.0) > 0 else 0.0
     return tuple(replace(data, excess=excess) for data in datasets)
 
 
