@@ -52,8 +52,8 @@ def to_ellipsoid(targets, axes):
 
 
 def brute(surface, box, targets):
-    """Distance to the nearest of 240,000 vertices, polished from the four nearest."""
-    vertices = surface.grid(200)[0]
+    """Distance to the nearest of 86,000 vertices, polished from the four nearest."""
+    vertices = surface.grid(120)[0]
     nearest = cKDTree(box.deform(vertices)).query(targets, k=4)[1]
     polished = [box.deform(update_foot_points(surface, box, targets, vertices[column], 60)) for column in nearest.T]
     return np.linalg.norm(targets - polished, axis=2).min(axis=0)
@@ -70,9 +70,9 @@ def graded(surface, n=14):
 
 
 def brute_beside_planes(surface, box, targets):
-    """Distance to the nearest of many vertices, most of them beside planes of symmetry, from the ten nearest."""
+    """Distance to the nearest of many vertices, most of them beside planes of symmetry, from the six nearest."""
     vertices = np.concatenate([surface.grid(60)[0], graded(surface, 40)])
-    nearest = cKDTree(box.deform(vertices)).query(targets, k=10)[1]
+    nearest = cKDTree(box.deform(vertices)).query(targets, k=6)[1]
     polished = [box.deform(update_foot_points(surface, box, targets, vertices[column], 120)) for column in nearest.T]
     return np.linalg.norm(targets - polished, axis=2).min(axis=0)
 
