@@ -20,8 +20,10 @@ from quadriform.fitting.fit import fit
 from quadriform.heart.synthetic import SyntheticVentricle
 from quadriform.motion.tracking import Track
 from quadriform.report import notebook
+from quadriform.report.fields import uncertainty_field
 from quadriform.report.reports import fit_report, model_report, track_report
 from quadriform.report.slices import slices_png
+from quadriform.report.viewer import FIELD_CELLS
 
 MOST_BYTES = 5_000_000
 BRIEF = ["--box", "3,3,3", "--method", "paper", "--iterations", "1"]
@@ -73,6 +75,13 @@ def test_a_report_begins_with_the_summary_and_holds_the_fit(egg):
         assert f"{number:.4g}" in text
     assert f"{fit.compression_ratio:.1f}" in text and str(fit.model.n_parameters) in text
     assert "Bardinet" in text and f"quadriform {qf.__version__}" in text
+
+
+def test_the_uncertainty_shown_is_that_of_the_fit(egg):
+    fit, _ = egg
+    (shown,) = uncertainty_field(fit).values["surface"]
+    points = fit.model.box.deform(fit.model.superquadric().grid(FIELD_CELLS)[0])
+    assert shown.min() > 0 and np.array_equal(shown, fit.uncertainty(points))
 
 
 def test_warnings_are_shown_first(egg):
