@@ -81,7 +81,7 @@ KNOWN: dict[str, str] = {
         "these are only asked whether they are equal"
     ),
     "fitting/superquadric/initial.py: principal_axes: `1.0` -> `1.1`": "the same factor on all points changes no axis",
-    "fitting/refinement/starts.py: nested: `size < 1` -> `size <= 1`": "a copy of the same size is the same surface",
+    "fitting/refinement/starts.py: nested: `scale < 1` -> `scale <= 1`": "a copy of the same size is the same surface",
     "fitting/refinement/left_out.py: _patch_of: `points - points.mean(axis=0)` -> `points + points.mean(axis=0)`": (
         "the order decides between points that are equally far only, and any order serves"
     ),
