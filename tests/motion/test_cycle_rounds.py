@@ -21,7 +21,7 @@ class State:
     boxes: tuple = (0, 0)
     datasets: tuple = ()
     shifts: tuple = ()
-    reference: str = "start"
+    start: str = "smooth"
 
     def nearest(self):
         return self
@@ -39,7 +39,7 @@ class Counted:
         if self.fails_at is not None and len(self.log) > self.fails_at:
             return None
         sigma = self.noises.pop(0) if self.noises else state.sigma
-        return State(sigma, state.fraction, state.steps + 1, reference=state.reference)
+        return State(sigma, state.fraction, state.steps + 1, start=state.start)
 
     def strength_in_space(self, state, frames, near, first=False):
         self.spaces.append((near, first))
@@ -128,12 +128,12 @@ def test_folds_are_removed_in_fifteen_rounds_from_the_fit(at):
 
 def test_folds_that_stay_are_removed_from_the_first_state_at_decreasing_strengths():
     """Four rounds at each of eight strengths, one of which is enough where nothing folds; then the strengths given."""
-    first = State(reference="affine")
+    first = State(start="affine")
     cycle = Counted(verified_at=15)
     state, strengths, verified = cycle_rounds._unfolded_fit(cycle, first, State(fraction=0.3), (2.0, 3.0))
     factors = [*np.repeat(FACTORS[:3], 4), *np.repeat(FACTORS[3], 3), *FACTORS[4:]]
     np.testing.assert_allclose(cycle.log[15:], [(2 * f, 3 * f) for f in factors])
-    assert (state.reference, state.fraction, state.steps) == ("affine", 0.3, len(factors))
+    assert (state.start, state.fraction, state.steps) == ("affine", 0.3, len(factors))
     assert strengths == (2, 3) and verified == (True, True)
 
 
@@ -165,10 +165,10 @@ def test_where_nothing_folds_at_larger_strengths_only_the_last_of_them_is_kept()
             return (True, bool(self.log) and self.log[-1][0] > 2.001 * FACTORS[2]), state
 
     cycle = Folds()
-    first, folded = State(reference="affine"), State(0.3)
+    first, folded = State(start="affine"), State(0.3)
     state, strengths, verified = cycle_rounds._unfolded_fit(cycle, first, folded, (2.0, 3.0))
     np.testing.assert_allclose(strengths, (2 * FACTORS[1], 3 * FACTORS[1]))
-    assert verified == (True, True) and (state.reference, cycle.before) == ("affine", 0.3)
+    assert verified == (True, True) and (state.start, cycle.before) == ("affine", 0.3)
 
 
 def test_progress_counts_to_the_rounds_that_are_always_made():

@@ -75,8 +75,6 @@ class CycleState:
         datasets: for each frame one for each surface.
         sigma: standard deviation of the inliers' point-to-plane residuals.
         fold_penalties: for each frame.
-        reference: the box from which the displacement in the regularisation is measured, so that it has no energy: the
-            undeformed one, except while all frames have the same start.
         fraction: independent points over all points, in (0, 1]; see `Cycle.effective_fraction`.
     """
 
@@ -86,13 +84,7 @@ class CycleState:
     datasets: list[list[SurfaceData]]
     sigma: float
     fold_penalties: list[JacobianPenalty]
-    reference: ControlBox
     fraction: float = 1.0
-
-    @property
-    def reference_displacement(self) -> Array:
-        """The displacement (k, 3) of the control points of the reference from the undeformed ones."""
-        return (self.reference.control_points - self.reference.rest).reshape(-1, 3)
 
     def nearest(self) -> "CycleState":
         """The state with the nearest foot points."""
@@ -149,7 +141,7 @@ class Cycle:
         penalty = JacobianPenalty.of(self.box, self.surfaces, count, sigma)
         displacement = np.zeros((self.weights_in_time.shape[1], self.box.rest.size // 3, 3))
         shifts = np.zeros((0 if self.planes is None else len(self.planes[0].axes), 2))
-        return CycleState(displacement, shifts, [self.box] * frames, datasets, sigma, [penalty] * frames, self.box)
+        return CycleState(displacement, shifts, [self.box] * frames, datasets, sigma, [penalty] * frames)
 
     def _data(self, frame: int, name: str, points: Array) -> SurfaceData:
         covariances, least = self.known_noise.relative.get(named(frame, name)), self.known_noise.least_sigma
@@ -201,12 +193,6 @@ class Cycle:
         counts = [sum(float((data.weights * data.inliers).sum()) for data in each) for each in state.datasets]
         return float(np.average(found, weights=counts))
 
-    def all_at(self, state: CycleState, box: ControlBox) -> CycleState:
-        """The state with the same box in all frames, which is the reference of the deformation."""
-        of_box = (box.control_points - box.rest).reshape(1, -1, 3)
-        displacement = np.repeat(of_box, len(state.displacement), axis=0)
-        return replace(state, displacement=displacement, boxes=[box] * len(state.boxes), reference=box)
-
     def result(
         self,
         state: CycleState,
@@ -223,17 +209,15 @@ class Cycle:
     def step(self, state: CycleState, strengths: tuple[float, float]) -> CycleState | None:
         """The state after a round: foot points, inlier probabilities, and a step to the solution of the linear problem.
 
-        The step is shortened until `total` decreases. None where the linear problem is singular. The linear problem and
-        the equations of the penalties are in displacements from the reference; those of the state are from the
-        undeformed box.
+        The step is shortened until `total` decreases. None where the linear problem is singular.
         """
         state = replace(state, datasets=self._updated(state))
-        linear, penalties, reference = self.linear_problem(state), _penalties(state), state.reference_displacement
-        equations = [_sum(each, box).recentred_at(reference) for each, box in zip(penalties, state.boxes)]
+        linear, penalties = self.linear_problem(state), _penalties(state)
+        equations = [_sum(each, box) for each, box in zip(penalties, state.boxes)]
         solution = linear.with_extra_terms(equations).solve(*strengths)
         if solution is None:
             return None
-        direction = solution.displacement + reference - state.displacement
+        direction = solution.displacement - state.displacement
         shifted = solution.shifts - state.shifts.ravel()
 
         def at(length: float) -> tuple[Array, Array]:
@@ -266,7 +250,7 @@ class Cycle:
     ) -> float:
         """The sum that a round lowers: squared distances, regularisation, and the penalties of each frame."""
         costs = [each.cost(box) for of, box in zip(penalties, self._boxes(displacement)) for each in of]
-        return linear.cost(displacement - state.reference_displacement, shifts, *strengths) + sum(costs)
+        return linear.cost(displacement, shifts, *strengths) + sum(costs)
 
     def _boxes(self, displacement: Array) -> list[ControlBox]:
         rest = self.box.rest
@@ -303,7 +287,7 @@ class Cycle:
             found = [data_rows(data, box) for data in datasets]
             # shifts are unknowns too, so the targets are the points before any shift
             targets = list(self.frames[frame].values()) if self.planes else [row.targets for row in found]
-            offsets = [target - state.reference.deform(row.origins) for row, target in zip(found, targets)]
+            offsets = [target - row.origins for row, target in zip(found, targets)]
             parts = [
                 normal_equations(box.local(row.origins), row.metric, offset, box.degrees)
                 for row, offset in zip(found, offsets)

@@ -1,9 +1,8 @@
 """The whole cycle as one linear problem: control points that are splines over time, and shifts of slices.
 
 The displacement of each control point is a sum of K cardinal splines in time; the unknowns are their coefficients, the
-displacements at the K knots. With d(x, t) the displacement field, from the reference box (in all rounds but the first
-the undeformed one), u time in units of the period (without one, of the time that the knots cover) and N the sum of the
-weights of all data points, they minimise
+displacements at the K knots. With d(x, t) the displacement field from the undeformed box, u time in units of the
+period (without one, of the time that the knots cover) and N the sum of the weights of all data points, they minimise
 
     sum_i w_i (squared distances) + alpha N  mean over t of E(d)  +  gamma N  mean over t, x of |d2 d / d u2|^2.
 
@@ -48,7 +47,7 @@ class CycleSolution:
     """Displacements of the control points under one pair of strengths.
 
     Attributes:
-        displacement: (K, k, 3), from the reference box, at the knots: the coefficients of the K splines.
+        displacement: (K, k, 3), from the undeformed box, at the knots: the coefficients of the K splines.
         shifts: (m,), the further unknowns.
         sigma: standard deviation of the data along the normal.
         criterion: minus twice the log marginal likelihood, up to a constant.

@@ -89,9 +89,8 @@ def _affine_images(cycle: Cycle, undeformed: CycleState, start: ControlBox, repo
 
     What is a fold is relative to the change of volume of each frame.
     """
-    state, motion = cycle.all_at(undeformed, start), AffineMotion.identity(cycle.weights_in_time)
-    sample = [[data.subsample(SCHEDULE.coarse_points, cycle.robust) for data in each] for each in state.datasets]
-    gamma = ROUNDS.strongest * _first_in_time(state)
+    motion, gamma = AffineMotion.identity(cycle.weights_in_time), ROUNDS.strongest * _first_in_time(undeformed)
+    sample = [[data.subsample(SCHEDULE.coarse_points, cycle.robust) for data in each] for each in undeformed.datasets]
     for _ in range(ROUNDS.affine):
         rows = [
             [data_rows(data.with_nearest_foot_points(box), box) for data in each]
@@ -104,11 +103,10 @@ def _affine_images(cycle: Cycle, undeformed: CycleState, start: ControlBox, repo
         motion = found
     boxes = motion.boxes(start)
     return replace(
-        state,
+        undeformed,
         displacement=motion.at_knots(start.control_points.reshape(-1, 3)) - cycle.box.rest.reshape(-1, 3),
         boxes=boxes,
-        reference=cycle.box,
-        fold_penalties=[penalty.relative_to(box) for penalty, box in zip(state.fold_penalties, boxes)],
+        fold_penalties=[penalty.relative_to(box) for penalty, box in zip(undeformed.fold_penalties, boxes)],
     ).nearest()
 
 

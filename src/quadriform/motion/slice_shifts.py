@@ -125,8 +125,8 @@ class SlicePlanes:
         """The shifts' part of the linear problem: coupling (2 S, F, 3 k), own matrix (2 S, 2 S), right side (2 S,).
 
         Args:
-            frames: for each frame and surface the rows, their slice numbers, and the offsets (n, 3) from the reference
-                to the targets before any shift.
+            frames: for each frame and surface the rows, their slice numbers, and the offsets (n, 3) from the
+                undeformed surface to the targets before any shift.
             boxes: of the frames.
             sigma: the noise at which independent rows would have the information of these.
         """

@@ -54,11 +54,6 @@ class NormalEquations:
         p = displacement.ravel()
         return float(p @ (self.matrix @ p) - 2 * self.right @ p + self.constant)
 
-    def recentred_at(self, displacement: Array) -> "NormalEquations":
-        """The equations of the same sum in the difference of the displacements from given ones (k, 3)."""
-        p = displacement.ravel()
-        return NormalEquations(self.matrix, self.right - self.matrix @ p, self.squares(p))
-
     def in_basis(self, vectors: Array) -> "NormalEquations":
         """The equations in the coefficients of an orthonormal basis, the columns of `vectors` (k, k)."""
         size = len(vectors)
