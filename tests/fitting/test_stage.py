@@ -9,10 +9,8 @@ from shapes_made import even_directions, made
 
 from quadriform.fitting.refinement import stage as stages
 from quadriform.fitting.refinement.point_to_plane import displaced, probes
-from quadriform.fitting.refinement.refine import sigma_of_distances
 from quadriform.fitting.refinement.stage import (
     Problem,
-    Refined,
     Report,
     Stage,
     StoppingRule,
@@ -20,7 +18,6 @@ from quadriform.fitting.refinement.stage import (
     tangential_steps,
 )
 from quadriform.fitting.refinement.surface_data import SurfaceData
-from quadriform.shapes.closest import surface_normals
 from quadriform.shapes.control_box import ControlBox
 
 SURFACE = replace(made(exponents=(1, 1), semi_axes=(1.2, 0.9, 0.8)), translation=np.zeros(3))
@@ -103,24 +100,3 @@ def test_a_step_under_a_penalty_is_halved_where_the_sum_would_grow(wrong, length
     assert len(found.history) == 2 and found.solution.strength == 1e-3
     shift = found.box.control_points - found.box.rest
     np.testing.assert_allclose(shift if wrong == 1 else target, target, atol=1e-5)
-
-
-def test_the_noise_of_distances_is_sigma_where_what_is_known_is_true_and_smaller_where_known_points_are_far():
-    plain, rng = data(2000, bump=0), np.random.default_rng(2)
-    scale = np.where(np.arange(2000) % 2, 0.1, 1.0)
-    noise = (scale**2 / np.mean(scale**2))[:, None, None] * np.eye(3)
-
-    def of(size):
-        """Points whose distances from the surface have standard deviations `size`, of which `noise` is known."""
-        normals = surface_normals(SURFACE, BOX, plain.origins)
-        moved = BOX.deform(plain.origins) + (size * rng.normal(size=2000))[:, None] * normals
-        found = replace(plain, points=moved, covariances=noise).with_nearest_foot_points(BOX)
-        sigma = np.sqrt((found.standardised_distances(BOX) ** 2).mean())
-        return sigma_of_distances(Refined(BOX, (found,), SimpleNamespace(sigma=sigma), ())), sigma
-
-    true, sigma = of(0.02 * scale)
-    assert true == pytest.approx(sigma, rel=0.05)
-    false, sigma = of(np.full(2000, 0.02))
-    assert false == pytest.approx(0.02, rel=0.05) and sigma > 2 * false
-    alike = Refined(BOX, (plain,), SimpleNamespace(sigma=0.3), ())
-    assert sigma_of_distances(alike) == 0.3

@@ -70,8 +70,8 @@ def test_coarse_stages_that_intersect_themselves_are_repeated_with_correlated_er
     """Old fault: a surface followed displaced slices from the start, folded, and amplified rounding to millimetres."""
     used = []
 
-    def coarse(problem, first, sample, correlated=False):
-        used.append((first, sample, correlated))
+    def coarse(problem, first, sample, independent=stages.every_point):
+        used.append((first, sample, independent))
         number = len(used)
         return SimpleNamespace(number=number, crosses_though_covered=number <= intersecting)
 
@@ -82,5 +82,6 @@ def test_coarse_stages_that_intersect_themselves_are_repeated_with_correlated_er
     box = ControlBox.around(BALL, (3, 3, 3))
     found = stages.all_coarse_stages(SimpleNamespace(box=box, robust=True), "given", [])
     firsts = ("given", 1000), ("first of 700", 700), ("first of 1500", 1500)
-    expected = [(*first, correlated) for first in firsts for correlated in (False, True)]
+    rules = stages.every_point, stages.independent_fraction
+    expected = [(*first, rule) for first in firsts for rule in rules]
     assert used == expected[: intersecting + 1] and found.number == len(used)

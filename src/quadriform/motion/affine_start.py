@@ -1,14 +1,17 @@
 """The first boxes of a cycle: for each frame an affine image of one deformed box, smooth in time.
 
-Most of a heart's motion is affine. If a map D has no folds, its image T(D(x)) under an affine map T that preserves
-orientation has none either. It is a map of the same box, whose control points are the images of those of D under T.
-Minimised over the affine maps T_k at the knots is
+Most of a heart's motion is affine. If a deformation D has no folds, neither has T(D(x)) with an affine map T that
+preserves orientation. It is a deformation by the same box, whose control points are the images of those of D under T.
+The affine maps, splines in time with a map at each knot, minimise
 
-    sum_i w_i (squared distances) + gamma sum_i mean over t of |d2 T(x_i) / d u2|^2,
+    sum_i (T(y_i) - d_i)' M_i (T(y_i) - d_i)  +  gamma sum_i mean over t of |d2 T(y_i) / d u2|^2
 
-the sum of `cycle_equations.py` for a motion that is affine. In a frame without data the smoothness in time alone
-determines the motion. A squared distance is (T(y) - p)' A (T(y) - p), for a target p and the image y = D(x) of its foot
-point, with the metric A = n n' / noise^2 of `point_to_plane.Rows`.
+    d_i     a data point of a frame, y_i = D(o_i) its foot point on the surface by D, T the map of its frame
+    M_i     its metric: almost all of its weight is along the normal (`refinement/point_to_plane.py`)
+    gamma   the strength in time, u time in units of the period
+
+This is the sum of `cycle_equations.py` for a motion that is affine. In a frame without data the smoothness in time
+alone determines the map.
 """
 
 from collections.abc import Sequence
@@ -67,7 +70,7 @@ def fitted_motion(
     """The affine motion of a box that fits the data of all frames; None where the data does not determine it.
 
     Args:
-        rows: for each frame the terms of its data, with origins before deformation.
+        rows: for each frame and surface the data points d_i, the origins o_i of their foot points, and the metrics M_i.
         start: the box that moves.
         values: (F, K), the splines at the frames.
         basis: the splines.

@@ -24,7 +24,7 @@ class CycleRounds:
     """The constants of the rounds."""
 
     affine: int = 6
-    """Rounds in which each frame is an affine image of the first: most of a heart's motion is affine."""
+    """Rounds in which each frame is an affine image of the smooth fit: most of a heart's motion is affine."""
     strongest: float = 100.0
     """Factor on the strengths in the next round: the affine images are near already, so maps need not be affine."""
     falling: int = 4

@@ -304,25 +304,9 @@ def _result(attempt: Attempt, warnings: Warnings) -> Result:
         covariance=refined.solution.covariance(),
         enriched=_enriched(trial.problem, refined),
         inliers={name: data.inliers for name, data in zip(given.clouds, refined.datasets)},
-        warnings=warnings | ill_conditioned(model, refined.solution, sigma_of_distances(refined)),
+        warnings=warnings | ill_conditioned(model, refined.solution, refined.sigma),
         half_space=given.half_space,
     )
-
-
-def sigma_of_distances(refined: Refined) -> float:
-    """Standard deviation of the inliers' distances: sigma sqrt((sum w_i |e_i|^2) / (sum w_i |e_i|^2 / u_i)).
-
-    |e_i| are distances to foot points, w_i effective weights, and u_i the relative variances (`SurfaceData.variances`).
-    sigma is that of the standardised distances |e_i| / sqrt(u_i). So where these variances are right, the result is
-    sigma; where surfaces are far from points that count as well known, as of displaced slices of a mask, sigma is too
-    large.
-    """
-    if all(data.covariances is None for data in refined.datasets):
-        return refined.sigma
-    weights = np.concatenate([data.effective_weights for data in refined.datasets])
-    squares = np.concatenate([data.distances(refined.box) ** 2 for data in refined.datasets])
-    standardised = np.concatenate([data.standardised_distances(refined.box) ** 2 for data in refined.datasets])
-    return refined.sigma * float(np.sqrt((weights @ squares) / max(weights @ standardised, 1e-300)))
 
 
 def _enriched(problem: Problem, refined: Refined) -> EnrichedBox:

@@ -229,6 +229,15 @@ class StoppingRule:
 ONCE, FIXED = StoppingRule(1), FixedWeights()
 
 
+IndependentFraction = Callable[[Datasets, ControlBox | None, float], float]
+"""A rule for how many points count as independent, as `every_point` and `independent_fraction`."""
+
+
+def every_point(datasets: Datasets, fitted: ControlBox | None, least: float) -> float:
+    """One: all points count as independent."""
+    return 1.0
+
+
 def independent_fraction(datasets: Datasets, fitted: ControlBox | None, least: float) -> float:
     """Effective number of independent points over the number of all points, in (0, 1].
 
@@ -352,14 +361,14 @@ class Stage:
         foot_points: the update of the foot points.
         weighting: the rule for the inlier probabilities.
         stop: the stopping rule.
-        correlated: whether points count by `independent_fraction`; else each counts as independent.
+        independent: the rule for how many points count as independent.
     """
 
     problem: Problem
     foot_points: FootPointUpdate
     weighting: WeightingRule = FIXED
     stop: StoppingRule = ONCE
-    correlated: bool = False
+    independent: IndependentFraction = every_point
 
     def step(self, state: InitialState | Refined) -> Refined:
         """The state after one round."""
@@ -368,7 +377,7 @@ class Stage:
         datasets = with_excess(datasets, [box] * len(datasets))
         datasets = self.weighting.weighted(box, datasets, state.sigma)
         fitted = None if state.solution is None else box
-        fraction = independent_fraction(datasets, fitted, problem.unknowns) if self.correlated else 1.0
+        fraction = self.independent(datasets, fitted, problem.unknowns)
         linear = problem.linear_problem(datasets, attractions, box, fraction)
         solution = linear.solve_or_best(problem.strength, state.solution)
         return problem.recorded(box, Refined(displaced(box, solution), datasets, solution, state.history))

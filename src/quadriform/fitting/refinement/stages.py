@@ -11,11 +11,14 @@ from quadriform.fitting.refinement.left_out import better_strength
 from quadriform.fitting.refinement.stage import (
     SCHEDULE,
     FacingPairs,
+    IndependentFraction,
     InitialState,
     Problem,
     Refined,
     Stage,
     StoppingRule,
+    every_point,
+    independent_fraction,
     nearest_foot_points,
     tangential_steps,
 )
@@ -40,7 +43,9 @@ def first_stage(problem: Problem, sample: Subsample) -> Refined:
     )
 
 
-def coarse_stages(problem: Problem, first: Refined, sample: Subsample, correlated: bool = False) -> Refined:
+def coarse_stages(
+    problem: Problem, first: Refined, sample: Subsample, independent: IndependentFraction = every_point
+) -> Refined:
     """The state after all further stages on few points with new correspondences in each round.
 
     A last round has no attraction of model points. A box that has only one stage repeats that stage.
@@ -49,14 +54,14 @@ def coarse_stages(problem: Problem, first: Refined, sample: Subsample, correlate
         problem: of all rounds.
         first: after the first stage, maybe on other points.
         sample: the points.
-        correlated: whether only the effective number of them counts (`independent_fraction`).
+        independent: the rule for how many of them count as independent.
     """
     box, history = first.box, first.history
     for l, m, n in control_point_counts(problem.box)[1:] or control_point_counts(problem.box):
-        found = _coarse_stage(problem, box.elevate((l - 1, m - 1, n - 1)), sample, history, correlated)
+        found = _coarse_stage(problem, box.elevate((l - 1, m - 1, n - 1)), sample, history, independent)
         box, history = found.box, found.history
     # from no solution, for its strength would be that of data and attractions
-    last = Stage(problem, tangential_steps, correlated=correlated)
+    last = Stage(problem, tangential_steps, independent=independent)
     return last.step(InitialState(box, found.datasets, history=history))
 
 
@@ -65,10 +70,10 @@ def _coarse_stage(
     box: ControlBox,
     sample: Subsample,
     history: tuple[Iteration, ...],
-    correlated: bool = False,
+    independent: IndependentFraction = every_point,
 ) -> Refined:
     update, stop = FacingPairs.of(sample).update, StoppingRule(SCHEDULE.coarse_rounds, SCHEDULE.coarse_motion)
-    stage = Stage(problem, update, stop=stop, correlated=correlated)
+    stage = Stage(problem, update, stop=stop, independent=independent)
     return stage.run(InitialState(box, sample.datasets, history=history))
 
 
@@ -82,17 +87,17 @@ def warm_start(
 
 
 def all_coarse_stages(problem: Problem, first: Refined, datasets: Sequence[SurfaceData]) -> Refined:
-    """The result of the coarse stages, repeated with correlated errors and on other points while its surfaces cross.
+    """The result of the coarse stages, repeated for correlated errors and on other points while its surfaces cross.
 
     A surface that follows correlated errors, as of displaced slices, crosses itself, and the folds of later rounds
-    amplify rounding. With correlated errors its points count as fewer, and the surface is smoother. Where that does not
-    help, both are tried on another sample, which may lead to another minimum.
+    amplify rounding. Where its points count as fewer (`independent_fraction`), the surface is smoother. Where that
+    does not help, both are tried on another sample, which may lead to another minimum.
     """
     for count in (SCHEDULE.coarse_points, *SCHEDULE.other_coarse_points):
         sample = Subsample.of(datasets, count, problem.robust)
         start = first if count == SCHEDULE.coarse_points else first_stage(problem, sample)
-        for correlated in (False, True):
-            found = coarse_stages(problem, start, sample, correlated)
+        for independent in (every_point, independent_fraction):
+            found = coarse_stages(problem, start, sample, independent)
             if not found.crosses_though_covered:
                 return _not_worse(problem, found, datasets)
     return _not_worse(problem, found, datasets)
@@ -151,9 +156,8 @@ def _with_details(problem: Problem, found: Refined) -> Refined:
 
 
 def _stage(problem: Problem, rounds: int) -> Stage:
-    return Stage(
-        problem, tangential_steps, problem.weighting, StoppingRule(rounds, SCHEDULE.fine_motion), correlated=True
-    )
+    stop = StoppingRule(rounds, SCHEDULE.fine_motion)
+    return Stage(problem, tangential_steps, problem.weighting, stop, independent_fraction)
 
 
 def _on_points(
