@@ -92,13 +92,13 @@ def test_boxes_are_the_box_and_then_the_affine_map():
     for moved, each in zip(motion.boxes(box), maps):  # the knots are the frames
         np.testing.assert_allclose(moved.deform(points), np.c_[box.deform(points), np.ones(50)] @ each, atol=1e-12)
     np.testing.assert_allclose(motion.at_knots(points), [np.c_[points, np.ones(50)] @ each for each in maps])
-    assert motion.least_volume == pytest.approx(min(np.linalg.det(each[:3]) for each in maps))
+    assert motion.least_determinant == pytest.approx(min(np.linalg.det(each[:3]) for each in maps))
 
 
 def test_no_motion_moves_nothing():
     box, none = deformed(), AffineMotion.identity(VALUES)
     assert all(np.allclose(each.control_points, box.control_points) for each in none.boxes(box))
-    assert none.least_volume == pytest.approx(1)
+    assert none.least_determinant == pytest.approx(1)
 
 
 def test_without_data_and_with_mirrored_data_there_is_no_motion():

@@ -99,7 +99,7 @@ def test_what_is_not_verified_to_be_free_of_folds_is_reported_of_its_frame(monke
     found = tracked()
     assert found.warnings["FOLDING"].startswith("frame 1: the map is not verified to be free of folds")
     assert "FOLDING" not in plain.warnings
-    assert len(checks) <= 2 * ROUNDS.unfolding + FOLDS.descent * FOLDS.rounds + 1
+    assert len(checks) <= 2 * ROUNDS.unfolding_rounds + FOLDS.descent * FOLDS.rounds + 1
     # what is kept is the state before any removal, not one that penalties have moved off its points
     assert found.rms == pytest.approx(plain.rms, rel=0.05)
 
@@ -109,7 +109,8 @@ def test_progress_is_reported_to_its_end(strategy):
     told = []
     tracked(strategy=strategy, progress=lambda done, total: told.append((done, total)))
     assert [done for done, _ in told] == sorted(done for done, _ in told)
-    assert told[-1][0] == told[-1][1] == (ROUNDS.affine + ROUNDS.falling + ROUNDS.least if strategy == "cycle" else 3)
+    of_cycle = ROUNDS.affine_rounds + ROUNDS.falling_rounds + ROUNDS.least_rounds
+    assert told[-1][0] == told[-1][1] == (of_cycle if strategy == "cycle" else 3)
 
 
 def test_the_rms_of_the_frames_is_that_of_all(plain):
@@ -140,7 +141,7 @@ def test_a_motion_that_does_not_repeat_has_a_knot_at_either_end():
 
 def test_points_of_no_slice_and_slices_of_few_points_are_not_moved(plain):
     few = np.full(100, -1)
-    few[: SHIFTING.fewest - 1] = 7
+    few[: SHIFTING.fewest_points - 1] = 7
     for numbers in (np.full(100, -1), few):
         found = tracked(slices=[numbers, *[np.full(100, -1)] * 2])
         assert found.shifts == {}

@@ -104,7 +104,7 @@ def test_independent_points_are_a_mean_over_frames():
         fractions.append(max(least, fraction_of(each, box)))
         counts.append(count)
     assert of.effective_fraction(state) == pytest.approx(np.average(fractions, weights=counts))
-    assert of.effective_fraction(state, first=True) == pytest.approx(
+    assert of.effective_fraction(state, before_rounds=True) == pytest.approx(
         np.average([81 / max(c, 81) for c in counts], weights=counts)
     )
 

@@ -41,12 +41,12 @@ class Counted:
         sigma = self.noises.pop(0) if self.noises else state.sigma
         return State(sigma, state.fraction, state.steps + 1, start=state.start)
 
-    def strength_in_space(self, state, frames, near, first=False):
-        self.spaces.append((near, first))
+    def strength_in_space(self, state, frames, near, before_rounds=False):
+        self.spaces.append((near, before_rounds))
         return 2.0 + len(self.spaces)
 
-    def effective_fraction(self, state, first=False):
-        self.fractions.append(first)
+    def effective_fraction(self, state, before_rounds=False):
+        self.fractions.append(before_rounds)
         return 0.25
 
     def linear_problem(self, state):
@@ -176,9 +176,9 @@ def test_progress_counts_to_the_rounds_that_are_always_made():
     of = cycle_rounds._Report(lambda done, total: seen.append((done, total)))
     for _ in range(18):
         of.round()
-    total = ROUNDS.affine + ROUNDS.falling + ROUNDS.least
+    total = ROUNDS.affine_rounds + ROUNDS.falling_rounds + ROUNDS.least_rounds
     assert seen == [(min(k, total), total) for k in range(1, 19)] and total == 16
 
 
 def test_the_first_strength_in_time_is_that_of_a_sinusoidal_motion():
-    assert cycle_rounds._first_in_time(State(0.3)) == pytest.approx(0.09 / (2 * np.pi) ** 4)
+    assert cycle_rounds._initial_strength_in_time(State(0.3)) == pytest.approx(0.09 / (2 * np.pi) ** 4)

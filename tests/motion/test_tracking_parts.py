@@ -23,12 +23,12 @@ def task(clouds, noise=None):
 
 def test_the_first_frame_has_many_points_and_a_large_extent():
     """Of a heart end diastole; the product of the number and the median distance from the middle decides."""
-    assert task([{"a": SPHERE}, {"a": 1.2 * SPHERE}, {"a": 1.1 * SPHERE}]).first == 1
-    assert task([{"a": SPHERE[:40]}, {"a": 1.4 * SPHERE[:40]}, {"a": SPHERE}]).first == 2
-    assert task([{"a": 1.01 * SPHERE}, {"a": SPHERE + 100}, {"a": SPHERE}]).first == 0
+    assert task([{"a": SPHERE}, {"a": 1.2 * SPHERE}, {"a": 1.1 * SPHERE}]).reference == 1
+    assert task([{"a": SPHERE[:40]}, {"a": 1.4 * SPHERE[:40]}, {"a": SPHERE}]).reference == 2
+    assert task([{"a": 1.01 * SPHERE}, {"a": SPHERE + 100}, {"a": SPHERE}]).reference == 0
     walls = [{"a": SPHERE, "b": 0.5 * SPHERE}, {"a": SPHERE, "b": 0.6 * SPHERE}]
     sizes = [np.median(np.linalg.norm(np.concatenate(list(w.values())), axis=1)) for w in walls]
-    assert task(walls).first == int(np.argmax(sizes))
+    assert task(walls).reference == int(np.argmax(sizes))
 
 
 def test_frames_are_the_same_where_all_their_points_are():

@@ -1,12 +1,15 @@
 """A model that moves: one superquadric in a box whose control points are functions of time.
 
-The extension of the paper to sequences of images is Bardinet, Cohen and Ayache, Tracking and motion analysis of the
-left ventricle with deformable superquadrics, Medical Image Analysis 1996; 1: 129-149. The whole cycle as one problem is
-ours.
+Each frame of the motion is a model of the paper: Bardinet, Cohen and Ayache, A parametric deformable model to fit
+unstructured 3D data, Computer Vision and Image Understanding 1998; 71: 39-54. Its extension to sequences of images is
+Bardinet, Cohen and Ayache, Tracking and motion analysis of the left ventricle with deformable superquadrics, Medical
+Image Analysis 1996; 1: 129-149. The whole cycle as one problem is ours.
 
-    frame       the points at one time, and that time; F of them
+    frame       the points at one time, and that time; F of them. `points.Frame`, a frame of coordinates, is another
+                thing: variables of this class are called `normalisation`
     knot        a time at which the splines have their coefficients; K of them
-    spline      the function of time that is one at its knot and zero at the others (`shapes/splines.py`)
+    spline      the function of time that is one at its knot and zero at the others (`shapes/splines.py`); the values of
+                all of them at the frames are `splines_at_frames`, (F, K)
     u           time in units of the period, or without one of the time that the knots cover
     displacement  of a control point, from its position in the undeformed box
     alpha, gamma  strengths of the regularisation in space and in time, per data point
@@ -14,7 +17,7 @@ ours.
 
 `tracking.track` with the strategy "cycle":
 
-1. `frames.py` checks the input; `tracking._cycle` takes as reference the frame of the superquadrics, `_Task.first`.
+1. `frames.py` checks the input; `tracking._cycle` takes the superquadrics of one frame, `_Task.reference`.
 2. `tracking._start` fits this frame alone, with a smooth surface.
 3. `affine_start.fitted_motion`, in rounds, maps this box to each frame by affine maps (`cycle_rounds._affine_images`).
 4. `cycle.Cycle.step` makes rounds of the whole problem, the linear one of `cycle_equations.py`, at strengths that fall

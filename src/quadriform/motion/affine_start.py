@@ -8,9 +8,11 @@ The affine maps, splines in time with a map at each knot, minimise
 
     d_i     a data point of a frame, y_i = D(o_i) its foot point on the surface by D, T the map of its frame
     M_i     its metric: almost all of its weight is along the normal (`refinement/point_to_plane.py`)
-    gamma   the strength in time, u time in units of the period
+    gamma   the strength in time, u time as in `cycle_equations.py`; with a period the constant and the sine of
+            one period in T(y_i) are left out here, for they are not penalised (`TimeBasis.bending`)
 
-This is the sum of `cycle_equations.py` for a motion that is affine. In a frame without data the smoothness in time
+These are the terms of the data and of time in the sum of `cycle_equations.py`, with the mean over the foot points in
+place of the one over the box. There is no regularisation in space. At times without a frame the smoothness in time
 alone determines the map.
 """
 
@@ -26,9 +28,9 @@ from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.splines import TimeBasis
 
-LEAST_VOLUME = 0.01
-"""Least change of volume of an affine map. A smaller one comes from wrong foot points: both sides of a body are matched
-to the same side of the data."""
+LEAST_DETERMINANT = 0.01
+"""The determinant of an affine map, its factor on volumes, must be above this. A smaller one comes from wrong foot
+points: both sides of a body are matched to the same side of the data."""
 
 
 @dataclass(frozen=True)
@@ -38,21 +40,21 @@ class AffineMotion:
     Attributes:
         maps: (K, 4, 3); the image of a point is the row (x, y, z, 1) times its map. The first three rows are the images
             of the directions of the axes, the last one is that of the origin.
-        values: (F, K), the splines at the frames.
+        splines_at_frames: (F, K), their values.
     """
 
     maps: Array
-    values: Array
+    splines_at_frames: Array
 
     @classmethod
-    def identity(cls, values: Array) -> "AffineMotion":
-        """No motion, as splines with these values at the frames."""
-        return cls(np.repeat(np.eye(4, 3)[None], values.shape[1], axis=0), values)
+    def identity(cls, splines_at_frames: Array) -> "AffineMotion":
+        """No motion, for splines with these values (F, K) at the frames."""
+        return cls(np.repeat(np.eye(4, 3)[None], splines_at_frames.shape[1], axis=0), splines_at_frames)
 
     @property
-    def least_volume(self) -> float:
-        """The smallest change of volume in a frame; negative for a mirror image."""
-        return float(np.linalg.det(np.einsum("fk,kij->fij", self.values, self.maps)[:, :3]).min())
+    def least_determinant(self) -> float:
+        """The smallest determinant of the map of a frame, its factor on volumes; negative for a mirror image."""
+        return float(np.linalg.det(np.einsum("fk,kij->fij", self.splines_at_frames, self.maps)[:, :3]).min())
 
     def at_knots(self, points: Array) -> Array:
         """The images (K, n, 3) of points (n, 3) at the knots."""
@@ -60,42 +62,44 @@ class AffineMotion:
 
     def boxes(self, start: ControlBox) -> list[ControlBox]:
         """The image of a box in each frame."""
-        images = np.einsum("fk,kni->fni", self.values, self.at_knots(start.control_points.reshape(-1, 3)))
+        images = np.einsum("fk,kni->fni", self.splines_at_frames, self.at_knots(start.control_points.reshape(-1, 3)))
         return [start.with_control_points(image.reshape(start.control_points.shape)) for image in images]
 
 
 def fitted_motion(
-    rows: Sequence[Sequence[Rows]], start: ControlBox, values: Array, basis: TimeBasis, gamma: float
+    rows: Sequence[Sequence[Rows]], start: ControlBox, splines_at_frames: Array, basis: TimeBasis, gamma: float
 ) -> AffineMotion | None:
-    """The affine motion of a box that fits the data of all frames; None where the data does not determine it.
+    """The affine motion of a box that fits the data of all frames.
+
+    None where the data does not determine it, or where its smallest determinant is not above `LEAST_DETERMINANT`.
 
     Args:
         rows: for each frame and surface the data points d_i, the origins o_i of their foot points, and the metrics M_i.
         start: the box that moves.
-        values: (F, K), the splines at the frames.
+        splines_at_frames: (F, K), values of the splines.
         basis: the splines.
         gamma: strength in time, per data point.
     """
     # indices: n points, a and b homogeneous coordinates, i and j coordinates of the image, k and l knots
-    knots = values.shape[1]
+    knots = splines_at_frames.shape[1]
     matrix, right, squares = np.zeros((knots, 12, knots, 12)), np.zeros((knots, 12)), np.zeros((4, 4))
-    for value, frame in zip(values, rows):
+    for splines, frame in zip(splines_at_frames, rows):
         for row in frame:
             points = _homogeneous(start.deform(row.origins))
             # normal matrix and right side of one frame's map, by the 12 entries of the map
             normal = np.einsum("na,nij,nb->aibj", points, row.metric, points, optimize=True).reshape(12, 12)
             image = np.einsum("na,nij,nj->ai", points, row.metric, row.targets, optimize=True).ravel()
             # the map of a frame is the sum over the knots of spline value times map
-            matrix += np.einsum("k,l,ij->kilj", value, value, normal)
-            right += np.outer(value, image)
+            matrix += np.einsum("k,l,ij->kilj", splines, splines, normal)
+            right += np.outer(splines, image)
             squares += points.T @ points
-    # sum over points of |d2 T(x) / d u2|^2
+    # sum over foot points of the mean over time of |d2 T(y) / d u2|^2
     in_time = np.kron(basis.bending(), np.kron(squares, np.eye(3)))
     factor = cholesky_factor(matrix.reshape(12 * knots, -1) + gamma * in_time)
     if factor is None:
         return None
-    found = AffineMotion(cho_solve((factor, True), right.ravel()).reshape(knots, 4, 3), values)
-    return found if found.least_volume > LEAST_VOLUME else None
+    found = AffineMotion(cho_solve((factor, True), right.ravel()).reshape(knots, 4, 3), splines_at_frames)
+    return found if found.least_determinant > LEAST_DETERMINANT else None
 
 
 def _homogeneous(points: Array) -> Array:

@@ -51,7 +51,8 @@ class CycleFit:
         strengths: alpha in space, gamma in time, both per data point.
         shifts: (S, 2), of the slices in their planes; none without slice numbers.
         verified: whether each frame is verified to be free of folds.
-        sigma_before: the noise before folds were removed; None where none were.
+        sigma_before: sigma of the fit with folds, where these could not be removed at its strengths and within the
+            accepted noise; else None, also where folds were removed in that way.
     """
 
     control_points: Array
@@ -102,7 +103,7 @@ class Cycle:
         surfaces: name -> superquadric.
         box: undeformed, around the outermost surface.
         frames: name -> points, for each frame.
-        weights_in_time: (F, K), the splines at the frames' times.
+        splines_at_frames: (F, K), values of the splines.
         basis: the splines.
         regularity: in space.
         robust: whether outliers are down-weighted.
@@ -114,7 +115,7 @@ class Cycle:
     surfaces: Mapping[str, Superquadric]
     box: ControlBox
     frames: Sequence[Mapping[str, Array]]
-    weights_in_time: Array
+    splines_at_frames: Array
     basis: TimeBasis
     regularity: str | Regulariser
     robust: bool
@@ -139,7 +140,7 @@ class Cycle:
         # a penalty is weighed against the points of its frame: the other frames have about as many as the first
         count, frames = sum(len(cloud) for cloud in self.frames[0].values()), len(self.frames)
         penalty = JacobianPenalty.of(self.box, self.surfaces, count, sigma)
-        displacement = np.zeros((self.weights_in_time.shape[1], self.box.rest.size // 3, 3))
+        displacement = np.zeros((self.splines_at_frames.shape[1], self.box.rest.size // 3, 3))
         shifts = np.zeros((0 if self.planes is None else len(self.planes[0].axes), 2))
         return CycleState(displacement, shifts, [self.box] * frames, datasets, sigma, [penalty] * frames)
 
@@ -150,7 +151,10 @@ class Cycle:
         return found.with_nearest_foot_points(self.box)
 
     def extremes(self, state: CycleState) -> tuple[int, int]:
-        """The frames of the least and of the largest sum of squared distances to the surfaces of a state."""
+        """The frames of the least and of the largest sum of squared distances to the surfaces of a state.
+
+        The sum is over all points of a frame: of equally near frames the one with more points counts as farther.
+        """
         squares = [
             sum((data.distances(box) ** 2).sum() for data in each) for box, each in zip(state.boxes, state.datasets)
         ]
@@ -158,7 +162,7 @@ class Cycle:
         return int(order[0]), int(order[-1])
 
     def strength_in_space(
-        self, state: CycleState, frames: Sequence[int], near: float | None, first: bool = False
+        self, state: CycleState, frames: Sequence[int], near: float | None, before_rounds: bool = False
     ) -> float:
         """The smallest of the best strengths in space of some frames, each alone, as in a single fit.
 
@@ -169,19 +173,19 @@ class Cycle:
             state: after a round.
             frames: their indices.
             near: an earlier strength, or None.
-            first: whether there was no round before, so that only as many points count as there are unknowns; see
-                `independent_fraction`.
+            before_rounds: whether there was no round yet; then only as many points count as there are unknowns (see
+                `independent_fraction`).
         """
         none, unknowns = [None] * len(self.surfaces), float(self.box.rest.size)
         found = []
         for frame in frames:
             box, datasets = state.boxes[frame], state.datasets[frame]
-            fraction = independent_fraction(tuple(datasets), None if first else box, unknowns)
+            fraction = independent_fraction(tuple(datasets), None if before_rounds else box, unknowns)
             linear = linear_problem_of(datasets, none, box, self.regularity, fraction, self.known_noise.least_sigma)
             found.append(linear.best(near).strength)
         return min(found)
 
-    def effective_fraction(self, state: CycleState, first: bool = False) -> float:
+    def effective_fraction(self, state: CycleState, before_rounds: bool = False) -> float:
         """Number of independent points over that of all points, of all frames together.
 
         Points whose errors are correlated count by an effective number (`independent_fraction`), which is never taken
@@ -189,7 +193,7 @@ class Cycle:
         unknowns, 3 k K / F: at most the 3 k of a single fit.
         """
         least, every = state.displacement.size / len(self.frames), zip(state.boxes, state.datasets)
-        found = [independent_fraction(tuple(each), None if first else box, least) for box, each in every]
+        found = [independent_fraction(tuple(each), None if before_rounds else box, least) for box, each in every]
         counts = [sum(float((data.weights * data.inliers).sum()) for data in each) for each in state.datasets]
         return float(np.average(found, weights=counts))
 
@@ -200,7 +204,7 @@ class Cycle:
         verified: tuple[bool, ...],
         sigma_before: float | None = None,
     ) -> CycleFit:
-        """The fit with the results of a state, and the noise before folds were removed."""
+        """The fit with the results of a state."""
         control = state.displacement.reshape(-1, *self.shape, 3) + self.box.rest
         datasets = tuple(dict(zip(frame, each)) for frame, each in zip(self.frames, state.datasets))
         least, shifts = self.known_noise.least_sigma, state.shifts
@@ -217,18 +221,18 @@ class Cycle:
         solution = linear.with_extra_terms(equations).solve(*strengths)
         if solution is None:
             return None
-        direction = solution.displacement - state.displacement
-        shifted = solution.shifts - state.shifts.ravel()
+        displacement_step = solution.displacement - state.displacement
+        shift_step = solution.shifts - state.shifts.ravel()
 
         def at(length: float) -> tuple[Array, Array]:
             """Displacements and shifts at a fraction of the step."""
-            return state.displacement + length * direction, state.shifts.ravel() + length * shifted
+            return state.displacement + length * displacement_step, state.shifts.ravel() + length * shift_step
 
-        def total(length: float) -> float:
+        def total_at(length: float) -> float:
             """The whole cost at a fraction of the step."""
             return self.total(state, linear, penalties, *at(length), strengths)
 
-        displacement, shifts = at(step_length(total))
+        displacement, shifts = at(step_length(total_at))
         boxes, shifts = self._boxes(displacement), shifts.reshape(-1, 2)
         return replace(
             state,
@@ -255,7 +259,7 @@ class Cycle:
     def _boxes(self, displacement: Array) -> list[ControlBox]:
         rest = self.box.rest
         # control points at the knots, times the splines at the frames
-        in_time = np.einsum("fa,akc->fkc", self.weights_in_time, displacement).reshape(-1, *rest.shape)
+        in_time = np.einsum("fa,akc->fkc", self.splines_at_frames, displacement).reshape(-1, *rest.shape)
         return [self.box.with_control_points(rest + each) for each in in_time]
 
     def _updated(self, state: CycleState) -> list[list[SurfaceData]]:
@@ -301,7 +305,7 @@ class Cycle:
             bordered = self.planes[0].bordered_block(rows, state.boxes, state.sigma / np.sqrt(state.fraction))
         return LinearCycleProblem(
             equations,
-            self.weights_in_time,
+            self.splines_at_frames,
             self.basis,
             regulariser_matrix(self.regularity, self.shape),
             self.shape,

@@ -4,18 +4,21 @@ The displacement of each control point is a sum of K cardinal splines in time; t
 displacements at the K knots. With d(x, t) the displacement field from the undeformed box, u time in units of the
 period (without one, of the time that the knots cover) and N the sum of the weights of all data points, they minimise
 
-    sum_i w_i (squared distances) + alpha N  mean over t of E(d)  +  gamma N  mean over t, x of |d2 d / d u2|^2.
+    sum_i w_i (squared distances) + alpha N  mean over t of E(d)  +  gamma N  mean over t, x of |d2 g / d u2|^2.
 
-E is the bending energy of a single fit. Of the two strengths, gamma has the largest marginal likelihood of the whole
-cycle (REML), and alpha is given: it is chosen on single frames.
+E is the bending energy of a single fit. g is d; with a period, d without its constant and its sine of one period, which
+are not penalised in time (`TimeBasis.bending`). Of the two strengths, gamma has the largest marginal likelihood of the
+whole cycle (REML), and alpha is given: it is chosen on single frames.
 
 All is solved in the eigenbases of both regularisers, in space and in time, so that the data's part on their null spaces
 is not lost in rounding. With S the matrix of E and M the mass matrix of the Bernstein polynomials of the box, the block
 of one eigenvector in time, of eigenvalue tau, has the regulariser N (alpha S + gamma tau M).
 
-Indices of arrays: f frames, a and b knots or eigenvectors in time, j and k control points or eigenvectors in space,
-i coordinates, m shifts. With P the coefficients (a, j, i) in both eigenbases, V those of time and Q those of space, the
-displacements at the knots are D_akI = sum_bj V_ab Q_kj P_bjI.
+Numbers are F of frames, K of knots, k of control points and m of further unknowns (the shifts). Indices of arrays are
+f of frames, a and b of knots or eigenvectors in time, j of control points, h of eigenvectors in space, i of coordinates
+and s of further unknowns. With P_bhi the coefficients in both eigenbases, V those of time and Q those of space, the
+displacements at the knots are D_aji = sum_bh V_ab Q_jh P_bhi. With v_fa the splines at the frames, those in the
+eigenbasis of time are W_fb = sum_a v_fa V_ab.
 """
 
 from collections.abc import Sequence
@@ -36,10 +39,11 @@ from quadriform.shapes.splines import TimeBasis
 LOG_SEARCH_RADIUS = np.log(1e3)
 """The logarithm of the strength in time is sought within this distance of the last one."""
 LOG_TOLERANCE = 0.5
-"""And to within this tolerance."""
+"""The logarithm of the strength in time is found to within this tolerance."""
 ROUNDING = 1e-9
-"""Eigenvalues below this fraction of the largest are rounding of zero. Those of the regulariser in time also where they
-are below this number itself: of motions that it penalises, with time in periods, none is below 100."""
+"""Eigenvalues below this fraction of the largest are rounding, and are taken as zero. Those of the regulariser in time
+are taken as zero below this number itself too: where no motion is penalised, all of them are rounding. For motions that
+are penalised they are above 100, with time in units of the period or of the time that the knots cover."""
 
 
 @dataclass(frozen=True)
@@ -64,12 +68,12 @@ class LinearCycleProblem:
 
     Args:
         equations: of the data, one for each frame.
-        splines: (F, K), the values of the splines at the frames.
+        splines_at_frames: (F, K), values of the splines.
         basis: the splines.
         regulariser_matrix: (k, k), of the regulariser in space.
         shape: control points along each axis.
-        total_weight: N, the sum of the weights of all frames.
-        bordered_block: for each of m further unknowns its coupling to the control points of each frame, (m, F, 3 k);
+        total_weight: N, the sum of the weights of the data points of all frames.
+        bordered_block: for each further unknown its coupling to the control points of each frame, (m, F, 3 k);
             their own matrix (m, m) and right side (m,).
         effective_fraction: number of independent residuals over that of all.
         least_sigma: lower bound of the noise.
@@ -78,7 +82,7 @@ class LinearCycleProblem:
     def __init__(
         self,
         equations: Sequence[NormalEquations],
-        splines: Array,
+        splines_at_frames: Array,
         basis: TimeBasis,
         regulariser_matrix: Array,
         shape: tuple[int, int, int],
@@ -88,21 +92,22 @@ class LinearCycleProblem:
         least_sigma: float = 0.0,
     ) -> None:
         self.effective_fraction, self.least_sigma = effective_fraction, least_sigma
-        self.total_weight, self.n_splines, self.size = total_weight, splines.shape[1], 3 * len(regulariser_matrix)
+        self.total_weight = total_weight
+        self.n_splines, self.size = splines_at_frames.shape[1], 3 * len(regulariser_matrix)
         mass = kronecker(gram(shape[0] - 1), gram(shape[1] - 1), gram(shape[2] - 1))
-        # two spectra of S: in its orthonormal eigenbasis S is diagonal and M full, as the solution needs it;
+        # two spectra of S: in its orthonormal eigenbasis S is diagonal and M full, as the solution needs it
         energies, self._space_vectors = spectrum(regulariser_matrix.tobytes())
         self._energies = np.repeat(energies, 3)
         self._space_mass = np.kron(self._space_vectors.T @ mass @ self._space_vectors, np.eye(3))
-        # the eigenvalues kappa relative to M give the determinant of alpha S + gamma tau M, up to that of M
+        # its eigenvalues kappa relative to M give the determinant of alpha S + gamma tau M, up to that of M
         kappa = np.maximum(eigh(regulariser_matrix, mass, eigvals_only=True), 0)
         self._kappa = kappa * (kappa > ROUNDING * kappa.max())
-        # generalised eigenvectors V of the regulariser in time, V' M V = 1 with its mass: it couples no two of them
+        # generalised eigenvectors V of the regulariser in time, which couples no two of them: V' T V = 1, T its mass
         tau, self._time_vectors = eigh(basis.bending(), basis.mass())
         # eigenvalues that are rounding of zero are zero, so that the null space is exact
         self._tau = tau * (tau > ROUNDING * max(tau.max(), 1.0))
         self._time_mass = basis.mass()
-        self._rotated_splines = splines @ self._time_vectors
+        self._rotated_splines = splines_at_frames @ self._time_vectors  # W
         self.matrix, self.right, self.constant = self._sums(equations)
         self._without_extra_terms: LinearCycleProblem | None = None  # None where there are none
         if bordered_block is not None:
@@ -118,10 +123,10 @@ class LinearCycleProblem:
 
     def _add_bordered_block(self, coupling: Array, own: Array, right: Array) -> None:
         """Append the further unknowns to matrix and right side."""
-        # the coupling of shift m with the control points, in both eigenbases: sum over f, k of V_fa Q_kj C_mfki
+        # the coupling of unknown s with the control points, in both eigenbases: sum over f, j of W_fb Q_jh C_sfji
         by_point = coupling.reshape(*coupling.shape[:2], len(self._space_vectors), 3)
-        rotated = np.einsum("mfki,kj->mfji", by_point, self._space_vectors)
-        across = np.einsum("fa,mfji->ajim", self._rotated_splines, rotated).reshape(len(self.matrix), -1)
+        rotated = np.einsum("sfji,jh->sfhi", by_point, self._space_vectors)
+        across = np.einsum("fb,sfhi->bhis", self._rotated_splines, rotated).reshape(len(self.matrix), -1)
         self.matrix = np.block([[self.matrix, across], [across.T, own]])
         self.right = np.concatenate([self.right, right])
 
@@ -138,22 +143,22 @@ class LinearCycleProblem:
 
     def cost(self, displacement: Array, shifts: Array, alpha: float, gamma: float) -> float:
         """The regularised sum of squares, with extra terms, at displacements (K, k, 3) and shifts (m,)."""
-        rotated = np.einsum("jk,aki->aji", self._space_vectors.T, displacement.reshape(self.n_splines, -1, 3))
-        # coefficients in both eigenbases; V' M is the inverse of V
+        rotated = np.einsum("hj,aji->ahi", self._space_vectors.T, displacement.reshape(self.n_splines, -1, 3))
+        # coefficients in both eigenbases; V' T is the inverse of V
         p = self._time_vectors.T @ self._time_mass @ rotated.reshape(self.n_splines, -1)
         energy = alpha * np.sum(p**2 @ self._energies) + gamma * self._tau @ np.sum((p @ self._space_mass) * p, axis=1)
         q = np.concatenate([p.ravel(), shifts])
         return float(q @ (self.matrix @ q) - 2 * self.right @ q + self.constant + self.total_weight * energy)
 
     def solve(self, alpha: float, gamma: float) -> CycleSolution | None:
-        """The displacement at one pair of strengths; None where they leave control points undetermined."""
+        """The displacements and shifts at one pair of strengths; None where they leave control points undetermined."""
         factor = cholesky_factor(self._regularised(alpha, gamma))
         if factor is None:
             return None
         found = cho_solve((factor, True), self.right, check_finite=False)
         size = self.n_splines * self.size
         rotated = self._time_vectors @ found[:size].reshape(self.n_splines, -1)
-        displacement = np.einsum("kj,aji->aki", self._space_vectors, rotated.reshape(self.n_splines, -1, 3))
+        displacement = np.einsum("jh,ahi->aji", self._space_vectors, rotated.reshape(self.n_splines, -1, 3))
         eigenvalues = self.total_weight * (alpha * self._kappa[:, None] + gamma * self._tau)
         null_dimension = 3 * float((eigenvalues <= 0).sum())
         # the regularised sum of squares of the data over the residual degrees of freedom
@@ -162,8 +167,9 @@ class LinearCycleProblem:
         estimate = least / max(self.total_weight - null_dimension, 1.0)
         variance = max(estimate, self.least_sigma**2, SELECTION.sigma_floor**2)
         effective_dof = max(self.effective_fraction * self.total_weight - null_dimension, 1.0)
-        # minus twice the log marginal likelihood (REML). Extra terms are left out of the variance here, and count as
-        # data in that of a single fit, whose search needs the derivative; this one is minimised without extra terms
+        # minus twice the log marginal likelihood (REML). Its variance is that of the data without extra terms, while in
+        # a single fit they count as data, for the search there needs the derivative. No strength depends on that: the
+        # search in time (`best_in_time`) is made on a problem without extra terms
         criterion = (
             effective_dof * (np.log(variance) + estimate / variance)
             + 2 * np.log(np.diag(factor)).sum()
@@ -201,11 +207,11 @@ class LinearCycleProblem:
         return float(np.exp(found.x))
 
 
-def _sum_over_frames(splines: Array, matrices: Array) -> Array:
-    """sum_f (v_f v_f') kron A_f, of splines v (F, K) and frames' matrices A (F, n, n): (K n, K n)."""
-    frames, n_splines = splines.shape
+def _sum_over_frames(splines_at_frames: Array, matrices: Array) -> Array:
+    """The sum over frames of (v_f v_f') kron A_f, (K n, K n), with splines v (F, K) and matrices A (F, n, n)."""
+    frames, n_splines = splines_at_frames.shape
     n = matrices.shape[1]
     # frames enter by products of two splines, so the sum over frames is one product of matrices
-    pairs = (splines[:, :, None] * splines[:, None, :]).reshape(frames, -1)
+    pairs = (splines_at_frames[:, :, None] * splines_at_frames[:, None, :]).reshape(frames, -1)
     blocks = (pairs.T @ matrices.reshape(frames, -1)).reshape(n_splines, n_splines, n, n)
     return blocks.transpose(0, 2, 1, 3).reshape(n_splines * n, n_splines * n)

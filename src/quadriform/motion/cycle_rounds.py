@@ -1,7 +1,7 @@
 """The rounds of a cycle: from a smooth fit of one frame to the strengths of the points, and to maps without folds.
 
-All frames start from the smooth fit of one of them. The surface is smooth at first: once a surface follows
-correlated errors its residuals look independent, and the estimated strength stays too small (`independent_fraction` of
+All frames start from the smooth fit of one of them. It must be smooth: once a surface follows correlated errors its
+residuals look independent, and the estimated strength stays too small (`independent_fraction` of
 `fitting/refinement/stage.py`).
 """
 
@@ -23,21 +23,23 @@ from quadriform.shapes.control_box import ControlBox
 class CycleRounds:
     """The constants of the rounds."""
 
-    affine: int = 6
+    affine_rounds: int = 6
     """Rounds in which each frame is an affine image of the smooth fit: most of a heart's motion is affine."""
-    strongest: float = 100.0
-    """Factor on the strengths in the next round: the affine images are near already, so maps need not be affine."""
-    falling: int = 4
+    first_factor: float = 100.0
+    """Factor on the strengths in the first round after the affine ones: the affine images are near the points already,
+    so maps need not be affine. Also that on the strength in time of the affine motion."""
+    falling_rounds: int = 4
     """Rounds in which this factor decreases to 1, lest frames far from their points fold."""
-    searches: int = 2
-    """Rounds after these in which the strength in time is estimated; it changes little, and takes a dozen solutions."""
-    least: int = 6
-    """The least number of rounds after these; in all of them the strength in space is estimated again."""
-    most: int = 16
-    """The largest number."""
+    search_rounds: int = 2
+    """Rounds after the falling ones in which the strength in time is estimated, before it stays: it changes little, and
+    takes a dozen solutions."""
+    least_rounds: int = 6
+    """Least number of rounds after the falling ones; in all of them the strength in space is estimated again."""
+    most_rounds: int = 16
+    """Largest number of rounds after the falling ones."""
     tolerance: float = 0.005
-    """They end when the noise changes by less than this fraction from one round to the next."""
-    unfolding: int = 15
+    """Between these numbers the rounds end when sigma changes by less than this fraction from one to the next."""
+    unfolding_rounds: int = 15
     """Most rounds of fold removal at the strengths of the fit: a round takes seconds for a cycle of many frames."""
 
 
@@ -51,7 +53,7 @@ class _Report:
     def __init__(self, progress: Progress | None) -> None:
         self.progress, self.done = progress, 0
 
-    total = ROUNDS.affine + ROUNDS.falling + ROUNDS.least
+    total = ROUNDS.affine_rounds + ROUNDS.falling_rounds + ROUNDS.least_rounds
 
     def round(self) -> None:
         """One more round is done; those beyond the number that was announced are not counted."""
@@ -61,42 +63,45 @@ class _Report:
 
 
 def fit_cycle(cycle: Cycle, start: ControlBox, alpha: float | None, progress: Progress | None = None) -> CycleFit:
-    """The fit from a box that fits one of the frames.
+    """The fit from a box that fits one of the frames; with folds where they could not be removed.
 
     Args:
         cycle: what is fitted.
         start: the box.
-        alpha: the strength in space; None for the one that maximises the marginal likelihood.
+        alpha: the strength in space; None for the smaller one of the best strengths of two frames
+            (`Cycle.strength_in_space`), those of `Cycle.extremes`.
         progress: called after each round.
 
     Raises:
         OptionError: the strength that the user gave leaves control points undetermined.
-        DegenerateError: no strength that was tried gave a solvable problem.
+        DegenerateError: the estimated strengths leave control points undetermined, or in one of the two frames all do.
     """
     report = _Report(progress)
     undeformed = cycle.init()
-    frames, first = cycle.extremes(undeformed), _affine_images(cycle, undeformed, start, report)
-    found = _fitted(cycle, first, frames, alpha, report)
+    extreme_frames, affine = cycle.extremes(undeformed), _affine_images(cycle, undeformed, start, report)
+    found = _fitted(cycle, affine, extreme_frames, alpha, report)
     if found is None and alpha is not None:
         raise OptionError(f"option strength={alpha:g} leaves control points undetermined; expected a larger one")
     if found is None:
         raise DegenerateError("frames leave control points undetermined; expected points all around the body")
-    return _unfolded_fit(cycle, first, *found)
+    return _unfolded_fit(cycle, affine, *found)
 
 
 def _affine_images(cycle: Cycle, undeformed: CycleState, start: ControlBox, report: _Report) -> CycleState:
-    """All frames as affine images of a box, found on an unweighted subsample, with the nearest foot points of all.
+    """The state in which all frames are affine images of a box, with the nearest foot points of all points.
 
-    What is a fold is relative to the change of volume of each frame.
+    The affine maps are fitted to a subsample, all of whose points are inliers. What is a fold is relative to the change
+    of volume of each frame.
     """
-    motion, gamma = AffineMotion.identity(cycle.weights_in_time), ROUNDS.strongest * _first_in_time(undeformed)
+    motion = AffineMotion.identity(cycle.splines_at_frames)
+    gamma = ROUNDS.first_factor * _initial_strength_in_time(undeformed)
     sample = [[data.subsample(SCHEDULE.coarse_points, cycle.robust) for data in each] for each in undeformed.datasets]
-    for _ in range(ROUNDS.affine):
+    for _ in range(ROUNDS.affine_rounds):
         rows = [
             [data_rows(data.with_nearest_foot_points(box), box) for data in each]
             for each, box in zip(sample, motion.boxes(start))
         ]
-        found = fitted_motion(rows, start, cycle.weights_in_time, cycle.basis, gamma)
+        found = fitted_motion(rows, start, cycle.splines_at_frames, cycle.basis, gamma)
         report.round()
         if found is None:
             break
@@ -110,29 +115,34 @@ def _affine_images(cycle: Cycle, undeformed: CycleState, start: ControlBox, repo
     ).nearest()
 
 
-def _first_in_time(state: CycleState) -> float:
-    """The strength in time where the search for it begins.
+def _initial_strength_in_time(state: CycleState) -> float:
+    """The strength in time where the search for it begins: sigma^2 / (2 pi)^4.
 
-    A sinusoidal motion of one period, with the RMS radius as its amplitude and time in periods, then has a penalty of
-    the noise squared: its second derivative is (2 pi)^2 times the amplitude, and is squared in the penalty.
+    At this strength a sine of m periods whose root mean square over time is one RMS radius has the penalty m^4 sigma^2
+    per data point: its second derivative, with time in periods, is (2 pi m)^2 times the sine, and is squared in the
+    penalty. With a period that of m = 1 is not penalised (`TimeBasis.bending`).
     """
     return state.sigma**2 / (2 * np.pi) ** 4
 
 
 def _fitted(
-    cycle: Cycle, state: CycleState, frames: tuple[int, int], alpha: float | None, report: _Report
+    cycle: Cycle, state: CycleState, extreme_frames: tuple[int, int], alpha: float | None, report: _Report
 ) -> tuple[CycleState, Strengths] | None:
-    """The state when the noise has converged, and the strengths; None where control points stay undetermined."""
-    strengths = alpha or cycle.strength_in_space(state, frames, None, first=True), _first_in_time(state)
-    state = replace(state, fraction=cycle.effective_fraction(state, first=True))
-    for factor in np.geomspace(ROUNDS.strongest, 1, ROUNDS.falling):
+    """The state when sigma has converged, or after `most_rounds`, and the strengths.
+
+    None where a round after the falling ones leaves control points undetermined; a falling one that does is left out.
+    """
+    alpha_at_first = alpha or cycle.strength_in_space(state, extreme_frames, None, before_rounds=True)
+    strengths = alpha_at_first, _initial_strength_in_time(state)
+    state = replace(state, fraction=cycle.effective_fraction(state, before_rounds=True))
+    for factor in np.geomspace(ROUNDS.first_factor, 1, ROUNDS.falling_rounds):
         state = cycle.step(state, (factor * strengths[0], factor * strengths[1])) or state
         report.round()
     after: CycleState | None = state
-    for done in range(ROUNDS.most):
-        if done < ROUNDS.least:
-            strengths = alpha or cycle.strength_in_space(state, frames, strengths[0]), strengths[1]
-        if done < ROUNDS.searches:
+    for done in range(ROUNDS.most_rounds):
+        if done < ROUNDS.least_rounds:
+            strengths = alpha or cycle.strength_in_space(state, extreme_frames, strengths[0]), strengths[1]
+        if done < ROUNDS.search_rounds:
             state = replace(state, fraction=cycle.effective_fraction(state))
             strengths = strengths[0], cycle.linear_problem(state).best_in_time(*strengths)
         before, after = state, cycle.step(state, strengths)
@@ -140,21 +150,22 @@ def _fitted(
         if after is None:
             return None
         state = after
-        if done + 1 >= ROUNDS.least and abs(state.sigma - before.sigma) < ROUNDS.tolerance * before.sigma:
+        if done + 1 >= ROUNDS.least_rounds and abs(state.sigma - before.sigma) < ROUNDS.tolerance * before.sigma:
             break
     return state, strengths
 
 
-def _unfolded_fit(cycle: Cycle, first: CycleState, state: CycleState, strengths: Strengths) -> CycleFit:
-    """The fit without folds, or where that is not reached the folded one.
+def _unfolded_fit(cycle: Cycle, affine: CycleState, state: CycleState, strengths: Strengths) -> CycleFit:
+    """The fit without folds, or where that is not reached the one with folds.
 
-    Fold removal starts from the fit at these strengths, and then from the first state again: its surfaces are smooth.
+    Fold removal starts from the state of the fit, at its strengths and within the accepted noise. Where that fails it
+    starts from the affine images, whose surfaces are smooth, at larger strengths.
     """
     most, before = accepted_sigma(state.sigma), state.sigma
     found = _unfolded(cycle, state, strengths, most)
     if found is not None:
         return cycle.result(found, strengths, (True,) * len(found.boxes))
-    smooth = replace(first, fraction=state.fraction)
+    smooth = replace(affine, fraction=state.fraction)
     verified, found, strengths = _by_decreasing_strength(cycle, smooth, strengths, most) or (None, state, strengths)
     return cycle.result(found, strengths, verified or cycle.with_checked_folds(found)[0], before)
 
@@ -162,10 +173,12 @@ def _unfolded_fit(cycle: Cycle, first: CycleState, state: CycleState, strengths:
 def _by_decreasing_strength(
     cycle: Cycle, state: CycleState, strengths: Strengths, most: float
 ) -> tuple[tuple[bool, ...], CycleState, Strengths] | None:
-    """The last state that does not fold at strengths that decrease from ones under which nothing folds to the given.
+    """What is verified of the frames, a state without folds, and its strengths; None where all states fold.
 
-    With its strengths, and what is verified. Any noise is accepted at stronger ones: a map that folds must not be used,
-    and whether a surface is far from its points is reported apart. None where all states fold.
+    The strengths decrease from multiples under which maps are nearly affine to the given ones, with a few rounds of
+    fold removal at each. At the end come more rounds at the given strengths. Their result is returned if it is free of
+    folds and its noise at most `most`; else that of the smallest strengths at which a state is free of folds, at any
+    noise: a map that folds must not be used, and whether a surface is far from its points is reported separately.
     """
     found = None
     for factor in np.geomspace(FOLDS.strongest, 1, FOLDS.descent):
@@ -182,9 +195,13 @@ def _by_decreasing_strength(
 
 
 def _unfolded(cycle: Cycle, state: CycleState, strengths: Strengths, most: float) -> CycleState | None:
-    """The state after rounds under growing penalties until no frame folds; None at a noise above `most`."""
+    """The state after rounds under growing penalties until no frame folds, with a noise of at most `most`.
+
+    None where the noise is larger, a round leaves control points undetermined, or frames still fold after
+    `unfolding_rounds`.
+    """
     found: CycleState | None = state
-    for _ in range(ROUNDS.unfolding):
+    for _ in range(ROUNDS.unfolding_rounds):
         if found is None or found.sigma > most:
             return None
         verified, found = cycle.with_checked_folds(found)

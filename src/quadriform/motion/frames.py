@@ -15,11 +15,14 @@ from quadriform.shapes.landmarks import BasePlane
 from quadriform.shapes.splines import TimeBasis
 
 MOST_KNOTS = 12
-"""Knots in time, enough for the cycle of a heart; with fewer frames each has a knot."""
+"""Most knots in time, enough for the cycle of a heart. Of fewer frames there are as many knots, evenly spaced."""
 
 SliceNumbers = Sequence[Mapping[str, ArrayLike] | ArrayLike]
 Noises = float | Mapping[str, ArrayLike] | Sequence[Mapping[str, ArrayLike] | ArrayLike]
 Frames = list[dict[str, Array]]
+"""For each frame name -> (n, 3) points."""
+Covariances = list[dict[str, Array]]
+"""For each frame name -> (n, 3, 3) of its points; empty where they are not known."""
 Sets = list[dict[str, PointSet]]
 
 
@@ -46,8 +49,8 @@ def checked_frames(frames: Sequence[Given], noise: Noises | None) -> Sets:
     return result
 
 
-def covariances(sets: Sets) -> Frames:
-    """Covariances of the points of each frame by name; none where those of a frame or surface are not known."""
+def covariances(sets: Sets) -> Covariances:
+    """Covariances of the points of each frame by name; none where those of any frame or surface are not known."""
     found = [{name: each.noise for name, each in frame.items() if each.noise is not None} for frame in sets]
     # without the noise of the others it is not known how much their points count beside these
     whole = all(len(known) == len(frame) for known, frame in zip(found, sets))
@@ -55,7 +58,7 @@ def covariances(sets: Sets) -> Frames:
 
 
 def planes_of_frames(base: Base | Sequence[Base | None], sets: Sets) -> list[BasePlane | None]:
-    """The base of each frame, from one for all or a list with an entry for each.
+    """The base of each frame, from one for all or a list with an entry for each; a tuple or an array is one base.
 
     Raises:
         OptionError: naming the frame whose entry is no base of its points.

@@ -55,28 +55,28 @@ def support_of_frame(
 
 
 def cycle_warnings(
-    models: Sequence[DeformableModel], feet: Sequence[Mapping[str, FootPoints]], found: CycleFit, unit: float
+    models: Sequence[DeformableModel], feet: Sequence[Mapping[str, FootPoints]], found: CycleFit, scale: float
 ) -> Warnings:
-    """The warnings about the surfaces of a cycle; `unit` is the length of one in its centred, scaled coordinates."""
+    """The warnings about the surfaces of a cycle; `scale` is the RMS radius, in the unit of the points."""
     result = []
     for model, nearest, datasets, verified in zip(models, feet, found.datasets, found.verified):
-        each = {n: outliers(data.inliers) | _poor_fit(data, nearest[n], found, unit) for n, data in datasets.items()}
+        each = {n: outliers(data.inliers) | _poor_fit(data, nearest[n], found, scale) for n, data in datasets.items()}
         result.append(named_texts(each) | ({} if verified else folding(model)))
     return fold_removal_warnings(found) | by_frame(result)
 
 
 def fold_removal_warnings(found: CycleFit) -> Warnings:
-    """POOR_FIT where folds were removed at the price of a much larger distance from the points."""
+    """POOR_FIT where the removal of folds made the noise larger than is accepted; else none."""
     before = found.sigma_before
     if before is None or found.sigma <= accepted_sigma(before):
         return {}
     return smoother_than_data(found.sigma, before)
 
 
-def _poor_fit(data: SurfaceData, nearest: FootPoints, found: CycleFit, unit: float) -> Warnings:
+def _poor_fit(data: SurfaceData, nearest: FootPoints, found: CycleFit, scale: float) -> Warnings:
     kept = data.inliers >= INLIER
     known = found.least_sigma**2 * data.known_variances(nearest.normals)
-    return poor_fit(nearest.signed[kept] / unit, known=known[kept])
+    return poor_fit(nearest.signed[kept] / scale, known=known[kept])
 
 
 def support_warnings(frames: Sequence[Mapping[str, Support]]) -> Warnings:
@@ -85,7 +85,7 @@ def support_warnings(frames: Sequence[Mapping[str, Support]]) -> Warnings:
 
 
 def _least_supported(frames: Sequence[Support]) -> Warnings:
-    """The same of one surface."""
+    """The same warnings about one surface."""
     found: Warnings = {}
     # the least supported frame first: its texts are kept
     for frame in sorted(range(len(frames)), key=lambda number: frames[number].within):

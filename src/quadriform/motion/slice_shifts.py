@@ -22,14 +22,15 @@ class Shifting:
 
     spread: float = 0.05
     """Standard deviation of the prior of a shift, in RMS radii of the cloud: two or three millimetres."""
-    fewest: int = 6
+    fewest_points: int = 6
     """Slices of fewer points are not moved: the two unknowns would be a third of what their points determine."""
-    together: float = 1e6
-    """Factor on the penalty of unobservable shifts, such as the mean of all: the model can move with the slices, so the
-    data does not determine it. With this factor their variance is a millionth of the prior's."""
-    parallel: float = 0.9
-    """Slices whose normals have at least this cosine with each other are a stack that no slice crosses."""
-    followed: int = 3
+    unobservable_factor: float = 1e6
+    """Factor on the penalty of unobservable means of the shifts (`SlicePlanes.unobservable`), such as the mean of all:
+    the model can move with the slices, so the data does not determine it. With this factor the variance of such a mean
+    under the prior is below a millionth of that of one shift."""
+    parallel_cosine: float = 0.9
+    """Slices whose normals have a larger cosine with each other than this are a stack that no slice crosses."""
+    unobservable_degree: int = 3
     """Shifts that are polynomials of the position along a stack, up to this degree, are taken as unobservable too.
     Linear ones are a shear of the model, which has no bending energy. Those of degree 2 and 3 cost so little of it that
     the curved form of a heart would be explained by shifts."""
@@ -67,7 +68,7 @@ class SlicePlanes:
         kept, axes, centres, counts = [], [], [], []
         for number in np.unique(numbers):
             inside = points[numbers == number]
-            if len(inside) >= SHIFTING.fewest:
+            if len(inside) >= SHIFTING.fewest_points:
                 kept.append(number)
                 counts.append(float(len(inside)))
                 centres.append(inside.mean(axis=0))
@@ -84,25 +85,26 @@ class SlicePlanes:
     def are_parallel(self) -> bool:
         """Whether no slice crosses the others, so that shear and bending of their stack are unobservable."""
         normals = np.cross(self.axes[:, 0], self.axes[:, 1])
-        return bool((np.abs(normals @ normals.T) > SHIFTING.parallel).all())
+        return bool((np.abs(normals @ normals.T) > SHIFTING.parallel_cosine).all())
 
     def unobservable(self) -> Array:
-        """Unit vectors (2 S, m), in the space of all shifts, whose directions are unobservable.
+        """Weights (2 S, m) of the weighted means of all shifts that are unobservable, one mean a column.
 
-        With n_s the points of slice s, z_s its height along the stack and p a polynomial, they are the shifts of all
-        slices by sqrt(n_s) p(z_s) in the direction of each of the three coordinates, projected onto the slice's plane;
-        the polynomials are orthonormal in the sum over the slices with these weights. They are the mean, of degree 0,
-        and for slices that no other crosses those up to the degree `followed`.
+        For a column u and the shifts q (2 S,), u'q is the mean over all points of one coordinate of their shift times
+        p(z_s), with z_s the height of the point's slice along the stack and p a polynomial. So u is n_s p(z_s) / n, for
+        n_s of n points in slice s, times that coordinate of the slice's two axes; it is not normalised. The polynomials
+        are orthonormal in the mean over all points. There is the one of degree 0, and for slices that no other crosses
+        one for each degree up to `unobservable_degree`, each with three coordinates.
         """
         if not len(self.numbers):
             return np.empty((0, 0))
         fractions = self.counts / self.counts.sum()
         normals = np.cross(self.axes[:, 0], self.axes[:, 1])
         heights = (self.centres - fractions @ self.centres) @ normals[0]
-        # slices that cross the stack determine its shear and bend, so only the mean stays penalised
-        degree = SHIFTING.followed if self.are_parallel else 0
+        # slices that cross the stack determine its shear and bend, so only the mean of all is unobservable
+        degree = SHIFTING.unobservable_degree if self.are_parallel else 0
         root = np.sqrt(fractions)[:, None]
-        # orthonormal in the weights of the slices
+        # columns sqrt(n_s / n) p(z_s): polynomials that are orthonormal in the mean over the points
         along = np.linalg.qr(root * np.vander(heights, degree + 1, increasing=True))[0]
         return np.einsum("sp,ska->skpa", root * along, self.axes).reshape(2 * len(fractions), -1)
 
@@ -133,7 +135,9 @@ class SlicePlanes:
         count = 2 * len(self.numbers)
         coupling = np.zeros((count, len(frames), boxes[0].control_points.size))
         unobservable = self.unobservable()
-        own = (sigma / SHIFTING.spread) ** 2 * (np.eye(count) + SHIFTING.together * unobservable @ unobservable.T)
+        own = (sigma / SHIFTING.spread) ** 2 * (
+            np.eye(count) + SHIFTING.unobservable_factor * unobservable @ unobservable.T
+        )
         right = np.zeros(count)
         for frame, (surfaces, box) in enumerate(zip(frames, boxes)):
             for rows, numbers, offsets in surfaces:

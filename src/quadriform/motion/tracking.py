@@ -1,7 +1,7 @@
-"""Moving models of points at several times, by three strategies (after the paper named in `motion`).
+"""Moving models of points at several times, by three strategies (after the paper of 1996 that `motion` names).
 
-"alone" fits each frame for itself; "previous" keeps the superquadrics of the first fit and continues from the box of
-the frame before; "cycle" finds the control points of all times at once, smooth and periodic.
+"alone" fits each frame for itself; "previous" keeps the superquadrics of the reference frame and continues from the box
+of the neighbouring frame on its side; "cycle" finds the control points of all times at once, smooth and periodic.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from quadriform.fitting.threads import one_blas_thread
 from quadriform.motion.cycle import Cycle, CycleFit, named
 from quadriform.motion.cycle_rounds import fit_cycle
 from quadriform.motion.frames import (
+    Covariances,
     Frames,
     Noises,
     Sets,
@@ -67,8 +68,9 @@ class Track(Warned):
         models: one a frame.
         moving: the same as one moving model; None for "alone", whose superquadrics differ.
         residuals: for each frame the signed distance of each point (moved by the shift of its slice) to its surface.
-        noise: standard deviation of the points along the normal, in their unit.
-        strengths: in space, and in time where there is one.
+        noise: standard deviation of the points along the normal, in their unit; of "alone" and "previous" the root mean
+            square of those of the frames.
+        strengths: in space and in time; of "alone" and "previous" the median of those of the frames, in space.
         shifts: slice number -> shift (3,) in its plane, in the unit of the points; empty where none was sought.
         warnings: kind -> sentence; every model carries those of all frames, whose texts name the frames.
         notes: remarks that leave the status "ok", one sentence each.
@@ -165,12 +167,13 @@ def track(
             heart. Only for "cycle".
         box: control points along each axis.
         regularity: "bending", "springs" or a regulariser of one's own.
-        strength: of the regularisation in space, alpha per data point; "auto": that of single frames, in
-            which points with correlated errors count by their effective number.
+        strength: of the regularisation in space, alpha per data point. "auto": each frame's own, as in `fit`; for
+            "cycle" the smaller one of the best of two frames, nearest to the undeformed surfaces and farthest from
+            them. Points with correlated errors count by their effective number.
         robust: whether outliers are detected and down-weighted.
         noise: what is known of the error of the points, as in `fit`: a standard deviation in their unit, or for each
-            frame an entry in the form of `frames`. It is the metric of the distances and the least noise that is
-            estimated. Points of images and readers bring theirs; it counts where all frames and surfaces have some.
+            frame an entry in the form of `frames`. Distances are weighed by it, and the estimated noise is at least as
+            large. Points of images and readers bring theirs; it counts where all frames and surfaces have some.
         base: where the data ends on purpose, as in `fit`: (point, direction) for all frames, or a list with a plane, a
             loop (m, 3) or None for each. The models are stored with it, so that `measure` takes volumes below it.
         progress: called with (steps done, about how many).
@@ -188,7 +191,7 @@ def track(
     bases = planes_of_frames(base, sets)
     found = STRATEGIES[strategy](_Task(clouds, covariances(sets), bases, at, basis, numbers, options, progress))
     warnings = found.warnings | by_frame([precision_warnings(frame) for frame in sets])
-    if slices is None:  # shifted slices are not where the bodies of the data have them
+    if slices is None:  # the meshes and labels that were given are not shifted with their slices
         overlaps = [low_overlap(model, frame, plane) for model, frame, plane in zip(found.models, sets, bases)]
         warnings |= by_frame(overlaps)
     assumed = dict.fromkeys(note for frame in sets for each in frame.values() for note in each.notes)
@@ -204,8 +207,21 @@ def track(
 
 @dataclass(frozen=True)
 class _Task:
+    """What a strategy is given: the checked input, in the unit of the points.
+
+    Attributes:
+        clouds: the points of each frame.
+        noise: their covariances.
+        bases: where the data of each frame ends on purpose.
+        times: (F,) of the frames.
+        basis: the splines in time.
+        slices: for each frame the slice number of each point, by surface; or None.
+        options: of the fits.
+        progress: called with steps done, and about how many.
+    """
+
     clouds: Frames
-    noise: Frames
+    noise: Covariances
     bases: list[BasePlane | None]
     times: Array
     basis: TimeBasis
@@ -214,11 +230,11 @@ class _Task:
     progress: Progress | None
 
     @property
-    def first(self) -> int:
+    def reference(self) -> int:
         """The frame whose superquadrics serve for all: of the largest product of number of points and median radius.
 
-        Of a heart this is a frame near end diastole. Its superquadrics determine the material lines along which the
-        wall is measured in all frames: those that are straight between them.
+        Of a heart this is a frame near end diastole. Its superquadrics determine along which lines the thickness of the
+        wall is measured in all frames: the deformed images of lines that were straight between them.
         """
         every = [np.concatenate(list(frame.values())) for frame in self.clouds]
         sizes = [np.median(np.linalg.norm(points - points.mean(axis=0), axis=1)) for points in every]
@@ -257,22 +273,23 @@ def _alone(task: _Task) -> Track:
 
 
 def _previous(task: _Task) -> Track:
-    """Forwards from the frame `first` to the last, and backwards from it to the frame 0."""
-    fits: dict[int, Fit] = {task.first: fit(task.sets[task.first], **task.options_of(task.first))}
-    first = fits[task.first].model
-    for order, before in ((range(task.first + 1, len(task.clouds)), -1), (range(task.first - 1, -1, -1), 1)):
+    """The fits from the frame `reference` forwards to the last one, and from it backwards to frame 0."""
+    fits: dict[int, Fit] = {task.reference: fit(task.sets[task.reference], **task.options_of(task.reference))}
+    reference_model = fits[task.reference].model
+    for order, before in ((range(task.reference + 1, len(task.clouds)), -1), (range(task.reference - 1, -1, -1), 1)):
         for frame in order:
             done = fits[frame + before]
             fits[frame] = done  # the same points have the same model
             if not _equal(task.clouds[frame], task.clouds[frame + before]):
-                start = done.model.box
-                fits[frame] = refine(first.surfaces, task.sets[frame], start=start, **task.options_of(frame))
+                surfaces, start = reference_model.surfaces, done.model.box
+                fits[frame] = refine(surfaces, task.sets[frame], start=start, **task.options_of(frame))
             task.report(len(fits))
     # one superquadric and one undeformed box for all frames: only the control points move
     ordered = [fits[frame] for frame in range(len(task.clouds))]
     every = TimeBasis(task.times, task.basis.period)
     control = np.stack([found.model.box.control_points for found in ordered])
-    moving = MovingModel(first.surfaces, first.box.origin, first.box.edges, every, control)
+    undeformed = reference_model.box
+    moving = MovingModel(reference_model.surfaces, undeformed.origin, undeformed.edges, every, control)
     return _of_fits("previous", task, ordered, moving)
 
 
@@ -299,17 +316,17 @@ def _of_fits(strategy: str, task: _Task, fits: Sequence[Fit], moving: MovingMode
 def _cycle(task: _Task) -> Track:
     normalisation = Frame.of(np.concatenate([cloud for clouds in task.clouds for cloud in clouds.values()]))
     local = [{name: normalisation.to_local(cloud) for name, cloud in clouds.items()} for clouds in task.clouds]
-    surfaces = nested_ellipsoids(local[task.first])  # data on an open surface does not determine exponents
+    surfaces = nested_ellipsoids(local[task.reference])  # data on an open surface does not determine exponents
     box = common_box(surfaces, check_box(task.options["box"]))
     planes = None if task.slices is None else (SlicePlanes.of(local, task.slices), task.slices)
-    values, options = task.basis.values(task.times), task.options
+    splines_at_frames, options = task.basis.values(task.times), task.options
     noise = _local_noise(task.noise, local, normalisation.scale)
     bases = [
         None if each is None else (normalisation.to_local(each.point[None])[0], each.direction) for each in task.bases
     ]
     regularity, robust = options["regularity"], options["robust"]
-    cycle = Cycle(surfaces, box, local, values, task.basis, regularity, robust, planes, noise, bases)
-    start = _start(surfaces, local[task.first], bases[task.first], options)
+    cycle = Cycle(surfaces, box, local, splines_at_frames, task.basis, regularity, robust, planes, noise, bases)
+    start = _start(surfaces, local[task.reference], bases[task.reference], options)
     found = fit_cycle(cycle, start, check_strength(task.options["strength"]), task.progress)
     control = found.control_points
     moving = MovingModel(
@@ -328,13 +345,13 @@ def _start(
     base: HalfSpace | None,
     options: Mapping[str, Any],
 ) -> ControlBox:
-    """The box of one frame fitted alone, where all frames begin: a smooth one."""
+    """A smooth box of one frame fitted alone, where all frames begin."""
     chosen = TangentOptions(options["box"], options["regularity"], robust=options["robust"])
     weights = {name: np.ones(len(cloud)) for name, cloud in points.items()}
     return smooth_box(RefinementInput(points, weights, {}, KnownNoise({}, 0.0), chosen, base), dict(surfaces))
 
 
-def _local_noise(noise: Frames, local: Frames, scale: float) -> KnownNoise:
+def _local_noise(noise: Covariances, local: Frames, scale: float) -> KnownNoise:
     """What is known of the noise of all frames, named as `Cycle` does, in centred, scaled coordinates."""
     covariances, clouds = (
         {named(n, name): values for n, frame in enumerate(frames) for name, values in frame.items()}

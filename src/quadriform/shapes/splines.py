@@ -78,16 +78,18 @@ class TimeBasis:
         return self._mean_product(0)
 
     def bending(self) -> Array:
-        """Mean of the products of second derivatives, (K, K), time measured in spans.
+        """Mean over time of the products of second derivatives of two splines, (K, K), time measured in spans.
 
-        With a period the mean and the first harmonic are not penalised, as straight lines are not without a period.
+        With a period the matrix acts on coefficients without their mean and first harmonic: the constant and the sine
+        of one period, of any phase, that are the least squares fit to the coefficients at the knots. So neither is
+        penalised, as straight lines are not without a period.
         """
         second = self.span**4 * self._mean_product(2)
         if self.period is None:
             return second
         phase = 2 * np.pi * (self.knots - self.knots[0]) / self.period
         harmonic = np.stack([np.ones_like(phase), np.cos(phase), np.sin(phase)], axis=1)
-        # the projection onto motions that are orthogonal to the mean and the first harmonic
+        # the projection onto coefficients that are orthogonal to the mean and the first harmonic
         others = np.eye(len(phase)) - harmonic @ np.linalg.pinv(harmonic)
         return others.T @ second @ others
 
