@@ -3,6 +3,7 @@
 import os
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
@@ -237,7 +238,7 @@ def check_number(value: float, option: str, low: float, high: float = np.inf) ->
     Raises:
         OptionError: not a number, or out of the range.
     """
-    number = float(value) if isinstance(value, (int, float, np.number)) and not isinstance(value, bool) else np.nan
+    number = float(value) if isinstance(value, Real) and not isinstance(value, bool) else np.nan
     if not low <= number <= high:
         raise OptionError(f"option {option}={value!r} is out of range; expected a number from {low:g} to {high:g}")
     return number

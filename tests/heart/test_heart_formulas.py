@@ -13,7 +13,7 @@ from quadriform.heart import heart_cycle, measure, twist, volumes
 from quadriform.heart.aha_segments import AhaSegmentation
 from quadriform.heart.axis import LongAxis
 from quadriform.heart.wall import Wall
-from quadriform.heart.wall_motion import MovingWall, green_strain, in_axes, local_axes, relative_lengthening
+from quadriform.heart.wall_motion import ReferenceWall, green_strain, in_axes, local_axes, relative_lengthening
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.landmarks import BasePlane
 from quadriform.shapes.mesh import Mesh
@@ -109,7 +109,7 @@ def test_positions_along_and_across_a_long_axis(rng):
     length = np.linalg.norm(AXIS.base - AXIS.apex)
     direction = (AXIS.base - AXIS.apex) / length
     assert AXIS.length == pytest.approx(length)
-    np.testing.assert_allclose(AXIS.heights(points), [(p - AXIS.apex) @ direction / length for p in points])
+    np.testing.assert_allclose(AXIS.fractions(points), [(p - AXIS.apex) @ direction / length for p in points])
     np.testing.assert_allclose(AXIS.across(points), [p - (p @ direction) * direction for p in points])
     plane = AXIS.plane(0.25)
     np.testing.assert_allclose(plane.point, AXIS.apex + 0.25 * (AXIS.base - AXIS.apex))
@@ -246,7 +246,7 @@ def test_slices_turn_as_the_tissue_does_whatever_the_heart_does_as_a_whole():
     wall, box = Wall.between(ENDO, EPI, 8), ControlBox.around(EPI, (2, 2, 2))
     slices = twist.Slices.cut(wall, box, upright)
     for level, origins in zip((0.25, 0.75), slices.origins):
-        np.testing.assert_allclose(upright.heights(origins), level, atol=1e-12)
+        np.testing.assert_allclose(upright.fractions(origins), level, atol=1e-12)
     x, y, z = np.moveaxis(box.control_points, -1, 0)
     sheared = box.with_control_points(np.stack([x - 0.01 * z * y, y + 0.01 * z * x, z], axis=-1))
     whole = turned(2)
@@ -275,12 +275,12 @@ def test_strain_and_lengthening_are_those_of_stretched_lines(rng):
         np.testing.assert_allclose(relative_lengthening(e), lengthening, rtol=1e-9)
 
 
-def moving(plane=None, resolution=6):
-    return MovingWall.at(Wall.between(ENDO, EPI, resolution), deformed(), AXIS, plane)
+def reference_wall(plane=None, resolution=6):
+    return ReferenceWall.at(Wall.between(ENDO, EPI, resolution), deformed(), AXIS, plane)
 
 
-def test_a_moving_wall_has_the_points_axes_and_volumes_of_its_lines():
-    of, nodes = moving(), (np.polynomial.legendre.leggauss(4)[0] + 1) / 2
+def test_a_reference_wall_has_the_points_axes_and_volumes_of_its_lines():
+    of, nodes = reference_wall(), (np.polynomial.legendre.leggauss(4)[0] + 1) / 2
     for k, depth in enumerate(nodes):
         np.testing.assert_allclose(of.origins[:, k], of.wall.at(depth))
         found = local_axes(of.box, of.wall.at(depth), of.wall.normals_at(depth), AXIS.direction)
@@ -296,7 +296,7 @@ def test_a_moving_wall_has_the_points_axes_and_volumes_of_its_lines():
 
 
 def test_cells_count_by_the_part_of_their_width_below_a_plane():
-    of, weights = moving(), np.polynomial.legendre.leggauss(4)[1] / 2
+    of, weights = reference_wall(), np.polynomial.legendre.leggauss(4)[1] / 2
     plane = AXIS.plane(0.7)
     expected = np.zeros_like(of.volumes)
     for i in range(len(of.volumes)):
@@ -306,13 +306,13 @@ def test_cells_count_by_the_part_of_their_width_below_a_plane():
             expected[i, k] = np.clip(0.5 - height / width, 0, 1)
     np.testing.assert_allclose(of.fraction_below(plane), expected, atol=1e-9)
     assert ((expected > 0) & (expected < 1)).any()
-    np.testing.assert_allclose(moving(plane).volumes, of.volumes * expected)
+    np.testing.assert_allclose(reference_wall(plane).volumes, of.volumes * expected)
     levels = of.fraction_below(AXIS.plane(0.75)) - of.fraction_below(AXIS.plane(0.25))
     np.testing.assert_allclose(of.between_slices(), levels)
 
 
 def test_means_are_over_the_volume_at_end_diastole(rng):
-    of = moving()
+    of = reference_wall()
     values, parts = rng.normal(size=(*of.volumes.shape, 3)), rng.uniform(0, 1, of.volumes.shape)
     weights = of.volumes * parts
     expected = sum(w * v for w, v in zip(weights.ravel(), values.reshape(-1, 3))) / weights.sum()
@@ -364,14 +364,14 @@ def test_frames_have_the_same_undeformed_space_up_to_rounding(field):
 
 
 def test_end_systole_is_the_smallest_volume():
-    found = measure._ends(np.array([3.0, 9, 1, 5]), None)
-    assert found == (1, 2) and measure._ends(np.array([3.0, 9, 1, 5]), 0) == (0, 2)
-    assert measure._ends(np.array([3.0]), None) == (0, None)
+    found = measure._ed_and_es(np.array([3.0, 9, 1, 5]), None)
+    assert found == (1, 2) and measure._ed_and_es(np.array([3.0, 9, 1, 5]), 0) == (0, 2)
+    assert measure._ed_and_es(np.array([3.0]), None) == (0, None)
     for wrong in (-1, 4):
         with pytest.raises(OptionError, match=r"no such frame; expected 0 to 3"):
-            measure._ends(np.array([3.0, 9, 1, 5]), wrong)
+            measure._ed_and_es(np.array([3.0, 9, 1, 5]), wrong)
     with pytest.raises(OptionError, match="smallest volume"):
-        measure._ends(np.array([3.0, 9, 1, 5]), 2)
+        measure._ed_and_es(np.array([3.0, 9, 1, 5]), 2)
 
 
 def test_a_section_has_its_centre_of_area():
@@ -397,7 +397,7 @@ def test_the_twist_is_measured_where_the_sides_of_the_cells_cross_its_levels():
     endo, epi = Superquadric(semi_axes=(8.0, 9.0, 14.0)), Superquadric(semi_axes=(12.0, 13.0, 18.0))
     wall, box = Wall.between(endo, epi, 4), ControlBox.around(epi, (3, 3, 3))
     axis = LongAxis(np.array([0.3, 0.2, -13.0]), np.array([-0.4, 0.1, 12.0]))
-    points, heights = wall.at(twist.DEPTH), axis.heights(wall.at(twist.DEPTH))
+    points, heights = wall.at(twist.DEPTH), axis.fractions(wall.at(twist.DEPTH))
     for level, found in zip(twist.LEVELS, twist.Slices.cut(wall, box, axis).origins):
         expected = []
         for quad in wall.quads:

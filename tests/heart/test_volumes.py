@@ -1,5 +1,8 @@
 """Volumes below a plane, against closed forms."""
 
+from fractions import Fraction
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -87,11 +90,25 @@ def test_the_plane_of_mitral_points_leads_away_from_the_cavity(rng):
         (([0, 0, 0], [0, 0, 0]), "direction of the plane is zero"),
         ([[0, 0, 0], [1, 0, 0]], "2 mitral points in frame 0"),
         ([np.zeros((4, 3))] * 3, "expected mitral points for each of 2 frames, found 3"),
+        (np.float32(0.0005), "expected a number from 0.001 to 1"),
+        (True, "expected a number from 0.001 to 1"),
+        ("0.9", r"base='0.9': expected a number, a plane \(point, direction\), or mitral points"),
+        (Path("points.csv"), "expected a number, a plane"),
+        (1j, "expected a number, a plane"),
     ],
 )
 def test_what_is_no_base_is_refused(base, words):
     with pytest.raises(OptionError, match=words):
         base_rule(base, TWO, {})
+
+
+@pytest.mark.parametrize(
+    ("base", "fraction"),
+    [(np.float32(0.5), 0.5), (np.float64(0.9), 0.9), (np.int64(1), 1), (1, 1), (Fraction(3, 4), 0.75), (0.001, 0.001)],
+)
+def test_every_kind_of_real_number_is_a_fraction_of_the_axis(base, fraction):
+    found = base_rule(base, TWO, {}).fraction
+    assert found == fraction and type(found) is float
 
 
 def test_the_rule_has_a_description():

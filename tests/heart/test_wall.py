@@ -7,7 +7,7 @@ from quadriform.errors import OptionError
 from quadriform.heart.axis import LongAxis
 from quadriform.heart.wall import Wall
 from quadriform.heart.wall_motion import (
-    MovingWall,
+    ReferenceWall,
     deformation_gradient,
     green_strain,
     in_axes,
@@ -110,29 +110,29 @@ def test_twist_is_counter_clockwise_from_the_apex(rest):
     at = rest.rest.reshape(-1, 3)
     wanted = np.stack([at[:, 0] - 0.002 * at[:, 2] * at[:, 1], at[:, 1] + 0.002 * at[:, 2] * at[:, 0], at[:, 2]], 1)
     twisted = rest.with_control_points(np.linalg.solve(rest.matrix(at), wanted))
-    moving = MovingWall.at(Wall.between(ENDO, EPI), rest, AXIS, None)
-    found = moving.slices.twist(twisted)
+    reference = ReferenceWall.at(Wall.between(ENDO, EPI), rest, AXIS, None)
+    found = reference.slices.twist(twisted)
     assert found.distance == pytest.approx(10)
     assert found.angle == pytest.approx(2 * np.degrees(np.arctan(0.01)), rel=1e-9)
     assert found.angle_per_length == pytest.approx(found.angle / 10)
     assert found.radii == pytest.approx(np.sqrt(12**2 - 5**2), rel=2e-3)
     assert found.shear_angle == pytest.approx(found.angle * found.radii.mean() / 10)
-    assert moving.mean(moving.strain(twisted)[..., 1, 2], moving.between_slices()) > 0
+    assert reference.mean(reference.strain(twisted)[..., 1, 2], reference.between_slices()) > 0
     tilted = affine(twisted, rotation_from_euler(np.array([1.2, 0.4, 0.0])), (3, 4, 5))
-    assert moving.slices.twist(tilted).angle == pytest.approx(found.angle, rel=1e-6)
+    assert reference.slices.twist(tilted).angle == pytest.approx(found.angle, rel=1e-6)
 
 
 def test_a_mirror_image_has_the_opposite_twist(rest):
     at = rest.rest.reshape(-1, 3)
     other = np.stack([at[:, 0] + 0.002 * at[:, 2] * at[:, 1], at[:, 1] - 0.002 * at[:, 2] * at[:, 0], at[:, 2]], 1)
     twisted = rest.with_control_points(np.linalg.solve(rest.matrix(at), other))
-    moving = MovingWall.at(Wall.between(ENDO, EPI), rest, AXIS, None)
-    assert moving.slices.twist(twisted).angle == pytest.approx(-2 * np.degrees(np.arctan(0.01)), rel=1e-9)
+    reference = ReferenceWall.at(Wall.between(ENDO, EPI), rest, AXIS, None)
+    assert reference.slices.twist(twisted).angle == pytest.approx(-2 * np.degrees(np.arctan(0.01)), rel=1e-9)
 
 
 def test_a_base_cuts_the_wall_too(rest):
     wall = Wall.between(ENDO, EPI)
-    half = MovingWall.at(wall, rest, AXIS, BasePlane(np.zeros(3), np.array([0.0, 0, 1])))
+    half = ReferenceWall.at(wall, rest, AXIS, BasePlane(np.zeros(3), np.array([0.0, 0, 1])))
     assert half.volumes.sum() == pytest.approx(2 / 3 * np.pi * (14**3 - 10**3), rel=1e-4)
 
 
@@ -143,7 +143,7 @@ def test_a_leaning_heart_twists_as_an_upright_one():
     at = box.rest.reshape(-1, 3)
     wanted = np.stack([at[:, 0] - 0.01 * at[:, 2] * at[:, 1], at[:, 1] + 0.01 * at[:, 2] * at[:, 0], at[:, 2]], 1)
     twisted = box.with_control_points(np.linalg.solve(box.matrix(at), wanted))
-    slices = MovingWall.at(Wall.between(endo, epi), box, AXIS, None).slices
+    slices = ReferenceWall.at(Wall.between(endo, epi), box, AXIS, None).slices
     leaning = affine(twisted, rotation_from_euler(np.array([1.2, 0.0, 0.0])), (3, 4, 5))
     assert slices.twist(leaning).angle == pytest.approx(slices.twist(twisted).angle, rel=1e-9)
     assert slices.twist(leaning).apical == pytest.approx(slices.twist(twisted).apical, rel=1e-9)

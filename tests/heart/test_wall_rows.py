@@ -10,7 +10,7 @@ from shapes_made import SKEW
 from quadriform.heart import wall_rows
 from quadriform.heart.axis import LongAxis
 from quadriform.heart.wall import WEIGHTS, Wall
-from quadriform.heart.wall_motion import MovingWall, relative_lengthening
+from quadriform.heart.wall_motion import ReferenceWall, relative_lengthening
 from quadriform.heart.wall_rows import Contraction
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.landmarks import BasePlane
@@ -28,8 +28,8 @@ def box(seed, size=0.5):
 
 
 @pytest.fixture(scope="module")
-def moving():
-    return MovingWall.at(Wall.between(ENDO, EPI, 6), box(1), AXIS, None)
+def reference():
+    return ReferenceWall.at(Wall.between(ENDO, EPI, 6), box(1), AXIS, None)
 
 
 FRAMES = SimpleNamespace(millimetres=10.0, models=[SimpleNamespace(box=box(k)) for k in (1, 2)])
@@ -40,81 +40,83 @@ def values(rows):
 
 
 @pytest.mark.parametrize("every", [True, False])
-def test_rows_of_a_part_are_means_over_its_area_and_volume(moving, every):
+def test_rows_of_a_part_are_means_over_its_area_and_volume(reference, every):
     later = box(2)
-    strain, thickness = moving.strain(later), moving.wall.thickness(later)
+    strain, thickness = reference.strain(later), reference.wall.thickness(later)
     lines = np.ones(len(thickness), dtype=bool) if every else np.arange(len(thickness)) % 3 == 0
-    rows = wall_rows._part_rows(FRAMES, moving, Contraction(thickness, strain), "part ", lines, True)
-    found, areas = values(rows), moving.areas[lines]
-    before = sum(areas * moving.thickness[lines]) / sum(areas) * 10
+    rows = wall_rows._part_rows(FRAMES, reference, Contraction(thickness, strain), "part ", lines, True)
+    found, areas = values(rows), reference.areas[lines]
+    before = sum(areas * reference.thickness[lines]) / sum(areas) * 10
     after = sum(areas * thickness[lines]) / sum(areas) * 10
     assert found["part wall thickness, end diastole"] == pytest.approx(before)
     assert found["part wall thickness, end systole"] == pytest.approx(after)
     assert found["part wall thickening"] == pytest.approx(100 * (after - before) / before)
-    ratios = thickness[lines] / moving.thickness[lines] - 1
+    ratios = thickness[lines] / reference.thickness[lines] - 1
     assert found["part radial strain"] == pytest.approx(100 * sum(areas * ratios) / sum(areas))
-    weights = moving.volumes[lines].ravel()
+    weights = reference.volumes[lines].ravel()
     around = relative_lengthening(strain[lines]).reshape(-1, 3)[:, 1]
     assert found["part circumferential strain"] == pytest.approx(100 * (weights @ around) / weights.sum())
     for k, name in enumerate(("radial", "circumferential", "longitudinal")):
         green = weights @ strain[lines][..., k, k].ravel() / weights.sum()
         assert found[f"part Green strain, {name}"] == pytest.approx(green)
     assert all(row.observed for row in rows)
-    alone = wall_rows._part_rows(FRAMES, moving, None, "", lines, True)
+    alone = wall_rows._part_rows(FRAMES, reference, None, "", lines, True)
     assert values(alone) == {"wall thickness, end diastole": pytest.approx(before)}
-    prior = wall_rows._part_rows(FRAMES, moving, Contraction(thickness, strain), "", lines, False)
+    prior = wall_rows._part_rows(FRAMES, reference, Contraction(thickness, strain), "", lines, False)
     assert [row.observed for row in prior] == [True] * 4 + [False] * 4
     assert all(row.how.startswith("not observed") == (not row.observed) for row in prior)
 
 
-def test_where_surfaces_cross_there_is_no_radial_strain(moving):
-    crossing = np.arange(len(moving.thickness)) % 2 == 0
+def test_where_surfaces_cross_there_is_no_radial_strain(reference):
+    crossing = np.arange(len(reference.thickness)) % 2 == 0
     wall = SimpleNamespace(crossing=crossing)
     of = SimpleNamespace(wall=wall, thickness=np.where(crossing, 0.0, 2.0))
     found = wall_rows._radial(of, np.full(len(crossing), 3.0))
     np.testing.assert_array_equal(found, np.where(crossing, 0.0, 0.5))
 
 
-def test_twist_is_stated_in_degrees_and_millimetres(moving):
-    later, strain = box(2), moving.strain(box(2))
-    twist = moving.slices.twist(later)
-    found = values(wall_rows._twist_rows(FRAMES, moving, later, strain, True))
+def test_twist_is_stated_in_degrees_and_millimetres(reference):
+    later, strain = box(2), reference.strain(box(2))
+    twist = reference.slices.twist(later)
+    found = values(wall_rows._twist_rows(FRAMES, reference, later, strain, True))
     assert found["twist angle"] == pytest.approx(twist.angle)
     assert found["twist per length"] == pytest.approx(twist.angle / twist.distance / 10)
     assert found["torsional shear angle"] == pytest.approx(twist.shear_angle)
-    weights = moving.volumes * moving.between_slices()
+    weights = reference.volumes * reference.between_slices()
     shear = (weights * strain[..., 1, 2]).sum() / weights.sum()
     assert found["torsional shear strain"] == pytest.approx(shear)
 
 
-def test_curves_are_those_of_every_frame(moving):
-    found = wall_rows._curves(FRAMES, moving)
+def test_curves_are_those_of_every_frame(reference):
+    found = wall_rows._curves(FRAMES, reference)
     for k, model in enumerate(FRAMES.models):
-        thickness = moving.wall.thickness(model.box)
-        weights, volumes = moving.areas / moving.areas.sum(), moving.volumes / moving.volumes.sum()
+        thickness = reference.wall.thickness(model.box)
+        weights, volumes = reference.areas / reference.areas.sum(), reference.volumes / reference.volumes.sum()
         assert found["wall thickness"][k] == pytest.approx(10 * weights @ thickness)
-        assert found["radial strain"][k] == pytest.approx(100 * weights @ (thickness / moving.thickness - 1), abs=1e-9)
-        around = relative_lengthening(moving.strain(model.box))[..., 1]
+        assert found["radial strain"][k] == pytest.approx(
+            100 * weights @ (thickness / reference.thickness - 1), abs=1e-9
+        )
+        around = relative_lengthening(reference.strain(model.box))[..., 1]
         assert found["circumferential strain"][k] == pytest.approx(100 * (volumes * around).sum(), abs=1e-9)
-        assert found["twist angle"][k] == pytest.approx(moving.slices.twist(model.box).angle, abs=1e-9)
+        assert found["twist angle"][k] == pytest.approx(reference.slices.twist(model.box).angle, abs=1e-9)
 
 
-def test_segments_without_wall_are_left_out(moving):
+def test_segments_without_wall_are_left_out(reference):
     warnings, frames = {}, SimpleNamespace(models=[SimpleNamespace(surfaces={"endo": ENDO})])
-    every = wall_rows._segments(frames, moving, 0, None, warnings)
+    every = wall_rows._segments(frames, reference, 0, None, warnings)
     assert list(warnings) == ["UNANCHORED"] and all(name.startswith("unanchored segment ") for name in every)
     numbers = sum(mask.astype(int) for mask in every.values())
     assert set(numbers) <= {0, 1} and len(every) == 17
     inserts = AXIS.apex + 0.5 * (AXIS.base - AXIS.apex) + 10 * np.array([[1, 0.5, 0], [1, -0.5, 0.0]]) @ SKEW.T
-    lost = MovingWall(
-        moving.wall,
-        moving.box,
-        moving.axis,
-        moving.origins,
-        moving.axes,
-        moving.thickness,
-        moving.volumes * (numbers > 0)[:, None] * (np.arange(len(numbers)) > 40)[:, None],
-        moving.slices,
+    lost = ReferenceWall(
+        reference.wall,
+        reference.box,
+        reference.axis,
+        reference.origins,
+        reference.axes,
+        reference.thickness,
+        reference.volumes * (numbers > 0)[:, None] * (np.arange(len(numbers)) > 40)[:, None],
+        reference.slices,
     )
     found = wall_rows._segments(frames, lost, 0, inserts, {})
     assert all(name.startswith("segment ") for name in found)
@@ -122,14 +124,14 @@ def test_segments_without_wall_are_left_out(moving):
 
 
 @pytest.mark.parametrize("crosses", [False, True])
-def test_a_cell_that_the_base_cuts_counts_by_how_much_of_it_lies_below(moving, crosses):
+def test_a_cell_that_the_base_cuts_counts_by_how_much_of_it_lies_below(reference, crosses):
     """Its width is the square root of its volume over its depth: that of the line, of a crossing one of length one."""
-    crossing = np.full(len(moving.thickness), crosses)
-    of = replace(moving, wall=replace(moving.wall, crossing=crossing))
+    crossing = np.full(len(reference.thickness), crosses)
+    of = replace(reference, wall=replace(reference.wall, crossing=crossing))
     plane = BasePlane(np.array([0.0, 0, 2.0]), np.array([0.0, 0.6, 0.8]))
-    heights = (moving.box.deform(moving.origins.reshape(-1, 3)) - plane.point) @ plane.direction
-    depths = WEIGHTS * (1.0 if crosses else moving.thickness[:, None])
-    below = 0.5 - heights.reshape(moving.volumes.shape) / np.sqrt(moving.volumes / depths)
+    heights = (reference.box.deform(reference.origins.reshape(-1, 3)) - plane.point) @ plane.direction
+    depths = WEIGHTS * (1.0 if crosses else reference.thickness[:, None])
+    below = 0.5 - heights.reshape(reference.volumes.shape) / np.sqrt(reference.volumes / depths)
     expected = np.minimum(np.maximum(below, 0), 1)
     assert ((expected > 0) & (expected < 1)).sum() > 20
     np.testing.assert_allclose(of.fraction_below(plane), expected, rtol=1e-12)

@@ -48,7 +48,8 @@ class AhaSegmentation:
         is anterior follows from the handedness of the heart.
 
         Raises:
-            OptionError: fewer than two points, or none on one of the sides.
+            OptionError: fewer than two points, points all around the axis, or none on one of the sides of the septum.
+            PointsError: not finite numbers of shape (n, 3).
         """
         inserts = check_points(rv_inserts, "rv_inserts")
         if len(inserts) < 2:
@@ -78,10 +79,10 @@ class AhaSegmentation:
 
     def numbers(self, points: Array) -> NDArray[np.int64]:
         """Return the segment, 1 to 17, of each of (n, 3) points at end diastole; 0 beyond the base."""
-        heights, degrees = self.axis.heights(points), np.degrees(self.angles(points))
+        fractions, degrees = self.axis.fractions(points), np.degrees(self.angles(points))
         # six and four equal sectors, whose first is centred on anterior, 90 degrees clockwise from the septum
         sixth = np.floor((degrees + 120) / 60).astype(np.int64) % 6
         quarter = np.floor((degrees + 135) / 90).astype(np.int64) % 4
-        # segment 17, the apex, is the wall below the apex of the cavity, where heights are negative
+        # segment 17, the apex, is the wall below the apex of the cavity, where fractions are negative
         choices = [np.full(len(points), 17), 13 + quarter, 7 + sixth, 1 + sixth]
-        return np.select([heights < limit for limit in (0, 1 / 3, 2 / 3, 1)], choices, 0)
+        return np.select([fractions < limit for limit in (0, 1 / 3, 2 / 3, 1)], choices, 0)

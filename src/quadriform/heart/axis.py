@@ -42,8 +42,8 @@ class LongAxis:
         """Unit vector (3,) from the apex to the base."""
         return (self.base - self.apex) / self.length
 
-    def heights(self, points: Array) -> Array:
-        """Return the position of points (n, 3) along the axis, (n,): 0 at the apex, 1 at the base."""
+    def fractions(self, points: Array) -> Array:
+        """Return the positions (n,) of points (n, 3) along the axis as fractions of its length from the apex."""
         return (points - self.apex) @ self.direction / self.length
 
     def across(self, vectors: Array) -> Array:

@@ -3,7 +3,7 @@
 It is given as `base` in one of five ways:
 
 1. None: the plane that each model was stored with, as by fits of images; if any has none, the whole surfaces count.
-2. A number in (0, 1]: this fraction of the long axis, from the apex, is below the plane; in every frame.
+2. A number from 0.001 to 1: this fraction of the long axis, from the apex, is below the plane; in every frame.
 3. A tuple (point, direction): the same plane in all frames, the direction leading to the side that is cut off.
 4. Mitral points (n, 3): their least squares plane, the same in all frames.
 5. A list of such points, one set a frame: each frame has its own plane.
@@ -11,6 +11,7 @@ It is given as `base` in one of five ways:
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -53,17 +54,21 @@ def base_rule(base: Base, models: Sequence[DeformableModel], warnings: Warnings)
         warnings: BASE_MISSES is added where some models have a base and others have none.
 
     Raises:
-        OptionError: something else, or not one set a frame.
+        OptionError: none of the five, a number out of its range, a direction of length 0, fewer than three mitral
+            points, or not one set a frame.
+        PointsError: a plane or mitral points that are not finite numbers of shape (n, 3).
     """
     n_frames = len(models)
     if base is None:
         return _stored_rule(models, warnings)
-    if isinstance(base, (int, float)):
-        fraction = check_number(base, "base", 1e-3, 1)
+    if isinstance(base, Real):
+        fraction = check_number(base, "base", 1e-3, 1)  # type: ignore[arg-type]  # any real number
         return BaseRule(fraction=fraction, description=f"below {100 * fraction:g} % of the long axis from the apex")
     if isinstance(base, tuple) and len(base) == 2 and all(np.size(part) == 3 for part in base):
         return BaseRule(fixed=_given_plane(*base), description="below a fixed plane")
-    sets: list[ArrayLike] = list(base)  # type: ignore[arg-type]
+    if isinstance(base, str) or not np.iterable(base):
+        raise OptionError(f"option base={base!r}: expected a number, a plane (point, direction), or mitral points")
+    sets: list[ArrayLike] = list(base)
     if all(np.ndim(one) == 1 for one in sets):
         description = f"below the plane of {len(sets)} mitral points, the same in all frames"
         sets = [np.asarray(base)] * n_frames

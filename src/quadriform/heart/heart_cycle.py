@@ -24,7 +24,7 @@ class HeartCycle:
         models: one a frame.
         times: (F,), increasing.
         cavity: name of the surface around the cavity.
-        wall: name of the outer surface; None where there is only the cavity.
+        outer: name of the surface around the wall, the epicardium; None where there is only the cavity.
         material: whether all frames have the same undeformed space, so that a point of it is one material point.
         millimetres: length of one unit of the models, in mm.
         warnings: kind -> sentence.
@@ -33,7 +33,7 @@ class HeartCycle:
     models: tuple[DeformableModel, ...]
     times: Array
     cavity: str
-    wall: str | None
+    outer: str | None
     material: bool
     millimetres: float
     warnings: Warnings
@@ -65,7 +65,7 @@ def check_cycle(models: Sequence[DeformableModel] | DeformableModel, times: Arra
                 f"frame 0 {', '.join(first.surfaces)} in {first.unit} {first.space}; expected the same in all frames"
             )
     warnings: Warnings = {}
-    cavity, wall = _names(first, warnings)
+    cavity, outer = _names(first, warnings)
     if first.unit == "unknown":
         warnings[WarningKind.UNKNOWN_UNIT] = "the models have no unit of length; taken as mm"
     if len(given) == 1:
@@ -79,7 +79,7 @@ def check_cycle(models: Sequence[DeformableModel] | DeformableModel, times: Arra
             "superquadric, or track them together"
         )
     checked = checked_times(times, len(given))
-    return HeartCycle(given, checked, cavity, wall, material, MILLIMETRES.get(first.unit, 1.0), warnings)
+    return HeartCycle(given, checked, cavity, outer, material, MILLIMETRES.get(first.unit, 1.0), warnings)
 
 
 def _names(model: DeformableModel, warnings: Warnings) -> tuple[str, str | None]:

@@ -50,8 +50,9 @@ def measure(
             list of such points, one set a frame: those of end diastole are taken, if there are any. None: those that
             the models were stored with.
         ed: frame of end diastole; the one of the largest volume unless given. End systole has the smallest volume.
-        observed: whether the models were fitted to tracked material points. Contours and surfaces have none: twist
-            and circumferential strain are then determined by the prior only, and reported as "not observed".
+        observed: whether the models were fitted to tracked material points. Contours and surfaces have none: twist,
+            circumferential strain and all components of Green's strain are then determined by the prior only, and
+            reported as "not observed".
 
     Raises:
         OptionError, PointsError, DegenerateError: no cavity, swapped surfaces, times that do not increase, a base that
@@ -63,38 +64,38 @@ def measure(
     planes = base_planes(frames, rule, warnings)
     pairs = zip(frames.models, planes)
     volumes = frames.ml * np.array([volume(model, frames.cavity, plane) for model, plane in pairs])
-    start, end = _ends(volumes, ed)
-    rows = _volume_rows(frames, rule, planes, volumes, start, end)
+    ed, es = _ed_and_es(volumes, ed)
+    rows = _volume_rows(frames, rule, planes, volumes, ed, es)
     curves = {"cavity volume": volumes}
-    if end is not None:
+    if es is not None:
         # the global longitudinal strain (GLS) as in cine long-axis views, by the length of endocardial contours. It
         # needs no material points, unlike the longitudinal Green strain of the tissue in `wall_rows.py`
         length = _contour_lengths(frames, rule, planes, warnings)
-        curves["longitudinal strain"] = 100 * (length / length[start] - 1)
+        curves["longitudinal strain"] = 100 * (length / length[ed] - 1)
         how = f"{CONTOURS}, {rule.description}"
-        rows.append(Row("longitudinal strain", float(curves["longitudinal strain"][end]), "%", how))
-    if frames.wall is not None:
-        axis = long_axis(frames, start, rule, planes[start], warnings)
-        stored = _stored_inserts(frames.models[start], axis)
-        inserts = stored if rv_inserts is None else _inserts_at(rv_inserts, start, len(frames.models))
-        more, moving = wall_rows(frames, planes[start], axis, (start, end), inserts, observed, warnings)
-        rows, curves = rows + more, curves | moving
+        rows.append(Row("longitudinal strain", float(curves["longitudinal strain"][es]), "%", how))
+    if frames.outer is not None:
+        axis = long_axis(frames, ed, rule, planes[ed], warnings)
+        stored = _stored_inserts(frames.models[ed], axis)
+        inserts = stored if rv_inserts is None else _inserts_at(rv_inserts, ed, len(frames.models))
+        more, wall_curves = wall_rows(frames, planes[ed], axis, ed, es, inserts, observed, warnings)
+        rows, curves = rows + more, curves | wall_curves
     fit = together({f"frame {number}": model.record for number, model in enumerate(frames.models)})
-    return Measures(tuple(rows), warnings, frames.times, curves, start, end, fit, planes)
+    return Measures(tuple(rows), warnings, frames.times, curves, ed, es, fit, planes)
 
 
-def _ends(volumes: Array, ed: int | None) -> tuple[int, int | None]:
+def _ed_and_es(volumes: Array, given: int | None) -> tuple[int, int | None]:
     """Return the frames of end diastole and end systole."""
     n = len(volumes)
-    if ed is not None and not 0 <= ed < n:
-        raise OptionError(f"option ed={ed}: there is no such frame; expected 0 to {n - 1}")
-    start = int(volumes.argmax()) if ed is None else ed
+    if given is not None and not 0 <= given < n:
+        raise OptionError(f"option ed={given}: there is no such frame; expected 0 to {n - 1}")
+    ed = int(volumes.argmax()) if given is None else given
     if n == 1:
-        return start, None
-    end = int(volumes.argmin())
-    if end == start:
-        raise OptionError(f"option ed={ed}: this frame has the smallest volume; expected one before the contraction")
-    return start, end
+        return ed, None
+    es = int(volumes.argmin())
+    if es == ed:
+        raise OptionError(f"option ed={given}: this frame has the smallest volume; expected one before the contraction")
+    return ed, es
 
 
 def _inserts_at(rv_inserts: ArrayLike | Sequence[ArrayLike], frame: int, n_frames: int) -> ArrayLike | None:
@@ -174,11 +175,11 @@ def _volume_rows(
         if es is not None:
             whole += _ejection_rows(closed, f"frames {ed} and {es}, {words}", ", closed")
         rows += _observed_where_supported(whole, frames)
-    if frames.wall is not None:
+    if frames.outer is not None:
         # muscle is the volume between endocardium and epicardium
-        outer = frames.ml * volume(frames.models[ed], frames.wall, planes[ed])
+        enclosed = frames.ml * volume(frames.models[ed], frames.outer, planes[ed])
         how = f"{DENSITY:g} g/ml times the volume between the surfaces, {diastole}, {rule.description}"
-        rows.append(Row("myocardial mass", DENSITY * float(outer - volumes[ed]), "g", how))
+        rows.append(Row("myocardial mass", DENSITY * float(enclosed - volumes[ed]), "g", how))
     return _observed_where_supported(rows, frames) if planes[ed] is None else rows
 
 

@@ -70,9 +70,9 @@ class Slices:
     def cut(cls, wall: Wall, box: ControlBox, axis: LongAxis) -> "Slices":
         """Return the sections of the middle layer across the long axis at both levels."""
         origins = wall.at(DEPTH)
-        heights = axis.heights(box.deform(origins))
+        fractions = axis.fractions(box.deform(origins))
         edges = np.concatenate([wall.quads[:, [k, (k + 1) % 4]] for k in range(4)])
-        apical, basal = (_crossings(origins, heights - level, edges) for level in LEVELS)
+        apical, basal = (_crossings(origins, fractions - level, edges) for level in LEVELS)
         return cls(axis, (apical, basal), box)
 
     def twist(self, box: ControlBox) -> Twist:

@@ -18,8 +18,8 @@ def volume_below(mesh: Mesh, plane: BasePlane | None) -> float:
     """Return the volume of the part of a body below a plane, in cubed units.
 
     By the divergence theorem it is the sum of the signed tetrahedra between a point on the plane and the triangles of
-    the part's surface. Those of the section with the plane are flat. Of a triangle that the plane cuts the part below
-    has a tetrahedron in proportion to its area. So triangles beyond the plane are not needed.
+    the part's surface. The section with the plane contributes nothing, since that point lies in it. A triangle that the
+    plane cuts counts by the fraction of its area below the plane. So triangles beyond the plane are not needed.
 
     Args:
         mesh: closed, or open only beyond the plane.

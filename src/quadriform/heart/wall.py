@@ -31,8 +31,8 @@ class Wall:
         rays: (n, 3), of length one after each coordinate in the axes of that superquadric is divided by its semi-axis.
         start: (n,), s where the rays leave the endocardium.
         stop: (n,), s where they leave the epicardium.
-        cells: (n,), the volume about a piece ds of a ray over s^2 ds: the solid angle of the ray in these coordinates,
-            times the product of the semi-axes.
+        cells: (n,), the solid angle about each ray in these coordinates, times the product of the semi-axes: between s
+            and s + ds the cell about the ray has the volume cells s^2 ds.
         normals: (2, n, 3), outward unit normals of both surfaces, before deformation.
         quads: (m, 4), neighbours among the rays.
         crossing: (n,), rays on which the epicardium comes first or both surfaces meet; they have no wall.
@@ -49,10 +49,11 @@ class Wall:
 
     @classmethod
     def between(cls, endo: Superquadric, epi: Superquadric, resolution: int = 24) -> "Wall":
-        """Return the wall between two superellipsoids, one line for each of 6 n^2 + 2 directions.
+        """Return the wall between two superellipsoids, one line for each direction of `sphere_grid`.
 
         Raises:
-            OptionError: the endocardium lies on or outside the epicardium, as with swapped names.
+            OptionError: the endocardium lies on or outside the epicardium in more than half of the directions, or its
+                centre does, as with swapped names.
         """
         directions, quads = sphere_grid(resolution)
         inner = endo.surface(directions)

@@ -20,8 +20,8 @@ from quadriform.shapes.landmarks import BasePlane
 
 
 @dataclass(frozen=True)
-class MovingWall:
-    """The wall at end diastole, with which other frames are compared.
+class ReferenceWall:
+    """The wall at end diastole, the reference with which other frames are compared.
 
     Attributes:
         wall: its lines.
@@ -44,7 +44,7 @@ class MovingWall:
     slices: Slices
 
     @classmethod
-    def at(cls, wall: Wall, box: ControlBox, axis: LongAxis, plane: BasePlane | None) -> "MovingWall":
+    def at(cls, wall: Wall, box: ControlBox, axis: LongAxis, plane: BasePlane | None) -> "ReferenceWall":
         """Return the wall in the frame of end diastole; what lies beyond the base plane does not count."""
         origins = np.stack([wall.at(depth) for depth in NODES], axis=1)
         axes = [local_axes(box, wall.at(depth), wall.normals_at(depth), axis.direction) for depth in NODES]

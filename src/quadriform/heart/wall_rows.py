@@ -12,7 +12,7 @@ from quadriform.heart.heart_cycle import HeartCycle
 from quadriform.heart.measures_table import Row
 from quadriform.heart.twist import DEPTH, LEVELS
 from quadriform.heart.wall import Wall
-from quadriform.heart.wall_motion import MovingWall, relative_lengthening
+from quadriform.heart.wall_motion import ReferenceWall, relative_lengthening
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.landmarks import BasePlane
@@ -36,7 +36,8 @@ def wall_rows(
     frames: HeartCycle,
     plane: BasePlane | None,
     axis: LongAxis,
-    ends: tuple[int, int | None],
+    ed: int,
+    es: int | None,
     rv_inserts: ArrayLike | None,
     observed: bool,
     warnings: Warnings,
@@ -47,7 +48,8 @@ def wall_rows(
         frames: the models, with an "epi".
         plane: the base at end diastole.
         axis: the long axis at end diastole.
-        ends: frames of end diastole and end systole.
+        ed: frame of end diastole.
+        es: frame of end systole; None where there is one frame.
         rv_inserts: (n, 3), or None.
         observed: whether material points were tracked.
         warnings: FOLDING is added where the surfaces cross, and UNANCHORED.
@@ -55,19 +57,18 @@ def wall_rows(
     Raises:
         OptionError: swapped surfaces, or insertions that determine no septum.
     """
-    ed, es = ends
     model = frames.models[ed]
     wall = _wall(model.surfaces["endo"], model.surfaces["epi"], warnings)
-    moving = MovingWall.at(wall, model.box, axis, plane)
-    parts = {"": np.ones(len(wall.rays), dtype=bool)} | _segments(frames, moving, ed, rv_inserts, warnings)
+    reference = ReferenceWall.at(wall, model.box, axis, plane)
+    parts = {"": np.ones(len(wall.rays), dtype=bool)} | _segments(frames, reference, ed, rv_inserts, warnings)
     # thickening, strain and twist need material points: the same undeformed space in both frames
     contraction, rows, curves = None, [], {}
     if es is not None and frames.material:
         later = frames.models[es].box
-        contraction = Contraction(wall.thickness(later), moving.strain(later))
-        rows = _twist_rows(frames, moving, later, contraction.strain, observed)
-        curves = _curves(frames, moving)
-    measured = [_part_rows(frames, moving, contraction, name, lines, observed) for name, lines in parts.items()]
+        contraction = Contraction(wall.thickness(later), reference.strain(later))
+        rows = _twist_rows(frames, reference, later, contraction.strain, observed)
+        curves = _curves(frames, reference)
+    measured = [_part_rows(frames, reference, contraction, name, lines, observed) for name, lines in parts.items()]
     return [*measured[0], *rows, *(row for part in measured[1:] for row in part)], curves
 
 
@@ -81,19 +82,19 @@ def _wall(endo: Superquadric, epi: Superquadric, warnings: Warnings) -> Wall:
 
 
 def _segments(
-    frames: HeartCycle, moving: MovingWall, ed: int, rv_inserts: ArrayLike | None, warnings: Warnings
+    frames: HeartCycle, reference: ReferenceWall, ed: int, rv_inserts: ArrayLike | None, warnings: Warnings
 ) -> dict[str, NDArray[np.bool_]]:
     """The lines (n,) of each segment; segments without wall are left out."""
     if rv_inserts is None:  # nothing in a ventricle of revolution determines where the septum is
-        segments = AhaSegmentation.unanchored(moving.axis, frames.models[ed].surfaces["endo"])
+        segments = AhaSegmentation.unanchored(reference.axis, frames.models[ed].surfaces["endo"])
         warnings[WarningKind.UNANCHORED] = (
             "without RV insertion points the segments start at an arbitrary angle: their rings are right, their names "
             "are not"
         )
     else:
-        segments = AhaSegmentation.anchored(moving.axis, rv_inserts)
-    numbers = segments.numbers(moving.box.deform(moving.wall.at(DEPTH)))
-    has_wall = moving.areas > 0
+        segments = AhaSegmentation.anchored(reference.axis, rv_inserts)
+    numbers = segments.numbers(reference.box.deform(reference.wall.at(DEPTH)))
+    has_wall = reference.areas > 0
     label = "segment" if rv_inserts is not None else "unanchored segment"
     lines = {f"{label} {k + 1}, {name}: ": has_wall & (numbers == k + 1) for k, name in enumerate(NAMES)}
     return {name: mask for name, mask in lines.items() if mask.any()}
@@ -101,7 +102,7 @@ def _segments(
 
 def _part_rows(
     frames: HeartCycle,
-    moving: MovingWall,
+    reference: ReferenceWall,
     contraction: Contraction | None,
     part: str,
     lines: NDArray[np.bool_],
@@ -109,45 +110,49 @@ def _part_rows(
 ) -> list[Row]:
     """Thickness, and with a contraction thickening and strain, of a part of the wall."""
     # lines represent different areas of the wall
-    weights = moving.areas * lines
-    before = float(weights @ moving.thickness / weights.sum()) * frames.millimetres
+    weights = reference.areas * lines
+    before = float(weights @ reference.thickness / weights.sum()) * frames.millimetres
     rows = [Row(f"{part}wall thickness, end diastole", before, "mm", ALONG_MAP)]
     if contraction is None:
         return rows
     after = float(weights @ contraction.thickness / weights.sum()) * frames.millimetres
     rows.append(Row(f"{part}wall thickness, end systole", after, "mm", ALONG_MAP))
     rows.append(Row(f"{part}wall thickening", 100 * (after / before - 1), "%", f"{ALONG_MAP}, of the one at ED"))
-    radial = 100 * float(weights @ _radial(moving, contraction.thickness) / weights.sum())
+    radial = 100 * float(weights @ _radial(reference, contraction.thickness) / weights.sum())
     # radial strain is a mean of ratios, thickening the ratio of means
     how = "change of length from ED to ES per length, of the lines along the volumetric map, mean over the wall's area"
     rows.append(Row(f"{part}radial strain", radial, "%", how))
-    return rows + _strain_rows(moving, contraction.strain, part, lines[:, None], observed)
+    return rows + _strain_rows(reference, contraction.strain, part, lines[:, None], observed)
 
 
-def _radial(moving: MovingWall, thickness: Array) -> Array:
+def _radial(reference: ReferenceWall, thickness: Array) -> Array:
     """Change of length per length (n,) of the lines across the wall; 0 where the surfaces cross."""
-    return np.where(~moving.wall.crossing, thickness / np.maximum(moving.thickness, 1e-300) - 1, 0.0)
+    return np.where(~reference.wall.crossing, thickness / np.maximum(reference.thickness, 1e-300) - 1, 0.0)
 
 
-def _strain_rows(moving: MovingWall, strain: Array, part: str, where: NDArray[np.bool_], observed: bool) -> list[Row]:
+def _strain_rows(
+    reference: ReferenceWall, strain: Array, part: str, where: NDArray[np.bool_], observed: bool
+) -> list[Row]:
     """Strain from the gradient; without tracked points the prior alone determines it along the wall."""
     prefix = "" if observed else NOT_OBSERVED
-    around = 100 * float(moving.mean(relative_lengthening(strain), where)[1])
+    around = 100 * float(reference.mean(relative_lengthening(strain), where)[1])
     how = f"{prefix}change of length from ED to ES per length, from the gradient, mean over the volume of the wall"
     rows = [Row(f"{part}circumferential strain", around, "%", how, observed)]
     how = f"{prefix}(F'F - I) / 2 from ED to ES, mean over the volume of the wall"
     # the tensor is averaged along local axes, so that components keep their directions. The longitudinal one is the
     # strain of the tissue; the global longitudinal strain (GLS), of contours, is the row of `measure.py`
-    green = np.diagonal(moving.mean(strain, where))
+    green = np.diagonal(reference.mean(strain, where))
     return rows + [
         Row(f"{part}Green strain, {name}", float(value), "1", how, observed) for name, value in zip(DIRECTIONS, green)
     ]
 
 
-def _twist_rows(frames: HeartCycle, moving: MovingWall, later: ControlBox, strain: Array, observed: bool) -> list[Row]:
+def _twist_rows(
+    frames: HeartCycle, reference: ReferenceWall, later: ControlBox, strain: Array, observed: bool
+) -> list[Row]:
     """Twist in the four published definitions."""
-    twist = moving.slices.twist(later)
-    shear = moving.mean(strain[..., 1, 2], moving.between_slices())
+    twist = reference.slices.twist(later)
+    shear = reference.mean(strain[..., 1, 2], reference.between_slices())
     levels = f"at {LEVELS[0]:g} and {LEVELS[1]:g} of the long axis, counter-clockwise from the apex; {SOURCE}"
     # Young and Cowan: torsion is comparable between hearts only per length, or as a shear
     per_mm = twist.angle_per_length / frames.millimetres
@@ -161,16 +166,16 @@ def _twist_rows(frames: HeartCycle, moving: MovingWall, later: ControlBox, strai
     return [Row(name, value, unit, prefix + how, observed) for name, value, unit, how in found]
 
 
-def _curves(frames: HeartCycle, moving: MovingWall) -> dict[str, Array]:
+def _curves(frames: HeartCycle, reference: ReferenceWall) -> dict[str, Array]:
     """Thickness (mm), strains (%) and twist (degrees) of the whole wall over the cycle."""
-    everywhere = np.ones((len(moving.volumes), 1), dtype=bool)
-    weights = moving.areas / moving.areas.sum()
+    everywhere = np.ones((len(reference.volumes), 1), dtype=bool)
+    weights = reference.areas / reference.areas.sum()
     curves: dict[str, list[float]] = {"wall thickness": [], "radial strain": [], "circumferential strain": []}
     for box in (model.box for model in frames.models):
-        thickness = moving.wall.thickness(box)
-        around = moving.mean(relative_lengthening(moving.strain(box)), everywhere)[1]
+        thickness = reference.wall.thickness(box)
+        around = reference.mean(relative_lengthening(reference.strain(box)), everywhere)[1]
         curves["wall thickness"].append(float(weights @ thickness) * frames.millimetres)
-        curves["radial strain"].append(100 * float(weights @ _radial(moving, thickness)))
+        curves["radial strain"].append(100 * float(weights @ _radial(reference, thickness)))
         curves["circumferential strain"].append(100 * float(around))
-    twist = [moving.slices.twist(model.box).angle for model in frames.models]
+    twist = [reference.slices.twist(model.box).angle for model in frames.models]
     return {name: np.array(values) for name, values in (curves | {"twist angle": twist}).items()}
