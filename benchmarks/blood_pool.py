@@ -10,7 +10,7 @@ from scipy import ndimage
 from skimage.morphology import convex_hull_image
 
 from quadriform.imaging.segmentation import Mask, otsu, segment
-from quadriform.imaging.volume import Region, Volume, slices
+from quadriform.imaging.volume import Region, Volume, index_of
 
 
 def blood_pool(volume: Volume, seed: Sequence[int], region: Region) -> Mask:
@@ -29,7 +29,7 @@ def blood_pool(volume: Volume, seed: Sequence[int], region: Region) -> Mask:
         MaskError: the seed is no blood.
     """
     axis = int(volume.spacing.argmax())  # slices of a short-axis stack are thicker than pixels
-    inner = slices(region)
+    inner = index_of(region)
     mask = np.zeros(volume.values.shape, dtype=bool)
     mask[inner] = _each_slice(volume.values[inner], axis, _opened_blood)
     found = segment(replace(volume, values=mask), select=0.5, region=region, component=seed).mask

@@ -64,7 +64,7 @@ def shown(values: dict[str, np.ndarray]) -> str:
 
 def off(model: DeformableModel, found: VentriclePoints) -> str:
     """RMS distance of all isosurface points of each surface."""
-    return shown({name: model.distance(points, name) for name, points in found.isosurfaces.items()})
+    return shown({name: model.distance(points, name) for name, points in found.unthinned.items()})
 
 
 def between_surfaces(one: DeformableModel, other: DeformableModel) -> float:

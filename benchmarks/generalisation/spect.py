@@ -51,7 +51,7 @@ def _one_surface(folder: Path, case: Case, strength: Strength) -> Row:
 def _both_walls(folder: Path, case: Case, strength: Strength) -> Row:
     found = qf.ventricle_from_perfusion(qf.read_volume(folder / f"{case[0]}.nii.gz"), region=REGION)
     fit = qf.fit(found.clouds, base=found.base)
-    distances = {name: fit.model.distance(points, name) for name, points in found.isosurfaces.items()}
+    distances = {name: fit.model.distance(points, name) for name, points in found.unthinned.items()}
     numbers = {f"{name} mm": rms(each) for name, each in distances.items()} | {"crossings": len(fit.model.crossings())}
     status = status_text(fit.status, fit.warnings)
     return _judged(rms(np.concatenate([*distances.values()])), status, fit.model.min_jacobian(), numbers)

@@ -33,7 +33,7 @@ def test_contours_bring_their_walls_and_slices(tmp_path):
     found = read_frames([path], [])
     assert found.space_and_unit == ("LPS", "mm") and found.grids == [None]
     assert (found.sets[0]["epi"].factor, found.sets[0]["epi"].noise, found.sets[0]["epi"].solid) == (1.0, None, None)
-    assert found.clouds[0]["epi"].tolist() == [[1, 2, 3]] and found.slices[0]["epi"].tolist() == [1]
+    assert found.clouds[0]["epi"].tolist() == [[1, 2, 3]] and found.slice_of_point[0]["epi"].tolist() == [1]
 
 
 def contours(path, frame, surfaces=("ENDOCARDIAL", "EPICARDIAL"), weight=1):

@@ -8,7 +8,7 @@ import pytest
 
 from quadriform.errors import InputError, OptionError
 from quadriform.imaging import frame_series, image_points
-from quadriform.imaging.frame_series import FrameSeries, keep_slices
+from quadriform.imaging.frame_series import FrameSeries, drop_points_between_slices
 from quadriform.imaging.image_points import BETWEEN, CAP
 from quadriform.imaging.volume import Volume
 from quadriform.point_sets import PointSet
@@ -22,7 +22,7 @@ CLOUD = np.arange(18.0).reshape(6, 3)
 
 
 def source(**more):
-    made = {"cloud": PointSet(CLOUD), "slices": None, "image": None, "notes": (), "warnings": {}}
+    made = {"cloud": PointSet(CLOUD), "slice_of_point": None, "image": None, "notes": (), "warnings": {}}
     return SimpleNamespace(**(made | {"space": "LPS", "unit": "mm"} | more))
 
 
@@ -31,40 +31,41 @@ def series(grids, numbers=NUMBERS):
     for grid in grids:
         noise = np.arange(6.0)[:, None, None] * np.eye(3)
         frames.add({"a": PointSet(CLOUD, CLOUD, noise=noise)}, ("LPS", "mm"))
-        frames.slices.append({"a": numbers.copy()})
+        frames.slice_of_point.append({"a": numbers.copy()})
         frames.grids.append(grid)
     return frames
 
 
-def test_points_between_slices_are_left_out_of_images():
+def test_points_between_slices_are_left_out_of_images_and_those_of_caps_stay():
     frames = series([GRID, GRID + 0.9e-3])
-    keep_slices(frames)
+    drop_points_between_slices(frames)
     kept = NUMBERS != BETWEEN
-    for frame, slices in zip(frames.sets, frames.slices):
+    for frame, numbers in zip(frames.sets, frames.slice_of_point):
         np.testing.assert_array_equal(frame["a"].points, CLOUD[kept])
         np.testing.assert_array_equal(frame["a"].normals, CLOUD[kept])
         np.testing.assert_array_equal(frame["a"].noise[:, 0, 0], np.flatnonzero(kept))
-        np.testing.assert_array_equal(slices["a"], NUMBERS[kept])
+        np.testing.assert_array_equal(numbers["a"], NUMBERS[kept])
+    assert all(CAP in numbers["a"] for numbers in frames.slice_of_point)
     assert frames.notes == ["slices are taken along k, 8 apart; 4 of 12 points lie between two slices and are left out"]
 
 
 def test_slices_of_contours_are_kept_as_they_are():
     frames = series([None, None])
-    keep_slices(frames)
+    drop_points_between_slices(frames)
     assert len(frames.clouds[0]["a"]) == 6 and not frames.notes
 
 
 @pytest.mark.parametrize("grids", [[GRID, GRID + 1.1e-3], [None, GRID], [GRID, None]])
 def test_slices_of_other_grids_do_not_shift_together(grids):
     with pytest.raises(OptionError, match="the slices of frame 1 are not those of frame 0"):
-        keep_slices(series(grids))
+        drop_points_between_slices(series(grids))
 
 
 def test_slices_are_needed_in_all_frames():
     frames = series([GRID, GRID])
-    frames.slices.pop()
+    frames.slice_of_point.pop()
     with pytest.raises(OptionError, match="needs slice numbers in all frames"):
-        keep_slices(frames)
+        drop_points_between_slices(frames)
 
 
 def test_frames_of_other_units_are_refused_and_sources_bring_what_they_know(monkeypatch):
@@ -73,19 +74,19 @@ def test_frames_of_other_units_are_refused_and_sources_bring_what_they_know(monk
     noise = np.tile(np.eye(3), (6, 1, 1))
     with_all = source(
         cloud=PointSet(CLOUD, noise=noise, factor=10.0),
-        slices=NUMBERS,
+        slice_of_point=NUMBERS,
         image=image,
         notes=("one",),
         warnings={"BORDER_CUT": "x"},
     )
     frames.add_sources({"epi": with_all, "endo": source(notes=("two",))})
     assert frames.notes == ["one", "two"] and frames.warnings == {"BORDER_CUT": "x"}
-    assert list(frames.sets[0]) == ["epi", "endo"] and list(frames.slices[0]) == ["epi"]
+    assert list(frames.sets[0]) == ["epi", "endo"] and list(frames.slice_of_point[0]) == ["epi"]
     assert frames.grids[0] is GRID
-    frames.add_sources({"epi": source(slices=NUMBERS), "endo": source()})
-    assert frames.grids[1] is None and len(frames.slices) == 2
+    frames.add_sources({"epi": source(slice_of_point=NUMBERS), "endo": source()})
+    assert frames.grids[1] is None and len(frames.slice_of_point) == 2
     frames.add_sources({"epi": source(), "endo": source()})
-    assert len(frames.slices) == 2 and len(frames.sets) == 3
+    assert len(frames.slice_of_point) == 2 and len(frames.sets) == 3
     assert frames.sets[0]["epi"].noise is noise and frames.sets[0]["epi"].factor == 10
     with pytest.raises(InputError, match="first is in LPS mm, another in RAS mm"):
         frames.add({"epi": PointSet(CLOUD)}, ("RAS", "mm"))

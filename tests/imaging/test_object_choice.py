@@ -173,6 +173,14 @@ def test_a_header_that_states_labels_decides(rng):
     assert isinstance(choose_object(image(values, is_label_map=True))[0], Labels)
 
 
+def test_a_header_that_states_labels_decides_before_values_below_minus_one_do(ball, rng):
+    labels = parcels(ball, 3, rng)
+    values = np.where(labels == 2, -5, labels)
+    assert choose_object(image(values))[0] == "otsu"
+    with pytest.raises(MaskError, match=r"whole numbers from -5.*--label"):
+        choose_object(image(values, is_label_map=True))
+
+
 def test_the_intent_code_of_nifti_is_such_a_header(tmp_path, rng):
     stored = nibabel.Nifti1Image(rng.integers(0, 50, SHAPE).astype(np.int16), np.eye(4))
     stored.header.set_intent("label")

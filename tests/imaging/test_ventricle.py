@@ -8,7 +8,7 @@ import pytest
 from scipy import ndimage
 
 from quadriform.errors import MaskError, OptionError, WarningKind
-from quadriform.imaging.file_points import ImageOptions
+from quadriform.imaging.file_points import ReadOptions
 from quadriform.imaging.reading import read_volume
 from quadriform.imaging.segmentation import Labels
 from quadriform.imaging.segments import Segment
@@ -56,9 +56,9 @@ def test_labels_give_both_walls():
     found = from_labels(labelled())
     assert found.base is None and not found.warnings
     assert found.record["left_out_voxels"] == 0
-    assert np.abs(implicit(found.isosurfaces["endo"], (14.2, 13.1, 22.3))).max() * 14 < 1.5
-    assert np.abs(implicit(found.isosurfaces["epi"], (22.2, 21.1, 30.3))).max() * 22 < 1.5
-    assert len(found.clouds["endo"]) < len(found.isosurfaces["endo"])
+    assert np.abs(implicit(found.unthinned["endo"], (14.2, 13.1, 22.3))).max() * 14 < 1.5
+    assert np.abs(implicit(found.unthinned["epi"], (22.2, 21.1, 30.3))).max() * 22 < 1.5
+    assert len(found.clouds["endo"]) < len(found.unthinned["endo"])
 
 
 def test_a_rotated_and_flipped_grid_gives_the_same_points():
@@ -93,7 +93,7 @@ def test_another_spacing_gives_the_same_surface_to_half_a_voxel():
     coarse = labelled(shape=(60, 60, 20), spacing=np.array([1.0, 1.0, 4.0]))
     from scipy.spatial import cKDTree
 
-    one, two = (from_labels(v).isosurfaces for v in (fine, coarse))
+    one, two = (from_labels(v).unthinned for v in (fine, coarse))
     for name in one:
         assert cKDTree(one[name]).query(two[name])[0].max() < 2.1
 
@@ -104,7 +104,7 @@ def test_what_the_region_cuts_is_open_and_is_the_base():
     point, direction = found.base
     assert np.allclose(direction, (0, 0, 1))
     assert point[2] == pytest.approx(volume.points_world([[0, 0, 23.5]])[0, 2])
-    for points in found.isosurfaces.values():
+    for points in found.unthinned.values():
         # the outermost slice reaches from its centre to the face
         heights = np.unique(np.round(points[:, 2] - point[2], 6))
         assert heights[-2:] == pytest.approx([-1.0, -0.02])
@@ -126,9 +126,7 @@ def test_the_points_at_the_base_do_not_depend_on_rounding(spacing, rng):
         affine[:3, :3] = np.linalg.qr(rng.normal(size=(3, 3)))[0] @ np.diag(spacing)
         affine[:3, 3] = rng.normal(0, 100, 3)
         moved = replace(volume, world_from_voxel=affine)
-        clouds.append(
-            {name: moved.voxels(each) for name, each in from_labels(moved, region=region).isosurfaces.items()}
-        )
+        clouds.append({name: moved.voxels(each) for name, each in from_labels(moved, region=region).unthinned.items()})
     for cloud in clouds[1:]:
         for name, points in clouds[0].items():
             assert len(cloud[name]) == len(points)
@@ -154,7 +152,7 @@ def test_a_cavity_without_wall_is_named_and_has_no_epicardium():
     removed = (volume.values == 2) & (at @ [0.6, 0, 0.8] > 12)
     found = from_labels(replace(volume, values=np.where(removed, 0, volume.values)))
     assert WarningKind.OPEN_WALL in found.warnings and found.base is None
-    lid = found.isosurfaces["epi"]
+    lid = found.unthinned["epi"]
     assert not (lid @ [0.6, 0, 0.8] > 14).any()
 
 
@@ -226,7 +224,7 @@ def test_a_heart_by_a_preset_or_by_segments_is_that_of_its_labels():
         ("endo=label:1", "epi=label:1+2"),
         ("endo=label:LV", "epi=label:LV wall"),
     ):
-        found = labelled_heart(texts).points(volume, ImageOptions(), None).clouds
+        found = labelled_heart(texts).points(volume, ReadOptions(), None).clouds
         assert found.keys() == expected.keys()
         assert all(np.array_equal(found[name], expected[name]) for name in expected)
 
@@ -235,8 +233,8 @@ def test_points_of_a_label_file_have_the_noise_of_their_voxels_and_those_of_a_gr
     for volume, heart in ((labelled(), labelled_heart(["endo=label:1"])), (horseshoe(), PerfusionHeart())):
         file = tmp_path / "image.nii"
         nibabel.save(nibabel.Nifti1Image(volume.values, volume.world_from_voxel), file)
-        found = heart.points(read_volume(file), ImageOptions(), None)
-        sources = read_ventricle(file, heart, ImageOptions(), None).surfaces
+        found = heart.points(read_volume(file), ReadOptions(), None)
+        sources = read_ventricle(file, heart, ReadOptions(), None).surfaces
         for name, points in found.clouds.items():
             assert np.array_equal(sources[name].cloud.points, points)
             noise = sources[name].cloud.noise
@@ -249,7 +247,7 @@ def test_the_cavity_of_a_label_file_goes_with_its_points(tmp_path):
     image = labelled(open_at=10.0)
     nibabel.save(nibabel.Nifti1Image(image.values, image.world_from_voxel), tmp_path / "heart.nii.gz")
     heart = labelled_heart(["endo=label:1", "epi=label:1+2"])
-    found = read_ventricle(tmp_path / "heart.nii.gz", heart, ImageOptions(), None)
+    found = read_ventricle(tmp_path / "heart.nii.gz", heart, ReadOptions(), None)
     solid, base = found.surfaces["endo"].cloud.solid, found.landmarks.base
     assert found.surfaces["epi"].cloud.solid is None
     shape = Superquadric("ellipsoid", (14.2, 13.1, 22.3), (1, 1)).mesh(48)
@@ -287,8 +285,8 @@ def test_a_horseshoe_gives_two_surfaces_and_its_base():
     assert WarningKind.OPEN_BASE in found.warnings
     assert found.base[1] @ [0, 0, 1] > 0.999
     assert -3 < found.base[0][2] < 8  # below the mouth by half a wall of 8 to 11
-    assert np.abs(implicit(found.isosurfaces["endo"], (14.2, 13.1, 26.3))).max() * 14 < 1.8
-    assert np.abs(implicit(found.isosurfaces["epi"], (22.2, 21.1, 34.3))).max() * 22 < 1.8
+    assert np.abs(implicit(found.unthinned["endo"], (14.2, 13.1, 26.3))).max() * 14 < 1.8
+    assert np.abs(implicit(found.unthinned["epi"], (22.2, 21.1, 34.3))).max() * 22 < 1.8
 
 
 def test_a_solid_body_has_no_cavity():
@@ -320,7 +318,7 @@ def test_a_hole_within_the_wall_is_wall():
 def test_real_perfusion_images_give_both_walls(shared):
     for path in sorted((shared / "data" / "spect_mpi" / "nifti").glob("*.nii.gz")):
         found = ventricle_from_perfusion(read_volume(path), region=((17, 53), (12, 52), (10, 34)))
-        assert all(len(points) > 200 for points in found.isosurfaces.values())
+        assert all(len(points) > 200 for points in found.unthinned.values())
         assert 0.15 < found.record["cavity_voxels"] / found.record["wall_voxels"] < 0.6
 
 

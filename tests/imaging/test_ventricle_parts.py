@@ -155,7 +155,9 @@ def test_numbers_of_voxels_and_points_are_recorded():
         beyond = points[:, 2] > 26 + 1e-6
         assert found.record["beyond_base"][name] == beyond.sum() > 0
         np.testing.assert_allclose(found.clouds[name], points[~beyond])
-        np.testing.assert_array_equal(found.clouds[name], found.isosurfaces[name])
+        np.testing.assert_array_equal(found.clouds[name], found.unthinned[name])
+    with pytest.warns(DeprecationWarning, match="isosurfaces is named unthinned"):
+        assert found.isosurfaces is found.unthinned
     assert found.base_from == GIVEN_BASE
     assert found.landmarks.base is not None and whole.landmarks.base is None and whole.base_from == ""
     with pytest.raises(OptionError, match="direction that is not 0"):
@@ -181,7 +183,7 @@ def test_points_of_an_open_wall_face_the_cavity_or_the_outside():
     assert radius["endo"].max() < 12.5 and radius["endo"].min() > 8
     assert radius["epi"].min() > 15.5 and radius["epi"].max() < 19.5
     removed, total = sum(found.record["beyond_base"].values()), found.record["beyond_base"]
-    whole = removed + sum(map(len, found.isosurfaces.values()))
+    whole = removed + sum(map(len, found.unthinned.values()))
     assert found.warnings["OPEN_BASE"] == f"the wall is open; {removed} of {whole} points at its rim are left out"
     assert removed > 0 and set(total) == {"endo", "epi"}
     given = ventricle_from_perfusion(horseshoe(), spacing=0, base=((20, 20, 22.0), (0, 0, 1)))

@@ -27,7 +27,7 @@ def demo(*, output: Path = Path("out/demo"), force: bool = False) -> None:
         output: Folder for the results.
     """
     from quadriform.files.result_folder import check_results
-    from quadriform.imaging.file_points import ImageOptions, Source
+    from quadriform.imaging.file_points import ReadOptions, Source
     from quadriform.imaging.fit_files import fit_sources
     from quadriform.imaging.image_points import points_from_image
     from quadriform.imaging.reading import example_path, example_volume
@@ -39,7 +39,7 @@ def demo(*, output: Path = Path("out/demo"), force: bool = False) -> None:
     source = Source(PointSet(found.points), volume.space, volume.unit, found.warnings)
     begin = time.perf_counter()
     with progress_bar("fitting") as progress:
-        files = {ALONE: (example_path(), ImageOptions())}
+        files = {ALONE: (example_path(), ReadOptions())}
         result = fit_sources(files, {ALONE: source}, {"progress": progress})
     seconds = time.perf_counter() - begin
     warn(result.warnings)

@@ -50,10 +50,10 @@ def fit(
     """
     from quadriform.cli.fit_run import plan, run_all, run_one
 
-    image = replace(reading.parse(reading.border), columns=reading.columns, unit=reading.unit)
+    read_options = replace(reading.parse(reading.border), columns=reading.columns, unit=reading.unit)
     options = method.options()
-    heart = hearts.parse(inputs or [], surface or [], image, options.get("base"))
-    jobs, several = plan(inputs or [], surface or [], output, image, check_space(space))
+    heart = hearts.parse(inputs or [], surface or [], read_options, options.get("base"))
+    jobs, several = plan(inputs or [], surface or [], output, read_options, check_space(space))
     if heart is not None:
         jobs = [job.of_heart(heart) for job in jobs]
     if several:

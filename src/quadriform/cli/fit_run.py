@@ -24,7 +24,7 @@ from quadriform.files.reading import named_in_errors
 from quadriform.files.result_folder import check_results, replaced_together
 from quadriform.fitting.result import Fit, flat
 from quadriform.imaging.file_points import (
-    ImageOptions,
+    ReadOptions,
     Source,
     common_space_and_unit,
     has_points,
@@ -54,7 +54,7 @@ class Job:
         heart: how the ventricle of the one image is found, or None.
     """
 
-    sources: Mapping[str, tuple[Path, ImageOptions]]
+    sources: Mapping[str, tuple[Path, ReadOptions]]
     folder: Path
     space: str | None = None
     heart: Heart | None = None
@@ -89,7 +89,7 @@ class Job:
 
 
 def plan(
-    inputs: Sequence[Path], surfaces: Sequence[str], output: Path | None, image: ImageOptions, space: str | None
+    inputs: Sequence[Path], surfaces: Sequence[str], output: Path | None, options: ReadOptions, space: str | None
 ) -> tuple[list[Job], bool]:
     """The jobs, and whether they are several (a folder always counts as several).
 
@@ -98,7 +98,7 @@ def plan(
         InputError: a folder without any file that could be read.
     """
     if surfaces:
-        return [replace(_surfaces_job(inputs, surfaces, output, image), space=space)], False
+        return [replace(_surfaces_job(inputs, surfaces, output, options), space=space)], False
     if not inputs:
         raise OptionError("expected at least one INPUT, or --surface NAME=FILE")
     # a folder of DICOM slices is one image, not a folder of inputs
@@ -108,7 +108,7 @@ def plan(
     jobs = []
     for path in files:
         folder = Path(f"{stem(path)}-model") if output is None else output / stem(path) if several else output
-        jobs.append(Job({ALONE: (path, image)}, folder, space))
+        jobs.append(Job({ALONE: (path, options)}, folder, space))
     check_file_names([job.folder for job in jobs], "two inputs")
     return jobs, several
 
@@ -120,17 +120,17 @@ def _files_in(folder: Path) -> list[Path]:
     return files
 
 
-def _surfaces_job(inputs: Sequence[Path], surfaces: Sequence[str], output: Path | None, image: ImageOptions) -> Job:
-    sources: dict[str, tuple[Path, ImageOptions]] = {}
+def _surfaces_job(inputs: Sequence[Path], surfaces: Sequence[str], output: Path | None, options: ReadOptions) -> Job:
+    sources: dict[str, tuple[Path, ReadOptions]] = {}
     for text in surfaces:
         name, equals, value = text.partition("=")
         surface_file(name, "")  # refuses names that no file can have
         if not equals or not value or name in sources:
             raise OptionError(f"option --surface={text!r}: expected NAME=FILE or NAME=LABEL, each name once")
-        chosen = _of_image(text, value, image)
+        chosen = _of_image(text, value, options)
         if chosen is not None and len(inputs) != 1:
             raise OptionError(f"option --surface={text!r}: a label needs exactly one INPUT image, found {len(inputs)}")
-        sources[name] = (Path(value), image) if chosen is None else (inputs[0], chosen)
+        sources[name] = (Path(value), options) if chosen is None else (inputs[0], chosen)
     unused = [path for path in inputs if path not in [file for file, _ in sources.values()]]
     if unused:
         raise OptionError(f"INPUT {str(unused[0])!r} belongs to no --surface; give --surface NAME=LABEL, or omit it")
@@ -140,13 +140,13 @@ def _surfaces_job(inputs: Sequence[Path], surfaces: Sequence[str], output: Path 
     return job
 
 
-def _of_image(text: str, value: str, image: ImageOptions) -> ImageOptions | None:
+def _of_image(text: str, value: str, options: ReadOptions) -> ReadOptions | None:
     """How a surface is read from the one image: label:1+2, preset:acdc, or numbers alone. None for a file."""
     from quadriform.imaging.labels import parse_surface
 
     if value.startswith(("label:", "preset:")):
-        return image.with_surface(parse_surface(text)[1])
-    return image.with_label(value) if value.replace(",", "").isdigit() else None
+        return options.with_surface(parse_surface(text)[1])
+    return options.with_label(value) if value.replace(",", "").isdigit() else None
 
 
 # --- one job -----------------------------------------------------------------------------------------------------
@@ -207,9 +207,9 @@ def _run(job: Job, options: Mapping[str, Any], common: Common) -> Record:
 def _read(job: Job, base: Any) -> tuple[dict[str, Source], Landmarks | None]:
     """Points by surface; of a ventricle also where it ends, in the frame of the points."""
     if job.heart is None:
-        return {name: read_source(path, image) for name, (path, image) in job.sources.items()}, None
-    path, image = next(iter(job.sources.values()))
-    found = read_ventricle(path, job.heart, image, base)
+        return {name: read_source(path, options) for name, (path, options) in job.sources.items()}, None
+    path, options = next(iter(job.sources.values()))
+    found = read_ventricle(path, job.heart, options, base)
     return found.surfaces, found.landmarks
 
 

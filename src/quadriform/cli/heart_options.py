@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from quadriform.errors import OptionError
 
 if TYPE_CHECKING:
-    from quadriform.imaging.file_points import ImageOptions
+    from quadriform.imaging.file_points import ReadOptions
     from quadriform.imaging.ventricle_files import Heart
 
 
@@ -27,7 +27,7 @@ class HeartChoice:
     perfusion: bool = False
 
     def parse(
-        self, inputs: Sequence[Path], surfaces: Sequence[str], image: "ImageOptions", base: Any
+        self, inputs: Sequence[Path], surfaces: Sequence[str], options: "ReadOptions", base: Any
     ) -> "Heart | None":
         """How the ventricle is found; None where neither option is given.
 
@@ -44,7 +44,7 @@ class HeartChoice:
         if not inputs:
             raise OptionError(f"option {given[0]}: expected at least one INPUT image")
         heart = labelled_heart(self.heart) if self.heart else PerfusionHeart()
-        check_image_options(heart, image)
+        check_image_options(heart, options)
         if base is not None and not isinstance(base, tuple):
             raise OptionError(f"option --base: with {given[0]} expected a plane x,y,z/nx,ny,nz, found a file")
         return heart

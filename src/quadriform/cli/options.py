@@ -15,7 +15,7 @@ from quadriform.errors import OptionError, choose
 from quadriform.words import numbers, ranges
 
 if TYPE_CHECKING:
-    from quadriform.imaging.file_points import ImageOptions
+    from quadriform.imaging.file_points import ReadOptions
 
 SHARED = {
     "space": "Coordinate frame of the output, LPS or RAS; only the signs of x and y differ. "
@@ -69,7 +69,7 @@ class ObjectInImage:
     frame: int | None = None
     affine: str | None = None
 
-    def parse(self, border: str | None = None) -> "ImageOptions":
+    def parse(self, border: str | None = None) -> "ReadOptions":
         """Return the options as an argument of `read_source`.
 
         Args:
@@ -78,7 +78,7 @@ class ObjectInImage:
         Raises:
             OptionError: an option that cannot be read.
         """
-        from quadriform.imaging.file_points import ImageOptions, parse_labels, parse_threshold
+        from quadriform.imaging.file_points import ReadOptions, parse_labels, parse_threshold
 
         if self.label is not None and self.threshold is not None:
             raise OptionError("options --label and --threshold exclude each other; give one")
@@ -91,7 +91,7 @@ class ObjectInImage:
             "closing": self.closing,
         }
         given = {name: value for name, value in segment.items() if value is not None}
-        return ImageOptions(labels, threshold, self.frame, given, border, self.affine)
+        return ReadOptions(labels, threshold, self.frame, given, border, self.affine)
 
 
 def subcommand(function: Callable[..., None]) -> Callable[..., None]:

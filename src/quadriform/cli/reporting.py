@@ -83,7 +83,7 @@ def page_of_track(found: Track, frames: FrameSeries, title: str, record: Record,
     shown = []
     for number, frame in enumerate(frames.clouds):
         rotated = {name: cloud @ rotation.T for name, cloud in frame.items()}
-        for name, which in (frames.slices[number] if found.shifts else {}).items():
+        for name, which in (frames.slice_of_point[number] if found.shifts else {}).items():
             # a slice that was not shifted has no entry
             rotated[name] = rotated[name] + np.array([found.shifts.get(int(n), no_shift) for n in which]).reshape(-1, 3)
         shown.append(rotated)

@@ -23,7 +23,7 @@ from quadriform.files.reading import named_in_errors
 from quadriform.files.result_folder import check_results, replaced_together
 from quadriform.heart.base_reach import reach_notes, reach_over_base
 from quadriform.imaging.file_points import files_of, input_files, space_to_write, title_of, without_folders
-from quadriform.imaging.frame_series import FrameSeries, frame_files, keep_slices, read_frames
+from quadriform.imaging.frame_series import FrameSeries, drop_points_between_slices, frame_files, read_frames
 from quadriform.shapes.landmarks import NONE_KNOWN
 from quadriform.shapes.record import remarks
 from quadriform.words import after_number, csv_bytes
@@ -82,7 +82,7 @@ def run(
 def _read(files: Sequence[Path], reading: FrameReading, shift_slices: bool) -> FrameSeries:
     frames = read_frames(files, reading.surface or [], reading.columns, reading.affine, reading.labelled_heart)
     if shift_slices:
-        keep_slices(frames)
+        drop_points_between_slices(frames)
     for text in dict.fromkeys(frames.notes):
         note(text)
     return frames
@@ -102,7 +102,7 @@ def _track(
     space, unit = frames.space_and_unit
     target = space_to_write(asked, space)
     with progress_bar("cycle") as progress:
-        slices = frames.slices if shift_slices else None
+        slices = frames.slice_of_point if shift_slices else None
         options = frames.with_times(options)
         found = track(frames.sets, slices=slices, base=frames.bases, progress=progress, **options)
     # an image of several files counts as all of them, each once

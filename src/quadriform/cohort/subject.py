@@ -31,7 +31,7 @@ from quadriform.fitting.result import Fit
 from quadriform.heart.base_reach import reach_notes
 from quadriform.imaging.file_points import files_of, input_files, without_folders
 from quadriform.imaging.fit_files import with_base
-from quadriform.imaging.frame_series import FrameSeries, keep_slices
+from quadriform.imaging.frame_series import FrameSeries, drop_points_between_slices
 from quadriform.motion.tracking import Track, track
 from quadriform.points import Array
 from quadriform.shapes.landmarks import NONE_KNOWN
@@ -202,8 +202,8 @@ def _fitted(frames: FrameSeries, task: Task, options: dict[str, Any]) -> tuple[A
 
 def _tracked(frames: FrameSeries, task: Task, options: dict[str, Any]) -> tuple[AnyModel, tuple[Measure, ...]]:
     if options.pop("shift_slices", False):
-        keep_slices(frames)
-        options["slices"] = frames.slices
+        drop_points_between_slices(frames)
+        options["slices"] = frames.slice_of_point
     found = _with_reading(track(frames.sets, base=frames.bases, **frames.with_times(options)), frames)
     if found.moving is None:
         raise InputError("expected a strategy that gives one moving model")

@@ -9,7 +9,7 @@ from quadriform.cohort.manifest import Row, is_label
 from quadriform.errors import InputError
 from quadriform.files.frame_numbers import frame_numbers, natural
 from quadriform.files.guide_points import is_guide_points, read_guide_point_frames
-from quadriform.imaging.file_points import ImageOptions, files_of, kind_of, read_source, space_and_unit_of
+from quadriform.imaging.file_points import ReadOptions, files_of, kind_of, read_source, space_and_unit_of
 from quadriform.imaging.frame_series import FrameSeries, frame_files, note_order, read_frames
 from quadriform.point_sets import ALONE
 
@@ -91,7 +91,7 @@ def read_subject(row: Row, folder: Path) -> tuple[FrameSeries, list[Path]]:
         labels = [f"{name}={rule}" for name, rule in row.surfaces if is_label(rule)]
         frames = read_frames(found[""], labels, **row.reading)
     else:
-        frames, options = FrameSeries(), ImageOptions(affine=row.reading["affine"], columns=row.reading["columns"])
+        frames, options = FrameSeries(), ReadOptions(affine=row.reading["affine"], columns=row.reading["columns"])
         for files in zip(*found.values()):
             frames.add_sources({name: read_source(file, options) for name, file in zip(found, files)})
         note_order(frames, next(iter(found.values())))

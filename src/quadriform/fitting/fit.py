@@ -81,7 +81,7 @@ def fit(
     """The fit of a superquadric to points, refined by a free-form deformation.
 
     The options are those of `quadriform.fit` (`imaging/fit_files.py`); here `points` are arrays or meshes in memory.
-    More than 50,000 points are fitted to a sample first, then to all of them, a part at a time.
+    Of more than 50,000 points a sample is fitted first, then all of them, a part at a time.
 
     Raises:
         PointsError, DegenerateError, OptionError: the input cannot be fitted.

@@ -1,7 +1,8 @@
 """DICOM: a folder of slices, one file of a series, or a file of many images.
 
 pydicom decodes headers and pixels. `dicom_files` finds the files of a series, `dicom_headers` the planes of a file,
-`dicom_stack` their order, `dicom_spacing` all spacings. Nothing that identifies the patient is kept.
+`dicom_stack` their order, `dicom_spacing` all spacings. `dicom_values.KEYWORDS` lists all attributes that are read: the
+name, the number and the date of birth of the patient are not among them.
 """
 
 from collections.abc import Iterator
@@ -31,10 +32,12 @@ Headers = dict[Path, Dataset]
 def read_dicom(path: PathLike, frame: int | None = None, series: str | None = None) -> Volume:
     """Return one frame of a DICOM series in LPS millimetres; a segmentation as a label image with names.
 
-    Slices are spaced by ImagePositionPatient alone; see `quadriform.imaging.dicom_spacing`. Frames are sorted by
-    TriggerTime, else AcquisitionTime, else InstanceNumber. RescaleSlope and RescaleIntercept are applied once. Files of
-    other series in the same folder do not matter; files that are damaged before they name their series are left out
-    with the warning UNREADABLE_FILES.
+    Slices are placed by ImagePositionPatient alone; `quadriform.imaging.dicom_spacing` has the rules, also those of
+    nuclear medicine and segmentations, which state a spacing. Frames are sorted by TriggerTime, else AcquisitionTime,
+    else InstanceNumber; those of enhanced files by NominalCardiacTriggerDelayTime, else TemporalPositionIndex; those of
+    gated nuclear medicine by time slot. RescaleSlope and RescaleIntercept are applied once. Files of other series in
+    the same folder do not matter; files that are damaged before they name their series are left out with the warning
+    UNREADABLE_FILES.
 
     Args:
         path: a folder with the files of a series, one file of a series (the others are searched in its folder), or a

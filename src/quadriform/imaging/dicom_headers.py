@@ -18,9 +18,10 @@ def planes_of(header: Dataset, file: Path) -> list[ImagePlane]:
     """Return the planes of one file, in the order of its images.
 
     Raises:
-        AffineError: positions, orientations or spacings are missing or unusable.
-        MaskError: colour, or images that are no slices.
-        FileFormatError: the header contradicts itself.
+        AffineError: positions, orientations or spacings are missing or unusable, or of several detectors; not one slice
+            number and time slot for each image.
+        MaskError: colour, or several energy windows or R-R intervals.
+        FileFormatError: not one functional group for each image, or a rescaling that is no finite number.
     """
     if (samples := header.get("SamplesPerPixel", 1)) != 1:
         raise MaskError(f"expected one real number a pixel, found {samples}")

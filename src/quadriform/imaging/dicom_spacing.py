@@ -189,7 +189,7 @@ def segmentation_grid(header: Dataset, planes: Sequence[ImagePlane]) -> tuple[li
     lowest = int(heights.argmin())
     spacing = _segmentation_spacing(header, heights)
     slices = np.rint((heights - heights[lowest]) / spacing).astype(int)
-    # positions lead over the stated spacing, so that a leaning stack keeps its direction
+    # the step is taken from the positions, not from the stated spacing, so that a leaning stack keeps its direction
     last = max(int(slices.max()), 1)
     step = (origins[heights.argmax()] - origins[lowest]) / last if slices.any() else spacing * first.normal
     off = np.linalg.norm(origins - origins[lowest] - slices[:, None] * step, axis=1)

@@ -118,8 +118,9 @@ def _by_time(slices: Slices) -> tuple[Slices, Array | None]:
 def _check_phases(times: Array, slices: Slices) -> None:
     """Refuse slices of which different frames are missing: the counts are equal, the phases of the cycle are not.
 
-    Heart rates differ from breath-hold to breath-hold. So the fractions of the time span of each slice must agree to
-    half a frame, and the first frames in time.
+    Heart rates differ from breath-hold to breath-hold. So times are counted from the first frame of each slice, in mean
+    frame intervals of that slice: each must agree with the median over the slices to half an interval. So must the
+    times of the first frames.
     """
     n = times.shape[1]
     if n < 3:

@@ -23,7 +23,8 @@ KEYWORDS = (
     *("SegmentSequence", "SegmentationType", "SeriesInstanceUID", "SeriesNumber"),
     *("SharedFunctionalGroupsSequence", "SliceVector", "SpacingBetweenSlices", "TimeSlotVector", "TriggerTime"),
 )
-"""All attributes of a header that are read; none of them identifies the patient."""
+"""All attributes of a header that are read. None of them states who the patient is. SeriesInstanceUID, which a message
+may name, and the times belong to one examination: who has access to its images can find the patient by them."""
 
 
 def is_segmentation(header: Dataset) -> bool:

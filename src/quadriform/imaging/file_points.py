@@ -41,7 +41,7 @@ PERCENTILE = re.compile(r"(?:(\d+(?:\.\d+)?)%)?p(\d+(?:\.\d+)?)")
 
 
 @dataclass(frozen=True)
-class ImageOptions:
+class ReadOptions:
     """The choices by which points are read from a file, most of them for images; None: decided by the file's content.
 
     Attributes:
@@ -79,11 +79,11 @@ class ImageOptions:
 
         return Percentile(*self.threshold) if isinstance(self.threshold, tuple) else self.threshold  # type: ignore[return-value]
 
-    def with_label(self, label: str) -> "ImageOptions":
+    def with_label(self, label: str) -> "ReadOptions":
         """Return the same options with other labels."""
         return replace(self, labels=parse_labels(label))
 
-    def with_surface(self, rule: "Labels | Preset") -> "ImageOptions":
+    def with_surface(self, rule: "Labels | Preset") -> "ReadOptions":
         """Return the same options with the labels of a surface, or with the preset."""
         from quadriform.imaging.labels import Preset
 
@@ -130,7 +130,7 @@ class Source:
         unit: "mm", "m" or "unknown".
         warnings: of the reading.
         notes: what was assumed, one sentence each.
-        slices: (n,) the slice of each point of an image, as `slice_numbers` counts them.
+        slice_of_point: (n,) the slice of each point of an image, as `slice_numbers` counts them.
         image: from which the points were taken.
     """
 
@@ -139,7 +139,7 @@ class Source:
     unit: str = "unknown"
     warnings: Warnings = field(default_factory=dict)
     notes: tuple[str, ...] = ()
-    slices: NDArray[np.int64] | None = None
+    slice_of_point: NDArray[np.int64] | None = None
     image: "Volume | None" = None
 
 
@@ -165,11 +165,13 @@ def files_of(path: Path) -> list[Path]:
     return list(pair_of(path)) if is_pair(path) and path.is_file() else [path]
 
 
-def read_source(path: Path, options: ImageOptions) -> Source:
+def read_source(path: Path, options: ReadOptions) -> Source:
     """Return the points of a table, an array, a mesh or an image; of a mesh with few vertices, of its whole surface.
 
     Raises:
-        InputError, FileFormatError, FileLimitError, DegenerateError: the file gives no points.
+        InputError, FileFormatError, FileLimitError, AffineError, MaskError, PointsError, DegenerateError: the file has
+            no points.
+        OptionError: an option that does not go with this kind of file, or out of its range.
     """
     kind = kind_of(path)
     if kind in ("image", "mesh") and options.columns is not None:
@@ -194,7 +196,7 @@ def _from_mesh(path: Path) -> Source:
     return Source(PointSet(points, solid=Solid.of_mesh(mesh)), *read_space_and_unit(path), warnings, notes)
 
 
-def _from_table(path: Path, options: ImageOptions) -> Source:
+def _from_table(path: Path, options: ReadOptions) -> Source:
     if options.columns is None and is_guide_points(path):
         raise InputError(
             f"{str(path)!r}: holds contours of several surfaces, not points of one; follow their frames by track, or "
@@ -230,7 +232,7 @@ def _stated_unit(of_file: str, unit: str | None, path: Path) -> str:
     return stated
 
 
-def read_object(path: Path, options: ImageOptions) -> tuple["Volume", dict[str, Any], tuple[str, ...]]:
+def read_object(path: Path, options: ReadOptions) -> tuple["Volume", dict[str, Any], tuple[str, ...]]:
     """Return an image, the arguments of `segment` that choose the object in it, and notes of what was assumed."""
     from quadriform.imaging.reading import read_volume
 
@@ -278,7 +280,7 @@ def space_to_write(requested: str | None, found: str) -> str:
     return requested
 
 
-def _from_image(path: Path, options: ImageOptions) -> Source:
+def _from_image(path: Path, options: ReadOptions) -> Source:
     from quadriform.imaging.image_points import outer_side, points_from_image, slice_numbers
 
     with named_in_errors(path):
@@ -290,11 +292,12 @@ def _from_image(path: Path, options: ImageOptions) -> Source:
         solid = found.solid
         found = outer_side(found) if WarningKind.HOLLOW in found.warnings else found
     notes = tuple(f"{path}: {note}" for note in notes + kept_note(found.segmentation))
-    cloud, slices = PointSet(found.points, noise=found.noise, solid=solid), slice_numbers(volume, found.points)
-    return Source(cloud, volume.space, volume.unit, found.warnings, notes, slices, volume)
+    cloud = PointSet(found.points, noise=found.noise, solid=solid)
+    slice_of_point = slice_numbers(volume, found.points)
+    return Source(cloud, volume.space, volume.unit, found.warnings, notes, slice_of_point, volume)
 
 
-def _select(volume: "Volume", options: ImageOptions) -> tuple[Any, tuple[str, ...]]:
+def _select(volume: "Volume", options: ReadOptions) -> tuple[Any, tuple[str, ...]]:
     """The argument `select` of `segment`, and notes of what was assumed where no option was given."""
     from quadriform.imaging.labels import preset_labels
     from quadriform.imaging.object_choice import Labels, choose_object

@@ -17,7 +17,7 @@ from quadriform.files.reading import PathLike, sha256_of
 from quadriform.fitting import fit as fitting
 from quadriform.fitting.result import Fit
 from quadriform.imaging.file_points import (
-    ImageOptions,
+    ReadOptions,
     Source,
     common_space_and_unit,
     files_of,
@@ -31,7 +31,7 @@ from quadriform.shapes.landmarks import BasePlane
 from quadriform.shapes.mesh import Mesh
 
 Input = ArrayLike | Mesh | PathLike | Mapping[str, ArrayLike | Mesh] | Mapping[str, PathLike]
-Files = Mapping[str, tuple[Path, ImageOptions]]
+Files = Mapping[str, tuple[Path, ReadOptions]]
 """Surface name -> file and how to read it."""
 
 
@@ -39,7 +39,7 @@ Files = Mapping[str, tuple[Path, ImageOptions]]
 def fit(points: Input, **options: Any) -> Fit:
     """Return the fit of a superquadric that is refined by a free-form deformation.
 
-    More than 50,000 points are fitted to a sample first, then to all of them, a part at a time.
+    Of more than 50,000 points a sample is fitted first, then all of them, a part at a time.
 
     Args:
         points: (n, 3) points around a body in any unit and frame; or a triangle mesh, of which the points are spread
@@ -97,10 +97,10 @@ def fit(points: Input, **options: Any) -> Fit:
     for name in ("weights", "normals", "noise"):
         if given.pop(name, None) is not None:
             raise OptionError(f"{name}: go with points, found files; read them with read_points first")
-    image = ImageOptions(columns=given.pop("columns", None), unit=given.pop("unit", None))
+    reading = ReadOptions(columns=given.pop("columns", None), unit=given.pop("unit", None))
     space = choose(given.pop("space", "unknown"), SPACES, "space")
-    files = {name: (path, image) for name, path in paths.items()}
-    sources = {name: _with_stated_space(read_source(path, image), path, space) for name, path in paths.items()}
+    files = {name: (path, reading) for name, path in paths.items()}
+    sources = {name: _with_stated_space(read_source(path, reading), path, space) for name, path in paths.items()}
     found = fit_sources(files, sources, given)
     notes = without_folders([n for source in sources.values() for n in source.notes], _paths(files))
     return replace(found, notes=(*notes, *found.notes))
@@ -130,7 +130,7 @@ def fit_sources(files: Files, sources: Mapping[str, Source], options: Mapping[st
     alone = clouds.keys() == {ALONE}
     found = fitting.fit(clouds[ALONE] if alone else clouds, **options)
     paths = _paths(files)
-    each = (input_files({"" if alone else name: [path]}, image.frame) for name, (path, image) in files.items())
+    each = (input_files({"" if alone else name: [path]}, reading.frame) for name, (path, reading) in files.items())
     inputs = tuple(file for part in each for file in part)
     record = replace(found.model.record, title=title_of(paths, most=len(paths)), sources=inputs)
     sha256 = sha256_of(*(file for path in paths for file in files_of(path)))

@@ -1,4 +1,4 @@
-"""The format of an image file by its content, by its name only where that is of no known one; rules of all readers.
+"""The format of an image file, by its content, or by its name where the content shows none; and rules of all readers.
 
 The reader of each format is in `READERS` of `reading.py`.
 """

@@ -15,7 +15,7 @@ from quadriform.files.guide_points import FILE_NAME, GuidePoints, is_guide_point
 from quadriform.files.reading import visible_files
 from quadriform.imaging.contour_landmarks import landmarks_of_contours
 from quadriform.imaging.file_points import (
-    ImageOptions,
+    ReadOptions,
     Source,
     SpaceAndUnit,
     common_space_and_unit,
@@ -46,7 +46,7 @@ class FrameSeries:
 
     Attributes:
         sets: for each frame its points by surface, as `track` takes them.
-        slices: the slice number of each point, in the same form; for frames of contours and images only.
+        slice_of_point: the slice number of each point, in the same form; for frames of contours and images only.
         grids: for these frames world from voxel of the image, (4, 4); None for contours.
         landmarks: of ventricles, one entry a frame; empty where none are known.
         space_and_unit: of all frames.
@@ -57,7 +57,7 @@ class FrameSeries:
     """
 
     sets: list[dict[str, PointSet]] = field(default_factory=list)
-    slices: list[dict[str, NDArray[np.int64]]] = field(default_factory=list)
+    slice_of_point: list[dict[str, NDArray[np.int64]]] = field(default_factory=list)
     grids: list[Array | None] = field(default_factory=list)
     landmarks: tuple[Landmarks, ...] = ()
     space_and_unit: SpaceAndUnit = ("unknown", "unknown")
@@ -93,10 +93,10 @@ class FrameSeries:
         for source in sources.values():
             self.notes += source.notes
             self.warnings = join_warnings(self.warnings, source.warnings)
-        slices = {name: source.slices for name, source in sources.items() if source.slices is not None}
-        if slices:
+        numbers = {name: each.slice_of_point for name, each in sources.items() if each.slice_of_point is not None}
+        if numbers:
             image = next(iter(sources.values())).image
-            self.slices.append(slices)
+            self.slice_of_point.append(numbers)
             self.grids.append(None if image is None else image.world_from_voxel)
 
     def use_numbers(self, numbers: Sequence[int]) -> None:
@@ -127,10 +127,12 @@ class FrameSeries:
 
 
 def frame_files(inputs: Sequence[Path]) -> list[Path]:
-    """Return the files of the frames in the order of time: that of the numbers in their names, as `in_time` sorts them.
+    """Return the files of the frames in the order of time: that of the number in their names, else that of `inputs`.
+
+    The order of `inputs` counts where each file has a name of its own kind. `in_time` has the rules.
 
     Raises:
-        InputError: a folder without any, or an order that is not clear.
+        InputError: a folder without any, or an order that is not clear, as of files of a folder without numbers.
     """
     result: list[Path] = []
     for path in inputs:
@@ -182,7 +184,7 @@ def read_frames(
         elif kind_of(file) == "image":
             _add_image(frames, file, labels, affine)
         else:
-            frames.add_sources({ALONE: read_source(file, ImageOptions(columns=columns))})
+            frames.add_sources({ALONE: read_source(file, ReadOptions(columns=columns))})
     if heart is not None:
         _check_ends(frames)
     note_order(frames, files)
@@ -213,7 +215,7 @@ def _add_contours(frames: FrameSeries, files: Sequence[Path], labels: "Mapping[s
     for frame in usable:
         found = {name: frame.surface(name) for name in names}
         frames.add({name: PointSet(points) for name, (points, _) in found.items()}, ("LPS", "mm"))
-        frames.slices.append({name: slices for name, (_, slices) in found.items()})
+        frames.slice_of_point.append({name: numbers for name, (_, numbers) in found.items()})
         frames.grids.append(None)
     frames.landmarks = landmarks_of_contours(usable)
     _note_contours(frames, files, every)
@@ -243,7 +245,7 @@ def _add_image(frames: FrameSeries, file: Path, labels: "Mapping[str, Labels | P
     if count > 1:
         frames.times = frame_times(file)
     for number in range(count):
-        options = replace(ImageOptions(), frame=number if count > 1 else None, affine=affine)
+        options = replace(ReadOptions(), frame=number if count > 1 else None, affine=affine)
         chosen = {name: options.with_surface(value) for name, value in labels.items()} or {ALONE: options}
         frames.add_sources({name: read_source(file, option) for name, option in chosen.items()})
 
@@ -279,15 +281,18 @@ def _check_ends(frames: FrameSeries) -> None:
         frames.notes.append("the labels of some frames end at no base: volumes are those of the closed surfaces")
 
 
-def keep_slices(frames: FrameSeries) -> None:
-    """Take the points of images that lie in no slice out of `frames`, with a note of their number; contours have none.
+def drop_points_between_slices(frames: FrameSeries) -> None:
+    """Remove from `frames` the points of images that lie between two slices, with a note of their number.
+
+    Contours have none. Points of caps, beyond the first or the last outline, stay: they determine the surface, and no
+    shift of a slice.
 
     Raises:
         OptionError: frames without slice numbers, or whose numbers do not mean the same slices.
     """
     from quadriform.imaging.image_points import BETWEEN, slice_axis
 
-    if len(frames.slices) != len(frames.sets):
+    if len(frames.slice_of_point) != len(frames.sets):
         raise OptionError("option --shift-slices needs slice numbers in all frames: contours, or images")
     first = frames.grids[0]
     for number, grid in enumerate(frames.grids):
@@ -296,11 +301,11 @@ def keep_slices(frames: FrameSeries) -> None:
     if first is None:
         return
     removed = total = 0
-    for frame, slices in zip(frames.sets, frames.slices):
-        for name, numbers in slices.items():
+    for frame, every in zip(frames.sets, frames.slice_of_point):
+        for name, numbers in every.items():
             kept = numbers != BETWEEN
             removed, total = removed + int((~kept).sum()), total + len(kept)
-            frame[name], slices[name] = frame[name].take(kept), numbers[kept]
+            frame[name], every[name] = frame[name].take(kept), numbers[kept]
     # the points between slices have no slice that could shift
     axis = slice_axis(first)
     frames.notes.append(

@@ -1,6 +1,7 @@
 """Points on the surface of an object in an image (paper section 5), and the slices that they lie in.
 
-Slices move as a whole between breath-holds.
+By the slice of each point `track` corrects slices that are displaced in their plane: each slice is recorded in a
+breath-hold of its own, and displaced as a whole.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from quadriform.imaging.isosurface import Border, edge_noise, grey_of_object, is
 from quadriform.imaging.object_choice import Labels, Percentile, Select, choose_object
 from quadriform.imaging.open_cavity import fill_open_cavity
 from quadriform.imaging.segmentation import Component, Segmentation, segment
-from quadriform.imaging.volume import Region, Volume, slices
+from quadriform.imaging.volume import Region, Volume, index_of
 from quadriform.imaging.voxel_faces import BACKGROUND, CAVITY, faces_between
 from quadriform.point_sets import PointSet
 from quadriform.points import Array
@@ -36,7 +37,7 @@ half of that with the steps of voxels around a thin wall, and 0 for a ring, whos
 LISTED = 10
 """The number of component sizes that are recorded; noise has thousands."""
 CAP, BETWEEN = -1, -2
-"""For points of no slice: beyond the first or the last outline, and between two slices."""
+"""The slice numbers of points that lie in no slice: beyond the first or the last outline, and between two slices."""
 ON_SLICE = 1e-3
 """A point this near to a slice, in slice distances, lies in it."""
 SAME_SPACING = 1e-3
@@ -54,8 +55,8 @@ class ImagePoints:
         segmentation: the object.
         warnings: of reading, segmentation and isosurface.
         record: options and results; numbers, strings and lists.
-        noise: (n, 3, 3) covariances of the points of a mask, as `edge_noise` gives them; None of a grey image, whose
-            points are interpolated.
+        noise: (n, 3, 3) covariances of points halfway between voxels, as `edge_noise` gives them; None with
+            surface="grey", whose points are interpolated.
     """
 
     __repr__ = short_repr
@@ -171,7 +172,7 @@ def outer_side(found: ImagePoints) -> ImagePoints:
     if _resultant_length(opening) < ONE_END:
         return found
     whole = np.zeros_like(found.segmentation.mask)
-    whole[slices(found.segmentation.region)] = tissue != BACKGROUND
+    whole[index_of(found.segmentation.region)] = tissue != BACKGROUND
     segmentation = replace(found.segmentation, mask=whole)
     height, level = _image_and_level(segmentation, "grey")
     result = isosurface(height, level, border=found.record["border"])

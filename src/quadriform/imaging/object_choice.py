@@ -3,9 +3,9 @@
 Where none is given:
 
 1. A file that names its segments: the one segment; of several one must be chosen.
-2. Values that are not all whole numbers, or some below -1: a grey image.
-3. One value beside 0: a mask.
-4. A file that states that its values are labels: a label image.
+2. A file that states that its values are labels: a label image.
+3. Values that are not all whole numbers, or some below -1: a grey image.
+4. At most one value beside 0: a mask, which is a label image with one label.
 5. Otherwise the voxels decide. It is a label image where
    - of the pairs of voxels that share a face, both neither 0 nor the most frequent value, a fraction SAME_NEIGHBOURS or
      more are equal, for neighbours mostly have the same label; and
@@ -14,11 +14,12 @@ Where none is given:
 
 Of a label image:
 
-6. Up to MAX_LABELS labels are taken together, with a note; of more one must be chosen, and where -1 is among the values
-   or no voxel is 0, for then the background is not known.
+6. Its labels are taken together, with a note. One must be chosen where there are more than MAX_LABELS. So it must where
+   a value is negative, or there are several labels and no voxel is 0, for then the background is not known: a mask of 0
+   and -1 is refused.
 
-Values that are whole numbers except at the edges of regions are an interpolated label image: a threshold must be
-chosen, or the labels taken without interpolation.
+Values that are not all whole numbers are refused, and a threshold must be chosen, where the file states that they are
+labels (2), and where they are whole except at the edges of regions (3): these are an interpolated label image.
 """
 
 from dataclasses import dataclass
@@ -47,11 +48,11 @@ MOSTLY = 0.5
 
 @dataclass(frozen=True)
 class Percentile:
-    """A threshold: `fraction` times the percentile `of` the values in the region.
+    """A threshold: a fraction of a percentile of the values in the region.
 
     Attributes:
         fraction: 0.5 is half of the percentile.
-        of: percentile from 0 to 100; 99.9 is robust against a few extreme voxels.
+        of: which percentile, from 0 to 100; 99.9 is robust against a few extreme voxels.
     """
 
     fraction: float

@@ -1,4 +1,4 @@
-"""Images from files: one function for all formats, which are recognised by their content."""
+"""Images from files: one function for all formats, which are recognised by their content, or else by their names."""
 
 from __future__ import annotations
 
@@ -36,29 +36,29 @@ READERS: dict[Format, Reader] = {
 
 
 def read_volume(path: PathLike, frame: int | None = None, affine: str | None = None) -> Volume:
-    """Return an image in LPS millimetres.
+    """Return an image, in LPS millimetres where the file states its frame of the world and its unit.
 
     NIfTI, in one file or a pair: where sform and qform disagree, `quadriform.imaging.nifti_forms` has the rules;
     metres and microns become millimetres; slope and intercept are applied once (a slope of 0 or NaN means none). The
     file is read and checked to its end.
     NRRD and MetaImage (by SimpleITK): `space` is "unknown" where the file names no anatomical frame.
-    DICOM (by pydicom): slices are spaced by their positions; see `quadriform.imaging.dicom.read_dicom`, which also
-    takes one of several series in a folder.
+    DICOM (by pydicom): see `quadriform.imaging.dicom.read_dicom`, which also takes one of several series in a folder.
 
     Args:
-        path: a NIfTI, NRRD, MetaImage or DICOM file, recognised by its content; a folder of DICOM slices, or one
-            file of a series.
+        path: a NIfTI, NRRD or MetaImage file; a folder of DICOM slices, one file of a DICOM series, or a DICOM file of
+            many images.
         frame: which frame of a four-dimensional image, counted from 0.
         affine: which transform of a NIfTI header to use: "sform", "qform", or "pixdim" for the sizes of voxels
             alone, in an unknown space. None decides by the header.
 
     Warnings of the image:
-        UNKNOWN_UNIT: the file has no unit, and `unit` is "unknown".
-        AFFINE_REPAIRED: sform and qform disagree.
+        UNKNOWN_UNIT: the NIfTI header has no unit, and `unit` is "unknown".
+        AFFINE_REPAIRED: sform and qform disagree, or one of them cannot be used.
+        UNREADABLE_FILES: damaged files in the folder of a DICOM series were left out.
 
     Raises:
         InputError: no such file, not readable, a library is missing, or a DICOM series that is ragged or one of many.
-        FileFormatError: empty, cut short, damaged, or of another format than its suffix.
+        FileFormatError: empty, cut short, damaged, or of no known format.
         FileLimitError: the header states more than the budget.
         AffineError: the transform to the world is missing, singular or not finite.
         MaskError: not three-dimensional (name a `frame` of a four-dimensional one), no real numbers, or NaN.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from quadriform.errors import DegenerateError, MaskError, OptionError, WarningKind, Warnings
 from quadriform.imaging.object_choice import Labels, Percentile, Select, choose_object, counted
 from quadriform.imaging.segments import described
-from quadriform.imaging.volume import Region, Volume, check_region, slices
+from quadriform.imaging.volume import Region, Volume, check_region, index_of
 from quadriform.imaging.voxel_faces import border_cut_text
 from quadriform.points import check_number
 from quadriform.words import short_repr
@@ -79,7 +79,7 @@ def segment(
         region: half-open ranges of voxels ((i0, i1), (j0, j1), (k0, k1)); None is the whole image. Nothing
             outside it is used, by Otsu and percentiles neither, and its edge counts as a border.
         component: "largest", "all", or a voxel (i, j, k) of the component.
-        connectivity: 26 joins voxels that share a corner, 6 only those that share a side.
+        connectivity: 26 joins voxels that share a corner, 6 only those that share a face.
         closing: number of dilations, then of erosions, with the 6-connected cross.
         fill_holes: fill what the object encloses.
 
@@ -103,7 +103,7 @@ def segment(
     _check_object(kept, inner.values, threshold)
 
     mask = np.zeros(volume.values.shape, dtype=bool)
-    mask[slices(region)] = kept
+    mask[index_of(region)] = kept
     warnings = volume.warnings | _warnings_of(kept, inner)
     return Segmentation(mask, volume, region, threshold, sizes, n_kept, int(holes.sum()), warnings, notes)
 

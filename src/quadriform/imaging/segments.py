@@ -76,8 +76,9 @@ def values_of(segments: tuple[Segment, ...], label: int | str) -> tuple[int, ...
     """Return the voxel values of a segment by number or name, or of several, with `,` or `+` between these.
 
     Args:
-        segments: of the image; without any, a number is the voxel value itself.
-        label: number; name; or a text of several names or numbers.
+        segments: of the image.
+        label: number, which is the voxel value itself where no segment has it; name; or a text of several names or
+            numbers.
 
     Raises:
         OptionError: no segment has this name, or several have this name or number.

@@ -18,8 +18,9 @@ from quadriform.points import Array
 if TYPE_CHECKING:
     from SimpleITK import Image, ImageFileReader
 
-TIME_KINDS = ("list", "time", "domain")
-"""Kinds of the fourth axis of a NRRD that are time; others are colours and vectors."""
+KINDS_WITH_FRAMES = ("list", "time", "domain")
+"""Kinds of the axes of a NRRD with frames: "domain" in space, the others over the frames. Those of colours and vectors
+are others."""
 SAME_SPACING = 1e-4
 """Relative; the spacing that SimpleITK gives is the header's."""
 
@@ -77,10 +78,10 @@ def _check_spacing(reader: "ImageFileReader", header: TextHeader) -> None:
 
 
 def _shape(reader: "ImageFileReader", header: TextHeader) -> Size:
-    """Voxels along i, j, k and frames: a fourth dimension, or values of a voxel whose kind is a list."""
+    """Voxels along i, j, k and frames: a fourth dimension, or values of a voxel that are a list by the kinds."""
     size, components = tuple(int(n) for n in reader.GetSize()), int(reader.GetNumberOfComponents())
-    kinds = set(header.kinds.split()) <= set(TIME_KINDS) and header.kinds != ""
-    if len(size) not in (3, 4) or (components > 1 and (len(size) == 4 or not kinds)):
+    has_frames = set(header.kinds.split()) <= set(KINDS_WITH_FRAMES) and header.kinds != ""
+    if len(size) not in (3, 4) or (components > 1 and (len(size) == 4 or not has_frames)):
         raise MaskError(
             f"expected a three-dimensional image, or frames of it; found shape {size} with {components} values a voxel"
         )

@@ -16,7 +16,7 @@ edge; at a simple fraction of the side many of them would lie on a face between 
 
 
 def default_spacing(surfaces: Mapping[str, Array], voxel: Array) -> float:
-    """The side of cubes of which each keeps one point, for surfaces (n, 3) by name from voxels with edges (3,).
+    """Return the side of cubes of which each keeps one point, for surfaces (n, 3) by name from voxels with edges (3,).
 
     It is the longest edge, halved while a surface has fewer than MIN_POINTS points and half of it is not below the
     shortest edge.
@@ -29,10 +29,10 @@ def default_spacing(surfaces: Mapping[str, Array], voxel: Array) -> float:
 
 
 def thinned(points: Array, side: float) -> Array:
-    """Return of the points (n, 3) in each cube of this side the one nearest to its centre, in their order.
+    """Return one of the points (n, 3) for each cube of a lattice, the one nearest to the cube's centre, in their order.
 
-    The cubes are fixed in the world, so the result does not depend on the order of the points, nor on the axes of the
-    image. A side of 0 keeps all points.
+    The cubes have this side and are fixed in the world, so the result depends neither on the order of the points nor on
+    the axes of the image. A side of 0 keeps all points.
     """
     if side == 0 or not len(points):
         return points

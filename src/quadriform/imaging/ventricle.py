@@ -15,7 +15,7 @@ from quadriform.imaging.open_cavity import base_of_open_cavity, fill_open_cavity
 from quadriform.imaging.segmentation import Component, Mask, Segmentation, segment
 from quadriform.imaging.stack_end import End, closed_but_for, flat_end, open_face, region_up_to
 from quadriform.imaging.thinning import default_spacing, thinned
-from quadriform.imaging.volume import Region, Volume, slices
+from quadriform.imaging.volume import Region, Volume, index_of
 from quadriform.imaging.voxel_faces import (
     BACKGROUND,
     CAVITY,
@@ -31,7 +31,7 @@ from quadriform.shapes.landmarks import GIVEN_BASE, BasePlane, Landmarks, check_
 from quadriform.shapes.solid import DISPLACED, Solid
 from quadriform.words import short_repr
 
-Plane = tuple[Array, Array]
+PointAndDirection = tuple[Array, Array]
 """A point (3,) of the base plane and its normal (3,) away from the apex, in world coordinates: the `base` of `fit`."""
 
 HALF = Percentile(0.5, 99.9)
@@ -55,7 +55,7 @@ class VentriclePoints:
 
     Attributes:
         clouds: "endo", and "epi" where there is a wall, (n, 3) each, in world coordinates; an argument of `fit`.
-        isosurfaces: the same before thinning.
+        unthinned: the same before thinning.
         base: the plane beyond which points were removed, as given or found; None where there is none, as of a cavity
             that is rounded at both ends and inside the image, unless one is given.
         warnings: of reading and segmentation, BORDER_CUT, OPEN_BASE, and OPEN_WALL where the cavity touches the
@@ -63,20 +63,27 @@ class VentriclePoints:
         record: number of voxels of cavity and wall, number of points beyond the base by surface, spacing of the points;
             of labels also the number of voxels of the cavity outside its largest component, which are left out.
         cavity: the body that "endo" encloses on this side of the base, with which a fit is compared.
-        noise: covariances (n, 3, 3) of the points of a label image by name, the `noise` of `fit`; None of a grey image.
+        noise: covariances (n, 3, 3) of the points of a label image by name, the `noise` of `fit`; None
+            of a perfusion image.
         base_from: the name of the base, as in "below the outer face of ..."; empty without one.
     """
 
     __repr__ = short_repr
 
     clouds: dict[str, Array]
-    isosurfaces: dict[str, Array]
-    base: Plane | None
+    unthinned: dict[str, Array]
+    base: PointAndDirection | None
     warnings: Warnings
     record: dict[str, Any]
     cavity: Solid
     noise: dict[str, Array] | None = None
     base_from: str = ""
+
+    @property
+    def isosurfaces(self) -> dict[str, Array]:
+        """Deprecated, the name of `unthinned` in earlier versions."""
+        warn("isosurfaces is named unthinned; isosurfaces will be removed", DeprecationWarning, stacklevel=2)
+        return self.unthinned
 
     @property
     def landmarks(self) -> Landmarks:
@@ -90,7 +97,7 @@ def ventricle_from_labels(
     cavity: Labels,
     wall: Labels | None = None,
     region: Region | None = None,
-    base: Plane | None = None,
+    base: PointAndDirection | None = None,
     spacing: float | None = None,
     apart: float | None = None,
 ) -> VentriclePoints:
@@ -174,7 +181,7 @@ def labelled_tissue(volume: Volume, cavity: Labels, wall: Labels | None, region:
 
 
 def ventricle_up_to(
-    labelled: LabelledTissue, end: End | None, base: Plane | None = None, spacing: float | None = None
+    labelled: LabelledTissue, end: End | None, base: PointAndDirection | None = None, spacing: float | None = None
 ) -> VentriclePoints:
     """Return the points of a ventricle whose base is at a known end of its labels.
 
@@ -217,7 +224,7 @@ def ventricle_from_perfusion(
     select: Select = HALF,
     region: Region | None = None,
     component: Component = "largest",
-    base: Plane | None = None,
+    base: PointAndDirection | None = None,
     spacing: float | None = None,
     apart: float | None = None,
 ) -> VentriclePoints:
@@ -265,7 +272,7 @@ def ventricle_from_perfusion(
     return replace(result, warnings={**result.warnings, WarningKind.OPEN_BASE: text})
 
 
-def _base_from(plane: Plane | None, given: Plane | None, found: str) -> str:
+def _base_from(plane: PointAndDirection | None, given: PointAndDirection | None, found: str) -> str:
     return "" if plane is None else found if given is None else GIVEN_BASE
 
 
@@ -276,7 +283,7 @@ def _renamed(spacing: float | None, apart: float | None) -> float | None:
 
 
 def _inside(found: Segmentation) -> Mask:
-    return found.mask[slices(found.region)]
+    return found.mask[index_of(found.region)]
 
 
 def _wall(volume: Volume, cavity: Labels, wall: Labels, region: Region) -> Mask:
@@ -317,7 +324,7 @@ def _open_wall(tissue: Tissue, world_from_voxel: Array) -> Warnings:
     return {WarningKind.OPEN_WALL: text}
 
 
-def _plane_of(face: End, cavity: Mask, cropped: Volume) -> Plane:
+def _plane_of(face: End, cavity: Mask, cropped: Volume) -> PointAndDirection:
     """The outer face of the outermost voxels of the cavity."""
     axis, which = face
     at = 0 if which == 0 else cavity.shape[axis] - 1
@@ -332,7 +339,7 @@ def _height(direction: Array, image: Volume) -> float:
     return float(np.abs(direction @ image.world_from_voxel[:3, :3]).max())
 
 
-def _up_to_face(points: Array, face: Plane, image: Volume) -> Array:
+def _up_to_face(points: Array, face: PointAndDirection, image: Volume) -> Array:
     """The points, and those of the outermost slice again just inside the face of the image."""
     position, direction = face
     height = _height(direction, image)
@@ -340,14 +347,14 @@ def _up_to_face(points: Array, face: Plane, image: Volume) -> Array:
     return np.concatenate([points, outermost + BELOW_FACE * height * direction])
 
 
-def _unit_plane(base: Plane) -> Plane:
+def _unit_plane(base: PointAndDirection) -> PointAndDirection:
     point, direction = check_points(np.array(base), "base")
     if not direction.any():
         raise OptionError("option base: expected (point, direction) with a direction that is not 0")
     return point, direction / np.linalg.norm(direction)
 
 
-def _check_edge(base: Plane, tissue: Tissue, cropped: Volume) -> Plane:
+def _check_edge(base: PointAndDirection, tissue: Tissue, cropped: Volume) -> PointAndDirection:
     """The plane, which is refused where it is no edge of the cavity, by its voxels: a flat end has many points."""
     check_base(BasePlane(*base), cropped.points_world(np.argwhere(tissue == CAVITY)))
     return base
@@ -355,7 +362,7 @@ def _check_edge(base: Plane, tissue: Tissue, cropped: Volume) -> Plane:
 
 def _finish(
     surfaces: dict[str, Array],
-    plane: Plane | None,
+    plane: PointAndDirection | None,
     warnings: Warnings,
     tissue: Tissue,
     cropped: Volume,
@@ -378,7 +385,7 @@ def _finish(
     return VentriclePoints(clouds, kept, plane, warnings, record, cavity)
 
 
-def _cut_off(points: Array, plane: Plane) -> Mask:
+def _cut_off(points: Array, plane: PointAndDirection) -> Mask:
     point, direction = plane
     heights = (points - point) @ direction
     return heights > ON_PLANE * np.abs(heights).max(initial=0)

@@ -8,14 +8,14 @@ from typing import ClassVar
 
 from quadriform.errors import OptionError, WarningKind
 from quadriform.files.reading import named_in_errors
-from quadriform.imaging.file_points import CONTENT, ImageOptions, Source, kind_of, with_stated_unit
+from quadriform.imaging.file_points import CONTENT, ReadOptions, Source, kind_of, with_stated_unit
 from quadriform.imaging.image_points import slice_numbers
 from quadriform.imaging.labels import Preset, parse_surface, preset_labels
 from quadriform.imaging.object_choice import Labels
 from quadriform.imaging.reading import frame_count, read_volume
 from quadriform.imaging.ventricle import (
     HALF,
-    Plane,
+    PointAndDirection,
     VentriclePoints,
     labelled_tissue,
     ventricle_from_labels,
@@ -51,14 +51,14 @@ class LabelledHeart:
         """Names of the surfaces."""
         return ("endo",) if self.epi is None else ("endo", "epi")
 
-    def points(self, volume: Volume, image: ImageOptions, base: Plane | None) -> VentriclePoints:
+    def points(self, volume: Volume, options: ReadOptions, base: PointAndDirection | None) -> VentriclePoints:
         """Return the points of both surfaces in an image.
 
         Raises:
             MaskError, DegenerateError, OptionError: labels are missing, or give no ventricle.
         """
         cavity, wall = self._parts(volume)
-        region = image.segment.get("region")
+        region = options.segment.get("region")
         return ventricle_from_labels(volume, cavity=cavity, wall=wall, region=region, base=base)
 
     def points_of_frames(self, volumes: Sequence[Volume]) -> list[VentriclePoints]:
@@ -95,18 +95,18 @@ class PerfusionHeart:
     goes_with: ClassVar[tuple[str, ...]] = ("--frame", "--region", "--threshold", "--seed")
     noted: ClassVar[tuple[WarningKind, ...]] = (WarningKind.OPEN_BASE, WarningKind.ANISOTROPIC)
 
-    def points(self, volume: Volume, image: ImageOptions, base: Plane | None) -> VentriclePoints:
+    def points(self, volume: Volume, options: ReadOptions, base: PointAndDirection | None) -> VentriclePoints:
         """Return the points of both surfaces in an image.
 
         Raises:
             MaskError, OptionError: there is no wall, or it encloses no cavity.
         """
-        threshold = image.select_above
+        threshold = options.select_above
         return ventricle_from_perfusion(
             volume,
             select=HALF if threshold is None else threshold,
-            region=image.segment.get("region"),
-            component=image.segment.get("component", "largest"),
+            region=options.segment.get("region"),
+            component=options.segment.get("component", "largest"),
             base=base,
         )
 
@@ -144,25 +144,25 @@ def labelled_heart(texts: Sequence[str]) -> LabelledHeart:
     return LabelledHeart(**rules)
 
 
-def check_image_options(heart: Heart, image: ImageOptions) -> None:
+def check_image_options(heart: Heart, options: ReadOptions) -> None:
     """Refuse options that choose an object in an image in another manner.
 
     Raises:
         OptionError: naming both options.
     """
-    given = [*image.of_images, *(["--columns"] if image.columns is not None else [])]
+    given = [*options.of_images, *(["--columns"] if options.columns is not None else [])]
     for option in given:
         if option not in heart.goes_with:
             raise OptionError(f"options {heart.option} and {option} exclude each other; give one")
 
 
-def read_ventricle(path: Path, heart: Heart, image: ImageOptions, base: Plane | None) -> VentricleSource:
+def read_ventricle(path: Path, heart: Heart, options: ReadOptions, base: PointAndDirection | None) -> VentricleSource:
     """Return the points of a ventricle from an image file.
 
     Args:
         path: of the image.
         heart: how its parts are found.
-        image: frame, region, threshold and unit, where they are given.
+        options: frame, region, threshold and unit, where they are given.
         base: plane beyond which nothing is taken; None: as the image shows.
 
     Raises:
@@ -171,9 +171,9 @@ def read_ventricle(path: Path, heart: Heart, image: ImageOptions, base: Plane | 
     """
     _check_image(path, heart)
     with named_in_errors(path):
-        volume = read_volume(path, image.frame, image.affine)
-        found = heart.points(volume, image, base)
-    return _source(path, volume, found, heart, image.unit)
+        volume = read_volume(path, options.frame, options.affine)
+        found = heart.points(volume, options, base)
+    return _source(path, volume, found, heart, options.unit)
 
 
 def read_ventricle_frames(path: Path, heart: LabelledHeart, affine: str | None) -> list[VentricleSource]:

@@ -97,7 +97,7 @@ class Volume:
         start = np.array([low for low, _ in region], dtype=np.float64)
         affine = self.world_from_voxel.copy()
         affine[:3, 3] += affine[:3, :3] @ start
-        return replace(self, values=self.values[slices(region)], world_from_voxel=affine)
+        return replace(self, values=self.values[index_of(region)], world_from_voxel=affine)
 
 
 def check_region(region: Region | None, shape: tuple[int, ...]) -> Region:
@@ -119,8 +119,8 @@ def check_region(region: Region | None, shape: tuple[int, ...]) -> Region:
     return (int(i0), int(i1)), (int(j0), int(j1)), (int(k0), int(k1))
 
 
-def slices(region: Region) -> tuple[slice, slice, slice]:
-    """Return `region` as an index into an array."""
+def index_of(region: Region) -> tuple[slice, slice, slice]:
+    """Return the index by which an array gives its part inside `region`."""
     (i0, i1), (j0, j1), (k0, k1) = region
     return slice(i0, i1), slice(j0, j1), slice(k0, k1)
 
