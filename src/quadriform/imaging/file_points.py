@@ -169,8 +169,8 @@ def read_source(path: Path, options: ReadOptions) -> Source:
     """Return the points of a table, an array, a mesh or an image; of a mesh with few vertices, of its whole surface.
 
     Raises:
-        InputError, FileFormatError, FileLimitError, AffineError, MaskError, PointsError, DegenerateError: the file has
-            no points.
+        InputError, FileFormatError, FileLimitError, AffineError, MaskError, PointsError, DegenerateError: it
+            gives no points.
         OptionError: an option that does not go with this kind of file, or out of its range.
     """
     kind = kind_of(path)
