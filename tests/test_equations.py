@@ -79,7 +79,7 @@ def test_every_equation_of_the_paper_has_a_row():
 @pytest.mark.parametrize(
     ("text", "value"),
     [
-        ("epsilon = {:g}", point_to_plane.LEAST_TANGENTIAL),
+        ("epsilon = {:g}", point_to_plane.TANGENTIAL_WEIGHT),
         ("+ {:g} tr C_i", noise.LEAST_VARIANCE),
         ("s is {:g} times the median", stage.MAD_TO_SIGMA),
         ("or {:g} if that is more", surface_data.MISFIT),

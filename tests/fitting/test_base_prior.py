@@ -37,7 +37,7 @@ def test_an_open_tube_closes_near_its_base(height, sigma):
     fit = qf.fit(cloud, base=base)
     vertices = fit.model.mesh(resolution=24).vertices
     size = np.sqrt(((cloud - cloud.mean(axis=0)) ** 2).sum(axis=1).mean())
-    assert vertices[:, 2].max() - height < 1.5 * CLOSURE.dome * size
+    assert vertices[:, 2].max() - height < 1.5 * CLOSURE.allowed_height * size
     wall = vertices[(vertices[:, 2] < height - 2) & (np.hypot(*vertices[:, :2].T) > RADIUS / 2)]
     assert np.sqrt((distances(wall) ** 2).mean()) < 0.35 * sigma
 
@@ -69,7 +69,7 @@ def test_all_points_of_a_large_cloud_keep_the_base(monkeypatch):
 
 
 def test_the_equations_are_those_of_the_cost():
-    """At the box itself, and for a step that leaves the same points above the dome."""
+    """At the box itself, and for a step that leaves the same points above the allowed height."""
     body = qf.Superquadric(semi_axes=(0.6, 0.7, 1.2), exponents=(0.8, 1.0))
     box = common_box({"body": body}, (4, 4, 4))
     step = 1e-3 * np.random.default_rng(0).normal(size=box.control_points.shape)

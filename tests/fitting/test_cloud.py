@@ -287,7 +287,7 @@ def test_the_effective_fraction_is_the_sum_over_neighbours_that_are_alike(smooth
     weights = rng.uniform(0.2, 1, 90)
     expected = plain_fraction(feet, noise, weights, 64)
     assert 0.01 < expected < 0.7
-    np.testing.assert_allclose(clouds.effective_fraction(feet, noise, weights), expected, rtol=1e-9)
+    np.testing.assert_allclose(clouds.effective_fraction_of_points(feet, noise, weights), expected, rtol=1e-9)
 
 
 def test_where_errors_are_alike_beyond_the_neighbours_more_of_them_are_asked_for(monkeypatch):
@@ -295,7 +295,7 @@ def test_where_errors_are_alike_beyond_the_neighbours_more_of_them_are_asked_for
     monkeypatch.setattr(clouds, "NEAR", clouds.Neighbours(correlation=((60, 8), (60, 16), (60, 24))))
     feet = np.concatenate([even_directions(30), even_directions(30) + np.array([50, 0, 0])])
     noise = np.repeat([1.0, -1.0], 30)
-    assert clouds.effective_fraction(feet, noise, np.ones(60)) == pytest.approx(1 / 25, rel=1e-9)
+    assert clouds.effective_fraction_of_points(feet, noise, np.ones(60)) == pytest.approx(1 / 25, rel=1e-9)
 
 
 def test_values_are_equal_within_a_billionth_of_their_size():

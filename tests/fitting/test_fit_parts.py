@@ -8,7 +8,7 @@ from shapes_made import even_directions, made, single
 
 from quadriform.fitting import fit as fits
 from quadriform.fitting import quality
-from quadriform.fitting.cloud import Distinct, effective_fraction
+from quadriform.fitting.cloud import Distinct, effective_fraction_of_points
 from quadriform.fitting.fit import _Clouds
 from quadriform.fitting.noise import variances_along
 from quadriform.fitting.result import Iteration, Result
@@ -72,7 +72,7 @@ def test_known_noise_counts_along_the_normals_with_its_independent_errors():
     noise = root @ np.swapaxes(root, 1, 2)
     known, independent = quality._known_variances(noise, feet, INLIERS)
     np.testing.assert_allclose(known, variances_along(noise, feet.normals))
-    fraction = effective_fraction(feet.points, feet.signed / np.sqrt(known), INLIERS)
+    fraction = effective_fraction_of_points(feet.points, feet.signed / np.sqrt(known), INLIERS)
     assert independent == pytest.approx(INLIERS.sum() * fraction)
     for missing in (None, noise):
         zeros, many = quality._known_variances(missing, feet, np.zeros(len(LOCAL)) if missing is not None else INLIERS)

@@ -114,7 +114,7 @@ def test_what_is_expected_beyond_a_base_is_weighed_against_the_inliers(small, st
     asked, prior = [], large_clouds.base_prior
 
     def watched(data, box, count):
-        asked.append((count, data.count / data.weights.sum()))
+        asked.append((count, data.total_weight / data.weights.sum()))
         return prior(data, box, count)
 
     monkeypatch.setattr(large_clouds, "base_prior", watched)

@@ -12,7 +12,7 @@ from shapes_made import even_directions, made
 
 import quadriform as qf
 from quadriform.errors import OptionError, PointsError
-from quadriform.fitting.cloud import effective_fraction
+from quadriform.fitting.cloud import effective_fraction_of_points
 from quadriform.fitting.diagnostics import poor_fit
 from quadriform.fitting.noise import variances_along
 from quadriform.fitting.refinement import large_clouds, left_out
@@ -125,7 +125,7 @@ def test_the_effective_number_does_not_depend_on_the_density_of_correlated_point
     def count(n: int) -> float:
         feet = even_directions(n)
         deviations = np.cos(feet @ (6 * waves.T) + phase).sum(axis=1)
-        return n * effective_fraction(feet, deviations, np.ones(n))
+        return n * effective_fraction_of_points(feet, deviations, np.ones(n))
 
     assert count(16000) == pytest.approx(count(2000), rel=0.35)
 
@@ -149,7 +149,7 @@ def test_a_smaller_strength_that_predicts_no_better_is_not_sought_for_ever(level
 def test_independent_points_count_as_many():
     feet = even_directions(3000)
     deviations = np.random.default_rng(1).normal(size=3000)
-    assert effective_fraction(feet, deviations, np.ones(3000)) > 0.95
+    assert effective_fraction_of_points(feet, deviations, np.ones(3000)) > 0.95
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from shapes_made import even_directions, made, turned
 
-from quadriform.fitting.cloud import effective_fraction
+from quadriform.fitting.cloud import effective_fraction_of_points
 from quadriform.fitting.mixture import Mixture
 from quadriform.fitting.noise import KnownNoise, mean_variance, partial_notes, variances_along
 from quadriform.fitting.refinement import base_prior, large_clouds, left_out, point_to_plane, unfolding
@@ -58,7 +58,7 @@ def test_the_inlier_ratio_is_found_by_rounds_at_a_given_noise():
         for _ in range(20):
             probabilities = Mixture(np.array([ratio]), np.array([sigma])).densities(distances[None])[0][0]
             ratio = np.clip(of.weights @ probabilities / of.weights.sum(), 0.02, 1 - 1e-6)
-        found = of.weighted(distances, noise)
+        found = of.with_inliers_at_distances(distances, noise)
         assert found.inlier_ratio == pytest.approx(ratio, rel=1e-12)
         np.testing.assert_allclose(found.inliers, probabilities, rtol=1e-12)
 
@@ -88,7 +88,7 @@ def test_data_beside_others_has_their_neighbourhoods_and_feet():
     found = of.beside(POINTS[near] + 0.01, np.array([1.0, 2, 3]), near)
     np.testing.assert_array_equal(found.origins, of.origins[near])
     np.testing.assert_array_equal(found.neighbourhood.flatness, of.neighbourhood.flatness[near])
-    assert found.inliers.tolist() == [1, 1, 1] and found.covariances is None and found.count == 6
+    assert found.inliers.tolist() == [1, 1, 1] and found.covariances is None and found.total_weight == 6
 
 
 def test_costs_of_pairs_are_by_distance_and_by_the_angle_of_their_normals():
@@ -149,7 +149,7 @@ def test_the_linear_problem_is_the_sum_over_data_and_attracted_points(rng):
         left = rows.targets - moved.deform(rows.origins)
         expected += np.einsum("ni,nij,nj->", left, rows.metric, left)
     assert problem.equations.squares(shift) == pytest.approx(expected, rel=1e-9)
-    assert problem.total_weight == pytest.approx(sets[0].count + sets[1].count)
+    assert problem.total_weight == pytest.approx(sets[0].total_weight + sets[1].total_weight)
     assert (problem.effective_fraction, problem.least_sigma) == (0.7, 0.01)
 
 
@@ -161,9 +161,9 @@ def test_the_fraction_of_several_surfaces_is_a_mean_over_their_points():
     for of in (one, other):
         normals = surface_normals(SURFACE, here, of.origins)
         along = np.einsum("ij,ij->i", of.points - here.deform(of.origins), normals) / np.sqrt(of.variances(normals))
-        fractions.append(effective_fraction(here.deform(of.origins), along, of.weights * of.inliers))
-    expected = np.average(fractions, weights=[one.count, other.count])
-    assert point_to_plane.fraction_of([one, none, other], here) == pytest.approx(expected, rel=1e-12)
+        fractions.append(effective_fraction_of_points(here.deform(of.origins), along, of.weights * of.inliers))
+    expected = np.average(fractions, weights=[one.total_weight, other.total_weight])
+    assert point_to_plane.effective_fraction_of_data([one, none, other], here) == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.mark.parametrize(("best", "length"), [(1.0, 1.0), (0.6, 1.0), (0.5, 1.0), (0.45, 0.5), (0.01, 1 / 64)])
@@ -217,7 +217,7 @@ def test_the_prior_of_a_base_weighs_as_the_noise_over_its_spread():
     assert base_prior.base_prior(data(), here, 50.0) == []
     assert base_prior.base_prior(replace(of, inliers=np.zeros(60)), here, 50.0) == []
     both = base_prior.base_priors([of, data(), of], here)
-    assert [each.weight for each in both] == pytest.approx([of.count * (noise / 0.1) ** 2] * 2)
+    assert [each.weight for each in both] == pytest.approx([of.total_weight * (noise / 0.1) ** 2] * 2)
 
 
 def test_the_penalty_on_small_determinants_is_their_sum_of_squares_below_a_tenth():
@@ -366,7 +366,7 @@ def test_priors_of_a_large_cloud_weigh_as_the_inliers_of_all_its_points():
     added = []
     linear = SimpleNamespace(with_extra_terms=lambda equations: added.append(equations) or linear)
     large_clouds._All.with_priors(SimpleNamespace(surfaces=[surface]), linear, here)
-    count = of.count / of.weights.sum() * 1000
+    count = of.total_weight / of.weights.sum() * 1000
     (prior,) = base_prior.base_prior(of, here, count)
     np.testing.assert_allclose(added[0].matrix, prior.equations(here).matrix, rtol=1e-12)
 
@@ -397,7 +397,7 @@ def test_inliers_are_judged_by_the_known_noise_and_what_exceeds_it(excess):
     variances = of.known_variances(surface_normals(SURFACE, here, of.origins)) + excess
     distances = of.distances(here) * np.sqrt((1 + excess) / variances)
     for sigma in (0.01, 0.03, 0.3):
-        expected = of.weighted(distances, sigma).inliers
+        expected = of.with_inliers_at_distances(distances, sigma).inliers
         np.testing.assert_allclose(of.with_inliers(here, sigma).inliers, expected, rtol=1e-6, atol=1e-12)
     same = of.with_inliers_at_ratio(here, 0.03)
     np.testing.assert_allclose(same.inliers, inlier_probabilities(distances, 0.03, 0.8), rtol=1e-6, atol=1e-12)

@@ -34,8 +34,8 @@ def data(n=80, bump=0.05, seed=1):
     ("least", "found", "first", "later"), [(20, 0.1, 0.25, 0.25), (20, 0.9, 0.25, 0.9), (200, 0.5, 1, 1)]
 )
 def test_at_least_as_many_points_count_as_there_are_unknowns(monkeypatch, least, found, first, later):
-    monkeypatch.setattr(stages, "fraction_of", lambda datasets, box: found)
-    datasets = (SimpleNamespace(count=50.0), SimpleNamespace(count=30.0))
+    monkeypatch.setattr(stages, "effective_fraction_of_data", lambda datasets, box: found)
+    datasets = (SimpleNamespace(total_weight=50.0), SimpleNamespace(total_weight=30.0))
     assert independent_fraction(datasets, None, least) == first and independent_fraction(datasets, BOX, least) == later
 
 
@@ -46,7 +46,9 @@ def test_at_first_the_noise_is_that_of_the_median_distance_of_all_surfaces():
     robust, plain = (replace(stage(1, 0.0)[0].problem, robust=each) for each in (True, False))
     for noise, used in ((None, sigma), (0.3, 0.3)):
         for found, each in zip(robust.weighting.weighted(BOX, of, noise), of):
-            np.testing.assert_array_equal(found.inliers, each.weighted(each.standardised_distances(BOX), used).inliers)
+            np.testing.assert_array_equal(
+                found.inliers, each.with_inliers_at_distances(each.standardised_distances(BOX), used).inliers
+            )
     assert plain.weighting.weighted(BOX, of, None) is of
 
 

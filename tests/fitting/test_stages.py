@@ -70,7 +70,7 @@ def test_coarse_stages_that_intersect_themselves_are_repeated_with_correlated_er
     """Old fault: a surface followed displaced slices from the start, folded, and amplified rounding to millimetres."""
     used = []
 
-    def coarse(problem, first, sample, independent=stages.every_point):
+    def coarse(problem, first, sample, independent=stages.all_independent):
         used.append((first, sample, independent))
         number = len(used)
         return SimpleNamespace(number=number, crosses_though_covered=number <= intersecting)
@@ -82,6 +82,6 @@ def test_coarse_stages_that_intersect_themselves_are_repeated_with_correlated_er
     box = ControlBox.around(BALL, (3, 3, 3))
     found = stages.all_coarse_stages(SimpleNamespace(box=box, robust=True), "given", [])
     firsts = ("given", 1000), ("first of 700", 700), ("first of 1500", 1500)
-    rules = stages.every_point, stages.independent_fraction
+    rules = stages.all_independent, stages.independent_fraction
     expected = [(*first, rule) for first in firsts for rule in rules]
     assert used == expected[: intersecting + 1] and found.number == len(used)

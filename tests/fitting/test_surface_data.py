@@ -53,7 +53,7 @@ def test_the_ratio_of_outliers_is_found(outlier_ratio, rng):
     outlier = np.arange(n) < outlier_ratio * n
     distances[outlier] = rng.uniform(0, 2, outlier.sum())
     one = data_of(rng.normal(size=(n, 3)))
-    one = one.weighted(distances, sigma)
+    one = one.with_inliers_at_distances(distances, sigma)
     assert one.inliers.mean() == pytest.approx(1 - outlier_ratio, abs=0.015)
     assert (one.inliers[distances > 6 * sigma] < 0.05).all()
     assert (one.inliers[distances < sigma] > 0.9).all()
@@ -64,7 +64,7 @@ def test_weights_count_in_the_inlier_ratio(rng):
     distances = np.concatenate([np.abs(rng.normal(0, 0.02, 900)), rng.uniform(0.2, 2, 100)])
     plain, heavy = data_of(rng.normal(size=(1000, 3))), data_of(rng.normal(size=(1000, 3)))
     heavy = replace(heavy, weights=np.where(distances > 0.15, 10.0, 1.0))
-    plain, heavy = (one.weighted(distances, 0.02) for one in (plain, heavy))
+    plain, heavy = (one.with_inliers_at_distances(distances, 0.02) for one in (plain, heavy))
     between = (distances > 0.05) & (distances < 0.15)
     assert between.any() and (heavy.inliers[between] < plain.inliers[between]).all()
 
@@ -151,7 +151,7 @@ def test_toroids_are_matched_too():
 def test_the_inlier_ratio_stays_below_one(rng):
     """Where all points are inliers a later outlier is still distinguished from them."""
     found = data_of()
-    found = found.weighted(np.abs(rng.normal(size=len(CLOUD))) * 1e-3, sigma=1e-3)
+    found = found.with_inliers_at_distances(np.abs(rng.normal(size=len(CLOUD))) * 1e-3, sigma=1e-3)
     assert 0.9 < found.inlier_ratio < 1
     assert inlier_probabilities(np.array([1.0]), 1e-3, found.inlier_ratio)[0] < 1e-3
     assert inlier_probabilities(np.array([1e-4]), 1e-3, found.inlier_ratio)[0] > 0.9

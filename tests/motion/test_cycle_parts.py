@@ -9,7 +9,7 @@ from shapes_made import lumpy
 from quadriform.fitting.least_squares.marginal_likelihood import LinearProblem
 from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.refinement.base_prior import base_priors
-from quadriform.fitting.refinement.point_to_plane import data_rows, fraction_of
+from quadriform.fitting.refinement.point_to_plane import data_rows, effective_fraction_of_data
 from quadriform.fitting.refinement.stage import independent_fraction
 from quadriform.fitting.refinement.starts import nested_ellipsoids
 from quadriform.motion import cycle as cycles
@@ -99,9 +99,9 @@ def test_independent_points_are_a_mean_over_frames():
     of, state = cycle(), moved(cycle())
     fractions, counts = [], []
     for box, each in zip(state.boxes, state.datasets):
-        count = sum(d.count for d in each)
+        count = sum(d.total_weight for d in each)
         least = 81 / max(count, 81)  # a third of 243 unknowns for each of three frames
-        fractions.append(max(least, fraction_of(each, box)))
+        fractions.append(max(least, effective_fraction_of_data(each, box)))
         counts.append(count)
     assert of.effective_fraction(state) == pytest.approx(np.average(fractions, weights=counts))
     assert of.effective_fraction(state, before_rounds=True) == pytest.approx(
@@ -114,7 +114,7 @@ def test_the_linear_problem_is_the_sum_over_the_points_of_all_frames(planes, rng
     of = cycle(sliced() if planes else None)
     state = moved(of)
     linear = of.linear_problem(state)
-    assert linear.total_weight == pytest.approx(sum(d.count for each in state.datasets for d in each))
+    assert linear.total_weight == pytest.approx(sum(d.total_weight for each in state.datasets for d in each))
     displacement = 0.05 * rng.normal(size=(3, 27, 3))
     shifts = 0.01 * rng.normal(size=(3, 2)) if planes else np.zeros((0, 2))
     expected = 0.0
@@ -161,12 +161,12 @@ def test_where_most_points_are_far_the_noise_is_their_own():
     data, box = state.datasets[0][0], state.boxes[0]
     distances = data.standardised_distances(box)
     near = cycles._weighted(data, box, 10 * distances.max())
-    np.testing.assert_array_equal(near.inliers, data.weighted(distances, 10 * distances.max()).inliers)
+    np.testing.assert_array_equal(near.inliers, data.with_inliers_at_distances(distances, 10 * distances.max()).inliers)
     assert near.inliers.mean() > 0.5
     far = replace(data, points=2.5 * data.points)
     found, away = cycles._weighted(far, box, 1e-3), far.standardised_distances(box)
-    assert far.weighted(away, 1e-3).inliers.mean() < 0.5
-    np.testing.assert_array_equal(found.inliers, far.weighted(away, 1.4826 * np.median(away)).inliers)
+    assert far.with_inliers_at_distances(away, 1e-3).inliers.mean() < 0.5
+    np.testing.assert_array_equal(found.inliers, far.with_inliers_at_distances(away, 1.4826 * np.median(away)).inliers)
 
 
 def test_a_result_has_the_control_points_and_what_is_verified_of_each_frame():

@@ -343,7 +343,7 @@ def nearest(among: Array, of: Array, count: int) -> tuple[NDArray[np.int64], NDA
     return near, distance <= (1 + EQUAL.neighbours) * last
 
 
-def effective_fraction(feet: Array, deviations: Array, weights: Array) -> float:
+def effective_fraction_of_points(feet: Array, deviations: Array, weights: Array) -> float:
     """Effective number of independent points over the number of points, in (0, 1].
 
     Points of a contour are drawn in one stroke, those of an isosurface have voxels in common: their errors are

@@ -97,8 +97,8 @@ class TangentOptions:
     Attributes:
         box: control points along each axis, or "auto": the smallest that reaches `max_error`.
         regularity: "bending", "springs", or a regulariser of one's own, on the displacement of the control points.
-        strength: alpha per data point, or "auto": that of the largest marginal likelihood, or, where residuals are
-            correlated, a smaller one that predicts left-out patches better.
+        strength: alpha per data point, or "auto": that of the largest marginal likelihood or, where residuals are
+            correlated, a smaller one that predicts left-out patches of the surface better.
         robust: whether outliers are detected and down-weighted.
         base: where the data ends on purpose: a plane (point, direction to the missing side), or a loop (m, 3) of
             points along the edge; None when the surface should be covered.

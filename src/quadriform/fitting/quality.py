@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadriform.errors import Warnings
-from quadriform.fitting.cloud import effective_fraction
+from quadriform.fitting.cloud import effective_fraction_of_points
 from quadriform.fitting.diagnostics import INLIER, SurfaceQuality, model_warnings
 from quadriform.fitting.extrapolation import open_deviations
 from quadriform.fitting.noise import sampling_step, variances_along
@@ -121,7 +121,8 @@ def _known_variances(noise: Array | None, feet: FootPoints, inliers: Array) -> t
     if noise is None or not inliers.any():
         return np.zeros(len(inliers)), np.inf
     known = variances_along(noise, feet.normals)
-    return known, float(inliers.sum()) * effective_fraction(feet.points, feet.signed / np.sqrt(known), inliers)
+    fraction = effective_fraction_of_points(feet.points, feet.signed / np.sqrt(known), inliers)
+    return known, float(inliers.sum()) * fraction
 
 
 def _arrangement(result: Result, name: str, clouds: Mapping[str, Array], feet: FootPoints, limit: float) -> Arrangement:

@@ -1,8 +1,8 @@
 """A prior on the surface beyond a base, where there is no data: the smallest body that explains the data is preferred.
 
 Without data the regulariser alone determines that part, and affine growth has no bending energy. So the height of the
-surface above a low dome over the base has a Gaussian prior, weighted by the ratio of the noise to its spread: for exact
-data it vanishes.
+surface above a plane a little beyond the base has a Gaussian prior, weighted by the ratio of the noise to its spread:
+for exact data it vanishes.
 """
 
 from collections.abc import Sequence
@@ -24,11 +24,11 @@ from quadriform.shapes.superquadric import Superquadric
 class Closure:
     """The constants of the prior on the surface beyond a base."""
 
-    dome: float = 0.2
+    allowed_height: float = 0.2
     """A surface may reach this height above its base without a cost, in RMS radii of the points: a smooth surface needs
     some height to close, and one that is drawn to the plane bends inwards below it, where there is data."""
     spread: float = 0.1
-    """Standard deviation of the height above that, in RMS radii."""
+    """Standard deviation of the height above the allowed one, in RMS radii."""
     cells: int = 12
     """Cells along an edge of the grid of a surface, which has 866 points: dozens of them beyond a base."""
 
@@ -38,12 +38,14 @@ CLOSURE = Closure()
 
 @dataclass(frozen=True)
 class BasePrior:
-    """A penalty, `weight` times the mean square height of a surface above the low dome over its base.
+    """A penalty: `weight` times the mean, over the whole surface, of the square of its height above the allowed one.
+
+    Heights are over the plane of the base, in the direction without data; the allowed one is `CLOSURE.allowed_height`.
 
     Attributes:
         surface: before deformation.
         half_space: beyond the base.
-        weight: of the mean over the whole surface.
+        weight: of the mean.
     """
 
     surface: Superquadric
@@ -64,31 +66,32 @@ class BasePrior:
         return float(weights @ np.maximum(heights, 0) ** 2)
 
     def _heights(self, box: ControlBox) -> tuple[Array, Array, Array]:
-        """Points (n, 3) of the undeformed surface; heights above the dome and weights (n,) of the deformed ones."""
+        """Undeformed points (n, 3), and of the deformed ones heights above the allowed one and weights (n,)."""
         at, direction = self.half_space
         grid = self.surface.mesh(CLOSURE.cells)
         moved = box.deform(grid.vertices)
         areas = np.linalg.norm(Mesh(moved, grid.faces).area_vectors(), axis=1)
         # each vertex stands for a third of the triangles around it, so that the mean is one over the area
         fractions = np.bincount(grid.faces.ravel(), np.repeat(areas / areas.sum() / 3, 3), len(moved)).astype(float)
-        return grid.vertices, (moved - at) @ direction - CLOSURE.dome, self.weight * fractions
+        return grid.vertices, (moved - at) @ direction - CLOSURE.allowed_height, self.weight * fractions
 
 
-def base_prior(data: SurfaceData, box: ControlBox, count: float) -> list[BasePrior]:
+def base_prior(data: SurfaceData, box: ControlBox, total_weight: float) -> list[BasePrior]:
     """The penalty of a surface with a base, at the noise of its data; empty without a base or inliers.
 
     Args:
         data: of the surface.
         box: deformed.
-        count: number of points that the data stands for; the prior has the weight of as many at most.
+        total_weight: sum of the weights of the inliers that the data stands for; the prior has this weight at most.
     """
-    if data.half_space is None or not data.count:
+    if data.half_space is None or not data.total_weight:
         return []
     sigma = np.sqrt(np.average(data.standardised_distances(box) ** 2, weights=data.effective_weights))
     # far from the data, before the first rounds, the prior counts no more than the data
-    return [BasePrior(data.superquadric, data.half_space, count * min(float(sigma) / CLOSURE.spread, 1.0) ** 2)]
+    weight = total_weight * min(float(sigma) / CLOSURE.spread, 1.0) ** 2
+    return [BasePrior(data.superquadric, data.half_space, weight)]
 
 
 def base_priors(datasets: Sequence[SurfaceData], box: ControlBox) -> list[BasePrior]:
     """The penalties of all surfaces with a base."""
-    return [found for data in datasets for found in base_prior(data, box, data.count)]
+    return [found for data in datasets for found in base_prior(data, box, data.total_weight)]

@@ -43,16 +43,17 @@ class Correspondence:
         return cls(superquadric, cloud, origins, cKDTree(origins))
 
     def costs(self, box: ControlBox) -> Array:
-        """Costs (n, m) of all pairs of a data point x and a model point y: |x - y|^2 + FACING^2 trust (1 - cos angle).
+        """Costs (n, m) of all pairs of a data point x and a model point y: |x - y|^2 + FACING^2 f (1 - cos angle).
 
-        The angle is that of their normals; all pairs at once are faster here than a tree, since both sets are small.
+        The angle is that of their normals, and f the reliability of the normal at x (`OrientedCloud.flatness`). All
+        pairs at once are faster here than a tree, since both sets are small.
         """
         model, normals = surface_points(self.superquadric, box, self.origins)
-        trust = FACING**2 * self.cloud.flatness
-        # |x - y|^2 + trust (1 - cos) expanded, so that all pairs are one product of matrices
-        by_data = np.concatenate([-2 * self.cloud.points, -trust[:, None] * self.cloud.normals], axis=1)
+        normal_weight = FACING**2 * self.cloud.flatness
+        # |x - y|^2 + normal_weight (1 - cos angle) expanded, so that all pairs are one product of matrices
+        by_data = np.concatenate([-2 * self.cloud.points, -normal_weight[:, None] * self.cloud.normals], axis=1)
         costs: Array = by_data @ np.concatenate([model, normals], axis=1).T
-        costs += ((self.cloud.points**2).sum(axis=1) + trust)[:, None]
+        costs += ((self.cloud.points**2).sum(axis=1) + normal_weight)[:, None]
         costs += (model**2).sum(axis=1)
         return costs
 
@@ -61,7 +62,7 @@ class Correspondence:
         return self.origins[first_least(costs)]
 
     def attraction(self, costs: Array, box: ControlBox, data: SurfaceData) -> Attraction | None:
-        """Attraction of model points that no data point chose to their own nearest data points (model-to-data).
+        """Attraction of model points that no data point chose to the data points of least cost (model-to-data).
 
         Without it parts of the surface could remain where there is no data. None where there is no such model point
         outside of the half-space in which no data is expected.
@@ -78,13 +79,13 @@ class Correspondence:
         weight = float(data.weights.sum()) / len(self.origins)
         return Attraction(origins[kept], targets[kept], weight) if kept.any() else None
 
-    def unmatched(self, costs: Array, matched: Array) -> tuple[Array, Array]:
+    def unmatched(self, costs: Array, foot_point_origins: Array) -> tuple[Array, Array]:
         """Origins (k, 3) of model points that no data point chose, and the data points (k, 3) of least cost for them.
 
         Args:
             costs: (n, m).
-            matched: (n, 3) origins that data points chose.
+            foot_point_origins: (n, 3) of the data points, each of which chooses the model point nearest to its own.
         """
         remaining = np.ones(len(self.origins), dtype=bool)
-        remaining[self.tree.query(matched)[1]] = False
+        remaining[self.tree.query(foot_point_origins)[1]] = False
         return self.origins[remaining], self.cloud.points[first_least(costs[:, remaining].T)]

@@ -1,7 +1,7 @@
 """Clouds of very many points: a fit to a sample, then a few rounds on all of them, a part at a time.
 
-Memory does not grow with the cloud, apart from what is returned. Neighbourhoods and first foot points are those of the
-nearest point of the sample.
+Memory grows with the cloud only by arrays with one value for each point: weights, hashes, and the distances and inlier
+probabilities that are returned. Neighbourhoods and first foot points are those of the nearest point of the sample.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -170,7 +170,7 @@ class _All:
         def of_part(surface: _Surface, chosen: slice) -> tuple[NormalEquations, float]:
             """Normal equations of a part of the points, and how many these count for."""
             data = self.part(surface, chosen, box, sigma)
-            return data_rows(data, box).equations(box, elevated.degrees), data.count
+            return data_rows(data, box).equations(box, elevated.degrees), data.total_weight
 
         parts = self.each(self.surfaces, of_part)
         total, count = next(parts)
@@ -183,7 +183,7 @@ class _All:
         """The problem with the priors of the surfaces that have a base."""
         for surface in self.surfaces:
             # as many inliers as the sample has
-            ratio = surface.data.count / float(surface.data.weights.sum())
+            ratio = surface.data.total_weight / float(surface.data.weights.sum())
             for prior in base_prior(surface.data, box, ratio * float(surface.weights.sum())):
                 linear = linear.with_extra_terms(prior.equations(box))
         return linear

@@ -90,7 +90,10 @@ def _squares(patches: Sequence[_Patch], strength: float) -> Array:
 
 
 def _patches(problem: Problem, state: Refined) -> list[_Patch]:
-    """All patches of all surfaces; the evidence without a patch is that of the whole less the patch's equations."""
+    """All patches of all surfaces that have a weight.
+
+    The linear problem without a patch is that of all points less the equations of the patch.
+    """
     each = max(LEFT_OUT.patches // len(state.datasets), 2)
     parts = [part for data in state.datasets for part in _equations(data, state.box, each)]
     whole = problem.linear_problem(state.datasets, (None,) * len(state.datasets), state.box, 1.0)

@@ -11,7 +11,7 @@ For all surfaces at once the control points minimise
     w_i     the probability to be an inlier times the weight of the point
     u_i     (v_i + x) / (1 + x), its variance along n_i relative to the mean one (`SurfaceData.variances`), with the
             known variance v_i (`SurfaceData.known_variances`) and the excess x; 1 where nothing is known
-    epsilon `LEAST_TANGENTIAL`
+    epsilon `TANGENTIAL_WEIGHT`
     alpha   the strength; E the energy of the regulariser, P -> p' K p for p = P - P0
     N       the sum of the w_i of the data alone (`total_weight`): alpha is per data point, and terms that are no
             measurements do not add to it
@@ -31,7 +31,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quadriform.fitting.cloud import effective_fraction
+from quadriform.fitting.cloud import effective_fraction_of_points
 from quadriform.fitting.least_squares.marginal_likelihood import LinearProblem, Solution
 from quadriform.fitting.least_squares.normal_equations import NormalEquations, normal_equations
 from quadriform.fitting.least_squares.regularisers import Regulariser, regulariser_matrix
@@ -42,10 +42,10 @@ from quadriform.shapes.closest import surface_normals
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.superquadric import Superquadric
 
-LEAST_TANGENTIAL = 2e-3
+TANGENTIAL_WEIGHT = 2e-3
 """Weight of the tangential part of a residual, relative to the normal one: it limits steps along the surface."""
 SMALLEST_STEP = 1e-3
-"""The step length is not halved below this: a step that does not lower the sum then is practically none."""
+"""A step length of this or less is not halved again: a step that does not lower the sum then is practically none."""
 PROBES = 8
 """Cells along an edge of the grids by which the motion of the surfaces in a round is measured."""
 
@@ -67,7 +67,7 @@ class Attraction:
 
 @dataclass(frozen=True)
 class Rows:
-    """Terms of one surface in the sum: origins o_i and targets d_i (n, 3), and metrics M_i (n, 3, 3)."""
+    """Terms of the sum, of one or more surfaces: origins o_i and targets d_i (n, 3), and metrics M_i (n, 3, 3)."""
 
     origins: Array
     targets: Array
@@ -99,7 +99,7 @@ def attraction_rows(superquadric: Superquadric, box: ControlBox, attraction: Att
 
 def _tangential(squares: Array) -> Array:
     """Metrics (n, 3, 3) with little weight along the surface, from the squares (n, 3, 3) of its normals."""
-    return LEAST_TANGENTIAL * np.eye(3) + (1 - LEAST_TANGENTIAL) * squares
+    return TANGENTIAL_WEIGHT * np.eye(3) + (1 - TANGENTIAL_WEIGHT) * squares
 
 
 def linear_problem_of(
@@ -110,14 +110,14 @@ def linear_problem_of(
     effective_fraction: float = 1.0,
     least_sigma: float = 0.0,
 ) -> LinearProblem:
-    """The linear problem of one round as a function of the strength, if a fraction of the points are independent."""
+    """The linear problem of one round as a function of the strength; a fraction of the points are independent."""
     rows = [data_rows(data, box) for data in datasets]
     rows += [
         attraction_rows(data.superquadric, box, each) for data, each in zip(datasets, attractions) if each is not None
     ]
     origins, targets = np.concatenate([r.origins for r in rows]), np.concatenate([r.targets for r in rows])
     metric = np.concatenate([r.metric for r in rows])
-    total_weight = sum(data.count for data in datasets)
+    total_weight = sum(data.total_weight for data in datasets)
     equations = Rows(origins, targets, metric).equations(box)
     return linear_problem_from(equations, box, regularity, total_weight, effective_fraction, least_sigma)
 
@@ -130,22 +130,25 @@ def linear_problem_from(
     effective_fraction: float,
     least_sigma: float = 0.0,
 ) -> LinearProblem:
-    """The linear problem of accumulated normal equations, of rows whose weights sum up to `total_weight`."""
+    """The linear problem of accumulated normal equations; `total_weight` is N, that of the data without attractions."""
     l, m, n, _ = box.control_points.shape
     return LinearProblem(
         equations, regulariser_matrix(regularity, (l, m, n)), total_weight, effective_fraction, least_sigma
     )
 
 
-def fraction_of(datasets: Sequence[SurfaceData], box: ControlBox) -> float:
-    """Effective number of independent points over the number of all points, by the residuals of a fit."""
-    counts, kept = [], []
-    for data in (each for each in datasets if each.count):  # a surface of outliers alone says nothing
+def effective_fraction_of_data(datasets: Sequence[SurfaceData], box: ControlBox) -> float:
+    """Effective number of independent points over the number of all points, by the residuals of a fit.
+
+    It is the mean of those of the surfaces, weighted by the sums of their effective weights.
+    """
+    weights, fractions = [], []
+    for data in (each for each in datasets if each.total_weight):  # a surface of outliers alone says nothing
         feet, normals, residuals = data.along_normals(box)
         standardised = residuals / np.sqrt(data.variances(normals))
-        counts.append(data.count)
-        kept.append(effective_fraction(feet, standardised, data.effective_weights))
-    return float(np.average(kept, weights=counts))
+        weights.append(data.total_weight)
+        fractions.append(effective_fraction_of_points(feet, standardised, data.effective_weights))
+    return float(np.average(fractions, weights=weights))
 
 
 def displaced(box: ControlBox, solution: Solution) -> ControlBox:

@@ -120,12 +120,12 @@ def refine_tangent(
 
 
 def smooth_box(given: RefinementInput, superquadrics: dict[str, Superquadric]) -> ControlBox:
-    """A smooth box without folds, in which all frames of `track` start: refined at large strengths.
+    """A smooth box, in which all frames of `track` start, refined at large strengths.
 
-    These are the strength of the first stage times each factor of `SMOOTH` in turn.
-    It is the box of the last refinement before one that folds or leaves control points undetermined; where that is the
-    first one, the box after the first stage. Folds are not removed: that would amplify rounding as well. The options
-    must not have a strength.
+    These are the strength of the first stage times each factor of `SMOOTH` in turn. The box is that of the last
+    refinement before one that folds or leaves control points undetermined, and so has no folds. Where that is the first
+    one, it is the box after the first stage, which is not checked for folds. Folds are not removed: that would amplify
+    rounding as well. The options must not have a strength.
     """
     l, m, n = shape = check_box(given.options.box)
     first = _Trial.of(given, superquadrics, shape).first
@@ -144,10 +144,10 @@ def smooth_box(given: RefinementInput, superquadrics: dict[str, Superquadric]) -
 
 
 def _error(result: Result, clouds: Mapping[str, Array]) -> float:
-    """RMS distance of the inliers to the model."""
+    """RMS distance of the points to the model, counted by their inlier probabilities, whatever their weights."""
     inliers = result.inliers or {}
     squares = sum(float(inliers[name] @ result.model.distance(cloud, name) ** 2) for name, cloud in clouds.items())
-    return float(np.sqrt(squares / sum(float(weights.sum()) for weights in inliers.values())))
+    return float(np.sqrt(squares / sum(float(each.sum()) for each in inliers.values())))
 
 
 def _best_start(
@@ -159,10 +159,11 @@ def _best_start(
 
     1. Where a start has a certified refinement within the accepted noise, it is that one; with several surfaces, if
        none has, the certified one of least noise.
-    2. Where there is none, and the first start is a poor fit: a more strongly regularised refinement of it. Where it is
-       no poor fit: a certified one without robust weights. With these, whole faces of a body with sharp edges can be
-       taken for outliers, and then no data prevents folds there.
-    3. Where neither exists, that of the first start with its folds, and `FOLDING`.
+    2. Where there is none, and the first start is a poor fit: the certified refinement of it with the least noise at
+       larger strengths (`least_regularised`). Where it is no poor fit, and `robust`: a certified refinement without
+       robust weights. With these, whole faces of a body with sharp edges can be taken for outliers, and then no data
+       prevents folds there.
+    3. Where that does not exist, the refinement of the first start with its folds, and `FOLDING`.
 
     `POOR_FIT` is reported where the removal of folds made the distances from the points much larger.
     """

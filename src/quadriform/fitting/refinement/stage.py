@@ -20,7 +20,7 @@ from quadriform.fitting.refinement.correspondence import Correspondence
 from quadriform.fitting.refinement.point_to_plane import (
     Attraction,
     displaced,
-    fraction_of,
+    effective_fraction_of_data,
     linear_problem_of,
     record,
     step_length,
@@ -58,8 +58,8 @@ class Schedule:
     coarse_motion: float = 0.2
     fine_motion: float = 0.02
     """A stage ends when the RMS motion of the surface in a round is below this fraction of the noise."""
-    renewals: int = 3
-    """Largest number of searches for a smaller strength by cross-validation, each from the result before."""
+    strength_searches: int = 3
+    """Most searches for a smaller strength by cross-validation, each from the result of the one before."""
     tangential_steps: int = 3
     """Gauss-Newton steps of each foot point in a round; the next round continues from there."""
 
@@ -230,10 +230,10 @@ ONCE, FIXED = StoppingRule(1), FixedWeights()
 
 
 IndependentFraction = Callable[[Datasets, ControlBox | None, float], float]
-"""A rule for how many points count as independent, as `every_point` and `independent_fraction`."""
+"""A rule for how many points count as independent, as `all_independent` and `independent_fraction`."""
 
 
-def every_point(datasets: Datasets, fitted: ControlBox | None, least: float) -> float:
+def all_independent(datasets: Datasets, fitted: ControlBox | None, least: float) -> float:
     """One: all points count as independent."""
     return 1.0
 
@@ -248,22 +248,22 @@ def independent_fraction(datasets: Datasets, fitted: ControlBox | None, least: f
     from the residuals of a fit, and the fit depends on it, through the strength. Two kinds of fits agree with their own
     residuals. A smooth fit leaves the correlated errors as residuals: few points count, and the strength is large. A
     fit that follows these errors leaves residuals that look independent: all points count, and the strength is small.
-    The smooth one is meant. So before there is a fit only `least` points count, which gives a smooth surface; each
-    later round uses the residuals of the round before.
+    The smooth one is meant. So in the first round of a stage that starts without a solution only `least` points count,
+    which gives a smooth surface; each later round uses the residuals of the round before.
 
     Args:
         datasets: one for each surface.
-        fitted: the box of a fit; None before there is one.
+        fitted: the box after the round before; None in the first round of a stage that starts without a solution.
         least: least effective number of points. With fewer than there are unknowns the evidence would have no maximum
             where a surface without details fits.
     """
-    count = sum(data.count for data in datasets)
-    least_fraction = least / max(count, least)
-    return least_fraction if fitted is None else max(least_fraction, fraction_of(datasets, fitted))
+    total_weight = sum(data.total_weight for data in datasets)
+    least_fraction = least / max(total_weight, least)
+    return least_fraction if fitted is None else max(least_fraction, effective_fraction_of_data(datasets, fitted))
 
 
 class Report:
-    """Counts rounds for the caller's progress."""
+    """Counts rounds for the caller's progress; `total` is an expected number, and more rounds may be done."""
 
     def __init__(self, progress: Progress | None, total: int) -> None:
         self.progress, self.total, self.done = progress, total, 0
@@ -283,8 +283,8 @@ class Problem:
         box: undeformed, around the outermost surface, with the requested number of control points.
         probes: (n, 3) points of all surfaces before deformation, of which the motion is measured.
         regularity: name or object.
-        strength: alpha, the weight of the regulariser per data point; None for that of the largest marginal likelihood,
-            or a smaller one by left-out patches (`stages.py`).
+        strength: alpha, the weight of the regulariser per data point; None for that of the largest marginal likelihood
+            or, where residuals are correlated, a smaller one that predicts left-out patches of the surface better.
         robust: whether outliers are down-weighted.
         report: of the rounds.
         least_sigma: lower bound of sigma, the standard deviation of the residuals.
@@ -327,7 +327,8 @@ class Problem:
         """The state after one Gauss-Newton step with a further penalty, at fixed strength and inlier probabilities.
 
         The step is shortened until the sum of data, regulariser and penalties does not increase, down to a
-        shortest step (`step_length`). None where the control points are undetermined.
+        shortest step (`step_length`). Penalties are this one and the base priors. None where the control points are
+        undetermined.
         """
         box, (datasets, no_attractions) = state.box, tangential_steps(state.box, state.datasets)
         linear = self.linear_problem(datasets, no_attractions, box, state.solution.effective_fraction)
@@ -343,8 +344,9 @@ class Problem:
             return whole if length == 1 else box.with_control_points(box.control_points + step)
 
         def total(length: float) -> float:
-            """The cost of data and regulariser there, with that of the extra terms, such as the base priors."""
+            """The cost of data, regulariser and penalties at a fraction of the step."""
             trial = at(length)
+            # `cost` leaves out the extra terms of the linear problem, so that the base priors count once
             cost = linear.cost(trial.control_points - trial.rest, solution.strength)
             return cost + sum(each.cost(trial) for each in penalties)
 
@@ -368,7 +370,7 @@ class Stage:
     foot_points: FootPointUpdate
     weighting: WeightingRule = FIXED
     stop: StoppingRule = ONCE
-    independent: IndependentFraction = every_point
+    independent: IndependentFraction = all_independent
 
     def step(self, state: InitialState | Refined) -> Refined:
         """The state after one round."""

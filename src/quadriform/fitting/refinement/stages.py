@@ -17,7 +17,7 @@ from quadriform.fitting.refinement.stage import (
     Refined,
     Stage,
     StoppingRule,
-    every_point,
+    all_independent,
     independent_fraction,
     nearest_foot_points,
     tangential_steps,
@@ -44,7 +44,7 @@ def first_stage(problem: Problem, sample: Subsample) -> Refined:
 
 
 def coarse_stages(
-    problem: Problem, first: Refined, sample: Subsample, independent: IndependentFraction = every_point
+    problem: Problem, first: Refined, sample: Subsample, independent: IndependentFraction = all_independent
 ) -> Refined:
     """The state after all further stages on few points with new correspondences in each round.
 
@@ -70,7 +70,7 @@ def _coarse_stage(
     box: ControlBox,
     sample: Subsample,
     history: tuple[Iteration, ...],
-    independent: IndependentFraction = every_point,
+    independent: IndependentFraction = all_independent,
 ) -> Refined:
     update, stop = FacingPairs.of(sample).update, StoppingRule(SCHEDULE.coarse_rounds, SCHEDULE.coarse_motion)
     stage = Stage(problem, update, stop=stop, independent=independent)
@@ -96,7 +96,7 @@ def all_coarse_stages(problem: Problem, first: Refined, datasets: Sequence[Surfa
     for count in (SCHEDULE.coarse_points, *SCHEDULE.other_coarse_points):
         sample = Subsample.of(datasets, count, problem.robust)
         start = first if count == SCHEDULE.coarse_points else first_stage(problem, sample)
-        for independent in (every_point, independent_fraction):
+        for independent in (all_independent, independent_fraction):
             found = coarse_stages(problem, start, sample, independent)
             if not found.crosses_though_covered:
                 return _not_worse(problem, found, datasets)
@@ -146,7 +146,7 @@ def _with_details(problem: Problem, found: Refined) -> Refined:
     Residuals are correlated where the errors of the data are, and also where the surface misses details of the body. A
     real detail can be predicted from neighbouring patches of the surface, correlated errors cannot.
     """
-    for _ in range(SCHEDULE.renewals):
+    for _ in range(SCHEDULE.strength_searches):
         independent = found.solution.effective_fraction == 1
         strength = None if independent else better_strength(problem, found)
         if strength is None:

@@ -22,26 +22,28 @@ LEAST_ENTRY = 0.1
 GRID = 24
 """Cells along an edge of the grid of an inner surface, whose largest F in the outer one is sought."""
 LONGEST = 2.0
-"""A fit with a semi-axis above this many extents of the data has diverged, and is no start."""
+"""A fit by the paper's criterion with a semi-axis above this many extents of the data has diverged, and is no start."""
 
 
 def candidates(
-    clouds: Mapping[str, Array], robust: Mapping[str, Superquadric], kind: str
+    clouds: Mapping[str, Array], robust_fits: Mapping[str, Superquadric], kind: str
 ) -> list[dict[str, Superquadric]]:
-    """Starts for all surfaces: the robust fit, the plain ellipsoid, and the paper's fit where it has not diverged.
+    """Starts for all surfaces: the robust fits, for kind "ellipsoid" the plain ellipsoids, and maybe the paper's fits.
+
+    The paper's are left out where one of them has diverged or a surface has too few points for its criterion.
 
     Where the shape is no superquadric, the robust fit may follow one half of it and take the other for outliers; the
     plain fits average over all of it.
 
     Args:
         clouds: name -> (n, 3) points, centred and scaled.
-        robust: name -> robust fit, likewise.
+        robust_fits: name -> robust fit, likewise.
         kind: of all superquadrics; only of "ellipsoid" there are more starts than the robust fit.
     """
     if not KINDS[kind].is_radial:
-        return [dict(robust)]
+        return [dict(robust_fits)]
     dense = {name: cloud[dense_points(cloud)] for name, cloud in clouds.items()}
-    found = [dict(robust), {name: plain_ellipsoid(cloud, robust[name]) for name, cloud in dense.items()}]
+    found = [dict(robust_fits), {name: plain_ellipsoid(cloud, robust_fits[name]) for name, cloud in dense.items()}]
     # an outlier among few points leaves less than the paper's criterion needs
     if min(map(len, dense.values())) < KINDS[kind].n_parameters:
         return [nested(surfaces, clouds) for surfaces in found]
@@ -67,6 +69,8 @@ def with_positive_axes(surface: Superquadric) -> Superquadric:
 
 def nested_ellipsoids(clouds: Mapping[str, Array]) -> dict[str, Superquadric]:
     """Ellipsoids as the start of all surfaces; by moments (paper A.3) where a fit to open data diverges.
+
+    It has diverged where a semi-axis is longer than the largest extent of the data; of a closed body it is half.
 
     Args:
         clouds: name -> (n, 3) points, centred and scaled.

@@ -92,8 +92,8 @@ class SurfaceData:
         return self.weights * self.inliers
 
     @property
-    def count(self) -> float:
-        """The sum of the effective weights."""
+    def total_weight(self) -> float:
+        """The sum of the effective weights, which `LinearProblem.total_weight` adds up over the surfaces."""
         return float(self.effective_weights.sum())
 
     def subsample(self, count: int, robust: bool) -> "SurfaceData":
@@ -176,14 +176,14 @@ class SurfaceData:
 
     def with_inliers(self, box: ControlBox, sigma: float) -> "SurfaceData":
         """The data with inlier probabilities and inlier ratio at a standard deviation of the residuals."""
-        return self.weighted(self.standardised_distances(box), sigma)
+        return self.with_inliers_at_distances(self.standardised_distances(box), sigma)
 
     def with_inliers_at_ratio(self, box: ControlBox, sigma: float) -> "SurfaceData":
         """The data with inlier probabilities at a standard deviation of the residuals; the inlier ratio is kept."""
         distances = self.standardised_distances(box)
         return replace(self, inliers=inlier_probabilities(distances, sigma, self.inlier_ratio))
 
-    def weighted(self, distances: Array, sigma: float) -> "SurfaceData":
+    def with_inliers_at_distances(self, distances: Array, sigma: float) -> "SurfaceData":
         """The data with inlier probabilities and ratio, by EM at a given sigma, from standardised distances (n,)."""
         ratio, total = FIRST_RATIO, self.weights.sum()
         for _ in range(EM_ROUNDS):

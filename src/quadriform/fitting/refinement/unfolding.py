@@ -50,7 +50,7 @@ class FoldRemoval:
     """Steps from there to the strength, each less than a factor of three."""
     rounds: int = 4
     """Most rounds at each of these strengths, where the surface need not converge."""
-    renewals: int = 8
+    foot_point_searches: int = 8
     """Nearest foot points are sought at most so many times; each time fewer of them change."""
     not_nearer: float = 0.8
     """They are used where they lower the sum of squared distances to this fraction; else the given ones were right."""
@@ -136,7 +136,11 @@ class JacobianPenalty:
         return replace(self, weight=FOLDS.stronger * self.weight)
 
     def check(self, box: ControlBox, surfaces: Mapping[str, Superquadric]) -> tuple[bool, "JacobianPenalty"]:
-        """Whether a box is verified not to fold; and the penalty, with more points where only the proof fails."""
+        """Whether a box is certified; and the penalty, with more points where only the certificate fails.
+
+        Certified means that the map is verified not to fold inside the surfaces and that no meshes of them cross. False
+        without a proof being tried where the smallest determinant at the points is at most `FOLDS.verifiable`.
+        """
         if self.minimum(box) <= FOLDS.verifiable:
             return False, self
         if certified(box, surfaces):
@@ -152,9 +156,10 @@ def remove_folds(
     surfaces: Mapping[str, Superquadric],
     largest_sigma: float,
 ) -> S | None:
-    """The state after rounds under a growing penalty until it is verified to be free of folds.
+    """The state after rounds under a growing penalty until it is certified (`JacobianPenalty.check`).
 
-    None where that is not reached with a noise of at most `largest_sigma`.
+    None where that is not reached within `FOLDS.most_rounds` and with a noise of at most `largest_sigma`, or where
+    control points stay undetermined.
 
     Args:
         penalised: the state after a round at a strength with the penalty; None where control points stay undetermined.
@@ -183,10 +188,12 @@ def accepted_sigma(before: float) -> float:
 def least_regularised(problem: Problem, refined: Refined, surfaces: dict[str, Superquadric]) -> Refined | None:
     """The certified refinement of least noise on the way from an affine map to the strength of a folded refinement.
 
-    The noise falls with the strength, so it is mostly the least regularised one.
-    For points that are no surface, such as those of a filled volume, whose folded fit is useless at any noise. The
-    search begins with the undeformed superquadrics at a strength under which every map is nearly affine, and ends
-    before the first fold. None where the undeformed superquadrics cross.
+    None where there is none. The strength decreases, by about a decade a step, from one under which every map is nearly
+    affine; the first map starts from the undeformed superquadrics, each later one from the map before. The search ends
+    at the first strength whose map is not certified: where that is the first of all, as where the undeformed
+    superquadrics cross, there is none. The noise falls with the strength, so the result is mostly the least regularised
+    map. It is meant for points that are no surface, such as those of a filled volume, whose folded fit is useless at
+    any noise.
     """
     unfolded, best = _undeformed(refined), None
     penalty = _penalty(refined, surfaces)
@@ -207,9 +214,10 @@ def without_folds(
 ) -> Iterator[Refined]:
     """Up to three certified refinements with a sigma of at most `largest_sigma`, each computed when it is asked for.
 
-    First the given refinement, if it is such a one. Then the results of fold removal from two starts, its own box and
-    the undeformed one. Where surfaces cross although data covers them, the undeformed box comes first, because the foot
-    points of the given one are misleading.
+    First the given refinement, if it is certified within that sigma; this is not tried where its least determinant is
+    at most `FOLDS.verifiable`. Then the results of fold removal from two starts, its own box and the undeformed one.
+    Where surfaces cross although data covers them, the undeformed box comes first, because the foot points of the given
+    one are misleading.
     """
     penalty = _penalty(refined, surfaces)
     accepted = refined.sigma <= largest_sigma
@@ -261,7 +269,7 @@ def _continued_from_nearest(
     Foot points move along the surface. When it is folded and unfolded, some remain far from the nearest point, such as
     on the wrong face beside a sharp rim: they distort the surface, and robust weights treat their points as outliers.
     """
-    for _ in range(FOLDS.renewals):
+    for _ in range(FOLDS.foot_point_searches):
         renewed = refined.nearest()
         if _misfit(renewed) > FOLDS.not_nearer * _misfit(refined):
             return refined
