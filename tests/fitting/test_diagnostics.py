@@ -128,8 +128,13 @@ def test_what_a_superquadric_did_not_reach_is_stated():
     assert of_superquadric.not_converged(False, 40) == {
         "MAX_ITERATIONS": "the superquadric fit did not converge in 40 steps"
     }
-    assert of_superquadric.undetermined(11, 1e4, 11) == {}
-    assert "determine 10 of 11" in of_superquadric.undetermined(10, 1.01e4, 11)["ILL_CONDITIONED"]
+    assert of_superquadric.undetermined(11, 1e4, 11, "rotation") == {}
+    assert of_superquadric.undetermined(10, 1.01e4, 11, "rotation") == {
+        "ILL_CONDITIONED": "the points determine 10 of 11 superquadric parameters, least of all the rotation, "
+        "condition 1.0e+04"
+    }
+    hardly = of_superquadric.undetermined(11, 1.01e4, 11, "exponents")["ILL_CONDITIONED"]
+    assert hardly.startswith("the points hardly determine all 11 superquadric parameters, least of all the exponents")
     assert of_superquadric.near_symmetric(False) == {} and list(of_superquadric.near_symmetric(True)) == [
         "NEAR_SYMMETRIC"
     ]

@@ -110,7 +110,7 @@ def test_a_ball_does_not_turn_and_its_distances_are_exact():
     of = descent(candidates=ball)
     assert (of._step()[:, 5:8] == 0).all()
     radii = np.linalg.norm(POINTS - [0.1, 0.2, 0.3], axis=1) - 1.1
-    np.testing.assert_allclose(of.distances[0], radii / of.problem.noise, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(of.distances[0], radii / of.problem.relative_noise, rtol=1e-9, atol=1e-12)
 
 
 def test_scores_are_the_weighted_densities_less_parameters_and_size():
@@ -144,7 +144,7 @@ def test_steps_are_taken_where_the_penalised_likelihood_does_not_fall(scale):
     old, old_derivatives, inliers = of.distances.copy(), of.derivatives.copy(), of.inliers.copy()
     candidates, moved, expected = of.candidates, of.candidates.moved(step, of.problem.longest), []
     for each in (candidates, moved):
-        found = levenberg_marquardt.distances(each, POINTS)[0] / of.problem.noise
+        found = levenberg_marquardt.distances(each, POINTS)[0] / of.problem.relative_noise
         density = of.mixture.densities(found, of.problem.log_odds)[1] @ of.weights
         prior = ((each.exponents - 1) ** 2).sum(axis=1) / (2 * EXPONENT_SPREAD**2)
         expected.append(density - prior - of.extent().cost(each) - Pull().penalty(each, of.mixture).cost)
@@ -154,13 +154,15 @@ def test_steps_are_taken_where_the_penalised_likelihood_does_not_fall(scale):
     assert accepted.any() and not accepted.all()
     there = levenberg_marquardt.distances(moved, POINTS)
     for i in range(2):
-        np.testing.assert_array_equal(of.distances[i], there[0][i] / of.problem.noise if accepted[i] else old[i])
         np.testing.assert_array_equal(
-            of.derivatives[i], there[1][i] / of.problem.noise if accepted[i] else old_derivatives[i]
+            of.distances[i], there[0][i] / of.problem.relative_noise if accepted[i] else old[i]
+        )
+        np.testing.assert_array_equal(
+            of.derivatives[i], there[1][i] / of.problem.relative_noise if accepted[i] else old_derivatives[i]
         )
         from_ = moved if accepted[i] else candidates
         np.testing.assert_array_equal(of.candidates.log_axes[i], from_.log_axes[i])
-        again = of.mixture.densities(there[0] / of.problem.noise, of.problem.log_odds)[0][i]
+        again = of.mixture.densities(there[0] / of.problem.relative_noise, of.problem.log_odds)[0][i]
         np.testing.assert_array_equal(of.inliers[i], again if accepted[i] else inliers[i])
 
 
@@ -216,7 +218,9 @@ def test_accelerated_steps_reach_the_fixed_point_or_all_stays():
     assert not of.converge(2, reestimated, 1e-12)
     np.testing.assert_array_equal(of.candidates.log_axes, before.log_axes)
     np.testing.assert_allclose(of.mixture.sigma, mixture.sigma, rtol=1e-12)
-    np.testing.assert_array_equal(of.distances, levenberg_marquardt.distances(before, POINTS)[0] / of.problem.noise)
+    np.testing.assert_array_equal(
+        of.distances, levenberg_marquardt.distances(before, POINTS)[0] / of.problem.relative_noise
+    )
     assert of.converge(60, reestimated, 1e-9)
     np.testing.assert_array_equal(of.damping, [0])
     assert np.abs(of._step()).max() < 1e-7
@@ -272,3 +276,12 @@ def test_the_prior_on_exponents_is_normal_around_one():
     bodies_of = Candidates.of([made(exponents=(1.0, 1.0)), made(exponents=(0.3, 1.8))])
     spread = 1.99 / np.sqrt(12)
     np.testing.assert_allclose(levenberg_marquardt._log_prior(bodies_of), [0, -(0.7**2 + 0.8**2) / (2 * spread**2)])
+
+
+@pytest.mark.parametrize("kind", ["ellipsoid", "toroid"])
+def test_scores_count_the_parameters_that_are_estimated(kind):
+    """-(n - p) log sigma with p of these alone: with k parameters fixed the score is lower by k log sigma."""
+    of = descent(kind)
+    fixed = {"exponents": np.ones(2), "rotation": np.eye(3)}
+    some = Descent(replace(of.problem, fixed=fixed), of.candidates, of.mixture)
+    np.testing.assert_allclose(of.scores() - some.scores(), 5 * np.log(of.mixture.sigma), rtol=1e-9)

@@ -10,7 +10,7 @@ from shapes_made import SKEW, even_directions, made, turned
 from quadriform.fitting.mixture import Mixture, density_log_odds
 from quadriform.fitting.superquadric import initial, multistart
 from quadriform.fitting.superquadric.candidates import Candidates
-from quadriform.fitting.superquadric.initial import START_ROTATIONS, ellipsoids, other_kind, principal_axes
+from quadriform.fitting.superquadric.initial import START_ROTATIONS, ellipsoids, principal_axes, starts_not_radial
 from quadriform.fitting.superquadric.levenberg_marquardt import Descent
 from quadriform.fitting.superquadric.multistart import ENOUGH_PAIRS
 from quadriform.fitting.superquadric.problem import SearchProblem
@@ -132,7 +132,7 @@ def test_surfaces_within_a_hundredth_of_the_cost_are_alternatives():
 def test_the_best_candidate_has_the_highest_score_of_equal_ones_the_first():
     taken = []
     of = SimpleNamespace(scores=lambda: np.array([1.0, 3.0, 3.0 + 1e-12]), picked=lambda index: taken.append(index))
-    multistart._best(of)
+    multistart._best_by_score(of)
     assert [each.tolist() for each in taken] == [[1]]
 
 
@@ -183,7 +183,7 @@ def test_most_steps_are_made_on_growing_samples(monkeypatch, n, samples):
     expected += [(n, count, 40, 1e-2), (n, "converge", 40, 1e-10)]
     expected += [] if n % 2 == 0 else [(n, 1, 40, 1e-6)]
     assert log == expected
-    assert found.alternatives == 5 and found.converged
+    assert found.n_alternatives == 5 and found.converged
     assert found.descent.mixture.sigma.tolist() == [0.2]
 
 
@@ -244,7 +244,7 @@ def test_other_kinds_start_from_the_first_part():
     cloud = problem(points, "toroid")
     part = (np.arange(len(points)) % 2).astype(float)
     found, owner = multistart._starts(cloud, np.stack([part, np.ones(len(points))]), START_ROTATIONS[None])
-    expected = other_kind(points[part > 0], "toroid")
+    expected = starts_not_radial(points[part > 0], "toroid")
     np.testing.assert_array_equal(found.log_axes, expected.log_axes)
     np.testing.assert_array_equal(owner, np.zeros(len(expected)))
 

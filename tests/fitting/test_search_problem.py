@@ -38,10 +38,13 @@ def test_a_sample_takes_every_so_many_of_the_points_by_their_distance(most):
     at = [round(49 * k / (count - 1)) if count > 1 else 0 for k in range(count)]
     np.testing.assert_array_equal(of.thinned(most), order[at])
     found = of.sample(most)
-    for name in ("points", "weights", "log_odds", "noise"):
+    for name in ("points", "weights", "log_odds", "relative_noise"):
         np.testing.assert_array_equal(getattr(found, name), getattr(of, name)[order[at]])
     np.testing.assert_allclose(found.empty.weights, np.array([10, 20]) * count / 50)
     assert problem().sample(most).empty is None
+    seen = problem(surroundings=Surroundings(POINTS + 10)).sample(most)
+    np.testing.assert_array_equal(seen.surroundings.viewpoints, seen.points + 10)
+    assert problem().sample(most).surroundings is None
 
 
 @pytest.mark.parametrize("kind", ["ellipsoid", "toroid"])
@@ -209,17 +212,19 @@ def test_a_sensor_sees_at_most_80_degrees_aside(degrees, refused):
 @pytest.mark.parametrize("kind", KINDS)
 def test_unbounded_parameters_lead_back_and_have_their_derivatives(kind):
     body = made(kind, (0.7, 1.3))
-    of = paper._Unbounded(body)
-    start = of.unbounded()
+    of = paper._UnboundedParameters(body)
+    start = of.start()
     found = of.superquadric(start)
     np.testing.assert_allclose(found.parameters, replace(body, height=found.height).parameters, rtol=1e-9, atol=1e-9)
-    values, derivative = of.bound(start)
+    values, derivative = of.in_start_axes(start)
     for k in range(len(start)):
         step = 1e-6 * np.eye(len(start))[k]
-        slope = (of.bound(start + step)[0].parameters[k] - of.bound(start - step)[0].parameters[k]) / 2e-6
+        slope = (
+            of.in_start_axes(start + step)[0].parameters[k] - of.in_start_axes(start - step)[0].parameters[k]
+        ) / 2e-6
         assert derivative[k] == pytest.approx(slope, rel=1e-6)
     for far in (-1e3, 1e3):  # old bug: a semi-axis beyond the height at which two sheets were cut was refused
-        moved, slope = of.bound(np.where(np.isin(np.arange(len(start)), (5, 6, 7)), 0.0, far))
+        moved, slope = of.in_start_axes(np.where(np.isin(np.arange(len(start)), (5, 6, 7)), 0.0, far))
         assert np.isfinite(slope).all() and np.isfinite(moved.parameters).all()
     assert values.exponents == pytest.approx([0.7, 1.3])
 

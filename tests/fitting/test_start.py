@@ -6,14 +6,16 @@ from shapes_made import SKEW, even_directions, made, turned
 
 from quadriform.errors import DegenerateError
 from quadriform.fitting.superquadric.initial import (
+    NOT_RADIAL,
     STARTS,
     ellipsoid_by_moments,
     hyperboloid_by_quadric,
-    other_kind,
     principal_frame,
+    starts_not_radial,
     toroid_by_moments,
 )
 from quadriform.shapes.directions import sphere_grid
+from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.superquadric import Superquadric
 
 EVEN = sphere_grid(6)[0]  # unchanged by every turn of the cube, so its second moments are exactly 1/3 each
@@ -90,16 +92,24 @@ def test_points_of_an_ellipsoid_are_no_hyperboloid():
         hyperboloid_by_quadric(points, "hyperboloid1")
 
 
-@pytest.mark.parametrize("kind", ["ellipsoid", "toroid", "hyperboloid1", "hyperboloid2"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_each_kind_has_its_start(kind):
-    assert STARTS[kind](made(kind, (1, 1)).grid(6)[0]).kind == kind
+    points = made(kind, (1, 1)).grid(6)[0]
+    assert STARTS[kind](points).kind == kind
+    assert (kind in NOT_RADIAL) == (not KINDS[kind].is_radial)
+    assert {found.kind for found in NOT_RADIAL.get(kind, lambda _: [])(points)} <= {kind}
+
+
+def test_a_kind_without_starts_is_not_taken_for_another(rng):
+    with pytest.raises(KeyError, match="a fifth"):
+        starts_not_radial(rng.normal(size=(50, 3)), "a fifth")
 
 
 @pytest.mark.parametrize("kind", ["toroid", "hyperboloid1"])
 def test_the_second_half_of_the_starts_of_a_kind_is_the_first_rotated_by_45_degrees(kind):
     """About their own axis; the mean of both squared semi-axes across it, the semi-axis along it and the rest stay."""
     points = made(kind, semi_axes=(20.0, 12.0, 9.0)).mesh(16).vertices
-    starts = other_kind(points, kind)
+    starts = starts_not_radial(points, kind)
     half = len(starts) // 2
     turned_by = np.swapaxes(starts.rotations[:half], 1, 2) @ starts.rotations[half:]
     diagonal = np.array([1.0, 1.0]) / np.sqrt(2)

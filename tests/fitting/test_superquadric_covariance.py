@@ -117,16 +117,18 @@ def test_no_variance_of_noise_is_below_a_thousandth_of_the_largest(rng):
 def test_noise_with_a_direction_moves_points_back_along_it():
     of = descent()
     weights = of.weights * of.inliers[0]
-    normals = -of.derivatives[0, SHIFT] * of.problem.noise
-    covariance = module._covariance_of_noise(normals, (of.distances[0] * of.problem.noise) ** 2, weights)
+    normals = -of.derivatives[0, SHIFT] * of.problem.relative_noise
+    covariance = module._covariance_of_noise(normals, (of.distances[0] * of.problem.relative_noise) ** 2, weights)
     expected = np.zeros(11)
     for j in range(60):
-        normal, distance = normals[:, j], of.distances[0, j] * of.problem.noise[j]
+        normal, distance = normals[:, j], of.distances[0, j] * of.problem.relative_noise[j]
         towards = covariance @ normal
         across = towards / (normal @ towards) - normal
         across *= min(1, 3 / np.linalg.norm(across))
         back = of.points[j] - of.candidates.rotations[0] @ (distance * across)
-        changed = distances(of.candidates, back[None])[1][0, :, 0] / of.problem.noise[j] - of.derivatives[0, :, j]
+        changed = (
+            distances(of.candidates, back[None])[1][0, :, 0] / of.problem.relative_noise[j] - of.derivatives[0, :, j]
+        )
         expected += weights[j] * of.distances[0, j] * changed / 0.06**2
     np.testing.assert_allclose(module._by_direction_of_noise(of), expected, rtol=1e-7, atol=1e-9)
 
@@ -250,3 +252,13 @@ def test_variances_of_the_surface_are_those_of_its_parameters(kind, rng):
     np.testing.assert_allclose(variances, [row @ root @ root.T @ row for row in rows.T], rtol=1e-9)
     np.testing.assert_array_equal(signed, found[0])
     np.testing.assert_array_equal(surface_at(body, -root @ root.T, points)[1], 0)
+
+
+@pytest.mark.parametrize("number", [0, 4, 5, 10])
+@pytest.mark.parametrize("little", [0.5, 1e-6, 0.0])
+def test_the_part_of_a_parameter_on_which_little_depends_is_determined_least(number, little):
+    """In a unit ball, whose parameters are the internal ones; beside one that is fixed, on which nothing depends."""
+    body, fixed = Candidates.of([Superquadric()]), np.arange(11) == 3
+    derivatives = np.eye(11) * np.where(np.arange(11) == number, little, 1.0) * ~fixed
+    part = {0: "semi-axes", 4: "exponents", 5: "rotation", 10: "translation"}[number]
+    assert identifiability_of(body, derivatives, np.ones(11), 1.0, fixed).weakest == part

@@ -8,7 +8,7 @@ from quadriform import fit_superquadric
 from quadriform.errors import DegenerateError, OptionError
 from quadriform.fitting.superquadric import paper
 from quadriform.fitting.superquadric.candidates import Candidates, distances
-from quadriform.fitting.superquadric.paper import _Unbounded
+from quadriform.fitting.superquadric.paper import _UnboundedParameters
 from quadriform.shapes.control_box import ControlBox
 
 
@@ -81,12 +81,12 @@ def test_the_criterion_falls_and_ends_at_the_answer(rng):
 def test_free_numbers_stand_for_the_start(kind):
     """Logarithms and logits give the start back, and their slopes are derivatives."""
     first = made(kind, (0.6, 1.4))
-    coordinates = _Unbounded(first)
-    free = coordinates.unbounded()
+    coordinates = _UnboundedParameters(first)
+    free = coordinates.start()
     np.testing.assert_allclose(coordinates.superquadric(free).parameters, first.parameters, rtol=1e-12)
-    h, (_, slope) = 1e-6, coordinates.bound(free)
+    h, (_, slope) = 1e-6, coordinates.in_start_axes(free)
     for k in range(len(free)):
-        ends = [coordinates.bound(free + sign * h * np.eye(len(free))[k])[0].parameters[k] for sign in (1, -1)]
+        ends = [coordinates.in_start_axes(free + sign * h * np.eye(len(free))[k])[0].parameters[k] for sign in (1, -1)]
         assert (ends[0] - ends[1]) / (2 * h) == pytest.approx(slope[k], rel=1e-6)
 
 

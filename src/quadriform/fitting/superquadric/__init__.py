@@ -6,10 +6,12 @@ P1 to P14 and the sections are those of docs/equations.md.
     F              the inside-outside function (P1): 1 on the surface, smaller inside, larger outside
     P3             the criterion of the paper: the sum of (F - 1)^2 over the points
     d              the signed distance to first order (P4), (F - 1) / |grad F|; negative inside
-    noise          what is known of the measurement: the standard deviation of each point along the normal, relative
-                   to that of a point of average weight. Distances are divided by it
-    sigma          the estimated standard deviation of the inliers' distances: measurement and misfit together
-    inlier         a point that is more probably of the surface than an outlier, by the mixture of `mixture.py`
+    relative noise what is known of the measurement: the standard deviation of each point along the normal, divided by
+                   the root of the mean variance (`fitting/noise.py`). Distances are divided by it
+    sigma          the estimated standard deviation of the inliers' distances: measurement and misfit together. It is
+                   the `noise` of the result
+    inlier         a point that is more probably of the surface than an outlier, by the mixture of `fitting/mixture.py`.
+                   `inliers` are these probabilities; a mask of inliers is an `inlier_mask`
     accepted       a candidate with at least half of the points as inliers whose distances look independent
     exact          points without noise: sigma is rounding
     covered        a surface with points in most directions from its centre

@@ -140,13 +140,13 @@ class Extent:
     areas: Array
 
     @classmethod
-    def of(cls, kind: str, points: Array, inliers: Array) -> "Extent":
-        """The penalty for points (m, 3) with inlier weights (M, m).
+    def of(cls, kind: str, points: Array, weights: Array) -> "Extent":
+        """The penalty for points (m, 3) that count (M, m) times as inliers: weight times probability.
 
         It is zero where the semi-axes do not give the size: of surfaces with a hole, or cut where the points end.
         """
-        total = inliers.sum(axis=1)
-        fraction = inliers / np.maximum(total, 1e-300)[:, None]
+        total = weights.sum(axis=1)
+        fraction = weights / np.maximum(total, 1e-300)[:, None]
         spread = fraction @ (points**2).sum(axis=1) - ((fraction @ points) ** 2).sum(axis=1)
         return cls(KINDS[kind].is_radial * SIZE_PENALTY * total, 3 * np.maximum(spread, 1e-300))
 

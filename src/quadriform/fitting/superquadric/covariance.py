@@ -52,7 +52,8 @@ def likelihood_covariance(descent: Descent) -> Array:
     """Covariance (p, p) of one candidate's parameters at the end of its descent, in the order of `Identifiability`.
 
     It is estimated on a sample, and zero for fixed parameters. Directions of parameter space in which the information
-    of linear least squares is rounding have the inverse of that rounding, a very large variance.
+    of linear least squares is below 1e-8 of the largest (1 / `UNDETERMINED`, squared) have the inverse of that
+    information, a very large variance; where it is rounding, below 1e-16, that of 1e-16 of the largest.
     """
     index = evenly_chosen(descent.points, COVARIANCE.points)
     fraction = descent.weights[index].sum() / descent.weights.sum()
@@ -61,15 +62,15 @@ def likelihood_covariance(descent: Descent) -> Array:
     estimated = np.flatnonzero(~descent.fixed_mask)
     information = total * _linear(sample)[np.ix_(estimated, estimated)]
     values, vectors = np.linalg.eigh(information)
-    known = values > values[-1] / UNDETERMINED**2
+    determined = values > values[-1] / UNDETERMINED**2
     # in coordinates in which the information is the unit matrix, eigenvalues of the curvature are its ratios to H
-    white = vectors[:, known] / np.sqrt(values[known])
+    white = vectors[:, determined] / np.sqrt(values[determined])
     curvature, axes = np.linalg.eigh(white.T @ (total * _curvature(sample))[np.ix_(estimated, estimated)] @ white)
     # K^-1 = roots roots'; the variance is not below that of linear least squares, for a sample cannot show that
     roots = white @ axes / np.sqrt(np.clip(curvature, COVARIANCE.flattest, 1))
     gradients = total * np.stack([_by_size(sample)[0], _by_direction_of_noise(sample)])[:, estimated]
-    unknown = vectors[:, ~known] / np.sqrt(np.maximum(values[~known], 1e-16 * values[-1]))
-    every = np.concatenate([roots, unknown, roots @ (roots.T @ gradients.T)], axis=1)
+    weak = vectors[:, ~determined] / np.sqrt(np.maximum(values[~determined], 1e-16 * values[-1]))
+    every = np.concatenate([roots, weak, roots @ (roots.T @ gradients.T)], axis=1)
     covariance = np.zeros((len(descent.fixed_mask), len(descent.fixed_mask)))
     covariance[np.ix_(estimated, estimated)] = every @ every.T
     return _of_parameters(descent.candidates, covariance)
@@ -121,14 +122,14 @@ def _by_direction_of_noise(sample: Descent) -> Array:
     d C n / (n' C n); without its part d n along the normal, d (C n / (n' C n) - n) along the surface. The gradient is
     sum_i w_i d_i (change of the derivatives of d_i as the point is moved back by that) / sigma^2.
     """
-    noise = sample.problem.noise
-    weights, offsets = sample.weights * sample.inliers[0], sample.distances[0] * noise
-    normals = -sample.derivatives[0, SHIFT] * noise  # (3, n)
+    relative_noise = sample.problem.relative_noise
+    weights, offsets = sample.weights * sample.inliers[0], sample.distances[0] * relative_noise
+    normals = -sample.derivatives[0, SHIFT] * relative_noise  # (3, n)
     towards = _covariance_of_noise(normals, offsets**2, weights) @ normals
     along = towards / (normals * towards).sum(axis=0) - normals
     along *= np.minimum(1, COVARIANCE.oblique / np.maximum(np.linalg.norm(along, axis=0), 1e-300))
     back = sample.points - (sample.candidates.rotations[0] @ (offsets * along)).T
-    changed = distances(sample.candidates, back)[1][0] / noise - sample.derivatives[0]
+    changed = distances(sample.candidates, back)[1][0] / relative_noise - sample.derivatives[0]
     return changed @ (weights * sample.distances[0]) / sample.mixture.sigma[0] ** 2
 
 

@@ -17,13 +17,21 @@ NEAR_BOUND = 1e-3
 
 
 def not_converged(converged: bool, steps: int) -> Warnings:
-    """MAX_ITERATIONS of a superquadric fit that did not converge."""
+    """MAX_ITERATIONS of a superquadric fit that did not converge in the steps of its last descent, on all points."""
     return {} if converged else {WarningKind.MAX_ITERATIONS: f"the superquadric fit did not converge in {steps} steps"}
 
 
-def undetermined(rank: int, condition: float, parameters: int) -> Warnings:
-    """ILL_CONDITIONED where points do not determine a superquadric."""
-    text = f"the points determine {rank} of {parameters} superquadric parameters, condition {condition:.1e}"
+def undetermined(rank: int, condition: float, parameters: int, weakest: str) -> Warnings:
+    """ILL_CONDITIONED where points do not determine a superquadric, or hardly.
+
+    Args:
+        rank: number of parameters, or of combinations of them, that the points determine.
+        condition: of the derivatives by the parameters.
+        parameters: number of those that were estimated.
+        weakest: the part of the parameters that is determined least (`Identifiability.weakest`).
+    """
+    determined = f"determine {rank} of {parameters}" if rank < parameters else f"hardly determine all {parameters}"
+    text = f"the points {determined} superquadric parameters, least of all the {weakest}, condition {condition:.1e}"
     return {WarningKind.ILL_CONDITIONED: text} if condition > UNDETERMINED else {}
 
 

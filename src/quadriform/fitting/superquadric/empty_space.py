@@ -5,12 +5,12 @@ there are points. So the ray of the sensor in any direction is empty up to the p
 direction, and all along where none was. Rays in the plane of the support are empty too.
 
 The penalty: an empty ray is sampled at K positions. With d(x) the signed distance of a position to a candidate,
-negative inside, and d_min the least one of the ray, the ray counts as one point at the distance min(d_min, 0): a
+negative inside, and d_min the least one of the ray, the ray counts as w points at the distance min(d_min, 0): a
 candidate that contains a piece of it loses the log likelihood
 
     w (log p(0) - log p(min(d_min, 0))),
 
-p the density of a distance by the mixture and w the number of points that the ray stands for.
+p the density of a distance by the mixture. w is the number of points that a ray that meets the body has on average.
 """
 
 from collections.abc import Iterator
@@ -107,48 +107,48 @@ class EmptySpace:
         )
 
 
-def empty_space(surroundings: Surroundings, points: Array, inliers: NDArray[np.bool_]) -> EmptySpace | None:
+def empty_space(surroundings: Surroundings, points: Array, inlier_mask: NDArray[np.bool_]) -> EmptySpace | None:
     """Empty rays around those of all points (n, 3) that are of the body, by a mask (n,); None without any ray."""
-    parts = [*_of_views(surroundings, points, inliers), *_of_support(surroundings, points, inliers)]
+    parts = [*_of_views(surroundings, points, inlier_mask), *_of_support(surroundings, points, inlier_mask)]
     if not parts:
         return None
     return EmptySpace(np.concatenate([p.rays for p in parts]), np.concatenate([p.weights for p in parts]))
 
 
-def _of_views(surroundings: Surroundings, points: Array, inliers: NDArray[np.bool_]) -> Iterator[EmptySpace]:
+def _of_views(surroundings: Surroundings, points: Array, inlier_mask: NDArray[np.bool_]) -> Iterator[EmptySpace]:
     """The empty rays of each position that saw enough inliers."""
     if surroundings.viewpoints is None:
         return
     eyes, view = np.unique(surroundings.viewpoints, axis=0, return_inverse=True)
-    counts = np.bincount(view.reshape(-1), inliers)
+    counts = np.bincount(view.reshape(-1), inlier_mask)
     most = np.argsort(-counts, kind="stable")[: EMPTY.views]
     for number in most[counts[most] >= EMPTY.least]:
-        of = view.reshape(-1) == number
-        yield _seen_from(eyes[number], points[of], inliers[of])
+        seen = view.reshape(-1) == number
+        yield _seen_from(eyes[number], points[seen], inlier_mask[seen])
 
 
-def _of_support(surroundings: Surroundings, points: Array, inliers: NDArray[np.bool_]) -> Iterator[EmptySpace]:
+def _of_support(surroundings: Surroundings, points: Array, inlier_mask: NDArray[np.bool_]) -> Iterator[EmptySpace]:
     """Rays in the plane of the support: parts of the rows of a grid around the inliers' projections onto it."""
-    if surroundings.plane is None or inliers.sum() <= EMPTY.neighbours:
+    if surroundings.plane is None or inlier_mask.sum() <= EMPTY.neighbours:
         return
     at, normal = surroundings.plane
     frame = _frame_about(normal)
-    centres, occupied = _grid_around(((points[inliers] - at) @ frame)[:, :2])
+    centres, occupied = _grid_around(((points[inlier_mask] - at) @ frame)[:, :2])
     on_plane = np.column_stack([centres, np.zeros(len(centres))]) @ frame.T + at
     rays = on_plane.reshape(-1, EMPTY.depths, 3)
-    yield EmptySpace(rays, np.full(len(rays), EMPTY.depths * inliers.sum() / occupied))
+    yield EmptySpace(rays, np.full(len(rays), EMPTY.depths * inlier_mask.sum() / occupied))
 
 
-def _seen_from(eye: Array, points: Array, inliers: NDArray[np.bool_]) -> EmptySpace:
-    """Empty rays of a sensor at a position (3,), around the inliers (n,) of its points (n, 3).
+def _seen_from(eye: Array, points: Array, inlier_mask: NDArray[np.bool_]) -> EmptySpace:
+    """Empty rays of a sensor at a position (3,), around the inliers, by a mask (n,), of its points (n, 3).
 
     Rays that end at the body are left out. Directions are positions in the sensor's image, at unit distance from it.
     """
-    frame = _frame_about((points[inliers] - eye).mean(axis=0))
+    frame = _frame_about((points[inlier_mask] - eye).mean(axis=0))
     local, ranges = (points - eye) @ frame, np.linalg.norm(points - eye, axis=1)
     ahead = local[:, 2] > 0
     image, ranges = local[ahead, :2] / local[ahead, 2:], ranges[ahead]
-    of_body = inliers[ahead]
+    of_body = inlier_mask[ahead]
     centres, occupied = _grid_around(image[of_body])
     near, far = ranges[of_body].min(), ranges[of_body].max()
     # a body extends behind what is seen of it, at most as far as it is wide there
@@ -195,11 +195,11 @@ def _empty_range(
     octave = np.floor(np.log2(np.maximum(radii / radii.max(), 1e-9))).astype(np.int64)
     ends, passes = np.full(len(centres), np.inf), np.ones(len(centres), dtype=np.bool_)
     for number in np.unique(octave):
-        of = np.flatnonzero(octave == number)
-        distance, near = cKDTree(image[of]).query(centres, k=[*range(1, min(count, len(of)) + 1)])
-        within = distance <= radii[of][near]
-        ends = np.minimum(ends, np.where(within, ranges[of][near], np.inf).min(axis=1) - EMPTY.margin)
-        passes &= ~(within & of_body[of][near]).any(axis=1)
+        group = np.flatnonzero(octave == number)
+        distance, near = cKDTree(image[group]).query(centres, k=[*range(1, min(count, len(group)) + 1)])
+        within = distance <= radii[group][near]
+        ends = np.minimum(ends, np.where(within, ranges[group][near], np.inf).min(axis=1) - EMPTY.margin)
+        passes &= ~(within & of_body[group][near]).any(axis=1)
     return ends, passes
 
 

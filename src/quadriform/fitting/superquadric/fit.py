@@ -66,16 +66,19 @@ def fit_superquadric(
             inside-outside function, by conjugate gradient from the ellipsoid with the moments of the points.
         weights: (n,), >= 0; a point of weight k counts as k points, one of weight 0 does not count. Not for a mesh,
             whose points are chosen here.
-        fixed: values of "semi_axes", "exponents", "rotation" or "translation" that are fixed.
+        fixed: values of "semi_axes" (3,), "exponents" (2,), "rotation" (3, 3) or "translation" (3,) that are fixed, as
+            those of `Superquadric`: in the unit and frame of the points.
         noise: of the measurement, only for "robust": a standard deviation, one for each point (n,), or covariances
             (n, 3, 3), in the unit of the points; of a mesh a standard deviation. Each distance is divided by the
             standard deviation of its point along the normal that its neighbours suggest, before any fit, relative to
             the others; and the estimated noise of the fit is at least the known one.
         viewpoint: position (3,) of the sensor, or for each point (n, 3) where it was seen from, in the unit and frame
-            of the points; only for "robust". Surface in its view, where it measured nothing, is penalised. Positions
-            that fewer than 100 points have in common say nothing.
-        support: a plane that the body does not pass, as (point, normal), such as the table it stands on; its side is
-            that of most points. Only for "robust".
+            of the points; only for "robust". Surface in its view, where it measured nothing, is penalised. Points have
+            a position in common where all its digits are equal. The eight positions that saw most inliers are used,
+            of these only those that saw at least 100.
+        support: a plane that the body does not pass, as (point, normal), such as the table it stands on, in the unit
+            and frame of the points; its side is that of most points. At most a quarter of the points may lie beyond it,
+            so the points of the table itself are to be removed first. Only for "robust".
 
     Raises:
         PointsError, DegenerateError, OptionError: the input cannot be fitted.
@@ -84,10 +87,13 @@ def fit_superquadric(
     choose(method, ("robust", "paper"), "method")
     checked = point_set(points, weights=weights)
     world = checked.points
-    known = checked.noise if noise is None else check_noise(noise, len(world))
+    covariances = checked.noise if noise is None else check_noise(noise, len(world))
+    # as the points, these stay in the unit in which they were given (`fit` converts both: `surroundings_by_name`)
     surroundings = None if viewpoint is None and support is None else Surroundings.of(world, viewpoint, support)
     if method == "robust":
-        found = fit_robust(world, kind, check_weights(weights, len(world)), dict(fixed or {}), known, surroundings)
+        found = fit_robust(
+            world, kind, check_weights(weights, len(world)), dict(fixed or {}), covariances, surroundings
+        )
     elif weights is not None or fixed or noise is not None or surroundings is not None:
         raise OptionError(
             "method='paper' takes neither weights nor fixed, noise, viewpoint or support; use method='robust'"
@@ -129,28 +135,31 @@ def fit_robust(
     centred = Centred.of({ALONE: world}, {ALONE: weights})
     frame, distinct = centred.frame, centred.distinct[ALONE]
     local = centred.points[ALONE]
-    known = KnownNoise.of({} if noise is None else {ALONE: noise}, centred)
+    known_noise = KnownNoise.of({} if noise is None else {ALONE: noise}, centred)
     problem = SearchProblem(
         local,
         centred.weights[ALONE],
         kind,
         fixed=_fixed_to_local(fixed, frame),
         log_odds=np.zeros(len(local)),
-        noise=known.deviations(ALONE, centred),
-        least_sigma=known.least_sigma,
+        relative_noise=known_noise.deviations(ALONE, centred),
+        least_sigma=known_noise.least_sigma,
         surroundings=None if surroundings is None else surroundings.to_local(distinct, frame),
     )
     with np.errstate(all="ignore"):
         solution = solve(problem)
     inliers = distinct.expand_to_duplicates(solution.descent.inliers[0])
-    fit = fit_to_world(_outcome(solution, frame.to_local(world), inliers, known.least_sigma), frame)
+    fit = fit_to_world(_outcome(solution, frame.to_local(world), inliers, known_noise.least_sigma), frame)
     return replace(fit, warnings=fit.warnings | duplicates(distinct.copies, len(world)))
 
 
 def plain_ellipsoid(points: Array, robust: Superquadric) -> Superquadric:
-    """The true ellipsoid, with exponents of one, that is reached from the moments of all points or their robust fit."""
+    """The true ellipsoid, with exponents of one, that is reached from the moments of all points or their robust fit.
+
+    Points (n, 3), `robust` and the result are in the centred, scaled frame.
+    """
     ones, fixed = np.ones(len(points)), {"exponents": np.ones(2)}
-    problem = SearchProblem(points, ones, "ellipsoid", fixed, log_odds=np.zeros(len(points)), noise=ones)
+    problem = SearchProblem(points, ones, "ellipsoid", fixed, log_odds=np.zeros(len(points)), relative_noise=ones)
     with np.errstate(all="ignore"):
         return best_of_descents(problem, [ellipsoid_by_moments(points), robust])
 
@@ -185,14 +194,14 @@ def _outcome(solution: SearchResult, points: Array, inliers: Array, least_sigma:
     state = identifiability_of(descent.candidates, descent.derivatives[0], weights, sigma, descent.fixed_mask)
     steps = len(descent.history)
     warnings = (
-        undetermined(state.rank, state.condition, int((~descent.fixed_mask).sum()))
+        undetermined(state.rank, state.condition, descent.problem.n_estimated, state.weakest)
         | near_symmetric(state.symmetric)
         | outliers(inliers)
         | partial_coverage(covered_fraction(found, points[inliers >= INLIER]), inliers)
         # sigma is the RMS distance of the inliers, so it is judged like one distance
         | poor_fit(np.array([sigma]), limit=POOR_SUPERQUADRIC, known=least_sigma**2)
         | at_bound(found, descent.problem.longest)
-        | multiple_minima(solution.alternatives)
+        | multiple_minima(solution.n_alternatives)
         | not_converged(solution.converged, steps)
     )
     # without noise the distances are rounding, and so is the curvature of their likelihood

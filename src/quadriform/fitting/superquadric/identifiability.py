@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from quadriform.fitting.superquadric.candidates import AXES, HOLE, POWERS, ROTATION, SHIFT, Candidates, distances
 from quadriform.fitting.superquadric.diagnostics import UNDETERMINED
 from quadriform.fitting.superquadric.levenberg_marquardt import EXPONENT_SPREAD
+from quadriform.fitting.superquadric.problem import PART_OF_PARAMETER, PARTS
 from quadriform.points import Array
 from quadriform.shapes.superellipse import quiet
 from quadriform.shapes.superquadric import Superquadric
@@ -28,6 +29,8 @@ class Identifiability:
         rank: of the derivatives of the distances by the parameters that were not fixed.
         condition: their largest singular value over the smallest.
         symmetric: whether a rotation of the surface is undetermined.
+        weakest: the part of the parameters ("semi-axes", "rotation" ...) that changes most in the directions that are
+            determined least, those beyond the condition `UNDETERMINED`, or the one of the smallest singular value.
         covariance: (p, p) in the order a1 a2 a3, e1 e2, three rotations about the object's own axes in radians,
             tx ty tz, hole radius; zero for fixed parameters.
     """
@@ -35,6 +38,7 @@ class Identifiability:
     rank: int
     condition: float
     symmetric: bool
+    weakest: str
     covariance: Array
 
 
@@ -49,7 +53,7 @@ def identifiability_of(
         derivatives: (p, n) of the distances by its internal parameters.
         weights: (n,) weights times inlier probabilities.
         sigma: noise.
-        fixed: (p,) parameters that were not estimated.
+        fixed: (p,) mask of the parameters that were not estimated.
     """
     estimated = np.flatnonzero(~fixed)
     rows = (_by_parameters(candidate, derivatives) * np.sqrt(weights))[estimated]
@@ -63,7 +67,15 @@ def identifiability_of(
     condition = float(singular[0] / max(singular[-1], 1e-300))
     rotation_sigma = np.sqrt(max(np.linalg.eigvalsh(covariance[ROTATION, ROTATION])[-1], 0))
     symmetric = bool((rotating > PURE_ROTATION).any() or rotation_sigma > SYMMETRIC_ROTATION)
-    return Identifiability(rank, condition, symmetric, covariance)
+    return Identifiability(
+        rank, condition, symmetric, _weakest(weak if weak.size else left[:, -1:], estimated), covariance
+    )
+
+
+def _weakest(directions: Array, estimated: NDArray[np.intp]) -> str:
+    """The part of the parameters that orthonormal directions (k, m), in the k estimated ones, change most."""
+    changes = [(directions[PART_OF_PARAMETER[estimated] == name] ** 2).sum() for name in PARTS]
+    return PARTS[int(np.argmax(changes))].replace("semi_axes", "semi-axes").replace("_", " ")
 
 
 @quiet
@@ -102,5 +114,5 @@ def _inverse(information: Array, estimated: NDArray[np.intp]) -> Array:
     information = information + np.diag(np.isin(estimated, np.r_[POWERS]) / EXPONENT_SPREAD**2)
     values, vectors = np.linalg.eigh(information)
     floored = np.maximum(values, 1e-16 * values[-1])
-    known = np.where(values < ROUNDING * values[-1], np.minimum(floored, 1.0), floored)
-    return (vectors / known) @ vectors.T
+    precision = np.where(values < ROUNDING * values[-1], np.minimum(floored, 1.0), floored)
+    return (vectors / precision) @ vectors.T

@@ -58,6 +58,8 @@ START_ROTATIONS = np.concatenate([ORDERS, ORDERS @ EIGHTH])
 degrees about z. A shape with the exponent e2 is nearly the same as one rotated by 45 degrees with 2 - e2 (its dual), so
 that a search needs starts in both frames."""
 CUTS = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
+QUADRIC_SIGNS = {"hyperboloid1": (1.0, 1.0, -1.0), "hyperboloid2": (1.0, -1.0, -1.0)}
+"""Signs of the squares of x / a1, y / a2 and z / a3, whose sum is 1 on a hyperboloid with exponents of one."""
 
 
 def principal_frame(points: Array) -> tuple[Array, Array, Array]:
@@ -149,14 +151,14 @@ def hyperboloid_by_quadric(points: Array, kind: str) -> Superquadric:
 
 
 def hyperboloids(points: Array, kind: str) -> list[Superquadric]:
-    """The quadrics +-(x/a1)^2 +-(y/a2)^2 - (z/a3)^2 = 1 nearest to (n, 3) points, in all orders of candidate axes.
+    """The quadrics +-(x/a1)^2 +-(y/a2)^2 +-(z/a3)^2 = 1 nearest to (n, 3) points, in all orders of candidate axes.
 
-    Those of the right kind only, the best first.
+    The signs are those of `QUADRIC_SIGNS`; only quadrics of that kind are returned, the best first.
 
     Raises:
         DegenerateError: there is none.
     """
-    signs = np.array([1.0, 1.0, -1.0] if kind == "hyperboloid1" else [1.0, -1.0, -1.0])
+    signs = np.array(QUADRIC_SIGNS[kind])
     found: list[tuple[float, Superquadric]] = []
     for (centre, axes), order in product(_frames(points), permutations(range(3))):
         rotated = _right_handed(axes[:, order])
@@ -185,10 +187,9 @@ def _hyperboloid(points: Array, kind: str, centre: Array, axes: Array, sizes: Ar
 STARTS: dict[str, Callable[[Array], Superquadric]] = {
     "ellipsoid": ellipsoid_by_moments,
     "toroid": toroid_by_moments,
-    "hyperboloid1": partial(hyperboloid_by_quadric, kind="hyperboloid1"),
-    "hyperboloid2": partial(hyperboloid_by_quadric, kind="hyperboloid2"),
+    **{kind: partial(hyperboloid_by_quadric, kind=kind) for kind in QUADRIC_SIGNS},
 }
-"""The paper's one start for each kind."""
+"""The one start of the paper's method, for every kind."""
 
 
 def cut_to(found: Superquadric, points: Array) -> Superquadric:
@@ -200,9 +201,9 @@ def cut_to(found: Superquadric, points: Array) -> Superquadric:
     return replace(found, height=max(reach, 1.001 * KINDS[found.kind].least_cut * found.semi_axes[axis]))
 
 
-def neighbour_distance(points: Array, cloud: Array) -> Array:
-    """Distances (n,) of points (n, 3) to the last of their nearest neighbours in a cloud, maybe a sample of them."""
-    return cKDTree(cloud).query(points, min(START.neighbours, len(cloud) - 1) + 1)[0][:, -1]
+def neighbour_distance(points: Array, sampled: Array) -> Array:
+    """Distances (n,) of points (n, 3) to the last of their nearest neighbours among all of them or a sample (m, 3)."""
+    return cKDTree(sampled).query(points, min(START.neighbours, len(sampled) - 1) + 1)[0][:, -1]
 
 
 def dense_parts(points: Array) -> Array:
@@ -236,8 +237,8 @@ def _moments(points: Array, weights: Array) -> tuple[Array, Array]:
 def bound_of_axes(points: Array) -> float:
     """The largest semi-axis in a fit: 2 / sqrt(3) times the largest extent of points (n, 3) along a principal axis.
 
-    By the root of three, the extent of a cube along its diagonal over that along a side, it hardly depends on the axes
-    that a cloud without principal axes happens to have.
+    A cube has no principal axes, and its extent is sqrt(3) times larger along a diagonal than along a side. The factor
+    keeps the bound within twice the side, whichever axes are taken.
     """
     _, values, axes = np.linalg.svd(points, full_matrices=False)
     axes = canonical_axes(values**2, axes.T, points)
@@ -279,16 +280,28 @@ def ellipsoids(points: Array, weights: Array, rotations: Array) -> Candidates:
     )
 
 
-def other_kind(points: Array, kind: str) -> Candidates:
-    """Starts of a toroid or hyperboloid about several axes, each also rotated by 45 degrees about its own."""
-    first = tori(points) if kind == "toroid" else hyperboloids(points, kind)
+NOT_RADIAL: dict[str, Callable[[Array], list[Superquadric]]] = {
+    "toroid": tori,
+    **{kind: partial(hyperboloids, kind=kind) for kind in QUADRIC_SIGNS},
+}
+"""The starts of the robust search, for every kind whose surface does not lie around its centre (`is_radial`). The
+others start from `ellipsoids`."""
+
+
+def starts_not_radial(points: Array, kind: str) -> Candidates:
+    """The starts of `NOT_RADIAL`, then each of them rotated by 45 degrees about its z axis (`_eighth_rotated`)."""
+    first = NOT_RADIAL[kind](points)
     return Candidates.of(first + [_eighth_rotated(s) for s in first])
 
 
 def _eighth_rotated(s: Superquadric) -> Superquadric:
+    """A start rotated by 45 degrees about its z axis, with the RMS of both semi-axes across it for each of them.
+
+    A toroid and one sheet lie around z, and e2 is the exponent of their section: the result is a start near the dual of
+    the shape (`START_ROTATIONS`). Two sheets lie along x: theirs is a further start, with an axis between x and y.
+    """
     size = np.sqrt((s.semi_axes[:2] ** 2).mean())
-    axes = np.array([size, size, s.semi_axes[2]])
-    return Superquadric(s.kind, axes, s.exponents, s.rotation @ EIGHTH, s.translation, s.hole_radius, s.height)
+    return replace(s, semi_axes=np.array([size, size, s.semi_axes[2]]), rotation=s.rotation @ EIGHTH)
 
 
 def canonical_axes(values: Array, axes: Array, points: Array) -> Array:

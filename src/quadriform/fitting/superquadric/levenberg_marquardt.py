@@ -4,9 +4,9 @@ It maximises, within bounds, for each candidate
 
     sum_i w_i log p(d_i) - sum over both exponents of (e - 1)^2 / (2 s^2) - penalty on the size - penalty of empty space
 
-over the parameters of the candidate. p is the density of a distance by the mixture (`mixture.py`), d_i the distance of
-a point divided by its relative noise, and s the standard deviation of a weak prior on the exponents. Parameters and
-mixture are changed in turn.
+over the parameters of the candidate. p is the density of a distance by the mixture (`fitting/mixture.py`), d_i the
+distance of a point divided by its relative noise, and s the standard deviation of a weak prior on the exponents.
+Parameters and mixture are changed in turn.
 """
 
 from collections.abc import Callable
@@ -76,19 +76,21 @@ class Descent:
     def _standardised(self, candidates: Candidates) -> tuple[Array, Array]:
         """Distances and their derivatives, divided by the relative noise of the points."""
         found, derivatives = distances(candidates, self.points)
-        return found / self.problem.noise, derivatives / self.problem.noise
+        return found / self.problem.relative_noise, derivatives / self.problem.relative_noise
 
     def picked(self, index: NDArray[np.int64]) -> tuple[Candidates, Mixture]:
         """The chosen candidates and their mixtures."""
         return self.candidates.take(index), self.mixture.take(index)
 
     def scores(self) -> Array:
-        """Log likelihood (M,) less the penalties, corrected for the p parameters by p log sigma.
+        """Log likelihood (M,) less the penalties, corrected for the p parameters that are estimated by p log sigma.
 
         The log likelihood of n inliers contains -n log sigma. With the correction the term is -(n - p) log sigma, for
-        only n - p degrees of freedom are left after p parameters were fitted.
+        only n - p degrees of freedom are left after p parameters were fitted. The prior on the exponents, which the
+        descent also maximises, is left out: it is to keep exponents where points do not determine them, not to prefer
+        one candidate to another.
         """
-        correction = self.candidates.n_parameters * np.log(self.mixture.sigma)
+        correction = self.problem.n_estimated * np.log(self.mixture.sigma)
         likelihood = (self.weights * self.log_density).sum(axis=1)
         return likelihood + correction - self._penalties(self.candidates, self.extent())
 
@@ -102,24 +104,24 @@ class Descent:
         return Extent.of(self.candidates.kind, self.points, self.problem.size * self.weights * self.inliers)
 
     def run(self, iterations: int, reestimate: Reestimate, tolerance: float = 0.0) -> bool:
-        """Make damped steps in place until the change of all candidates is below a tolerance, or their number.
+        """Whether all candidates converged, after damped steps in place.
 
-        Returns:
-            Whether all converged. A step that was rejected and is short by its damping is no convergence: the
-            derivatives at foot points differ a little from those of the likelihood, so that shorter steps would be
-            rejected too. With a tolerance of zero all steps are made.
+        The steps end when the change of all candidates is below the tolerance (`_change`), and at the latest after
+        `iterations`; with a tolerance of zero all are made. A step that was rejected and is short by its damping is no
+        convergence: the derivatives at foot points differ a little from those of the likelihood, so that shorter steps
+        would be rejected too.
         """
         for _ in range(iterations):
             step = self._step()
             change = self._change(step)
-            accepted = self._try(step)
+            taken = self._try(step)
             self._set_mixture(reestimate(self))
             if (change < tolerance).all():
-                return bool((accepted | (self.damping < DESCENT.damped)).all())
+                return bool((taken | (self.damping < DESCENT.damped)).all())
         return False
 
     def converge(self, iterations: int, reestimate: Reestimate, tolerance: float) -> bool:
-        """Make undamped, accelerated steps of one candidate in place, up to the fixed point of their map.
+        """Whether undamped, accelerated steps of one candidate, in place, converged to the fixed point of their map.
 
         The map takes parameters and mixture to those after an undamped step and a re-estimation. With derivatives at
         foot points its fixed point is not quite the maximum of the likelihood of first-order distances. So the length
@@ -127,8 +129,9 @@ class Descent:
         the p parameters, each step in the frame that the candidate had before it, then the coordinates of the mixture
         relative to the first.
 
-        Returns:
-            Whether the last step was below the tolerance; otherwise the candidate is what it was before.
+        They have converged when a step is below the tolerance. Otherwise the candidate and its mixture are again what
+        they were before, but the damping is zero, so that `run` goes on from a Gauss-Newton step, and the history keeps
+        the steps, with one entry more for the return.
         """
         before = self.candidates, self.mixture
         self.damping = np.zeros(len(self.candidates))
@@ -162,7 +165,7 @@ class Descent:
         self.inliers, self.log_density = mixture.densities(self.distances, self.problem.log_odds)
 
     def _step(self) -> Array:
-        """The damped Gauss-Newton step (M, n_parameters) of the weighted squares and the prior."""
+        """The damped Gauss-Newton step (M, n_parameters) of the weighted squares, the prior and both penalties."""
         weighted = self.derivatives * (self.weights * self.inliers)[:, None]
         normal = weighted @ np.swapaxes(self.derivatives, 1, 2)
         gradient = (weighted @ self.distances[:, :, None])[..., 0]
@@ -216,13 +219,13 @@ class Descent:
             (self.weights * density).sum(axis=1) + _log_prior(each) - self._penalties(each, extent)
             for density, each in ((self.log_density, self.candidates), (log_density, moved))
         )
-        accepted = after >= before
-        self.candidates = moved.where(accepted, self.candidates)
-        self.distances = np.where(accepted[:, None], found, self.distances)
-        self.derivatives = np.where(accepted[:, None, None], derivatives, self.derivatives)
-        self.inliers = np.where(accepted[:, None], inliers, self.inliers)
-        self.damping = np.clip(np.where(accepted, self.damping / 5, self.damping * 4), 1e-12, 1e8)
-        return accepted
+        taken = after >= before
+        self.candidates = moved.where(taken, self.candidates)
+        self.distances = np.where(taken[:, None], found, self.distances)
+        self.derivatives = np.where(taken[:, None, None], derivatives, self.derivatives)
+        self.inliers = np.where(taken[:, None], inliers, self.inliers)
+        self.damping = np.clip(np.where(taken, self.damping / 5, self.damping * 4), 1e-12, 1e8)
+        return taken
 
 
 def _log_prior(candidates: Candidates) -> Array:

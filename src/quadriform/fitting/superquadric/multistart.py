@@ -2,7 +2,8 @@
 
 Coarse to fine: candidates are annealed and compared on a small even sample (each k-th point by distance from the
 centroid), and the distinct best ones again on a larger one. A wider search from parts of the cloud follows only where
-the best is not accepted (`acceptable`). Starts from boxes around the inliers of the best are then compared with it
+the best is not accepted (`acceptable`). In this module `sampled` is the problem of the largest sample, from which all
+others are taken until the final descent. Starts from boxes around the inliers of the best are then compared with it
 (`restarts`). The best, with its alternatives, continues on larger samples and converges on all points.
 """
 
@@ -24,9 +25,9 @@ from quadriform.fitting.superquadric.initial import (
     dense_parts,
     ellipsoids,
     neighbour_distance,
-    other_kind,
     principal_axes,
     sides,
+    starts_not_radial,
 )
 from quadriform.fitting.superquadric.levenberg_marquardt import Descent
 from quadriform.fitting.superquadric.problem import SearchProblem
@@ -53,18 +54,17 @@ class SearchResult:
     Attributes:
         descent: that of the best candidate, at its end.
         converged: whether it converged.
-        alternatives: number of other surfaces that explain the points equally well.
+        n_alternatives: number of other surfaces that explain the points equally well.
     """
 
     descent: Descent
     converged: bool
-    alternatives: int
+    n_alternatives: int
 
 
 def em(descent: Descent) -> Mixture:
     """The mixture re-estimated."""
-    count = int((~descent.fixed_mask).sum())
-    found = estimated(descent.distances, descent.inliers, descent.weights, count)
+    found = estimated(descent.distances, descent.inliers, descent.weights, descent.problem.n_estimated)
     return replace(found, sigma=np.maximum(found.sigma, descent.problem.least_sigma))
 
 
@@ -74,29 +74,31 @@ def solve(problem: SearchProblem) -> SearchResult:
     1. The narrow search, with starts from two dense parts of the cloud.
     2. Where its best candidate is not accepted: the wide search, also with starts from parts on one side of a plane,
        for the dense parts may contain more than one body.
-    3. Where the best has outliers and is not known to be noisy: a search for a surface through all points, which ends
-       the search if it finds one, for exact points that are sampled unevenly may look like outliers.
+    3. Where the best has outliers and is not known to be noisy: a search for a surface through all points, for exact
+       points that are sampled unevenly may look like outliers. If it finds one, its descent on all points is the
+       result. Viewpoints and support are then not used: points without noise determine their surface alone.
     4. Where it has outliers: the log odds of each point by its density, for outliers are sparse.
-    5. Restarts from boxes around the inliers, for a surface may be too long where points are on one side only.
-    6. The descent of the best and its alternatives on all points.
+    5. Where viewpoints or a support are known: the empty space around the inliers, a penalty in all further steps.
+    6. Restarts from boxes around the inliers, for a surface may be too long where points are on one side only.
+    7. The descent of the best and its alternatives on all points.
 
-    Steps 2 and 3, and the restarts of step 5, are only for kinds whose surface lies around their centre (`is_radial`).
+    Steps 2 and 3, and the restarts of step 6, are only for kinds whose surface lies around their centre (`is_radial`).
     """
-    cloud = problem.sample(SEARCH.cloud)
-    parts = dense_parts(cloud.points)
+    sampled = problem.sample(SEARCH.density_points)
+    parts = dense_parts(sampled.points)
     core = parts[0] > 0
-    longest = bound_of_axes(cloud.points[core])
-    problem, cloud = replace(problem, longest=longest), replace(cloud, longest=longest)
-    starts = annealed_starts(cloud, parts, orientations(cloud, parts, START_ROTATIONS), SEARCH.coarse)
-    found = compared(cloud, starts, SEARCH.kept, None)
+    longest = bound_of_axes(sampled.points[core])
+    problem, sampled = replace(problem, longest=longest), replace(sampled, longest=longest)
+    starts = annealed_starts(sampled, parts, orientations(sampled, parts, START_ROTATIONS), SEARCH.coarse)
+    found = compared(sampled, starts, SEARCH.kept, None)
     accepted = acceptable(found)
     if KINDS[problem.kind].is_radial and not accepted[best_first(found.scores())[0]]:
-        found = wider(cloud, np.concatenate([parts, sides(cloud.points, core)]), found)
+        found = wider(sampled, np.concatenate([parts, sides(sampled.points, core)]), found)
         accepted = acceptable(found)
     best = best_first(_ranking(found, accepted))[:1]
     if found.mixture.inlier_ratio[best[0]] < LARGEST_RATIO:
         noisy = accepted[best[0]] and found.mixture.sigma[best[0]] > SEARCH.maybe_exact
-        if not noisy and (exact := through_all_points(cloud)):
+        if not noisy and (exact := through_all_points(sampled)):
             return _final_descent(problem, exact, 0)
         problem = _with_density_log_odds(problem, found.picked(best))
     problem, found = _restarted_with_connected(_with_empty_space(problem, found.picked(best)), found)
@@ -106,11 +108,11 @@ def solve(problem: SearchProblem) -> SearchResult:
 
 def best_of_descents(problem: SearchProblem, starts: list[Superquadric]) -> Superquadric:
     """The best surface that descents from given starts reach on a sample, without a search and to about two digits."""
-    cloud = problem.sample(SEARCH.fine)
-    cloud = replace(cloud, longest=bound_of_axes(cloud.points))
-    candidates = cloud.with_fixed(Candidates.of(starts))
+    sampled = problem.sample(SEARCH.fine)
+    sampled = replace(sampled, longest=bound_of_axes(sampled.points))
+    candidates = sampled.with_fixed(Candidates.of(starts))
     # as many steps as annealing has, but with all points as inliers, for the starts are near already
-    descent = _with_all_inliers(cloud, candidates, SEARCH.annealing_steps)
+    descent = _with_all_inliers(sampled, candidates, SEARCH.annealing_steps)
     descent.run(SEARCH.most_steps, em, SEARCH.damped_tolerance)
     return descent.candidates.superquadric(int(best_first(descent.scores())[0]))
 
@@ -132,13 +134,13 @@ def _with_empty_space(problem: SearchProblem, best: Estimated) -> SearchProblem:
     """The problem with the empty space around the inliers of the best candidate."""
     if problem.surroundings is None:
         return problem
-    inliers = _inliers(problem, *best) >= INLIER
-    return replace(problem, empty=empty_space(problem.surroundings, problem.points, inliers))
+    inlier_mask = _inliers(problem, *best) >= INLIER
+    return replace(problem, empty=empty_space(problem.surroundings, problem.points, inlier_mask))
 
 
 def _with_density_log_odds(problem: SearchProblem, best: Estimated) -> SearchProblem:
     """The problem with the log odds of the points by their density, for a best candidate with outliers."""
-    distances = neighbour_distance(problem.points, problem.sample(SEARCH.cloud).points)
+    distances = neighbour_distance(problem.points, problem.sample(SEARCH.density_points).points)
     return replace(problem, log_odds=density_log_odds(distances, _inliers(problem, *best)))
 
 
@@ -148,7 +150,7 @@ def _restarted_with_connected(problem: SearchProblem, found: Descent) -> tuple[S
     A surface that extends where the body has no data may be so long that it reaches a neighbouring body. The points
     there are then inliers, and keep the surface long, until they are left out.
     """
-    found = restarted(problem.sample(SEARCH.cloud), found)
+    found = restarted(problem.sample(SEARCH.density_points), found)
     for _ in range(RESTART.rounds):
         others = _unconnected_inliers(problem, found)
         if not len(others):
@@ -156,40 +158,40 @@ def _restarted_with_connected(problem: SearchProblem, found: Descent) -> tuple[S
         log_odds = problem.log_odds.copy()
         log_odds[others] = SEARCH.never
         problem = replace(problem, log_odds=log_odds)
-        found = restarted(problem.sample(SEARCH.cloud), found)
+        found = restarted(problem.sample(SEARCH.density_points), found)
     return problem, found
 
 
 def _unconnected_inliers(problem: SearchProblem, found: Descent) -> NDArray[np.int64]:
     """Indices of inliers of the best candidate that are not connected to the others; none of a covered surface."""
-    candidate, mixture = _best_ranked(found)
-    inliers = np.flatnonzero(_inliers(problem, candidate, mixture) >= INLIER)
-    surface, points = candidate.superquadric(0), problem.points[inliers]
+    candidate, mixture = _best_by_ranking(found)
+    inlier_index = np.flatnonzero(_inliers(problem, candidate, mixture) >= INLIER)
+    surface, points = candidate.superquadric(0), problem.points[inlier_index]
     if covered_fraction(surface, points) >= COVERED:
-        return inliers[:0]
-    return inliers[unconnected(points)]
+        return inlier_index[:0]
+    return inlier_index[unconnected(points)]
 
 
-def wider(cloud: SearchProblem, parts: Array, earlier: Descent) -> Descent:
+def wider(sampled: SearchProblem, parts: Array, earlier: Descent) -> Descent:
     """The comparison after a search from many parts, and one from the inliers of its best along their own axes."""
-    of_parts = annealed_starts(cloud, parts, orientations(cloud, parts, UPRIGHT), SEARCH.coarse_wide)
+    of_parts = annealed_starts(sampled, parts, orientations(sampled, parts, UPRIGHT), SEARCH.coarse_wide)
     chosen, mixture = of_parts.picked(distinct(of_parts, of_parts.scores(), SEARCH.kept_wide))
-    inliers = Descent(cloud, chosen, mixture).inliers
+    inliers = Descent(sampled, chosen, mixture).inliers
     rotations = chosen.rotations[:, None] @ START_ROTATIONS
-    of_inliers = annealed_starts(cloud, inliers, rotations, SEARCH.coarse_wide)
-    return compared(cloud, of_inliers, SEARCH.kept_wide, earlier)
+    of_inliers = annealed_starts(sampled, inliers, rotations, SEARCH.coarse_wide)
+    return compared(sampled, of_inliers, SEARCH.kept_wide, earlier)
 
 
-def through_all_points(cloud: SearchProblem) -> Estimated | None:
+def through_all_points(sampled: SearchProblem) -> Estimated | None:
     """A superellipsoid that passes through every point of a sample exactly, if one is found.
 
     The search may take exact points that are sampled unevenly for outliers. Here all are inliers, and starts are made
     in the axes of the whole cloud and then, twice, in those of the best results.
     """
-    if not KINDS[cloud.kind].is_radial:
+    if not KINDS[sampled.kind].is_radial:
         return None
-    subset = cloud.sample(SEARCH.coarse)
-    rotations = orientations(cloud, np.ones((1, len(cloud.points))), START_ROTATIONS)
+    subset = sampled.sample(SEARCH.coarse)
+    rotations = orientations(sampled, np.ones((1, len(sampled.points))), START_ROTATIONS)
     for _ in range(SEARCH.exact_rounds):
         made = ellipsoids(subset.points, np.tile(subset.weights, (len(rotations), 1)), rotations)
         descent = _with_all_inliers(subset, subset.with_fixed(made), SEARCH.maybe_exact_steps)
@@ -203,49 +205,49 @@ def through_all_points(cloud: SearchProblem) -> Estimated | None:
     return None
 
 
-def restarted(cloud: SearchProblem, found: Descent) -> Descent:
-    """The best candidates on the whole cloud, with those that start from boxes around the inliers of the best."""
-    found = _on_all(cloud, *found.picked(distinct(found, _ranking(found, acceptable(found)), SEARCH.kept)))
-    for _ in range(RESTART.rounds if KINDS[cloud.kind].is_radial else 0):
-        best, mixture = _best_ranked(found)
-        inliers = _inliers(cloud, best, mixture)
-        if covered_fraction(best.superquadric(0), cloud.points[inliers >= INLIER]) >= COVERED:
+def restarted(sampled: SearchProblem, found: Descent) -> Descent:
+    """The best candidates on the whole sample, with those that start from boxes around the inliers of the best."""
+    found = _on_all(sampled, *found.picked(distinct(found, _ranking(found, acceptable(found)), SEARCH.kept)))
+    for _ in range(RESTART.rounds if KINDS[sampled.kind].is_radial else 0):
+        best, mixture = _best_by_ranking(found)
+        inliers = _inliers(sampled, best, mixture)
+        if covered_fraction(best.superquadric(0), sampled.points[inliers >= INLIER]) >= COVERED:
             break  # points on all sides determine the size
-        others, their_mixture = _from_boxes(cloud, inliers, best, mixture)
-        found = _on_all(cloud, best.joined(others), mixture.joined(their_mixture))
+        others, their_mixture = _from_boxes(sampled, inliers, best, mixture)
+        found = _on_all(sampled, best.joined(others), mixture.joined(their_mixture))
         if best_first(_ranking(found, acceptable(found)))[0] == 0:
             break  # none of the restarts is better
     return found
 
 
-def _on_all(cloud: SearchProblem, candidates: Candidates, mixture: Mixture) -> Descent:
-    descent = Descent(cloud, candidates, mixture)
+def _on_all(sampled: SearchProblem, candidates: Candidates, mixture: Mixture) -> Descent:
+    descent = Descent(sampled, candidates, mixture)
     descent.run(SEARCH.compare_steps, em, SEARCH.damped_tolerance)
     return descent
 
 
-def _from_boxes(cloud: SearchProblem, inliers: Array, candidate: Candidates, mixture: Mixture) -> Estimated:
+def _from_boxes(sampled: SearchProblem, inliers: Array, candidate: Candidates, mixture: Mixture) -> Estimated:
     """The distinct candidates, on a sample, that start from boxes around the inliers of a candidate."""
-    boxes = restarts(cloud.points, inliers, candidate.rotations[0])
-    sample, repeated = cloud.sample(SEARCH.fine), mixture.take(np.zeros(len(boxes), dtype=np.int64))
+    boxes = restarts(sampled.points, inliers, candidate.rotations[0])
+    sample, repeated = sampled.sample(SEARCH.fine), mixture.take(np.zeros(len(boxes), dtype=np.int64))
     wide = replace(repeated, sigma=RESTART.larger_sigma * repeated.sigma)
     descent = Descent(sample, sample.with_fixed(boxes), wide)
     descent.run(RESTART.steps, em, SEARCH.damped_tolerance)
     return descent.picked(distinct(descent, descent.scores(), len(boxes)))
 
 
-def annealed_starts(cloud: SearchProblem, parts: Array, rotations: Array, most: int) -> Descent:
-    """The descent of starts from weighted parts (H, n) of the cloud after annealing and EM, on `most` points.
+def annealed_starts(sampled: SearchProblem, parts: Array, rotations: Array, most: int) -> Descent:
+    """The descent of starts from weighted parts (H, n) of a sample after annealing and EM, on `most` points.
 
     Args:
-        cloud: the problem.
-        parts: weights of the cloud's points, a row for each part.
+        sampled: the problem of n points.
+        parts: weights of these points, a row for each part.
         rotations: (H, k, 3, 3), of the k starts of each part.
         most: points of the sample.
     """
-    index = cloud.thinned(most)
-    subset = replace(cloud.sample(most), size=0.0)
-    made, part = _starts(cloud, parts, rotations)
+    index = sampled.thinned(most)
+    subset = replace(sampled.sample(most), size=0.0)
+    made, part = _starts(sampled, parts, rotations)
     starts = subset.with_fixed(made)
     own = (np.maximum(parts[:, index], SEARCH.elsewhere) * subset.weights)[part]
     sizes = np.sqrt(np.exp(2 * starts.log_axes).mean(axis=1))  # RMS radius of the part
@@ -259,29 +261,29 @@ def annealed_starts(cloud: SearchProblem, parts: Array, rotations: Array, most: 
     return descent
 
 
-def _starts(cloud: SearchProblem, parts: Array, rotations: Array) -> tuple[Candidates, NDArray[np.int64]]:
-    """The M starts, and the index (M,) of the part from which each is made: of other kinds always the first."""
-    if not KINDS[cloud.kind].is_radial:
-        found = other_kind(cloud.points[parts[0] > 0], cloud.kind)
+def _starts(sampled: SearchProblem, parts: Array, rotations: Array) -> tuple[Candidates, NDArray[np.int64]]:
+    """The M starts, and the index (M,) of the part from which each is made: the first unless the kind is radial."""
+    if not KINDS[sampled.kind].is_radial:
+        found = starts_not_radial(sampled.points[parts[0] > 0], sampled.kind)
         return found, np.zeros(len(found), dtype=np.int64)
-    found = ellipsoids(cloud.points, parts * cloud.weights, rotations)
+    found = ellipsoids(sampled.points, parts * sampled.weights, rotations)
     return found, np.arange(len(parts)).repeat(rotations.shape[1])
 
 
-def orientations(cloud: SearchProblem, parts: Array, rotations: Array) -> Array:
+def orientations(sampled: SearchProblem, parts: Array, rotations: Array) -> Array:
     """The principal axes of each of H parts under k rotations, (H, k, 3, 3); or only the fixed rotation, if any."""
-    rotation = cloud.fixed.get("rotation")
+    rotation = sampled.fixed.get("rotation")
     if rotation is not None:
         return np.broadcast_to(rotation, (len(parts), 1, 3, 3))
-    return principal_axes(cloud.points, parts * cloud.weights)[:, None] @ rotations
+    return principal_axes(sampled.points, parts * sampled.weights)[:, None] @ rotations
 
 
-def compared(cloud: SearchProblem, descent: Descent, kept: int, earlier: Descent | None) -> Descent:
+def compared(sampled: SearchProblem, descent: Descent, kept: int, earlier: Descent | None) -> Descent:
     """The descent of the distinct best candidates, and of those of an earlier comparison, on a larger sample."""
     candidates, mixture = descent.picked(distinct(descent, descent.scores(), kept))
     if earlier is not None:
         candidates, mixture = candidates.joined(earlier.candidates), mixture.joined(earlier.mixture)
-    descent = Descent(cloud.sample(SEARCH.fine), candidates, mixture)
+    descent = Descent(sampled.sample(SEARCH.fine), candidates, mixture)
     descent.run(SEARCH.compare_steps, em, SEARCH.comparison_tolerance)
     return descent
 
@@ -327,7 +329,7 @@ def _ranking(descent: Descent, accepted: NDArray[np.bool_]) -> Array:
     return descent.scores() + SEARCH.acceptance_bonus * descent.weights.sum() * accepted
 
 
-def _best_ranked(descent: Descent) -> Estimated:
+def _best_by_ranking(descent: Descent) -> Estimated:
     """The best candidate by `_ranking`."""
     return descent.picked(best_first(_ranking(descent, acceptable(descent)))[:1])
 
@@ -340,7 +342,7 @@ def _alternatives(descent: Descent, ranking: Array) -> NDArray[np.int64]:
     return index[ranking[index] >= ranking[index[0]] - margin]
 
 
-def _final_descent(problem: SearchProblem, start: Estimated, others: int) -> SearchResult:
+def _final_descent(problem: SearchProblem, start: Estimated, n_alternatives: int) -> SearchResult:
     """The result of descents on larger and larger samples, then on all points.
 
     Of alternatives the best on the first sample continues; without a sample, the best on all points after the damped
@@ -351,16 +353,16 @@ def _final_descent(problem: SearchProblem, start: Estimated, others: int) -> Sea
     while size * 2 < len(problem.points):
         descent = Descent(problem.sample(size), *start)
         descent.run(SEARCH.sample_steps, em, SEARCH.sample_tolerance)
-        start = _best(descent)
+        start = _best_by_score(descent)
         size *= SEARCH.growth
     descent = Descent(problem, *start)
     descent.run(SEARCH.most_steps, em, SEARCH.damped_tolerance)
-    descent = descent if len(start[0]) == 1 else Descent(problem, *_best(descent))
+    descent = descent if len(start[0]) == 1 else Descent(problem, *_best_by_score(descent))
     converged = descent.converge(SEARCH.most_steps, em, SEARCH.final_tolerance) or descent.run(
         SEARCH.most_steps, em, SEARCH.crease_tolerance
     )
-    return SearchResult(descent, converged, others)
+    return SearchResult(descent, converged, n_alternatives)
 
 
-def _best(descent: Descent) -> Estimated:
+def _best_by_score(descent: Descent) -> Estimated:
     return descent.picked(best_first(descent.scores())[:1])

@@ -28,8 +28,8 @@ two sheets may not be cut below its tips, at |x| = a1. It does not change F; the
 TO_THE_LAST_DIGITS = {"method": "lm", "xtol": 1e-14, "ftol": 1e-14, "gtol": 1e-14, "max_nfev": 300}
 
 
-class _Unbounded:
-    """The parameters without bounds: logarithms of lengths, logits of exponents, rotations away from the start.
+class _UnboundedParameters:
+    """The map from parameters without bounds: logarithms of lengths, logits of exponents, rotations from the start.
 
     Euler angles are counted from the start's axes, so the fit begins far from gimbal lock.
     """
@@ -38,7 +38,7 @@ class _Unbounded:
         self.first = replace(first, rotation=np.eye(3), height=None if first.height is None else UNCUT)
         self.axes = first.rotation
 
-    def unbounded(self) -> Array:
+    def start(self) -> Array:
         """The start in unbounded parameters, (11,) or (12,)."""
         p = self.first.parameters.copy()
         p[:3] = np.log(p[:3])
@@ -48,7 +48,7 @@ class _Unbounded:
         p[11:] = np.log(p[11:] - 1)
         return p
 
-    def bound(self, unbounded: Array) -> tuple[Superquadric, Array]:
+    def in_start_axes(self, unbounded: Array) -> tuple[Superquadric, Array]:
         """The superquadric in the start's axes, and the derivative of each parameter by the unbounded one."""
         # lengths exp(x), exponents a + (b - a) / (1 + exp(-x)), hole radius 1 + exp(x); clipped against overflow
         p, derivative = unbounded.copy(), np.ones(len(unbounded))
@@ -62,18 +62,18 @@ class _Unbounded:
 
     def superquadric(self, unbounded: Array) -> Superquadric:
         """The superquadric in the frame of the points."""
-        found, _ = self.bound(unbounded)
+        found, _ = self.in_start_axes(unbounded)
         return replace(found, rotation=self.axes @ found.rotation, translation=self.axes @ found.translation)
 
 
 def fit_paper(points: Array, kind: str) -> SuperquadricFit:
     """The paper's fit to centred, scaled points (n, 3)."""
-    coordinates = _Unbounded(STARTS[kind](points))
+    coordinates = _UnboundedParameters(STARTS[kind](points))
     rotated = points @ coordinates.axes
 
     def criterion(unbounded: Array) -> tuple[float, Array]:
         """The paper's criterion and its gradient."""
-        candidate, derivative = coordinates.bound(unbounded)
+        candidate, derivative = coordinates.in_start_axes(unbounded)
         # Euler angles are unbounded parameters themselves, so no gimbal lock can exchange them
         value, by_parameter = candidate.parameter_derivatives(rotated)
         residual = value - 1
@@ -83,7 +83,7 @@ def fit_paper(points: Array, kind: str) -> SuperquadricFit:
     history: list[float] = []
     result = minimize(
         criterion,
-        coordinates.unbounded(),
+        coordinates.start(),
         jac=True,
         method="CG",
         callback=lambda intermediate_result: history.append(float(intermediate_result.fun)),
@@ -98,15 +98,17 @@ def _with_covariance(
 ) -> SuperquadricFit:
     """The fit with its warnings, noise and covariance, of the distances to first order."""
     rank, condition = rank_and_condition(found, points)
-    warnings = (
-        undetermined(rank, condition, len(found.parameters))
-        | at_bound(found, 2 * float(np.ptp(points, axis=0).max()))
-        | not_converged(iterations < MAX_ITERATIONS, iterations)
-    )
     candidates, ones = Candidates.of([found]), np.ones(len(points))
     distance, derivatives = distances(candidates, points)
     noise = max(float(np.sqrt((distance**2).mean())), LEAST_SIGMA)
     state = identifiability_of(candidates, derivatives[0], ones, noise, np.zeros(len(found.parameters), dtype=np.bool_))
+    warnings = (
+        undetermined(rank, condition, len(found.parameters), state.weakest)
+        | at_bound(found, 2 * float(np.ptp(points, axis=0).max()))
+        # not by SciPy's `success`: it is also false where a line search finds no lower value, as at a minimum at which
+        # the criterion, or its gradient, is rounding
+        | not_converged(iterations < MAX_ITERATIONS, iterations)
+    )
     return SuperquadricFit(found, warnings, rank, condition, state.covariance, ones, noise, history, iterations)
 
 
@@ -116,16 +118,16 @@ def least_squares_p3(points: Array, kind: str) -> Superquadric:
     Conjugate gradients stop a few digits earlier; a start that other results depend on must be the same for a rotated
     cloud. The points (n, 3) are centred and scaled.
     """
-    coordinates = _Unbounded(STARTS[kind](points))
+    coordinates = _UnboundedParameters(STARTS[kind](points))
     rotated = points @ coordinates.axes
 
     def residual(unbounded: Array) -> Array:
         """F - 1 (n,) at all points."""
-        return coordinates.bound(unbounded)[0].implicit(rotated) - 1
+        return coordinates.in_start_axes(unbounded)[0].implicit(rotated) - 1
 
     def jacobian(unbounded: Array) -> Array:
         """Derivatives (n, p) of `residual` by the parameters."""
-        candidate, derivative = coordinates.bound(unbounded)
+        candidate, derivative = coordinates.in_start_axes(unbounded)
         return candidate.parameter_derivatives(rotated)[1] * derivative
 
     def least(begin: Array, moving: NDArray[np.bool_]) -> Array:
@@ -145,7 +147,7 @@ def least_squares_p3(points: Array, kind: str) -> Superquadric:
         )
         return whole(found.x)
 
-    begin, every = coordinates.unbounded(), np.ones(len(coordinates.unbounded()), dtype=np.bool_)
+    begin, every = coordinates.start(), np.ones(len(coordinates.start()), dtype=np.bool_)
     if (np.diff(np.sort(coordinates.first.semi_axes)) < ROUND * coordinates.first.semi_axes.max()).any():
         begin = least(begin, ~np.isin(np.arange(len(begin)), np.r_[ROTATION]))  # rotations of round bodies are rounding
     return cut_to(coordinates.superquadric(least(begin, every)), points)

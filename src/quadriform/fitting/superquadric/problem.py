@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,8 @@ from quadriform.shapes.kinds import KINDS
 
 PARTS = ("semi_axes", "exponents", "rotation", "translation", "hole_radius")
 """The parameters of a superquadric in the order of those of `Candidates`."""
+PART_OF_PARAMETER = np.repeat(PARTS, [3, 2, 3, 3, 1])
+"""To which of them each of the 12 single parameters belongs."""
 
 
 @dataclass(frozen=True)
@@ -27,12 +30,13 @@ class SearchProblem:
         kind: of the superquadric.
         fixed: values of parameters that stay, by name, in the frame of the points.
         log_odds: (n,), of each point to be an inlier, by what is known besides its distance to the surface; 0 is even.
-        noise: (n,) standard deviations of the points along the normal, relative to that of a point of average weight.
-            Distances are divided by them, so that all have the standard deviation sigma.
-        least_sigma: lower bound of sigma: the known standard deviation of a point of average weight.
+        relative_noise: (n,) known standard deviations of the points along the normal, divided by the root of their mean
+            variance (`KnownNoise`); ones where nothing is known. Distances are divided by them, so that all have the
+            standard deviation sigma.
+        least_sigma: lower bound of sigma: the root of that mean variance, 0 where nothing is known.
         size: weight of the penalty on the size of the body (`Extent`), which is weighed against the noise; 0 during
             annealing, where the noise is not known.
-        surroundings: what is known beside the points, or None.
+        surroundings: what is known beside the points, one viewpoint for each of them, or None.
         empty: space that the body is not in, or None while the body is not known.
         longest: no semi-axis grows above it; `solve` determines it from the extent of the points.
     """
@@ -42,7 +46,7 @@ class SearchProblem:
     kind: str
     fixed: dict[str, Array]
     log_odds: Array
-    noise: Array
+    relative_noise: Array
     least_sigma: float = 0.0
     size: float = 1.0
     surroundings: Surroundings | None = None
@@ -65,16 +69,21 @@ class SearchProblem:
 
     def take(self, index: NDArray[np.int64], fraction: float) -> "SearchProblem":
         """The problem of some points, that stand for a fraction of all."""
-        arrays = (self.points, self.weights, self.log_odds, self.noise)
-        points, weights, log_odds, noise = (each[index] for each in arrays)
+        names = ("points", "weights", "log_odds", "relative_noise")
+        arrays: dict[str, Any] = {name: getattr(self, name)[index] for name in names}
+        surroundings = None if self.surroundings is None else self.surroundings.take(index)
         empty = None if self.empty is None else self.empty.of_sample(fraction)
-        return replace(self, points=points, weights=weights, log_odds=log_odds, noise=noise, empty=empty)
+        return replace(self, **arrays, surroundings=surroundings, empty=empty)
 
     @property
     def fixed_mask(self) -> NDArray[np.bool_]:
         """(11,) or (12,): which parameters stay."""
-        names = np.repeat(PARTS, [3, 2, 3, 3, 1])
-        return np.isin(names[: KINDS[self.kind].n_parameters], list(self.fixed))
+        return np.isin(PART_OF_PARAMETER[: KINDS[self.kind].n_parameters], list(self.fixed))
+
+    @property
+    def n_estimated(self) -> int:
+        """The number of parameters that are not fixed."""
+        return int((~self.fixed_mask).sum())
 
     def with_fixed(self, candidates: Candidates) -> Candidates:
         """Candidates with the fixed values."""

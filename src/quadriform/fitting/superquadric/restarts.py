@@ -26,7 +26,8 @@ class RestartSettings:
     larger_sigma: float = 10.0
     """Sigma of a restart over that of the result: points beyond the box must still be inliers."""
     rounds: int = 4
-    """Most rounds: the first finds the axes, others the size along them, step by step."""
+    """Most rounds of restarts: the first finds the axes, others the size along them, step by step. All of them are
+    repeated at most as often, each time without inliers that are not connected to the others."""
     steps: int = 12
     """Steps of each round, until candidates can be compared."""
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 class SearchSettings:
     """Numbers of points, steps and candidates, tolerances and limits; lengths in RMS radii."""
 
-    cloud: int = 1500
-    """Points from which the density is estimated: enough for 9 neighbours to be near."""
+    density_points: int = 1500
+    """Points of the largest sample, from which the density is estimated: enough for 9 neighbours to be near."""
     fine: int = 500
     """Points on which the best candidates are compared."""
     coarse: int = 160
@@ -30,13 +30,16 @@ class SearchSettings:
     kept: int = 4
     """Distinct candidates that are kept on the larger sample after the narrow search."""
     kept_wide: int = 8
-    """Those that are kept after the wide search, which finds more."""
+    """Those that are kept after the wide search, which finds more, of a round of the search through all points, and of
+    the best candidates among which alternatives are sought."""
     final_tolerance: float = 1e-10
-    """The last descent has converged when no parameter moves more than this."""
+    """The last descent has converged when a step changes less than this. For all
+    tolerances of steps the change is the largest one of a parameter, or the largest one of a distance in units of sigma
+    where that is less (`Descent._change`)."""
     damped_tolerance: float = 1e-2
-    """Damped steps end when no parameter moves more than this; undamped, accelerated steps follow."""
+    """Damped steps end when they change less than this; undamped, accelerated steps follow."""
     comparison_tolerance: float = 1e-4
-    """Candidates that move less than this can be compared."""
+    """Candidates that change less than this in a step can be compared."""
     sample_steps: int = 15
     """Most steps on a sample of the points: the next one begins near its minimum."""
     sample_tolerance: float = 1e-6
