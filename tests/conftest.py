@@ -62,6 +62,14 @@ def blank_figures(monkeypatch):
 
 
 @pytest.fixture
+def remembered_fits(monkeypatch):
+    """The same fit is made once, for tests of what is done with it; not for tests of fits."""
+    from remembered import remember_fits
+
+    remember_fits(monkeypatch)
+
+
+@pytest.fixture
 def rng() -> np.random.Generator:
     """A generator with a fixed seed."""
     return np.random.default_rng(1998)

@@ -5,10 +5,8 @@ from dataclasses import dataclass
 import nibabel
 import numpy as np
 import pytest
-from remembered import remember
 
 from quadriform.cli.main import main
-from quadriform.fitting import fit
 from quadriform.shapes.pose import rotation_from_euler
 
 SEMI_AXES = np.array([30.0, 20.0, 12.0])
@@ -16,9 +14,8 @@ CENTRE = np.array([5.0, -7.0, 100.0])
 
 
 @pytest.fixture(autouse=True)
-def remembered_fits(monkeypatch):
+def every_fit_once(remembered_fits):
     """The same fit of one cloud is asked for again and again."""
-    remember(monkeypatch, fit, "fit")
 
 
 @dataclass

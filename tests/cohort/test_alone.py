@@ -18,7 +18,7 @@ from quadriform.cohort.subject_files import inspect_files
 from quadriform.files import write_mesh
 from quadriform.heart.synthetic import SyntheticVentricle
 
-pytestmark = pytest.mark.usefixtures("blank_figures")
+pytestmark = pytest.mark.usefixtures("blank_figures", "remembered_fits")
 HEART = SyntheticVentricle()
 OPTIONS = {"box": (3, 3, 3)}
 LABELS = ("epi=label:1+2", "endo=label:2")

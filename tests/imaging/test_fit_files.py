@@ -20,6 +20,7 @@ from quadriform.files.save_and_load import content_of
 from quadriform.imaging.file_points import kind_of, parse_labels, parse_threshold
 from quadriform.shapes.mesh import Mesh
 
+pytestmark = pytest.mark.usefixtures("remembered_fits")
 QUICK = {"box": (3, 3, 3), "strength": 1e-4}
 WORDS = ("--box", "3,3,3", "--strength", "1e-4")
 
