@@ -56,8 +56,9 @@ def fit(points: Input, **options: Any) -> Fit:
             (default: P7 by SVD), "springs-paper" (P9 as printed), or our variations "springs" and an object (on the
             displacement) and "svd-position".
         strength: regularisation weight alpha per data point (for "paper" per model point), or "auto": that of the
-            largest evidence, or a smaller one that predicts left-out patches better. For "svd" how many singular values
-            are used (>= 1), or the smallest fraction of the largest (< 1); "auto": all above rounding.
+            largest marginal likelihood or, where residuals are correlated, a smaller one that predicts left-out patches
+            of the surface better. For "svd" how many singular values are used (>= 1), or the smallest fraction of the
+            largest (< 1); "auto": all above rounding.
         robust: only for "tangent": whether outliers are detected and down-weighted; True unless given.
         base: only for "tangent": where the data ends on purpose, a plane (point, direction to the side without data)
             or a loop (m, 3) of points along the edge.

@@ -141,7 +141,7 @@ def fine_stage(problem: Problem, datasets: Sequence[SurfaceData], coarse: Refine
 
 
 def _with_details(problem: Problem, found: Refined) -> Refined:
-    """The result, or one at a smaller strength where residuals are correlated and that predicts points left out better.
+    """The result or, where residuals are correlated, one at a smaller strength that predicts left-out patches better.
 
     Residuals are correlated where the errors of the data are, and also where the surface misses details of the body. A
     real detail can be predicted from neighbouring patches of the surface, correlated errors cannot.
