@@ -85,7 +85,7 @@ def test_the_uncertainty_is_the_size_of_the_error(fitted):
 def test_the_uncertainty_is_the_spread_of_the_finer_posterior_about_the_fit(refined, rng):
     """Finer boxes drawn around the fit: their surfaces lie along the normal as far away as was said."""
     foot, enriched = refined.model.foot_points(EGG[::100]), refined.enriched
-    spread = np.linalg.cholesky(enriched._solution.covariance()) * enriched.sigma / enriched._solution.sigma
+    spread = np.linalg.cholesky(enriched._solution.covariance()) * enriched.independent_sigma / enriched._solution.sigma
     draws = enriched.shift[:, None] + spread @ rng.normal(size=(len(enriched.shift), 2000))
     rows = refined.model.box.elevate(enriched.degrees).matrix(foot.origins)[:, :, None] * foot.normals[:, None, :]
     off = rows.reshape(len(rows), -1) @ draws

@@ -25,7 +25,7 @@ from quadriform.words import short_repr
 
 MAX_STEPS = 60
 SHALLOW = 0.3
-"""Below this curvature of the squared distance (1 on a plane) a second minimum may be hidden within a cell."""
+"""Below this curvature of half the squared distance (1 on a plane) a second minimum may be hidden within a cell."""
 EQUAL, SAME_POINT = 1e-10, 1e-6
 """Distances are equal, and points are the same, but for rounding: below these fractions of the box's diagonal."""
 RESOLUTION = 32

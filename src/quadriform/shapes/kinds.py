@@ -4,13 +4,16 @@ Each kind is a composition of two superellipse norms N_e (the spherical product 
 function and each derivative is the chain rule over `superellipse.norm`:
 
     ellipsoid      F = N_e1(N_e2(x, y), z)                    closed; F of degree one
-    toroid         F = N_e1(N_e2(x, y) - a4, z)               a4 the hole radius in units of the tube
+    toroid         F = N_e1(N_e2(x, y) - a4, z)               a4 the radius of the core of the tube
     hyperboloid1   F = N_e2(x, y) / N_e1(1, z)                around the z axis
     hyperboloid2   F = N_e2(N_e1(1, z), y) / |x|              two sheets along the x axis
 
 The kind "ellipsoid" is the superellipsoid; in the names of functions an ellipsoid is a true one, with e1 = e2 = 1.
 
-F = 1 on the surface, < 1 inside (on the side of the axis for one sheet, outside of both sheets for two), > 1 outside.
+In these units a toroid has a tube of radius 1, a4 > 1 is its `hole_radius`, and the empty hole has the radius a4 - 1.
+
+F = 1 on the surface, < 1 inside (around the axis for one sheet; for two sheets beyond each, away from the centre), > 1
+outside (for two sheets between them).
 The compiled loops and the viewer take their formulas from the same table (`Kind.codes`, `Kind.record`).
 """
 
@@ -187,16 +190,16 @@ class _Term:
     by: Array
 
     @classmethod
-    def of(cls, of: Norm, terms: dict[str, Array], e: Array, inner: "_Term | None") -> "_Term":
+    def of(cls, chosen: Norm, terms: dict[str, Array], e: Array, inner: "_Term | None") -> "_Term":
         """A norm of two terms, of which one may be the inner norm; coordinates have unit gradients."""
-        value, by_u, by_v, by_exponent = norm_derivatives(terms[of.u], terms[of.v], e[of.exponent])
+        value, by_u, by_v, by_exponent = norm_derivatives(terms[chosen.u], terms[chosen.v], e[chosen.exponent])
         by = np.zeros((6, len(value)))
-        for name, factor in ((of.u, by_u), (of.v, by_v)):
+        for name, factor in ((chosen.u, by_u), (chosen.v, by_v)):
             if name in ("x", "y", "z"):
                 by["xyz".index(name)] += factor
             elif name == "inner" and inner is not None:
                 by += factor * inner.by
-        by[3 + of.exponent] += by_exponent
+        by[3 + chosen.exponent] += by_exponent
         return cls(value, by)
 
     @classmethod
@@ -281,7 +284,7 @@ def _ellipsoid_volume(product: float, e1: float, e2: float, hole: float) -> floa
 
 
 def _toroid_volume(product: float, e1: float, e2: float, hole: float) -> float:
-    """The areas of both superellipses times the length around."""
+    """Pappus: 2 a4 times the areas of both unit superellipses, which is area times length around for two circles."""
     return 8 * product * hole * e1 * e2 * beta(e1 / 2, e1 / 2 + 1) * beta(e2 / 2, e2 / 2 + 1)
 
 

@@ -28,8 +28,8 @@ class DeformableModel(Recorded):
     """Named superquadrics in one box of control points.
 
     Attributes:
-        surfaces: name -> superquadric before deformation; a single one is called "surface", the first is the outer
-            one for measures without a name.
+        surfaces: name -> superquadric before deformation; a single one is called "surface". Methods without a name take
+            the first.
         box: the deformation, the same for all surfaces.
         space: the frame of the world coordinates: "LPS", "RAS" or "unknown".
         unit: "mm", "m" or "unknown".

@@ -116,9 +116,9 @@ class MovingModel(Recorded):
 
     @property
     def rest(self) -> ControlBox:
-        """The undeformed control box."""
-        l, m, n = self.control_points.shape[1:4]
-        return ControlBox.undeformed(self.origin, self.edges, (l, m, n))
+        """The undeformed control box, which is the same at all times; `ControlBox.rest` are control points."""
+        along_s, along_t, along_u = self.control_points.shape[1:4]
+        return ControlBox.undeformed(self.origin, self.edges, (along_s, along_t, along_u))
 
     def transformed(self, scale: float, offset: Array) -> MovingModel:
         """The same model after `scale` x + `offset`; time stays."""

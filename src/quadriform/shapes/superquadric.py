@@ -37,7 +37,8 @@ class Superquadric:
             at 2, pinched above (A.1). Fits keep them in [0.01, 2].
         rotation: (3, 3), from the object's frame to the world.
         translation: (3,), the centre in the world.
-        hole_radius: the toroid's twelfth parameter a4 > 1, in units of the tube; None for the others.
+        hole_radius: the toroid's twelfth parameter a4 > 1: the radius of the core of its tube, in units of the tube's
+            semi-axes, so that of the empty hole is a4 - 1; None for the others.
         height: where a hyperboloid is cut: `|z|` of one sheet, `|x| > a1` of two, in the unit of the data.
 
     Raises:

@@ -1,7 +1,8 @@
 """Taubin's bounded distance of second order (paper 2.4; Taubin 1993), which needs no search.
 
-With f = F^2 - 1, a polynomial for exponents of 1, |f(x + y)| >= |f| - |grad f| d - |H| d^2 / 2 for every y of length d,
-|H| the root of the sum of the squares of the second derivatives: nearer than its positive root there is no surface.
+With f = F^2 - 1, |f(x + y)| >= |f| - |grad f| d - |H| d^2 / 2 for every y of length d where f is quadratic, that is for
+exponents of 1: no surface is then nearer than the positive root d of the right side. |H| is the root of the sum of the
+squares of the second derivatives. For other exponents the inequality is true up to terms of third order in d.
 """
 
 import numpy as np

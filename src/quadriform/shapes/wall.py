@@ -122,7 +122,8 @@ def _opposite(model: DeformableModel, inner: str, outer: str, start: Array) -> A
 def exits(surface: Superquadric, centre: Array, rays: Array) -> Array:
     """Distances (n,) along rays (n, 3), in lengths of each, from a centre (3,) inside a superellipsoid to its surface.
 
-    It is convex, so a ray is inside up to there; found by halving.
+    By halving: with exponents up to 2 it is convex, and a ray is inside up to there. A pinched one, with an exponent
+    above 2, may be left several times by a ray that starts beside its centre; the result is then one of these exits.
     """
     farthest = np.linalg.norm(surface.translation - centre) + np.linalg.norm(surface.semi_axes)
     low, high = np.zeros(len(rays)), farthest / np.linalg.norm(rays, axis=1)

@@ -22,7 +22,8 @@ def cholesky_factor(matrix: Array) -> Array | None:
 def condition_number(factor: Array) -> float:
     """LAPACK's estimate of the condition number of the matrix of a lower Cholesky factor, scaled to unit diagonal.
 
-    Without the scaling, units of the control points would count as ill-conditioning.
+    Without the scaling, diagonal entries of very different size, as those of a regulariser in its eigenbasis, would
+    count as ill-conditioning. The rounding of a solution by Cholesky's method does not depend on them.
     """
     scaled = factor / np.sqrt((factor**2).sum(axis=1))[:, None]
     largest = np.abs(scaled @ scaled.T).sum(axis=0).max()

@@ -2,12 +2,13 @@
 
     r_i     (3,), what the displacement of point i should be: from the undeformed surface to the data point
     M_i     (3, 3), its weight: symmetric (`refinement/point_to_plane.py`)
-    b_i     (k,), products of Bernstein polynomials at its local coordinates, one for each control point; B_i (3, 3 k)
-            is b_i' times the unit matrix, so that B_i p is the displacement of the point by those p of control points
-    b_ij    entry j of b_i
+    phi_i   (k,), products of Bernstein polynomials at its local coordinates, one for each control point; phi_ij is that
+            of control point j
+    B_i     (3, 3 k), kron(phi_i', I) with I (3, 3), so that B_i p is the displacement of the point by those p of the
+            control points; here and below ' is the transpose
 
-The sum of squares is sum_i (r_i - B_i p)' M_i (r_i - B_i p). In its matrix the block of control points j and j' is
-sum_i b_ij b_ij' M_i. A product of two Bernstein polynomials of degree l is a multiple of one of degree 2 l, so every
+The sum of squares is sum_i (r_i - B_i p)' M_i (r_i - B_i p). In its matrix the block of control points j and h is
+sum_i phi_ij phi_ih M_i. A product of two Bernstein polynomials of degree l is a multiple of one of degree 2 l, so every
 entry is a multiple of one of (2 l + 1)(2 m + 1)(2 n + 1) moments. Points are taken in chunks: memory does not grow.
 """
 
@@ -76,7 +77,7 @@ def normal_equations(local: Array, metric: Array, target: Array, degrees: tuple[
     """
     weighted = np.einsum("nij,nj->ni", metric, target)
     weights = np.stack([metric[:, a, b] for a, b in PAIRS], axis=1)
-    # the product of polynomials j and j' is a factor times polynomial j + j' of twice the degree: k^2 entries are
+    # the product of polynomials j and h is a factor times polynomial j + h of twice the degree: k^2 entries are
     # multiples of few moments
     doubled = (2 * degrees[0], 2 * degrees[1], 2 * degrees[2])
     moments = _sums(local, weights, doubled)

@@ -18,10 +18,13 @@ class Regulariser(Protocol):
 
 
 class Springs:
-    """Springs of zero rest length between neighbours along the three axes; each pair counts twice, as in P9."""
+    """Springs between neighbours along the three axes, whose energy is |P_a - P_b|^2; each pair counts twice, as in P9.
+
+    P are the control points with "springs-paper", and their displacements with "springs".
+    """
 
     def matrix(self, shape: tuple[int, int, int]) -> Array:
-        """The matrix (k, k) D^T D with |D P|^2 = sum_j sum_{j' next to j} |P_j - P_j'|^2."""
+        """The matrix K1 (k, k) with sum_jh K1_jh P_j . P_h = sum_j sum_{h next to j} |P_j - P_h|^2."""
         units = [np.eye(count) for count in shape]
         result = np.zeros((int(np.prod(shape)),) * 2)
         for axis, unit in enumerate(units):

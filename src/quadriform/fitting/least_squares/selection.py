@@ -28,7 +28,7 @@ class Selection:
     sigma_floor: float = 1e-9
     """Least standard deviation: the logarithm of the variance stays finite where a fit is exact."""
     null_space_weight: float = 1e-12
-    """Added to the diagonal on the null space of K, relative to the largest diagonal entry of A: a displacement there
+    """Added to the diagonal on the null space of K1, relative to the largest diagonal entry of A: a displacement there
     that no point determines becomes zero."""
 
 

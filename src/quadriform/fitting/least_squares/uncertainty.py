@@ -1,8 +1,9 @@
-"""Standard deviation of the surface: from noise, from missing data, and from too few control points.
+"""Standard deviation of the surface along its normal: from noise, from missing data, and from too few control points.
 
-The covariance of the control points contains the noise only. A box with two more control points a side, with the same
-regulariser at its own best strength, represents details that the smaller one smooths away. The shift between both
-surfaces estimates the bias, and the expected square of the error is bias squared plus variance.
+The covariance of the control points contains the noise only. A box with more control points along each axis
+(`refinement/refine.py`), with the same regulariser at its own best strength, represents details that the smaller one
+smooths away. The shift between both surfaces estimates the bias, and the expected square of the error is bias squared
+plus variance.
 """
 
 from dataclasses import dataclass
@@ -47,17 +48,18 @@ class EnrichedBox:
         return self.scale * ((self.box.rest - self.box.control_points).ravel() + self._solution.displacement.ravel())
 
     @property
-    def sigma(self) -> float:
-        """sigma / sqrt(f) of the enriched box: larger than that of the data where its residuals are correlated."""
+    def independent_sigma(self) -> float:
+        """s / sqrt(f) of the enriched box, in the unit of the data; with correlated residuals it is above their s."""
         return self.scale * self._solution.independent_sigma
 
     def deviation(self, box: ControlBox, origins: Array, normals: Array) -> Array:
         """One standard deviation (n,) along the normals (n, 3) at (n, 3) points of the undeformed surface.
 
-        It is sqrt(b^2 + (sigma^2 / f) g). The bias b of the fitted box is its difference from the enriched one along
-        the normal. The second term is the variance of the enriched box along the normal: sigma^2 g if all residuals
-        were independent, with g = v' (A + lambda K)^-1 v, v the derivatives of the normal displacement by its control
-        points; divided by f, the fraction of the residuals that are.
+        It is sqrt(beta^2 + (s^2 / f) g), with s, f, A, lambda and K of the enriched box (`marginal_likelihood.py`). The
+        bias beta of the fitted box is its difference from the enriched one along the normal. The second term is the
+        variance of the enriched box along the normal: s^2 g if all residuals were independent, with
+        g = v' (A + lambda K)^-1 v, v (3 k,) the derivatives of the normal displacement by its control points; divided
+        by f, the fraction of the residuals that are.
 
         Args:
             box: fitted, in the unit of the data; its elevated form has the same undeformed lattice as the enriched box.
@@ -68,4 +70,4 @@ class EnrichedBox:
         rows = box.elevate(self.degrees).matrix(origins)[:, :, None] * normals[:, None, :]
         rows = rows.reshape(len(origins), -1)
         relative_variance = self._solution.variance(rows) / self._solution.sigma**2  # g
-        return np.sqrt((rows @ self.shift) ** 2 + self.sigma**2 * relative_variance)
+        return np.sqrt((rows @ self.shift) ** 2 + self.independent_sigma**2 * relative_variance)
