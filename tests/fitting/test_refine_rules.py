@@ -147,7 +147,7 @@ def test_a_box_is_as_small_as_its_error_allows(monkeypatch, errors, side, poor):
     monkeypatch.setattr(refine, "_best_start", lambda problem, starts, shape: sides.append(shape) or result)
     monkeypatch.setattr(refine, "_error", lambda *of: next(left))
     monkeypatch.setattr(refine, "replace", lambda of, warnings: warnings)
-    given = SimpleNamespace(warm_start=None, max_error=0.1, clouds={}, options=None)
+    given = SimpleNamespace(warm_start=None, max_error=0.1, clouds={}, weights={}, options=None)
     found = refine.refine_tangent(given, {}, None)
     assert sides == [(n, n, n) for n in (3, 5, 7) if n <= side]
     if poor:
@@ -157,11 +157,15 @@ def test_a_box_is_as_small_as_its_error_allows(monkeypatch, errors, side, poor):
         assert found is result
 
 
-def test_the_error_is_the_rms_distance_of_the_inliers():
+def test_the_error_is_the_rms_distance_of_the_inliers_each_counted_as_often_as_it_was_given():
+    """Old fault: copies of a point, which are merged into its weight, counted once."""
     model = SimpleNamespace(distance=lambda cloud, name: cloud[:, 0] * (2 if name == "b" else 1))
     clouds = {"a": np.array([[1.0], [3.0]]), "b": np.array([[2.0]])}
     result = SimpleNamespace(model=model, inliers={"a": np.array([1.0, 0.5]), "b": np.array([0.25])})
-    assert refine._error(result, clouds) == pytest.approx(np.sqrt((1 + 4.5 + 4) / 1.75))
+    ones = {"a": np.ones(2), "b": np.ones(1)}
+    assert refine._error(result, clouds, ones) == pytest.approx(np.sqrt((1 + 4.5 + 4) / 1.75))
+    weights = {"a": np.array([1.0, 2.0]), "b": np.array([4.0])}
+    assert refine._error(result, clouds, weights) == pytest.approx(np.sqrt((1 + 9 + 16) / 3))
 
 
 def data(points):

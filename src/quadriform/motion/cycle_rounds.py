@@ -166,14 +166,17 @@ def _unfolded_fit(cycle: Cycle, affine: CycleState, state: CycleState, strengths
     if found is not None:
         return cycle.result(found, strengths, (True,) * len(found.boxes))
     smooth = replace(affine, fraction=state.fraction)
-    verified, found, strengths = _by_decreasing_strength(cycle, smooth, strengths, most) or (None, state, strengths)
-    return cycle.result(found, strengths, verified or cycle.with_checked_folds(found)[0], before)
+    unfolded = _by_decreasing_strength(cycle, smooth, strengths, most)
+    if unfolded is None:
+        return cycle.result(state, strengths, cycle.with_checked_folds(state)[0], before)
+    found, strengths = unfolded
+    return cycle.result(found, strengths, (True,) * len(found.boxes), before)
 
 
 def _by_decreasing_strength(
     cycle: Cycle, state: CycleState, strengths: Strengths, most: float
-) -> tuple[tuple[bool, ...], CycleState, Strengths] | None:
-    """What is verified of the frames, a state without folds, and its strengths; None where all states fold.
+) -> tuple[CycleState, Strengths] | None:
+    """A state without folds, and its strengths; None where all states fold.
 
     The strengths decrease from multiples under which maps are nearly affine to the given ones, with a few rounds of
     fold removal at each. At the end come more rounds at the given strengths. Their result is returned if it is free of
@@ -189,9 +192,9 @@ def _by_decreasing_strength(
             if all(verified):
                 break
         if all(verified):
-            found = verified, state, stronger
+            found = state, stronger
     at_last = _unfolded(cycle, state, strengths, most)
-    return found if at_last is None else ((True,) * len(at_last.boxes), at_last, strengths)
+    return found if at_last is None else (at_last, strengths)
 
 
 def _unfolded(cycle: Cycle, state: CycleState, strengths: Strengths, most: float) -> CycleState | None:

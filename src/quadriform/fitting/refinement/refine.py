@@ -112,7 +112,7 @@ def refine_tangent(
         return _best_start(given, starts, check_box(given.options.box))
     for side in AUTO_SIDES:
         result = _best_start(given, starts, (side, side, side))
-        error = _error(result, given.clouds)
+        error = _error(result, given.clouds, given.weights)
         if error <= given.max_error:
             return result
     missed = max_error_missed(AUTO_SIDES[-1], error / given.max_error, (result.sigma or 0) / given.max_error)
@@ -143,11 +143,11 @@ def smooth_box(given: RefinementInput, superquadrics: dict[str, Superquadric]) -
     return box
 
 
-def _error(result: Result, clouds: Mapping[str, Array]) -> float:
-    """RMS distance of the points to the model, counted by their inlier probabilities, whatever their weights."""
-    inliers = result.inliers or {}
-    squares = sum(float(inliers[name] @ result.model.distance(cloud, name) ** 2) for name, cloud in clouds.items())
-    return float(np.sqrt(squares / sum(float(each.sum()) for each in inliers.values())))
+def _error(result: Result, clouds: Mapping[str, Array], weights: Mapping[str, Array]) -> float:
+    """RMS distance of the points to the model, counted by their weights times their inlier probabilities."""
+    counts = {name: weights[name] * each for name, each in (result.inliers or {}).items()}
+    squares = sum(float(counts[name] @ result.model.distance(cloud, name) ** 2) for name, cloud in clouds.items())
+    return float(np.sqrt(squares / sum(float(each.sum()) for each in counts.values())))
 
 
 def _best_start(
