@@ -107,7 +107,7 @@ def test_a_kind_without_starts_is_not_taken_for_another(rng):
 
 @pytest.mark.parametrize("kind", ["toroid", "hyperboloid1"])
 def test_the_second_half_of_the_starts_of_a_kind_is_the_first_rotated_by_45_degrees(kind):
-    """About their own axis; the mean of both squared semi-axes across it, the semi-axis along it and the rest stay."""
+    """About z; the mean of both squared semi-axes across it, the semi-axis along it and the rest stay."""
     points = made(kind, semi_axes=(20.0, 12.0, 9.0)).mesh(16).vertices
     starts = starts_not_radial(points, kind)
     half = len(starts) // 2
