@@ -6,13 +6,13 @@ from typing import Any
 from warnings import warn
 
 import numpy as np
-from scipy.linalg import svd
 
-from quadriform.cohort.alignment import Correspondence
 from quadriform.errors import InputError, OptionError
 from quadriform.fitting.fit import fit
 from quadriform.fitting.options import check_box
 from quadriform.points import Array
+from quadriform.priors.alignment import Correspondence
+from quadriform.priors.principal import Components
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
 
@@ -122,12 +122,8 @@ def shape_modes(shapes: Sequence[Shape], modes: int | None = None, box: tuple[in
 
 
 def _principal_modes(shapes: Correspondence, rows: Array, count: int, box: tuple[int, int, int]) -> ShapeModes:
-    """The first modes of rows (n, 3 k), by singular values as in scikit-learn's PCA, to all digits."""
-    mean = rows.mean(axis=0)
-    _, singular, components = svd(rows - mean, full_matrices=False)
-    # a mode has no sign of its own: its largest component is made positive
-    largest = np.take_along_axis(components, np.abs(components).argmax(axis=1)[:, None], axis=1)
-    variances = singular**2 / (len(rows) - 1)
-    ratios = variances / variances.sum()
-    deviations = np.sqrt(variances[:count])
-    return ShapeModes(shapes, box, mean, (components * np.sign(largest))[:count], deviations, ratios[:count])
+    """The first modes of rows (n, 3 k)."""
+    found = Components.of(rows)
+    ratios = found.variances / found.variances.sum()
+    deviations = np.sqrt(found.variances[:count])
+    return ShapeModes(shapes, box, found.mean, found.directions[:count], deviations, ratios[:count])

@@ -7,10 +7,10 @@ import numpy as np
 from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils.validation import check_is_fitted
 
-from quadriform.cohort.alignment import PASSES, Correspondence
 from quadriform.cohort.principal_modes import Shape, ShapeModes, as_models, shape_modes
 from quadriform.fitting.options import check_box
 from quadriform.points import Array
+from quadriform.priors.alignment import PASSES, Correspondence
 from quadriform.shapes.model import DeformableModel
 
 __all__ = ["CorrespondingShapes", "ShapeModes", "shape_modes"]

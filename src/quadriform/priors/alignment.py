@@ -12,20 +12,17 @@ from functools import cached_property
 from itertools import permutations, product
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.spatial.transform import Rotation
 
 from quadriform.errors import InputError
-from quadriform.fitting.least_squares.regularisers import Bending
 from quadriform.points import Array
+from quadriform.priors.features import Features
 from quadriform.shapes.control_box import ControlBox, common_box
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
 
 CELLS = 8
 """Of the grid on each reference surface: 386 points."""
-BENDING_WEIGHT = 1e-8
-"""Of the bending energy beside the squared displacement: it determines only what the surface does not."""
 WEAK = 0.05
 """Semi-axes that differ by a smaller fraction of their mean do not determine the orientation."""
 SAME_ORIENTATION = 0.5
@@ -54,41 +51,18 @@ class Reference:
     uncertainty: float
 
     @cached_property
-    def origins(self) -> Array:
-        """Evenly spread points (n, 3) of all surfaces, one surface after the other."""
-        return np.concatenate([surface.grid(CELLS)[0] for surface in self.surfaces.values()])
-
-    @cached_property
-    def matrix(self) -> Array:
-        """Matrix (n, k) from control points to these points (P5)."""
-        return self.box.matrix(self.origins)
-
-    @cached_property
-    def gram(self) -> Array:
-        """Symmetric (k, k): the mean square of the points' displacements, and a small bending energy."""
-        shape = self.box.control_points.shape[:3]
-        bending = Bending().matrix((shape[0], shape[1], shape[2]))
-        return self.matrix.T @ self.matrix / len(self.matrix) + BENDING_WEIGHT * bending
-
-    @cached_property
-    def root(self) -> Array:
-        """Cholesky factor L (k, k) with L L^T the Gram matrix."""
-        return np.asarray(np.linalg.cholesky(self.gram), dtype=np.float64)
+    def features(self) -> Features:
+        """Over evenly spread points of all surfaces, one surface after the other."""
+        origins = np.concatenate([surface.grid(CELLS)[0] for surface in self.surfaces.values()])
+        return Features(self.box, origins)
 
     def row(self, points: Array) -> Array:
-        """Return the features (3 k,) of a shape whose points (n, 3) correspond to those of the reference.
-
-        They are the displacements of its control points, in coordinates in which the distance of two shapes is the RMS
-        distance between the points of their surfaces.
-        """
-        right_side = self.matrix.T @ (points - self.origins) / len(points)
-        displacements: Array = cho_solve(cho_factor(self.gram), right_side)
-        return (self.root.T @ displacements).ravel()
+        """The features (3 k,) of a shape whose points (n, 3) correspond to those of the reference."""
+        return self.features.row(points)
 
     def model(self, row: Array, space: str, unit: str) -> DeformableModel:
-        """Return the model of such features."""
-        displacements = solve_triangular(self.root.T, np.reshape(row, (-1, 3)))
-        control = self.box.control_points + displacements.reshape(self.box.control_points.shape)
+        """The model of such features."""
+        control = self.box.control_points + self.features.displacements(row).reshape(self.box.control_points.shape)
         return DeformableModel(self.surfaces, self.box.with_control_points(control), space, unit)
 
 
