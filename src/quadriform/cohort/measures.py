@@ -66,14 +66,14 @@ def measures_of(
 
 
 def _of_the_heart(models: Sequence[DeformableModel], times: Array) -> list[Measure]:
-    """The observed measures of a ventricle, without those that are determined by the prior only."""
+    """The observed measures of a ventricle, without those that are determined by the regularisation only."""
     if "endo" not in models[0].surfaces:
         return []
     try:
         found = measure(models, times)
     except QuadriformError:
         return []
-    # values that are determined by the prior only would look like differences between subjects
+    # values that are determined by the regularisation only would look like differences between subjects
     rows = [Measure(row.quantity, None, row.value, row.unit) for row in found.rows if row.observed]
     rows += _warning_rows({kind: text for kind, text in found.own_warnings.items() if kind in OF_SUBJECTS})
     return [row for row in rows if np.isfinite(row.value)]

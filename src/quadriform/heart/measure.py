@@ -51,8 +51,8 @@ def measure(
             the models were stored with.
         ed: frame of end diastole; the one of the largest volume unless given. End systole has the smallest volume.
         observed: whether the models were fitted to tracked material points. Contours and surfaces have none: twist,
-            circumferential strain and all components of Green's strain are then determined by the prior only, and
-            reported as "not observed".
+            circumferential strain and all components of Green's strain are then determined by the regularisation only,
+            and reported as "not observed".
 
     Raises:
         OptionError, PointsError, DegenerateError: no cavity, swapped surfaces, times that do not increase, a base that

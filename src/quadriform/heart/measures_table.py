@@ -30,7 +30,7 @@ class Row:
         value: the number, in `unit`.
         unit: "ml", "g", "%", "mm", "deg", "deg/mm" or "1".
         how: definition, frames and base; starts with "not observed" where the data does not determine it.
-        observed: False where the number is determined by the prior only.
+        observed: False where the number is determined by the regularisation only.
     """
 
     quantity: str

@@ -18,7 +18,7 @@ from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.landmarks import BasePlane
 from quadriform.shapes.superquadric import Superquadric
 
-NOT_OBSERVED = "not observed: surfaces have no material points, so the prior alone determines this; "
+NOT_OBSERVED = "not observed: surfaces have no material points, so the regularisation alone determines this; "
 DIRECTIONS = ("radial", "circumferential", "longitudinal")
 ALONG_MAP = "along the volumetric map from endo to epi, mean over the area of the wall"
 SOURCE = "Young and Cowan 2012"
@@ -133,7 +133,7 @@ def _radial(reference: ReferenceWall, thickness: Array) -> Array:
 def _strain_rows(
     reference: ReferenceWall, strain: Array, part: str, where: NDArray[np.bool_], observed: bool
 ) -> list[Row]:
-    """Strain from the gradient; without tracked points the prior alone determines it along the wall."""
+    """Strain from the gradient; without tracked points the regularisation alone determines it along the wall."""
     prefix = "" if observed else NOT_OBSERVED
     around = 100 * float(reference.mean(relative_lengthening(strain), where)[1])
     how = f"{prefix}change of length from ED to ES per length, from the gradient, mean over the volume of the wall"
