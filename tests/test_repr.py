@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from priors_made import meshes
 from shapes_made import lumpy
 
 import quadriform as qf
@@ -31,6 +32,7 @@ def objects():
     values = np.zeros((12, 12, 12), dtype=np.int16)
     values[3:9, 3:9, 3:9], values[4:8, 4:8, 4:8] = 2, 1
     volume = qf.Volume(values, np.diag([2.0, 2.0, 2.0, 1.0]))
+    prior = qf.learn_prior(meshes(), box=(3, 3, 3))
     track = qf.track([CLOUD, 1.1 * CLOUD, CLOUD], box=(3, 3, 3), times=times)
     return [
         *(fit, fit.model, fit.model.box, fit.model.superquadric(), fit.model.mesh("epi"), fit.model.record),
@@ -38,6 +40,7 @@ def objects():
         *(volume, qf.segment(volume, select=qf.Labels((1,))), qf.points_from_image(volume, select=qf.Labels((1, 2)))),
         *(qf.ventricle_from_labels(volume, cavity=qf.Labels((1,)), wall=qf.Labels((2,))), qf.Labels((1,))),
         *(qf.measure([heart.model(t) for t in times], times=times), wall_mesh(heart.model(0.0))),
+        *(prior, prior.report),
         *(qf.Percentile(0.5, "all"), qf.surface_distances(fit.model.mesh("epi"), fit.model.mesh("endo"))[0]),
     ]
 

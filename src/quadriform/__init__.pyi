@@ -25,6 +25,7 @@ from .imaging.ventricle import ventricle_from_perfusion as ventricle_from_perfus
 from .imaging.volume import Volume as Volume
 from .motion.tracking import Track as Track
 from .motion.tracking import track as track
+from .priors.learning import learn_prior as learn_prior
 from .report.exchange import to_pyvista as to_pyvista
 from .report.exchange import to_trimesh as to_trimesh
 from .report.notebook import show as show
@@ -35,6 +36,8 @@ from .shapes.control_box import ControlBox as ControlBox
 from .shapes.mesh import Mesh as Mesh
 from .shapes.model import DeformableModel as DeformableModel
 from .shapes.moving_model import MovingModel as MovingModel
+from .shapes.prior import PriorReport as PriorReport
+from .shapes.prior import ShapePrior as ShapePrior
 from .shapes.superquadric import Superquadric as Superquadric
 from .shapes.wall import wall_mesh as wall_mesh
 

@@ -89,10 +89,10 @@ def corresponding(model: DeformableModel, reference: Reference, rotation: Array)
 
 def aligned_rigidly(points_world: Array, target: Array) -> Array:
     """Return points (n, 3) after the rigid motion to centred targets (n, 3) of least squares (Kabsch)."""
-    centred = _centred(points_world)
-    u, _, vt = np.linalg.svd(target.T @ centred)
+    source = centred(points_world)
+    u, _, vt = np.linalg.svd(target.T @ source)
     u[:, -1] *= np.sign(np.linalg.det(u @ vt))  # no reflection
-    return centred @ (u @ vt).T
+    return source @ (u @ vt).T
 
 
 def aligned(model: DeformableModel, reference: Reference, target: Array, in_world: bool) -> tuple[Array, Array]:
@@ -169,7 +169,8 @@ def _check_same_surfaces(models: Sequence[DeformableModel], names: Collection[st
             raise InputError(f"model {number}: expected the surfaces {', '.join(names)}, all of kind 'ellipsoid'")
 
 
-def _centred(points: Array) -> Array:
+def centred(points: Array) -> Array:
+    """Return points (n, 3) about their mean."""
     return points - points.mean(axis=0)
 
 
@@ -235,7 +236,7 @@ class Correspondence:
         in_world = _same_orientation(models)
         first = models if in_world else models[:1]
         reference = _mean_reference(first, [np.eye(3)] * len(first), shape)
-        mean = np.mean([_centred(corresponding(model, reference, np.eye(3))) for model in first], axis=0)
+        mean = np.mean([centred(corresponding(model, reference, np.eye(3))) for model in first], axis=0)
         for _ in range(passes):
             rotations = [aligned(model, reference, mean, in_world)[1] for model in models]
             reference = _mean_reference(models, rotations, shape)
@@ -250,9 +251,16 @@ class Correspondence:
         Raises:
             InputError: models with other surfaces than those of the reference.
         """
+        return np.array([self.reference.row(each) for each in self.points(models)])
+
+    def points(self, models: Sequence[DeformableModel]) -> Array:
+        """Return points (len(models), n, 3) that correspond to those of the reference, in its frame.
+
+        Raises:
+            InputError: models with other surfaces than those of the reference.
+        """
         _check_same_surfaces(models, self.reference.surfaces)
-        points = [aligned(model, self.reference, self.mean_points, self.in_world)[0] for model in models]
-        return np.array([self.reference.row(each) for each in points])
+        return np.array([aligned(model, self.reference, self.mean_points, self.in_world)[0] for model in models])
 
     def inverse_transform(self, rows: Array) -> list[DeformableModel]:
         """Return models of rows (n, 3 k), about the origin."""

@@ -1,0 +1,118 @@
+"""Meshes of a population whose vertices correspond: checked, aligned, and superquadrics of their mean."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from quadriform.errors import InputError
+from quadriform.fitting.superquadric.fit import fit_superquadric
+from quadriform.point_sets import ALONE
+from quadriform.points import Array, by_name, check_points
+from quadriform.priors.alignment import aligned_rigidly, centred
+from quadriform.priors.features import Features
+from quadriform.shapes.closest import closest_on
+from quadriform.shapes.control_box import common_box
+from quadriform.shapes.mesh import Mesh
+from quadriform.shapes.superquadric import Superquadric
+
+Meshes = dict[str, Mesh]
+"""The surfaces of one member of a population by name."""
+CONVERGED = 1e-12
+"""Change of the mean in a step, relative to its size, at which the alignment ends."""
+STEPS = 100
+FOOT_POINT_STEPS = 10
+
+
+def meshes_by_name(shape: Mesh | Mapping[str, Mesh]) -> Meshes:
+    """Return the meshes of one shape by name; a single one is called "surface"."""
+    return {ALONE: shape} if isinstance(shape, Mesh) else by_name(shape, "meshes")
+
+
+def corresponding_vertices(shapes: Sequence[Meshes]) -> Array:
+    """Return the vertices (len(shapes), n, 3) of shapes, one surface after the other.
+
+    Raises:
+        InputError: other surfaces, other numbers of vertices or other triangles than those of the first shape.
+        PointsError: vertices that are not finite.
+    """
+    first = shapes[0]
+    for number, shape in enumerate(shapes):
+        if shape.keys() != first.keys():
+            raise InputError(f"mesh {number}: expected the surfaces {', '.join(first)}, found {', '.join(shape)}")
+        for name, mesh in first.items():
+            _check_correspondence(number, name, shape[name], mesh)
+    return np.array([_vertices(number, shape, tuple(first)) for number, shape in enumerate(shapes)])
+
+
+def _check_correspondence(number: int, name: str, mesh: Mesh, first: Mesh) -> None:
+    expected, found = len(first.vertices), len(mesh.vertices)
+    if found != expected:
+        raise InputError(
+            f"mesh {number}, {name}: expected {expected} vertices, as many as in mesh 0, found {found}; vertices of "
+            "all meshes must correspond by their numbers. Fit a model to each mesh and learn from the models instead"
+        )
+    if not np.array_equal(mesh.faces, first.faces):
+        raise InputError(
+            f"mesh {number}, {name}: its triangles have other vertices than those of mesh 0, so that vertices do not "
+            "correspond by their numbers. Fit a model to each mesh and learn from the models instead"
+        )
+
+
+def _vertices(number: int, shape: Meshes, names: tuple[str, ...]) -> Array:
+    return np.concatenate([check_points(shape[name].vertices, f"mesh {number}, {name}") for name in names])
+
+
+def procrustes(vertices: Array) -> Array:
+    """Return vertices (s, n, 3) of s shapes after the rigid motions that bring them to their common mean.
+
+    Generalised Procrustes analysis: shapes are aligned to the mean, and the mean is computed again, until it does not
+    change. The first shape determines the orientation.
+    """
+    mean = centred(vertices[0])
+    for _ in range(STEPS):
+        points = np.array([aligned_rigidly(each, mean) for each in vertices])
+        before, mean = mean, points.mean(axis=0)
+        if np.linalg.norm(mean - before) <= CONVERGED * np.linalg.norm(mean):
+            break
+    return points
+
+
+def reference_of(mean: Array, first: Meshes, counts: tuple[int, int, int]) -> tuple[dict[str, Superquadric], Features]:
+    """Return superquadrics for the mean shape, by name, and the features over points of them, one for each vertex.
+
+    These points begin on the rays from the centres to the vertices and become, in turn with the control points of the
+    mean, those whose deformed positions are nearest to the vertices.
+
+    Args:
+        mean: (n, 3), vertices of the mean shape, one surface after the other.
+        first: a member, whose names and numbers of vertices are taken.
+        counts: control points along each axis.
+
+    Raises:
+        DegenerateError: the vertices of a surface have no extent in three dimensions.
+    """
+    ends = np.cumsum([len(mesh.vertices) for mesh in first.values()])[:-1]
+    parts = dict(zip(first, np.split(mean, ends)))
+    surfaces = {name: _around(part) for name, part in parts.items()}
+    box = common_box(surfaces, counts)
+    origins = np.concatenate([surfaces[name].project(part) for name, part in parts.items()])
+    for _ in range(FOOT_POINT_STEPS):
+        features = Features(box, origins)
+        moved = features.displacements(features.row(mean)).reshape(box.control_points.shape)
+        deformed = box.with_control_points(box.control_points + moved)
+        origins = np.concatenate([closest_on(surfaces[name], deformed, part).origins for name, part in parts.items()])
+    return surfaces, Features(box, origins)
+
+
+def _around(points: Array) -> Superquadric:
+    """A superquadric with the axes and exponents of the one fitted to points, and the extent of the points.
+
+    A superquadric fitted to a wall that is open at its base closes far beyond it, where no vertex determines the
+    control points, and where the map folds.
+    """
+    fitted = fit_superquadric(points).superquadric
+    local = points @ fitted.rotation
+    low, high = local.min(axis=0), local.max(axis=0)
+    centre = fitted.rotation @ (low + high) / 2
+    return replace(fitted, semi_axes=(high - low) / 2, translation=centre)
