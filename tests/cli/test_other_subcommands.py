@@ -6,9 +6,11 @@ from dataclasses import replace
 import nibabel
 import numpy as np
 import pytest
+from priors_made import meshes
 
 from quadriform.files import load, read_points, save, sha256_of
 from quadriform.files.meshes import read_space_and_unit, write_mesh
+from quadriform.priors.learning import learn_prior
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.superquadric import Superquadric
@@ -329,6 +331,18 @@ def test_info_on_a_model(terminal, model, tmp_path, suffix):
     assert record["parameters"] == 386
     assert record["control_points"] == [5, 5, 5]
     assert record["input_sha256"] == "unknown"
+
+
+def test_a_prior_is_described_and_is_no_model(terminal):
+    prior = learn_prior(meshes(), box=(3, 3, 3), unit="mm")
+    save(prior, "lv.prior.npz")
+    found = json.loads(terminal("info", "lv.prior.npz", "--json").out)
+    assert (found["kind"], found["models"], found["modes"], found["unit"]) == ("prior", 8, 3, "mm")
+    assert found["leave_one_out"] == prior.report.leave_one_out
+    assert found["standard deviations"] == prior.deviations.tolist()
+    for words in (("export", "lv.prior.npz", "--to", "ply", "-o", "out"), ("compare", "lv.prior.npz", "lv.prior.npz")):
+        result = terminal(*words)
+        assert result.code in (2, 4) and "found a prior" in result.err
 
 
 def test_info_distinguishes_points_from_models_in_npz(terminal, tmp_path):

@@ -18,7 +18,7 @@ BOX = (3, 3, 3)
 
 
 def learned(shapes, **options):
-    return qf.learn_prior(shapes, box=BOX, **options)
+    return qf.learn_prior(shapes, **{"box": BOX} | options)
 
 
 def test_ellipsoids_of_varying_axes_have_three_modes_of_known_variances():
@@ -155,6 +155,8 @@ def not_finite():
         (models, {"unit": "m"}, OptionError, "unit='m': the models are in mm"),
         (meshes, {"unit": "feet"}, OptionError, "unit='feet'"),
         (meshes, {"modes": 4}, OptionError, "modes=4: expected 1 to 3"),
+        (meshes, {"box": (20, 20, 20)}, OptionError, "box=.*at most 1000 control points"),
+        (meshes, {"box": (1, 2, 3)}, OptionError, "box="),
         (meshes, {"mode": 4}, OptionError, "did you mean modes"),
     ],
 )

@@ -16,12 +16,14 @@ import nibabel
 import numpy as np
 import pydicom
 from dicom_made import write_enhanced, write_slice
+from priors_made import meshes
 
 import quadriform as qf
 from quadriform.errors import FileFormatError, WarningKind
 from quadriform.files.guide_points import read_guide_points
 from quadriform.files.meshes import read_mesh
 from quadriform.files.points import read_points, write_points
+from quadriform.files.priors import read_prior
 from quadriform.imaging.reading import read_volume
 from quadriform.shapes.splines import TimeBasis
 
@@ -367,6 +369,7 @@ KINDS = [
     Kind("model .json", ".json", saved(MODEL), model_numbers, json_model),
     Kind("moving model .json", ".json", saved(MOVING), model_numbers, json_model),
     Kind("model .npz", ".npz", saved(MODEL), model_numbers),
+    Kind("prior .npz", ".npz", lambda p: qf.save(qf.learn_prior(meshes(), box=(2, 2, 2)), p), read_prior),
     Kind(
         "image .nii", ".nii", lambda p: nibabel.Nifti1Image(VOXELS, AFFINE).to_filename(p), voxels_and_world, by_nibabel
     ),

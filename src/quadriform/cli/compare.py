@@ -91,6 +91,7 @@ def _read(file: Path, surface: str | None) -> _Body:
     from quadriform.shapes.comparison import alone
     from quadriform.shapes.mesh import Mesh
     from quadriform.shapes.moving_model import MovingModel
+    from quadriform.shapes.prior import ShapePrior
 
     shape = load(file)
     if isinstance(shape, Mesh):
@@ -100,6 +101,8 @@ def _read(file: Path, surface: str | None) -> _Body:
             f"{str(file)!r}: expected a model or a mesh, found a moving model; take a state out of it first, "
             "quadriform export --to ply --at TIME"
         )
+    if isinstance(shape, ShapePrior):
+        raise InputError(f"{str(file)!r}: expected a model or a mesh, found a prior; save its mean_model() first")
     try:
         return _Body(file, alone(shape, surface), shape.space, shape.unit, shape.record)
     except OptionError as error:

@@ -92,10 +92,11 @@ def _read(path: Path, details: Details, space: str | None) -> "tuple[DeformableM
     from quadriform.files.reading import named_in_errors
     from quadriform.shapes.mesh import Mesh
     from quadriform.shapes.model import DeformableModel
+    from quadriform.shapes.prior import ShapePrior
 
     loaded = load(path)
-    if isinstance(loaded, Mesh):
-        raise OptionError(f"{str(path)!r}: expected a model, found a mesh")
+    if isinstance(loaded, Mesh | ShapePrior):
+        raise OptionError(f"{str(path)!r}: expected a model, found a {'mesh' if isinstance(loaded, Mesh) else 'prior'}")
     if space is not None:
         with named_in_errors(path):
             loaded = loaded.in_space(space)

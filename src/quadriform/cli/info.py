@@ -1,6 +1,6 @@
 """`quadriform info`: what a file holds."""
 
-from dataclasses import fields
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from quadriform.points import Array
     from quadriform.shapes.model import DeformableModel
     from quadriform.shapes.moving_model import MovingModel
+    from quadriform.shapes.prior import ShapePrior
 
 
 SHOWN = ("title", "status", "warnings", "notes", "sources", "coverage", "supported", "extends_beyond", "estimates")
@@ -136,10 +137,13 @@ def _image(file: Path, frame: int | None, affine: str | None) -> dict[str, Any]:
 
 
 def _model(file: Path, frame: int | None, affine: str | None) -> dict[str, Any]:
-    from quadriform.files.models import read_any_model
+    from quadriform.files import load
     from quadriform.shapes.model import DeformableModel
+    from quadriform.shapes.prior import ShapePrior
 
-    model = read_any_model(file)
+    model: Any = load(file)
+    if isinstance(model, ShapePrior):
+        return _prior(model)
     if not isinstance(model, DeformableModel):
         return _moving(model)
     return {
@@ -151,7 +155,20 @@ def _model(file: Path, frame: int | None, affine: str | None) -> dict[str, Any]:
     }
 
 
-def _surfaces(model: "DeformableModel | MovingModel", control_points: tuple[int, ...]) -> dict[str, Any]:
+def _prior(prior: "ShapePrior") -> dict[str, Any]:
+    return {
+        "kind": "prior",
+        **_surfaces(prior, prior.box.control_points.shape[:3]),
+        "models": prior.n_models,
+        "modes": len(prior.modes),
+        "standard deviations": prior.deviations.tolist(),
+        **asdict(prior.report),
+        "space": prior.space,
+        "unit": prior.unit,
+    }
+
+
+def _surfaces(model: "DeformableModel | MovingModel | ShapePrior", control_points: tuple[int, ...]) -> dict[str, Any]:
     kinds = {name: surface.kind for name, surface in model.surfaces.items()}
     return {"surfaces": kinds, "control_points": list(control_points)}
 

@@ -21,9 +21,9 @@ from quadriform.cohort.manifest import READING, Row
 from quadriform.cohort.measures import Measure, measures_of
 from quadriform.cohort.subject_files import files_by_surface, read_subject
 from quadriform.errors import InputError, OutputError, QuadriformError, check_strict, join_warnings
-from quadriform.files import load, save, sha256_of
+from quadriform.files import save, sha256_of
 from quadriform.files.atomic import make_folder, write_bytes
-from quadriform.files.models import parse_json
+from quadriform.files.models import parse_json, read_any_model
 from quadriform.files.reading import quoted, read_bytes
 from quadriform.files.strict import Field
 from quadriform.fitting.fit import fit
@@ -35,7 +35,6 @@ from quadriform.imaging.frame_series import FrameSeries, drop_points_between_sli
 from quadriform.motion.tracking import Track, track
 from quadriform.points import Array
 from quadriform.shapes.landmarks import NONE_KNOWN
-from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
 from quadriform.shapes.record import ModelRecord
@@ -295,9 +294,7 @@ def _kept(task: Task, key: str) -> Outcome | None:
         record = Field(parse_json(read_bytes(path), quoted(path)), "", "record")
         if record.member("version").whole() != VERSION or record.member("key").text() != key:
             return None
-        model = load(task.target / MODEL)
-        if isinstance(model, Mesh):
-            return None
+        model = read_any_model(task.target / MODEL)
         measures = tuple(_measures(record.member("measures")))
         return Outcome(task.row.number, task.row.id, KEPT, parameters_of(model, task.layout), measures)
     except (QuadriformError, ValueError):

@@ -58,7 +58,7 @@ def write_model(model: DeformableModel, path: PathLike, force: bool = False) -> 
     """
     encode = {".json": encode_json, ".npz": packed}[suffix_of(path, MODEL_SUFFIXES, "a model")]
     landmarks = {LANDMARKS: landmarks_document(model.landmarks)}
-    write_bytes(path, encode(_document(FORMAT, VERSION, model) | landmarks | _box_document(model.box)), force)
+    write_bytes(path, encode(_document(FORMAT, VERSION, model) | landmarks | box_document(model.box)), force)
 
 
 def write_moving_model(model: MovingModel, path: PathLike, force: bool = False) -> None:
@@ -73,7 +73,7 @@ def write_moving_model(model: MovingModel, path: PathLike, force: bool = False) 
     knots, frames = model.basis.knots.tolist(), model.frame_times.tolist()
     time = {"time": {"knots": knots, "period": model.basis.period, "frames": frames}}
     landmarks = {LANDMARKS: [landmarks_document(each) for each in model.landmarks] or None}
-    document = _document(MOVING, MOVING_VERSION, model) | landmarks | time | _box_document(model)
+    document = _document(MOVING, MOVING_VERSION, model) | landmarks | time | box_document(model)
     write_bytes(path, encode_json(document), force)
 
 
@@ -93,9 +93,9 @@ def read_model(path: PathLike) -> DeformableModel:
     box = root.member("box")
     landmarks = read_landmarks(root.optional(LANDMARKS))
     model = root.build(
-        DeformableModel, box=box.build(ControlBox, **_box_fields(box, axes=3)), landmarks=landmarks, **fields
+        DeformableModel, box=box.build(ControlBox, **box_fields(box, axes=3)), landmarks=landmarks, **fields
     )
-    _check_extent(model, where)
+    check_extent(model, where)
     return model
 
 
@@ -114,11 +114,11 @@ def read_moving_model(path: PathLike) -> MovingModel:
     times = _times(root.member("time"), root.member("version").whole())
     every = root.optional(LANDMARKS)
     landmarks = () if every.value is None else tuple(map(read_landmarks, every.items()))
-    box = _box_fields(root.member("box"), axes=4)
+    box = box_fields(root.member("box"), axes=4)
     model = root.build(MovingModel, **fields, **times, **box, landmarks=landmarks)
     # Between knots the splines stay near these states.
     for knot in model.basis.knots:
-        _check_extent(root.build(model.at, float(knot)), where)
+        check_extent(root.build(model.at, float(knot)), where)
     return model
 
 
@@ -161,11 +161,16 @@ def _document(name: str, version: int, model: DeformableModel | MovingModel) -> 
         "unit": model.unit,
         "input_sha256": model.input_sha256,
         **record_document(model.record, model.surfaces),
-        "surfaces": [_surface_document(each, surface) for each, surface in model.surfaces.items()],
+        "surfaces": [surface_document(each, surface) for each, surface in model.surfaces.items()],
     }
 
 
-def _surface_document(name: str, surface: Superquadric) -> dict[str, Any]:
+def surface_document(name: str, surface: Superquadric) -> dict[str, Any]:
+    """The fields of a named superquadric.
+
+    Raises:
+        OptionError: a name that UTF-8 cannot hold.
+    """
     if not name.isascii() and name.encode("utf-8", "replace").decode() != name:
         raise OptionError(f"surface {name!r}: expected a name without halves of surrogate pairs")
     fields: dict[str, Any] = {"name": name, "kind": surface.kind}
@@ -175,7 +180,8 @@ def _surface_document(name: str, surface: Superquadric) -> dict[str, Any]:
     return fields
 
 
-def _box_document(box: ControlBox | MovingModel) -> dict[str, Any]:
+def box_document(box: ControlBox | MovingModel) -> dict[str, Any]:
+    """The field with the arrays of a control box."""
     return {"box": {name: getattr(box, name).tolist() for name in (*BOX, "control_points")}}
 
 
@@ -186,13 +192,10 @@ def _fields(
     root: Field, name: str, body: tuple[str, ...], latest: int, record_since: int, landmarks_since: int
 ) -> dict[str, Any]:
     """What both kinds of models have, as arguments; some fields since a version of the format."""
-    root.member("format").choice((name,))
-    version = root.member("version").whole()
-    if not 1 <= version <= latest:
-        root.member("version").refuse(f"version 1 to {latest}; a later one needs a newer quadriform")
+    version = read_version(root, name, latest)
     record = FIELDS if version >= record_since else ()
     root.only((*body, *record, *([LANDMARKS] if version >= landmarks_since else ())))
-    surfaces = _surfaces(root.member("surfaces"))
+    surfaces = read_surfaces(root.member("surfaces"))
     return {
         "surfaces": surfaces,
         "input_sha256": root.member("input_sha256").matching(SHA256, "64 hexadecimal digits, or nothing"),
@@ -202,7 +205,17 @@ def _fields(
     }
 
 
-def _surfaces(field: Field) -> dict[str, Superquadric]:
+def read_version(root: Field, name: str, latest: int) -> int:
+    """The version of a document, which has the name of its format; one up to the latest."""
+    root.member("format").choice((name,))
+    version = root.member("version").whole()
+    if not 1 <= version <= latest:
+        root.member("version").refuse(f"version 1 to {latest}; a later one needs a newer quadriform")
+    return version
+
+
+def read_surfaces(field: Field) -> dict[str, Superquadric]:
+    """Superquadrics by name; at least one."""
     surfaces: dict[str, Superquadric] = {}
     for item in field.items():
         name = item.member("name").text()
@@ -223,7 +236,7 @@ def _surface(field: Field) -> Superquadric:
     return field.build(Superquadric, kind, **values)
 
 
-def _box_fields(field: Field, axes: int) -> dict[str, Any]:
+def box_fields(field: Field, axes: int) -> dict[str, Any]:
     """The arrays of a control box; its control points have three axes, those of a moving one a first for the knots."""
     shapes: dict[str, tuple[int | None, ...]] = BOX | {"control_points": (*[None] * axes, 3)}
     field.only(tuple(shapes))
@@ -243,7 +256,7 @@ def _times(field: Field, version: int) -> dict[str, Any]:
     return times | {"frame_times": frames.numbers((None,))}
 
 
-def _check_extent(model: DeformableModel, where: str) -> None:
+def check_extent(model: DeformableModel, where: str) -> None:
     """Refuse a model whose surfaces do not belong to its box: far outside, its polynomials have no finite values."""
     for name in model.surfaces:
         with np.errstate(all="ignore"):

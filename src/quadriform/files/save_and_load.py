@@ -15,14 +15,18 @@ from quadriform.files.models import (
     write_moving_model,
 )
 from quadriform.files.points import POINT_SUFFIXES
+from quadriform.files.priors import PRIOR_SUFFIXES, is_prior_file, read_prior, write_prior
 from quadriform.files.reading import PathLike, suffix_of, suffix_to_read
 from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
+from quadriform.shapes.prior import ShapePrior
+
+Saved = DeformableModel | MovingModel | Mesh | ShapePrior
 
 
-def save(model_or_mesh: DeformableModel | MovingModel | Mesh, path: PathLike, force: bool = False) -> None:
-    """Write a model (.json .npz), a moving model (.json) or a mesh (.ply .stl .obj .vtp), all or nothing.
+def save(model_or_mesh: Saved, path: PathLike, force: bool = False) -> None:
+    """Write a model (.json .npz), moving model (.json), mesh (.ply .stl .obj .vtp) or prior (.npz), all or nothing.
 
     A model with one surface can be given a mesh suffix: its surface is written, with its frame and unit. A mesh has
     neither, and is written with "unknown"; `write_mesh` takes them.
@@ -33,7 +37,7 @@ def save(model_or_mesh: DeformableModel | MovingModel | Mesh, path: PathLike, fo
         force: replace an existing file.
 
     Raises:
-        OptionError: neither a model nor a mesh, or a model of several surfaces as one mesh.
+        OptionError: neither a model nor a mesh nor a prior, or a model of several surfaces as one mesh.
         FileFormatError: a suffix that it cannot have.
         OutputError: the target cannot be written; an existing file is unchanged.
     """
@@ -43,8 +47,13 @@ def save(model_or_mesh: DeformableModel | MovingModel | Mesh, path: PathLike, fo
     if isinstance(model_or_mesh, MovingModel):
         write_moving_model(model_or_mesh, path, force)
         return
+    if isinstance(model_or_mesh, ShapePrior):
+        write_prior(model_or_mesh, path, force)
+        return
     if not isinstance(model_or_mesh, DeformableModel):
-        raise OptionError(f"save: expected a DeformableModel or a Mesh, found {type(model_or_mesh).__name__}")
+        raise OptionError(
+            f"save: expected a DeformableModel, a Mesh or a ShapePrior, found {type(model_or_mesh).__name__}"
+        )
     model = model_or_mesh
     if suffix_of(path, MODEL_SUFFIXES + WRITE_SUFFIXES, "a model") in MODEL_SUFFIXES:
         write_model(model, path, force)
@@ -78,14 +87,15 @@ def _is_model(path: PathLike) -> bool:
         return False  # the reader of points reports what is wrong
 
 
-def load(path: PathLike) -> DeformableModel | MovingModel | Mesh:
-    """The object that `save` wrote: a model from .json or .npz, a moving one from .json, a mesh from its own suffixes.
+def load(path: PathLike) -> Saved:
+    """The object that `save` wrote: a model (.json .npz), a moving model (.json), a prior (.npz) or a mesh.
 
     Raises:
         InputError: the file is missing or cannot be read.
         FileFormatError: not what its name says, or damaged.
         FileLimitError: beyond the budget.
     """
-    if suffix_to_read(path, MODEL_SUFFIXES + READ_SUFFIXES, "a model or a mesh") in MODEL_SUFFIXES:
-        return read_any_model(path)
-    return read_mesh(path)
+    suffix = suffix_to_read(path, MODEL_SUFFIXES + READ_SUFFIXES, "a model or a mesh")
+    if suffix in PRIOR_SUFFIXES and is_prior_file(path):
+        return read_prior(path)
+    return read_any_model(path) if suffix in MODEL_SUFFIXES else read_mesh(path)

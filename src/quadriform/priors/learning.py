@@ -32,6 +32,8 @@ EXPLAINED = 0.999
 LEAST_FREEDOM = 1e-3
 """Smallest error that the freedom allows for, relative to the standard deviation of the population: no finite number of
 shapes shows that there are no others."""
+MOST_CONTROL_POINTS = 1000
+"""Of the box: the precision has three rows for each."""
 SAME = 1e-9
 """Shapes whose standard deviation is a smaller fraction of their size are all the same."""
 
@@ -72,6 +74,8 @@ def learn_prior(
         OptionError: a box, a number of modes, a frame or a unit that cannot be.
     """
     counts = check_box(box)
+    if np.prod(counts) > MOST_CONTROL_POINTS:
+        raise OptionError(f"option box={box!r}: expected at most {MOST_CONTROL_POINTS} control points for a prior")
     if not isinstance(models, Iterable):
         raise InputError(f"models: expected three or more in a list, found one {type(models).__name__}")
     shapes = list(models)
