@@ -9,7 +9,21 @@ import typer
 from typer.main import get_command
 
 from quadriform import __version__
-from quadriform.cli import cohort, compare, deform, demo, export, fit, info, measure, paper, report, segment, track
+from quadriform.cli import (
+    cohort,
+    compare,
+    deform,
+    demo,
+    export,
+    fit,
+    info,
+    measure,
+    paper,
+    prior,
+    report,
+    segment,
+    track,
+)
 from quadriform.cli.exit_codes import INTERRUPTED, USAGE, error_line, report_error
 from quadriform.errors import UNRELIABLE
 
@@ -33,6 +47,7 @@ for command in (
     info.info,
     report.report,
     cohort.cohort,
+    prior.prior,
     demo.demo,
     paper.paper,
 ):
