@@ -130,6 +130,10 @@ def other_faces():
     return [*shapes[:2], replace(shapes[2], faces=np.roll(shapes[2].faces, 1, axis=0))]
 
 
+def flat(mesh):
+    return Mesh(mesh.vertices * [1, 1, 0], mesh.faces)
+
+
 def not_finite():
     shapes = meshes()
     vertices = shapes[1].vertices.copy()
@@ -146,6 +150,9 @@ def not_finite():
         (lambda: [np.zeros((9, 3))] * 3, {}, InputError, "found ndarray at index 0"),
         (lambda: [wall(m) for m in meshes()[:2]] + meshes()[:1], {}, InputError, "mesh 2: expected the surfaces endo"),
         (lambda: [*meshes()[:2], SMALL], {}, InputError, "mesh 2, surface: expected 386 vertices.*found 98"),
+        (lambda: [{"endo": np.zeros((9, 3))}] * 3, {}, InputError, "mesh 0, endo: expected a Mesh, found ndarray"),
+        (lambda: [{}] * 3, {}, InputError, "mesh 0: expected one or more surfaces"),
+        (lambda: [flat(mesh) for mesh in meshes()], {}, DegenerateError, "coplanar"),
         (other_faces, {}, InputError, "mesh 2, surface: its triangles"),
         (not_finite, {}, PointsError, "mesh 1, surface: 1 of 386 rows are not finite"),
         (lambda: meshes()[:1] * 3, {}, DegenerateError, "all 3 shapes are the same"),

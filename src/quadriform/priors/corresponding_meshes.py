@@ -24,9 +24,19 @@ STEPS = 100
 FOOT_POINT_STEPS = 10
 
 
-def meshes_by_name(shape: Mesh | Mapping[str, Mesh]) -> Meshes:
-    """Return the meshes of one shape by name; a single one is called "surface"."""
-    return {ALONE: shape} if isinstance(shape, Mesh) else by_name(shape, "meshes")
+def meshes_by_name(number: int, shape: Mesh | Mapping[str, Mesh]) -> Meshes:
+    """Return the meshes of one shape by name; a single one is called "surface".
+
+    Raises:
+        InputError: the shape of this number has no meshes, or something else than meshes.
+    """
+    meshes = {ALONE: shape} if isinstance(shape, Mesh) else by_name(shape, "meshes")
+    for name, mesh in meshes.items():
+        if not isinstance(mesh, Mesh):
+            raise InputError(f"mesh {number}, {name}: expected a Mesh, found {type(mesh).__name__}")
+    if not meshes:
+        raise InputError(f"mesh {number}: expected one or more surfaces, found none")
+    return meshes
 
 
 def corresponding_vertices(shapes: Sequence[Meshes]) -> Array:

@@ -174,7 +174,7 @@ def _population_of_meshes(
                 f"models: expected all of them to be models, or all to be meshes, found {type(shape).__name__} "
                 f"at index {number}"
             )
-    meshes = [meshes_by_name(shape) for shape in shapes]
+    meshes = [meshes_by_name(number, shape) for number, shape in enumerate(shapes)]
     points = procrustes(corresponding_vertices(meshes))
     points = _scaled(points) if scale else points
     surfaces, features = reference_of(points.mean(axis=0), meshes[0], counts)
