@@ -122,6 +122,13 @@ def test_bad_requests_give_one_line_and_nothing_else(terminal, folder, tmp_path,
     assert [path.name for path in tmp_path.iterdir()] == ["models"]
 
 
+def test_an_output_that_exists_is_refused_before_models_are_read(terminal, folder):
+    (folder / "0.json").write_text("no model")
+    qf.save(qf.learn_prior(models()), folder / "lv.npz")
+    assert terminal("prior", folder, "-o", folder / "lv.npz").code == 5
+    assert terminal("prior", folder, "-o", folder / "lv.npz", "--force").code == 4
+
+
 def test_too_few_models_are_refused_with_the_folder(terminal, folder):
     for number in range(2, 8):
         (folder / f"{number}.json").unlink()

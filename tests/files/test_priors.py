@@ -109,6 +109,7 @@ def rewritten(path, document, values):
         (lambda d: d.pop("freedom"), "freedom"),
         (lambda d: d["report"].update(specificity=-1.0), "specificity"),
         (lambda d: d["report"].update(modes_90=1.5), r"report\.modes_90"),
+        (lambda d: d["report"].update(more=1), r"report\.more"),
         (lambda d: d["report"].pop("residual"), r"report\.residual"),
         (lambda d: d["surfaces"].clear(), "values by the shapes"),
         (lambda d: d["surfaces"][1].update(name="endo"), r"surfaces\[1\]\.name"),
@@ -135,6 +136,13 @@ def test_numbers_that_are_not_finite_or_out_of_range_are_refused(saved, value):
         rewritten(saved, document, changed)
         with pytest.raises(FileFormatError):
             qf.load(saved)
+
+
+def test_surfaces_far_from_the_box_are_refused(saved):
+    surfaces = {name: each.transformed(1, np.full(3, 1e12)) for name, each in prior().surfaces.items()}
+    qf.save(replace(prior(), surfaces=surfaces), saved, force=True)
+    with pytest.raises(FileFormatError, match="near it, found surface 'endo'"):
+        qf.load(saved)
 
 
 def test_numbers_of_another_type_are_refused(saved):
