@@ -1,8 +1,9 @@
-"""The defaults on data that they were not tuned on: error to the truth, status and folds, the worst rows first.
+"""The defaults on data that they were not tuned on: error to the truth, status and folds.
 
-python benchmarks/next_patient.py [names...] [--limit N] [--shared PATH] [--regret]
+python benchmarks/next_patient.py [names...] [--limit N] [--shared PATH] [--cases] [--regret]
 
-With --regret the errors stand beside those of the best of seven strengths, chosen in hindsight by the truth.
+With --cases each benchmark has a table of its cases, the worst first. With --regret the errors stand beside those of
+the best of seven strengths, chosen in hindsight by the truth.
 """
 
 import argparse
@@ -35,6 +36,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("names", nargs="*", help=f"of {', '.join(SOURCES)}; all unless given")
     parser.add_argument("--limit", type=int, help="only the first N bodies, patients, subjects or scenes of each")
     parser.add_argument("--shared", type=Path, default=SHARED, help="folder with bench/ and data/")
+    parser.add_argument("--cases", action="store_true", help="a table of the cases of each benchmark, the worst first")
     parser.add_argument("--regret", action="store_true", help="run the ladder of strengths as well")
     given = parser.parse_intermixed_args()
     if unknown := set(given.names) - set(SOURCES):
@@ -43,7 +45,7 @@ def arguments() -> argparse.Namespace:
 
 
 def run(name: str, given: argparse.Namespace, every: list[Measured]) -> list[str]:
-    """The lines of the summary of one source; its tables are printed, its rows appended to `every`."""
+    """The lines of the summary of one source; its rows are appended to `every`."""
     try:
         benchmarks = SOURCES[name].benchmarks(given.shared, given.limit)
     except Missing as reason:
@@ -51,7 +53,8 @@ def run(name: str, given: argparse.Namespace, every: list[Measured]) -> list[str
     lines = []
     for benchmark in benchmarks:
         found = list(measured(benchmark, given.regret))
-        print_table(benchmark, found)
+        if given.cases:
+            print_table(benchmark, found)
         every += found
         lines.append(summary(benchmark, found))
     return lines
@@ -62,7 +65,7 @@ def main() -> None:
     every: list[Measured] = []
     lines = [line for name in given.names or SOURCES for line in run(name, given, every)]
     lines += status_lines(every) + ([regret_line(every)] if given.regret else [])
-    print("## Summary\n\n" + "\n".join(lines))
+    print("## The default on data that it was not tuned on\n\n" + "\n".join(f"- {line}" for line in lines))
 
 
 if __name__ == "__main__":

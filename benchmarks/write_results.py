@@ -24,6 +24,7 @@ BLOCK = re.compile(
     re.DOTALL,
 )
 FITTING = ("src/quadriform/fitting", "src/quadriform/shapes")
+HEARTS = (*FITTING, "src/quadriform/imaging", "src/quadriform/heart")
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,10 @@ TABLES = {
     "two_boxes": Results("docs/benchmarks.md", FITTING),
     "regularity": Results("docs/benchmarks.md", ("src/quadriform/fitting/paper",)),
     "cycle": Results("docs/benchmarks.md", (*FITTING, "src/quadriform/motion"), long=True),
-    "hearts": Results("docs/benchmarks.md", (*FITTING, "src/quadriform/imaging", "src/quadriform/heart"), long=True),
+    "hearts": Results("docs/benchmarks.md", HEARTS, long=True),
+    "next_patient": Results(
+        "docs/benchmarks.md", ("benchmarks/generalisation", *HEARTS, "src/quadriform/motion"), True
+    ),
     "real_data": Results("docs/real_data.md", (*FITTING, "src/quadriform/imaging"), long=True),
 }
 
