@@ -32,10 +32,11 @@ class Counted:
 
     def __init__(self, noises=(), fails_at=None, verified_at=None):
         self.noises, self.fails_at, self.verified_at = list(noises), fails_at, verified_at
-        self.log, self.searches, self.fractions, self.spaces = [], [], [], []
+        self.log, self.searches, self.fractions, self.spaces, self.widenings = [], [], [], [], []
 
-    def step(self, state, strengths):
+    def step(self, state, strengths, widening=1.0):
         self.log.append(strengths)
+        self.widenings.append(widening)
         if self.fails_at is not None and len(self.log) > self.fails_at:
             return None
         sigma = self.noises.pop(0) if self.noises else state.sigma
@@ -77,6 +78,8 @@ def test_strengths_fall_to_their_own_and_are_then_estimated():
     state, strengths = cycle_rounds._fitted(cycle, State(), (0, 1), None, report())
     factors = [100, 100 ** (2 / 3), 100 ** (1 / 3), 1]
     np.testing.assert_allclose(cycle.log[:4], [(3 * f, FIRST * f) for f in factors])
+    np.testing.assert_allclose(cycle.widenings[:4], np.sqrt(factors))
+    assert set(cycle.widenings[4:]) == {1.0}
     # six rounds in which the strength in space is estimated, that in time in the first two
     assert [near for near, _ in cycle.spaces] == [None, *np.arange(3.0, 9.0)]
     assert [first for _, first in cycle.spaces] == [True] + [False] * 6

@@ -210,12 +210,17 @@ class Cycle:
         least, shifts = self.known_noise.least_sigma, state.shifts
         return CycleFit(control, datasets, state.sigma, least, strengths, shifts, verified, sigma_before)
 
-    def step(self, state: CycleState, strengths: tuple[float, float]) -> CycleState | None:
+    def step(self, state: CycleState, strengths: tuple[float, float], widening: float = 1.0) -> CycleState | None:
         """The state after a round: foot points, inlier probabilities, and a step to the solution of the linear problem.
 
         The step is shortened until `total` decreases. None where the linear problem is singular.
+
+        Args:
+            state: before the round.
+            strengths: in space and in time.
+            widening: factor on sigma where outliers are sought.
         """
-        state = replace(state, datasets=self._updated(state))
+        state = replace(state, datasets=self._updated(state, widening))
         linear, penalties = self.linear_problem(state), _penalties(state)
         equations = [_sum(each, box) for each, box in zip(penalties, state.boxes)]
         solution = linear.with_extra_terms(equations).solve(*strengths)
@@ -262,14 +267,14 @@ class Cycle:
         in_time = np.einsum("fa,akc->fkc", self.splines_at_frames, displacement).reshape(-1, *rest.shape)
         return [self.box.with_control_points(rest + each) for each in in_time]
 
-    def _updated(self, state: CycleState) -> list[list[SurfaceData]]:
+    def _updated(self, state: CycleState, widening: float) -> list[list[SurfaceData]]:
         """Data with new foot points, errors beyond the known ones, and inlier probabilities."""
         every = [(data, box) for box, datasets in zip(state.boxes, state.datasets) for data in datasets]
         moved = [data.with_tangential_steps(box, TANGENTIAL_STEPS) for data, box in every]
         boxes = [box for _, box in every]
         updated = with_excess(moved, boxes)
         if self.robust:
-            updated = tuple(_weighted(data, box, state.sigma) for data, box in zip(updated, boxes))
+            updated = tuple(_weighted(data, box, widening * state.sigma) for data, box in zip(updated, boxes))
         of_frames = iter(updated)
         return [[next(of_frames) for _ in datasets] for datasets in state.datasets]
 

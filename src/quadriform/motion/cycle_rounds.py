@@ -29,7 +29,9 @@ class CycleRounds:
     """Factor on the strengths in the first round after the affine ones: the affine images are near the points already,
     so maps need not be affine. Also that on the strength in time of the affine motion."""
     falling_rounds: int = 4
-    """Rounds in which this factor decreases to 1, lest frames far from their points fold."""
+    """Rounds in which this factor decreases to 1, lest frames far from their points fold. Outliers are sought at sigma
+    times its root: a part of a surface that is still far from its points must not lose them as outliers, for then it
+    would stay there."""
     search_rounds: int = 2
     """Rounds after the falling ones in which the strength in time is estimated, before it stays: it changes little, and
     takes a dozen solutions."""
@@ -136,7 +138,8 @@ def _fitted(
     strengths = alpha_at_first, _initial_strength_in_time(state)
     state = replace(state, fraction=cycle.effective_fraction(state, before_rounds=True))
     for factor in np.geomspace(ROUNDS.first_factor, 1, ROUNDS.falling_rounds):
-        state = cycle.step(state, (factor * strengths[0], factor * strengths[1])) or state
+        stronger = factor * strengths[0], factor * strengths[1]
+        state = cycle.step(state, stronger, widening=float(np.sqrt(factor))) or state
         report.round()
     after: CycleState | None = state
     for done in range(ROUNDS.most_rounds):
