@@ -154,13 +154,14 @@ def test_the_axis_of_a_base_begins_at_the_farthest_point_below_it(unit):
     endo = replace(ENDO, semi_axes=unit * ENDO.semi_axes, translation=unit * ENDO.translation)
     model = DeformableModel({"endo": endo}, box)
     plane = BasePlane(np.array([0.0, 0, 6.0]) * unit, np.array([0.1, 0, 1.0]) / np.hypot(0.1, 1))
-    found, mesh = axes.axis_to_base_plane(model, "endo", plane), model.mesh("endo", 48)
+    mesh = model.mesh("endo", 48)
+    found = axes.axis_to_base_plane(mesh, plane)
     centre = volumes.section_centre(mesh, plane)
     below = [p for p in mesh.vertices if (p - plane.point) @ plane.direction < 0]
     np.testing.assert_allclose(found.base, centre)
     np.testing.assert_allclose(found.apex, max(below, key=lambda p: np.linalg.norm(p - centre)))
     with pytest.raises(OptionError, match="does not meet the cavity"):
-        axes.axis_to_base_plane(model, "endo", BasePlane(np.array([0, 0, 99.0]), np.array([0, 0, 1.0])))
+        axes.axis_to_base_plane(mesh, BasePlane(np.array([0, 0, 99.0]), np.array([0, 0, 1.0])))
 
 
 @pytest.mark.parametrize("turn", range(3))

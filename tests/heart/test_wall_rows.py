@@ -88,7 +88,7 @@ def test_twist_is_stated_in_degrees_and_millimetres(reference):
 
 
 def test_curves_are_those_of_every_frame(reference):
-    found = wall_rows._curves(FRAMES, reference)
+    found = wall_rows.wall_curves(FRAMES, reference)
     for k, model in enumerate(FRAMES.models):
         thickness = reference.wall.thickness(model.box)
         weights, volumes = reference.areas / reference.areas.sum(), reference.volumes / reference.volumes.sum()

@@ -161,3 +161,33 @@ def test_without_motion_that_is_penalised_the_strength_stays():
     basis = TimeBasis(np.arange(3.0), 3.0)
     of = LinearCycleProblem(EACH, basis.values(np.linspace(0, 2.9, FRAMES)), basis, PENALTY, SHAPE, 360.0)
     assert of.best_in_time(1e-3, 0.123) == 0.123
+
+
+def test_the_posterior_is_that_of_the_dense_problem_with_extra_terms():
+    extra = [equations(50 + seed, 5) for seed in range(FRAMES)]
+    of = problem(effective_fraction=0.25).with_extra_terms(extra)
+    # with unit vectors in the place of random numbers the samples are a root of the covariance
+    found = of.posterior(*PAIR, 0.3, np.eye(len(of.right)))
+    half = found.deviations.reshape(len(found.deviations), -1)
+    matrix, _, _ = dense(*PAIR, [one + other for one, other in zip(EACH, extra)])
+    expected = 0.3**2 / 0.25 * np.linalg.inv(matrix)
+    np.testing.assert_allclose(half.T @ half, expected, rtol=1e-6, atol=1e-9 * expected.max())
+    assert found.covariance.shape == (0, 0)
+
+
+def test_further_unknowns_widen_the_posterior_and_have_one(rng):
+    coupling, root = rng.normal(size=(2, FRAMES, 3 * POINTS)), rng.normal(size=(2, 2))
+    own = root @ root.T + 100 * np.eye(2)
+    of = problem(bordered_block=(coupling, own, np.zeros(2)))
+    found = of.posterior(*PAIR, 0.3, np.eye(len(of.right)))
+    across = np.einsum("fa,sfp->aps", VALUES, coupling).reshape(-1, 2)
+    inverse = 0.09 * np.linalg.inv(np.block([[dense(*PAIR)[0], across], [across.T, own]]))
+    half = found.deviations.reshape(len(found.deviations), -1)
+    np.testing.assert_allclose(half.T @ half, inverse[:-2, :-2], rtol=1e-6, atol=1e-9 * inverse.max())
+    np.testing.assert_allclose(found.covariance, inverse[-2:, -2:], rtol=1e-9)
+
+
+def test_undetermined_control_points_have_no_posterior():
+    empty = [NormalEquations(0 * e.matrix, 0 * e.right, 0.0) for e in EACH]
+    of = problem(each=empty)
+    assert of.posterior(*PAIR, 0.3, np.eye(len(of.right))) is None

@@ -74,7 +74,7 @@ def measure(
 
 
 def _rows(found: "Measures") -> list[tuple[str, str, str, str]]:
-    rows = [(row.quantity, f"{row.value:.4g}", row.unit, "" if row.observed else "not observed") for row in found.rows]
+    rows = [(row.quantity, row.number, row.unit, "" if row.observed else "not observed") for row in found.rows]
     return [*rows, ("status", found.status, "", ", ".join(found.warnings))]
 
 

@@ -10,6 +10,7 @@ from quadriform.heart.heart_cycle import HeartCycle
 from quadriform.heart.volumes import section_centre, volume_below
 from quadriform.points import Array
 from quadriform.shapes.landmarks import BasePlane
+from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.model import DeformableModel
 
 Planes = tuple[BasePlane | None, ...]
@@ -80,15 +81,18 @@ def cavity_ends(model: DeformableModel, cavity: str, warnings: Warnings) -> Arra
     return ends if low <= high else ends[::-1]
 
 
-def axis_to_base_plane(model: DeformableModel, cavity: str, plane: BasePlane) -> LongAxis:
+def axis_to_base_plane(mesh: Mesh, plane: BasePlane) -> LongAxis:
     """Return the long axis for a given base: from the farthest point of the cavity to the centre of the base.
 
     The centre is the centre of area of the cavity's section with the plane.
 
+    Args:
+        mesh: of the cavity.
+        plane: the base.
+
     Raises:
         OptionError: the plane misses the cavity.
     """
-    mesh = model.mesh(cavity, 48)
     centre = section_centre(mesh, plane)
     if centre is None:
         raise OptionError("option base: the plane does not meet the cavity, so it has no middle of the base")
@@ -147,7 +151,7 @@ def _meets_cavity(frames: HeartCycle, number: int, plane: BasePlane) -> bool:
         OptionError: the whole cavity lies beyond it.
     """
     # a plane on the wrong side, or with the wrong direction, leaves nothing
-    mesh = frames.models[number].mesh(frames.cavity)
+    mesh = frames.models[number].mesh(frames.cavity, frames.resolution)
     if volume_below(mesh, plane) <= EMPTY * mesh.volume():
         raise OptionError(
             f"option base: nothing of the cavity is left in frame {number}; expected a plane through its base, with "
@@ -163,7 +167,7 @@ def long_axis(frames: HeartCycle, number: int, rule: BaseRule, plane: BasePlane 
     longest axis of the superquadric. Of a closed surface: the whole axis.
     """
     if plane is not None and rule.fraction is None and _meets_cavity(frames, number, plane):
-        return axis_to_base_plane(frames.models[number], frames.cavity, plane)
+        return axis_to_base_plane(frames.cavity_mesh(number), plane)
     # a base that misses the cavity determines no axis
     axis = superquadric_axis(frames, number, warnings)
     return axis if rule.fraction is None else LongAxis(axis.apex, axis.plane(rule.fraction).point)

@@ -10,7 +10,7 @@ It is given as `base` in one of five ways:
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Real
 
 import numpy as np
@@ -43,6 +43,12 @@ class BaseRule:
     mitral_points: tuple[Array, ...] | None = None
     planes: tuple[BasePlane, ...] | None = None
     description: str = "enclosed by the whole closed surface"
+
+    def of_frames(self, numbers: Sequence[int]) -> "BaseRule":
+        """The same rule for some of the frames."""
+        points = None if self.mitral_points is None else tuple(self.mitral_points[number] for number in numbers)
+        planes = None if self.planes is None else tuple(self.planes[number] for number in numbers)
+        return replace(self, mitral_points=points, planes=planes)
 
 
 def base_rule(base: Base, models: Sequence[DeformableModel], warnings: Warnings) -> BaseRule:

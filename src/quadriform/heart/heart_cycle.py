@@ -8,10 +8,17 @@ from numpy.typing import ArrayLike
 
 from quadriform.columns import MILLIMETRES
 from quadriform.errors import OptionError, WarningKind, Warnings
+from quadriform.heart.volumes import volume
 from quadriform.motion.frames import checked_times
 from quadriform.points import Array
+from quadriform.shapes.landmarks import BasePlane
+from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.model import DeformableModel
 
+RESOLUTION = 24
+"""Of the meshes and lines that estimates are measured on. Volumes and contours take finer ones: see `HeartCycle`."""
+OF_SAMPLES = 12
+"""The same for samples of the posterior, of which there are many: deviations need fewer digits than values."""
 SAME = 1e-9
 """Superquadrics and boxes that differ by less than this fraction of their size are the same."""
 
@@ -28,6 +35,8 @@ class HeartCycle:
         material: whether all frames have the same undeformed space, so that a point of it is one material point.
         millimetres: length of one unit of the models, in mm.
         warnings: kind -> sentence.
+        resolution: of the lines across the wall. Volumes are taken from meshes 4/3 and 8/3 times as fine, contours and
+            the long axis from twice as fine ones.
     """
 
     models: tuple[DeformableModel, ...]
@@ -37,11 +46,20 @@ class HeartCycle:
     material: bool
     millimetres: float
     warnings: Warnings
+    resolution: int = RESOLUTION
 
     @property
     def ml(self) -> float:
         """Millilitres of a cubed unit of length."""
         return self.millimetres**3 / 1000
+
+    def volume(self, number: int, surface: str, plane: BasePlane | None) -> float:
+        """Volume of a surface of a frame below a plane, in ml."""
+        return self.ml * volume(self.models[number], surface, plane, 4 * self.resolution // 3)
+
+    def cavity_mesh(self, number: int) -> Mesh:
+        """A fine mesh of the cavity of a frame."""
+        return self.models[number].mesh(self.cavity, 2 * self.resolution)
 
 
 def check_cycle(models: Sequence[DeformableModel] | DeformableModel, times: ArrayLike | None) -> HeartCycle:

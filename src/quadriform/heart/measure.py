@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,10 +12,13 @@ from quadriform.errors import OptionError, PointsError, Warnings
 from quadriform.heart.aha_segments import AhaSegmentation
 from quadriform.heart.axis import LongAxis, Planes, base_planes, long_axis
 from quadriform.heart.base import Base, BaseRule, base_rule
-from quadriform.heart.heart_cycle import HeartCycle, check_cycle
+from quadriform.heart.deviations import Models, RowsOf, with_deviations
+from quadriform.heart.heart_cycle import OF_SAMPLES, HeartCycle, check_cycle
 from quadriform.heart.measures_table import Measures, Row
-from quadriform.heart.volumes import DENSITY, section, volume
-from quadriform.heart.wall_rows import wall_rows
+from quadriform.heart.volumes import DENSITY, section
+from quadriform.heart.wall import Wall
+from quadriform.heart.wall_motion import ReferenceWall
+from quadriform.heart.wall_rows import wall_between, wall_curves, wall_rows
 from quadriform.points import Array, unit_vectors
 from quadriform.shapes.landmarks import BasePlane
 from quadriform.shapes.mesh import Mesh
@@ -62,26 +65,110 @@ def measure(
     warnings = dict(frames.warnings)
     rule = base_rule(base, frames.models, warnings)
     planes = base_planes(frames, rule, warnings)
-    pairs = zip(frames.models, planes)
-    volumes = frames.ml * np.array([volume(model, frames.cavity, plane) for model, plane in pairs])
-    ed, es = _ed_and_es(volumes, ed)
-    rows = _volume_rows(frames, rule, planes, volumes, ed, es)
-    curves = {"cavity volume": volumes}
-    if es is not None:
+    volumes = _volumes(frames, planes)
+    cycle = _Cycle(frames, rule, planes, volumes, *_ed_and_es(volumes, ed))
+    inserts = None if rv_inserts is None else _inserts_at(rv_inserts, cycle.ed, len(frames.models))
+    rows = _rows(cycle, _wall(cycle, warnings), inserts, observed, warnings)
+    rows = with_deviations(rows, *_phases(cycle, inserts, observed))
+    curves = _curves(cycle, _wall(cycle, {}), warnings)
+    fit = together({f"frame {number}": model.record for number, model in enumerate(frames.models)})
+    return Measures(tuple(rows), warnings, frames.times, curves, cycle.ed, cycle.es, fit, planes)
+
+
+@dataclass(frozen=True)
+class _Cycle:
+    """The models with their bases and volumes.
+
+    Attributes:
+        frames: the models.
+        rule: of the base.
+        planes: the base of each frame.
+        volumes: (F,), of the cavity below its base, in ml.
+        ed: frame of end diastole.
+        es: frame of end systole; None where there is one frame.
+    """
+
+    frames: HeartCycle
+    rule: BaseRule
+    planes: Planes
+    volumes: Array
+    ed: int
+    es: int | None
+
+    def phases(self) -> _Cycle:
+        """The frames of end diastole and end systole alone, for samples of their posterior."""
+        numbers = [self.ed] if self.es is None else [self.ed, self.es]
+        models = tuple(self.frames.models[number] for number in numbers)
+        frames = replace(self.frames, models=models, times=self.frames.times[numbers], resolution=OF_SAMPLES)
+        planes = tuple(self.planes[number] for number in numbers)
+        es = None if self.es is None else 1
+        return _Cycle(frames, self.rule.of_frames(numbers), planes, self.volumes[numbers], 0, es)
+
+    def with_models(self, models: Sequence[DeformableModel]) -> _Cycle:
+        """The same frames of end diastole and end systole with other models, whose bases follow the rule."""
+        frames = replace(self.frames, models=tuple(models))
+        planes = base_planes(frames, self.rule, {})
+        return replace(self, frames=frames, planes=planes, volumes=_volumes(frames, planes))
+
+    def reference(self, wall: Wall, warnings: Warnings) -> ReferenceWall:
+        """The wall at end diastole."""
+        plane = self.planes[self.ed]
+        axis = long_axis(self.frames, self.ed, self.rule, plane, warnings)
+        return ReferenceWall.at(wall, self.frames.models[self.ed].box, axis, plane)
+
+
+def _wall(cycle: _Cycle, warnings: Warnings) -> Wall | None:
+    """The wall before deformation; None where there is no epicardium."""
+    frames = cycle.frames
+    if frames.outer is None:
+        return None
+    return wall_between(frames.models[cycle.ed].surfaces, frames.resolution, warnings)
+
+
+def _phases(cycle: _Cycle, rv_inserts: ArrayLike | None, observed: bool) -> tuple[Models, RowsOf]:
+    """The models of end diastole and end systole, and what gives the rows of samples of them."""
+    phases = cycle.phases()
+    wall = _wall(phases, {})
+
+    def rows_of(models: Models) -> list[Row]:
+        """The rows of one sample."""
+        return _rows(phases.with_models(models), wall, rv_inserts, observed, {})
+
+    return phases.frames.models, rows_of
+
+
+def _volumes(frames: HeartCycle, planes: Planes) -> Array:
+    """Volumes (F,) of the cavity below its base, in ml."""
+    return np.array([frames.volume(number, frames.cavity, plane) for number, plane in enumerate(planes)])
+
+
+def _rows(
+    cycle: _Cycle, wall: Wall | None, rv_inserts: ArrayLike | None, observed: bool, warnings: Warnings
+) -> list[Row]:
+    rows = _volume_rows(cycle)
+    if cycle.es is not None:
         # the global longitudinal strain (GLS) as in cine long-axis views, by the length of endocardial contours. It
         # needs no material points, unlike the longitudinal Green strain of the tissue in `wall_rows.py`
-        length = _contour_lengths(frames, rule, planes, warnings)
-        curves["longitudinal strain"] = 100 * (length / length[ed] - 1)
-        how = f"{CONTOURS}, {rule.description}"
-        rows.append(Row("longitudinal strain", float(curves["longitudinal strain"][es]), "%", how))
-    if frames.outer is not None:
-        axis = long_axis(frames, ed, rule, planes[ed], warnings)
-        stored = _stored_inserts(frames.models[ed], axis)
-        inserts = stored if rv_inserts is None else _inserts_at(rv_inserts, ed, len(frames.models))
-        more, wall_curves = wall_rows(frames, planes[ed], axis, ed, es, inserts, observed, warnings)
-        rows, curves = rows + more, curves | wall_curves
-    fit = together({f"frame {number}": model.record for number, model in enumerate(frames.models)})
-    return Measures(tuple(rows), warnings, frames.times, curves, ed, es, fit, planes)
+        before, after = (_contour_length(cycle, number, warnings) for number in (cycle.ed, cycle.es))
+        how = f"{CONTOURS}, {cycle.rule.description}"
+        rows.append(Row("longitudinal strain", 100 * (after / before - 1), "%", how))
+    if wall is None:
+        return rows
+    reference = cycle.reference(wall, warnings)
+    inserts = _stored_inserts(cycle.frames.models[cycle.ed], reference.axis) if rv_inserts is None else rv_inserts
+    return rows + wall_rows(cycle.frames, reference, cycle.ed, cycle.es, inserts, observed, warnings)
+
+
+def _curves(cycle: _Cycle, wall: Wall | None, warnings: Warnings) -> dict[str, Array]:
+    """Quantity -> (F,) over the cycle."""
+    curves = {"cavity volume": cycle.volumes}
+    if cycle.es is None:
+        return curves
+    length = np.array([_contour_length(cycle, number, warnings) for number in range(len(cycle.volumes))])
+    curves["longitudinal strain"] = 100 * (length / length[cycle.ed] - 1)
+    if wall is None or not cycle.frames.material:
+        return curves
+    return curves | wall_curves(cycle.frames, cycle.reference(wall, warnings))
 
 
 def _ed_and_es(volumes: Array, given: int | None) -> tuple[int, int | None]:
@@ -118,13 +205,11 @@ def _stored_inserts(model: DeformableModel, axis: LongAxis) -> Array | None:
     return found
 
 
-def _contour_lengths(frames: HeartCycle, rule: BaseRule, planes: Planes, warnings: Warnings) -> Array:
-    """Length (F,) of the endocardium's longitudinal contours in every frame, in the unit of the data."""
-    lengths = []
-    for number, (model, plane) in enumerate(zip(frames.models, planes)):
-        axis = long_axis(frames, number, rule, plane, warnings)
-        lengths.append(contour_length(model.mesh(frames.cavity, 48), axis, plane))
-    return np.array(lengths)
+def _contour_length(cycle: _Cycle, number: int, warnings: Warnings) -> float:
+    """Length of the endocardium's longitudinal contours in a frame, in the unit of the data."""
+    plane = cycle.planes[number]
+    axis = long_axis(cycle.frames, number, cycle.rule, plane, warnings)
+    return contour_length(cycle.frames.cavity_mesh(number), axis, plane)
 
 
 def contour_length(mesh: Mesh, axis: LongAxis, base: BasePlane | None) -> float:
@@ -160,16 +245,16 @@ def _directions(axis: LongAxis) -> Array:
     return np.cos(angles) * first + np.sin(angles) * np.cross(axis.direction, first)
 
 
-def _volume_rows(
-    frames: HeartCycle, rule: BaseRule, planes: Planes, volumes: Array, ed: int, es: int | None
-) -> list[Row]:
+def _volume_rows(cycle: _Cycle) -> list[Row]:
+    frames, rule, planes, volumes = cycle.frames, cycle.rule, cycle.planes, cycle.volumes
+    ed, es = cycle.ed, cycle.es
     diastole = f"frame {ed} at {frames.times[ed]:g}"
     rows = [Row("end-diastolic volume", float(volumes[ed]), "ml", f"{diastole}, {rule.description}")]
     if es is not None:
         rows += _ejection_rows(volumes[[ed, es]], f"frames {ed} and {es}, {rule.description}", "")
     if planes[ed] is not None:
-        parts = [frames.models[number] for number in (ed, es) if number is not None]
-        closed = frames.ml * np.array([volume(model, frames.cavity, None) for model in parts])
+        parts = [number for number in (ed, es) if number is not None]
+        closed = np.array([frames.volume(number, frames.cavity, None) for number in parts])
         words = "whole closed surface, beside the one below the base"
         whole = [Row("end-diastolic volume, closed", float(closed[0]), "ml", f"{diastole}, {words}")]
         if es is not None:
@@ -177,9 +262,9 @@ def _volume_rows(
         rows += _observed_where_supported(whole, frames)
     if frames.outer is not None:
         # muscle is the volume between endocardium and epicardium
-        enclosed = frames.ml * volume(frames.models[ed], frames.outer, planes[ed])
+        enclosed = frames.volume(ed, frames.outer, planes[ed])
         how = f"{DENSITY:g} g/ml times the volume between the surfaces, {diastole}, {rule.description}"
-        rows.append(Row("myocardial mass", DENSITY * float(enclosed - volumes[ed]), "g", how))
+        rows.append(Row("myocardial mass", DENSITY * (enclosed - float(volumes[ed])), "g", how))
     return _observed_where_supported(rows, frames) if planes[ed] is None else rows
 
 

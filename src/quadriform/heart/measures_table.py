@@ -13,12 +13,13 @@ from quadriform.files.atomic import write_bytes
 from quadriform.files.reading import suffix_of
 from quadriform.points import Array
 from quadriform.shapes.landmarks import BasePlane
-from quadriform.shapes.record import ModelRecord, Remark, remarks, remarks_of, worst
+from quadriform.shapes.record import Estimate, ModelRecord, Remark, remarks, remarks_of, with_deviation, worst
 from quadriform.words import csv_bytes, summary
 
 TABLE_SUFFIXES = (".csv", ".json")
-SCHEMA = "quadriform-measures-2"
-"""Since 2 with status and notes, and with the warnings of the models' fits among the warnings."""
+SCHEMA = "quadriform-measures-3"
+"""Since 2 with status and notes, and with the warnings of the models' fits among the warnings; since 3 with standard
+deviations."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,7 @@ class Row:
         unit: "ml", "g", "%", "mm", "deg", "deg/mm" or "1".
         how: definition, frames and base; starts with "not observed" where the data does not determine it.
         observed: False where the number is determined by the regularisation only.
+        sd: one standard deviation in `unit`, by the posterior of the models; None where that is not known.
     """
 
     quantity: str
@@ -38,6 +40,17 @@ class Row:
     unit: str
     how: str
     observed: bool = True
+    sd: float | None = None
+
+    @property
+    def estimate(self) -> Estimate:
+        """The value with its standard deviation, and with intervals by it."""
+        return Estimate(self.value, self.unit, sd=self.sd)
+
+    @property
+    def number(self) -> str:
+        """The value as text, with its standard deviation where it is known: "132 ± 2"."""
+        return with_deviation(self.value, self.sd)
 
 
 @dataclass(frozen=True, repr=False)
@@ -66,7 +79,7 @@ class Measures:
 
     def __repr__(self) -> str:
         frames = f"{len(self.times)} frames, end diastole {self.ed}, end systole {self.es}"
-        rows = [f"{row.quantity}: {row.value:.4g} {row.unit}" for row in self.rows]
+        rows = [f"{row.quantity}: {row.number} {row.unit}" for row in self.rows]
         return summary(f"Measures: {self.status}", frames, *rows)
 
     @property
@@ -90,9 +103,17 @@ class Measures:
         Raises:
             OptionError: it was not measured.
         """
+        return self.estimate(quantity).value
+
+    def estimate(self, quantity: str) -> Estimate:
+        """Return a quantity with its standard deviation, where that is known.
+
+        Raises:
+            OptionError: it was not measured.
+        """
         for row in self.rows:
             if row.quantity == quantity:
-                return row.value
+                return row.estimate
         raise OptionError(f"quantity {quantity!r} was not measured; there are {', '.join(self)}")
 
     def __iter__(self) -> Iterator[str]:
@@ -137,8 +158,15 @@ def write_measures(measures: Measures, path: str | os.PathLike[str], force: bool
 
 
 def _csv(measures: Measures) -> bytes:
-    header = ("quantity", "value", "unit", "how", "observed", "rows", "status", "warnings")
+    header = ("quantity", "value", "sd", "unit", "how", "observed", "rows", "status", "warnings")
     warnings = "; ".join(str(remark) for remark in measures.remarks if remark.kind)
     rows, whole = measures.rows, (len(measures.rows), measures.status, warnings)
-    lines = [(r.quantity, repr(r.value), r.unit, r.how, "yes" if r.observed else "no", *whole) for r in rows]
+    lines = [
+        (r.quantity, repr(r.value), _or_nothing(r.sd), r.unit, r.how, "yes" if r.observed else "no", *whole)
+        for r in rows
+    ]
     return csv_bytes(header, lines)
+
+
+def _or_nothing(value: float | None) -> str:
+    return "" if value is None else repr(value)

@@ -50,10 +50,17 @@ def _fraction_below(heights: Array) -> Array:
     return fraction
 
 
-def volume(model: DeformableModel, surface: str, plane: BasePlane | None) -> float:
-    """Return the volume of a surface below the base, in cubed units, by Richardson's extrapolation of two meshes."""
+def volume(model: DeformableModel, surface: str, plane: BasePlane | None, resolution: int = RESOLUTION) -> float:
+    """Return the volume of a surface below the base, in cubed units, by Richardson's extrapolation of two meshes.
+
+    Args:
+        model: the model.
+        surface: name.
+        plane: the base; None for the whole closed surface.
+        resolution: of the coarse mesh.
+    """
     # the error of a mesh is proportional to the squared edge length
-    return richardson(*(volume_below(model.mesh(surface, n), plane) for n in (RESOLUTION, 2 * RESOLUTION)))
+    return richardson(*(volume_below(model.mesh(surface, n), plane) for n in (resolution, 2 * resolution)))
 
 
 def section(mesh: Mesh, plane: BasePlane) -> Array:

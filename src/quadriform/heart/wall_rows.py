@@ -1,5 +1,6 @@
 """The measures of the wall: thickness, thickening, strain and twist, of the whole wall and of its segments."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,7 +8,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from quadriform.errors import WarningKind, Warnings
 from quadriform.heart.aha_segments import NAMES, AhaSegmentation
-from quadriform.heart.axis import LongAxis
 from quadriform.heart.heart_cycle import HeartCycle
 from quadriform.heart.measures_table import Row
 from quadriform.heart.twist import DEPTH, LEVELS
@@ -15,7 +15,6 @@ from quadriform.heart.wall import Wall
 from quadriform.heart.wall_motion import ReferenceWall, relative_lengthening
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
-from quadriform.shapes.landmarks import BasePlane
 from quadriform.shapes.superquadric import Superquadric
 
 NOT_OBSERVED = "not observed: surfaces have no material points, so the regularisation alone determines this; "
@@ -34,46 +33,51 @@ class Contraction:
 
 def wall_rows(
     frames: HeartCycle,
-    plane: BasePlane | None,
-    axis: LongAxis,
+    reference: ReferenceWall,
     ed: int,
     es: int | None,
     rv_inserts: ArrayLike | None,
     observed: bool,
     warnings: Warnings,
-) -> tuple[list[Row], dict[str, Array]]:
-    """Return rows and curves of the wall.
+) -> list[Row]:
+    """Return rows of the wall.
 
     Args:
         frames: the models, with an "epi".
-        plane: the base at end diastole.
-        axis: the long axis at end diastole.
+        reference: the wall at end diastole.
         ed: frame of end diastole.
         es: frame of end systole; None where there is one frame.
         rv_inserts: (n, 3), or None.
         observed: whether material points were tracked.
-        warnings: FOLDING is added where the surfaces cross, and UNANCHORED.
+        warnings: UNANCHORED is added.
 
     Raises:
-        OptionError: swapped surfaces, or insertions that determine no septum.
+        OptionError: insertions that determine no septum.
     """
-    model = frames.models[ed]
-    wall = _wall(model.surfaces["endo"], model.surfaces["epi"], warnings)
-    reference = ReferenceWall.at(wall, model.box, axis, plane)
+    wall = reference.wall
     parts = {"": np.ones(len(wall.rays), dtype=bool)} | _segments(frames, reference, ed, rv_inserts, warnings)
     # thickening, strain and twist need material points: the same undeformed space in both frames
-    contraction, rows, curves = None, [], {}
+    contraction, rows = None, []
     if es is not None and frames.material:
         later = frames.models[es].box
         contraction = Contraction(wall.thickness(later), reference.strain(later))
         rows = _twist_rows(frames, reference, later, contraction.strain, observed)
-        curves = _curves(frames, reference)
     measured = [_part_rows(frames, reference, contraction, name, lines, observed) for name, lines in parts.items()]
-    return [*measured[0], *rows, *(row for part in measured[1:] for row in part)], curves
+    return [*measured[0], *rows, *(row for part in measured[1:] for row in part)]
 
 
-def _wall(endo: Superquadric, epi: Superquadric, warnings: Warnings) -> Wall:
-    wall = Wall.between(endo, epi)
+def wall_between(surfaces: Mapping[str, Superquadric], resolution: int, warnings: Warnings) -> Wall:
+    """Return the wall between "endo" and "epi", before deformation.
+
+    Args:
+        surfaces: by name.
+        resolution: of its lines, as in `Wall.between`.
+        warnings: FOLDING is added where the surfaces cross.
+
+    Raises:
+        OptionError: swapped surfaces.
+    """
+    wall = Wall.between(surfaces["endo"], surfaces["epi"], resolution)
     if wall.crossing.any():
         warnings[WarningKind.FOLDING] = (
             f"'endo' crosses 'epi' in {100 * wall.crossing.mean():.1f} % of its directions; no wall is measured there"
@@ -166,8 +170,8 @@ def _twist_rows(
     return [Row(name, value, unit, prefix + how, observed) for name, value, unit, how in found]
 
 
-def _curves(frames: HeartCycle, reference: ReferenceWall) -> dict[str, Array]:
-    """Thickness (mm), strains (%) and twist (degrees) of the whole wall over the cycle."""
+def wall_curves(frames: HeartCycle, reference: ReferenceWall) -> dict[str, Array]:
+    """Return thickness (mm), strains (%) and twist (degrees) of the whole wall over the cycle."""
     everywhere = np.ones((len(reference.volumes), 1), dtype=bool)
     weights = reference.areas / reference.areas.sum()
     curves: dict[str, list[float]] = {"wall thickness": [], "radial strain": [], "circumferential strain": []}

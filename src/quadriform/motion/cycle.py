@@ -20,10 +20,11 @@ from quadriform.fitting.refinement.stage import MAD_TO_SIGMA, Penalty, independe
 from quadriform.fitting.refinement.surface_data import SurfaceData, with_excess
 from quadriform.fitting.refinement.unfolding import JacobianPenalty
 from quadriform.fitting.result import HalfSpace
-from quadriform.motion.cycle_equations import LinearCycleProblem
+from quadriform.motion.cycle_equations import CyclePosterior, LinearCycleProblem
 from quadriform.motion.slice_shifts import SliceNumbers, SlicePlanes
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.posterior import SAMPLES, SEED
 from quadriform.shapes.splines import TimeBasis
 from quadriform.shapes.superquadric import Superquadric
 
@@ -53,6 +54,7 @@ class CycleFit:
         verified: whether each frame is verified to be free of folds.
         sigma_before: sigma of the fit with folds, where these could not be removed at its strengths and within the
             accepted noise; else None, also where folds were removed in that way.
+        posterior: of the displacements at the knots and of the shifts.
     """
 
     control_points: Array
@@ -63,6 +65,7 @@ class CycleFit:
     shifts: Array
     verified: tuple[bool, ...]
     sigma_before: float | None = None
+    posterior: CyclePosterior | None = None
 
 
 @dataclass(frozen=True)
@@ -208,7 +211,15 @@ class Cycle:
         control = state.displacement.reshape(-1, *self.shape, 3) + self.box.rest
         datasets = tuple(dict(zip(frame, each)) for frame, each in zip(self.frames, state.datasets))
         least, shifts = self.known_noise.least_sigma, state.shifts
-        return CycleFit(control, datasets, state.sigma, least, strengths, shifts, verified, sigma_before)
+        posterior = self.posterior(state, strengths)
+        return CycleFit(control, datasets, state.sigma, least, strengths, shifts, verified, sigma_before, posterior)
+
+    def posterior(self, state: CycleState, strengths: tuple[float, float]) -> CyclePosterior | None:
+        """The posterior of displacements and shifts, at the foot points and inlier probabilities of a state."""
+        equations = [_sum(each, box) for each, box in zip(_penalties(state), state.boxes)]
+        linear = self.linear_problem(state).with_extra_terms(equations)
+        normal = np.random.default_rng(SEED).normal(size=(SAMPLES, len(linear.right)))
+        return linear.posterior(*strengths, state.sigma, normal)
 
     def step(self, state: CycleState, strengths: tuple[float, float], widening: float = 1.0) -> CycleState | None:
         """The state after a round: foot points, inlier probabilities, and a step to the solution of the linear problem.

@@ -26,7 +26,7 @@ from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_solve, eigh
+from scipy.linalg import cho_solve, eigh, solve_triangular
 from scipy.optimize import minimize_scalar
 
 from quadriform.fitting.least_squares.factorisation import cholesky_factor, spectrum
@@ -61,6 +61,19 @@ class CycleSolution:
     shifts: Array
     sigma: float
     criterion: float
+
+
+@dataclass(frozen=True)
+class CyclePosterior:
+    """The posterior distribution of all unknowns, by samples and by a covariance.
+
+    Attributes:
+        deviations: (n, K, k, 3), samples of the displacements at the knots, minus their mean.
+        covariance: (m, m), of the further unknowns.
+    """
+
+    deviations: Array
+    covariance: Array
 
 
 class LinearCycleProblem:
@@ -176,6 +189,32 @@ class LinearCycleProblem:
             - 3 * np.log(eigenvalues[eigenvalues > 0]).sum()
         )
         return CycleSolution(displacement, found[size:], float(np.sqrt(variance)), float(criterion))
+
+    def posterior(self, alpha: float, gamma: float, sigma: float, normal: Array) -> CyclePosterior | None:
+        """The posterior of all unknowns at one pair of strengths; None where they leave control points undetermined.
+
+        Its covariance is s^2 / f (T T')^-1, with f the effective fraction and T the Cholesky factor of the regularised
+        matrix of all unknowns, extra terms included. A sample is s / sqrt(f) T^-T z with z ~ N(0, I); its part of the
+        control points has the distribution in which the further unknowns are integrated out.
+
+        Args:
+            alpha, gamma: the strengths.
+            sigma: s, of the data.
+            normal: (n, 3 k K + m), a row of independent standard normal numbers for each sample.
+        """
+        factor = cholesky_factor(self._regularised(alpha, gamma))
+        if factor is None:
+            return None
+        independent_sigma = sigma / np.sqrt(self.effective_fraction)
+        size = self.n_splines * self.size
+        samples = solve_triangular(factor, independent_sigma * normal.T, lower=True, trans=1, check_finite=False)
+        # from the coefficients in both eigenbases to displacements at the knots
+        found = samples[:size].reshape(self.n_splines, -1, 3, len(normal))
+        in_time = np.tensordot(self._time_vectors, found, 1)
+        deviations = np.einsum("jh,ahin->naji", self._space_vectors, in_time, optimize=True)
+        # the further unknowns are the last ones: the last block of T is the factor of their Schur complement
+        half = solve_triangular(factor[size:, size:], np.eye(len(factor) - size), lower=True)
+        return CyclePosterior(np.ascontiguousarray(deviations), independent_sigma**2 * half.T @ half)
 
     def _regularised(self, alpha: float, gamma: float) -> Array:
         """The matrix plus N (alpha S + gamma tau M) for each eigenvector in time, of eigenvalue tau."""

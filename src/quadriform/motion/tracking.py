@@ -46,6 +46,7 @@ from quadriform.shapes.control_box import ControlBox, common_box
 from quadriform.shapes.landmarks import GIVEN_BASE, NONE_KNOWN, BasePlane, Landmarks
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.moving_model import MovingModel
+from quadriform.shapes.posterior import Posterior
 from quadriform.shapes.spaces import rotation_between
 from quadriform.shapes.splines import TimeBasis
 from quadriform.shapes.superquadric import Superquadric
@@ -328,10 +329,12 @@ def _cycle(task: _Task) -> Track:
     cycle = Cycle(surfaces, box, local, splines_at_frames, task.basis, regularity, robust, planes, noise, bases)
     start = _start(surfaces, local[task.reference], bases[task.reference], options)
     found = fit_cycle(cycle, start, check_strength(task.options["strength"]), task.progress)
-    control = found.control_points
-    moving = MovingModel(
-        surfaces, box.origin, box.edges, task.basis, control, input_sha256=task.sha256, frame_times=task.times
-    )
+    control, posterior = found.control_points, None
+    if found.posterior is not None:
+        deviations = found.posterior.deviations
+        posterior = Posterior(deviations.reshape(len(deviations), *control.shape), task.sha256)
+    known: dict[str, Any] = {"input_sha256": task.sha256, "frame_times": task.times, "posterior": posterior}
+    moving = MovingModel(surfaces, box.origin, box.edges, task.basis, control, **known)
     result = _cycle_in_world(task, normalisation, normalisation.shape_to_world(moving), found)
     if planes is None:
         return result

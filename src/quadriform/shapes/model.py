@@ -17,6 +17,7 @@ from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.crossings import crossings
 from quadriform.shapes.landmarks import NONE_KNOWN, Landmarks
 from quadriform.shapes.mesh import Mesh, richardson, split_quads
+from quadriform.shapes.posterior import Posterior
 from quadriform.shapes.record import ModelRecord, Recorded
 from quadriform.shapes.spaces import rotation_between
 from quadriform.shapes.superquadric import Superquadric
@@ -36,6 +37,7 @@ class DeformableModel(Recorded):
         input_sha256: hash of the input that the model was fitted to, empty for models built by hand.
         record: status, warnings and sources of its fit; "unknown" for models built by hand.
         landmarks: of a ventricle, above all the base below which its volumes count.
+        posterior: samples of its control points, given the data; None where they are not known.
     """
 
     surfaces: dict[str, Superquadric]
@@ -45,6 +47,7 @@ class DeformableModel(Recorded):
     input_sha256: str = ""
     record: ModelRecord = field(default_factory=ModelRecord)
     landmarks: Landmarks = NONE_KNOWN
+    posterior: Posterior | None = None
 
     def __repr__(self) -> str:
         counts = " x ".join(map(str, self.box.control_points.shape[:3]))
@@ -64,7 +67,9 @@ class DeformableModel(Recorded):
         """The same model after `scale` x + `offset`: from a centred, scaled frame back to the world."""
         surfaces = {name: s.transformed(scale, offset) for name, s in self.surfaces.items()}
         landmarks = self.landmarks.transformed(scale, offset)
-        return replace(self, surfaces=surfaces, box=self.box.transformed(scale, offset), landmarks=landmarks)
+        posterior = None if self.posterior is None else self.posterior.scaled(scale)
+        box = self.box.transformed(scale, offset)
+        return replace(self, surfaces=surfaces, box=box, landmarks=landmarks, posterior=posterior)
 
     def in_space(self, space: str) -> DeformableModel:
         """The same model in another frame of the world, "LPS" or "RAS": a half-rotation about z lies between them.
@@ -75,8 +80,23 @@ class DeformableModel(Recorded):
         """
         rotation = rotation_between(self.space, space)
         surfaces = {name: s.rotated(rotation) for name, s in self.surfaces.items()}
-        landmarks = self.landmarks.rotated(rotation)
-        return replace(self, surfaces=surfaces, box=self.box.rotated(rotation), space=space, landmarks=landmarks)
+        return replace(
+            self,
+            surfaces=surfaces,
+            box=self.box.rotated(rotation),
+            space=space,
+            landmarks=self.landmarks.rotated(rotation),
+            posterior=None if self.posterior is None else self.posterior.rotated(rotation),
+        )
+
+    def samples(self, step: float = 1.0) -> list[DeformableModel]:
+        """A model for each sample of the posterior, without a posterior of its own; empty where that is not known.
+
+        Args:
+            step: fraction of the deviations from the estimate.
+        """
+        boxes = [] if self.posterior is None else self.posterior.boxes(self.box, step)
+        return [replace(self, box=box, posterior=None) for box in boxes]
 
     def superquadric(self, surface: str | None = None) -> Superquadric:
         """The undeformed superquadric of a surface, given by name; without a name the first.

@@ -12,6 +12,7 @@ from quadriform.points import Array, check_points
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.landmarks import NONE_KNOWN, Landmarks
 from quadriform.shapes.model import DeformableModel, lines_of
+from quadriform.shapes.posterior import Posterior
 from quadriform.shapes.record import ModelRecord, Recorded
 from quadriform.shapes.spaces import rotation_between
 from quadriform.shapes.splines import TimeBasis
@@ -35,6 +36,7 @@ class MovingModel(Recorded):
         frame_times: (F,), increasing, of the frames that it was fitted to; those of the knots unless given.
         record: status, warnings and sources of its fit, those of all frames together.
         landmarks: of a ventricle, one entry a frame; empty where none are known.
+        posterior: samples of the control points at the knots, given the data; None where they are not known.
     """
 
     surfaces: dict[str, Superquadric]
@@ -48,6 +50,7 @@ class MovingModel(Recorded):
     frame_times: Array = ()  # type: ignore[assignment]
     record: ModelRecord = field(default_factory=ModelRecord)
     landmarks: tuple[Landmarks, ...] = ()
+    posterior: Posterior | None = None
 
     def __repr__(self) -> str:
         knots, *counts = self.control_points.shape[:4]
@@ -72,6 +75,9 @@ class MovingModel(Recorded):
         object.__setattr__(self, "frame_times", times)
         if self.landmarks and len(self.landmarks) != len(times):
             raise OptionError(f"landmarks: expected one entry for each of {len(times)} frames, or none")
+        if self.posterior is not None and self.posterior.deviations.shape[1:] != self.control_points.shape:
+            found = self.posterior.deviations.shape[1:]
+            raise OptionError(f"posterior: expected samples of shape {self.control_points.shape}, found {found}")
 
     @property
     def n_parameters(self) -> int:
@@ -90,7 +96,9 @@ class MovingModel(Recorded):
             OptionError: a time that a motion without period does not cover.
         """
         known = self.space, self.unit, self.input_sha256, self.record
-        return DeformableModel(self.surfaces, self.box(time), *known, self._landmarks_at(time))
+        weights = self.basis.values(np.array([time]))[0]
+        posterior = None if self.posterior is None else self.posterior.at(weights)
+        return DeformableModel(self.surfaces, self.box(time), *known, self._landmarks_at(time), posterior)
 
     def _landmarks_at(self, time: float) -> Landmarks:
         """Those of the frame that is nearest in time."""
@@ -130,6 +138,7 @@ class MovingModel(Recorded):
             edges=scale * self.edges,
             control_points=scale * self.control_points + offset,
             landmarks=tuple(each.transformed(scale, offset) for each in self.landmarks),
+            posterior=None if self.posterior is None else self.posterior.scaled(scale),
         )
 
     def in_space(self, space: str) -> MovingModel:
@@ -148,4 +157,5 @@ class MovingModel(Recorded):
             control_points=self.control_points @ rotation.T,
             space=space,
             landmarks=tuple(each.rotated(rotation) for each in self.landmarks),
+            posterior=None if self.posterior is None else self.posterior.rotated(rotation),
         )

@@ -4,6 +4,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from statistics import NormalDist
 
 from quadriform.errors import OptionError, WarningKind, Warnings, choose, join_warnings
 from quadriform.words import plain, short_repr
@@ -12,6 +13,8 @@ STATUSES = ("ok", "warned", "unreliable", "unknown")
 """From good to bad; "unknown" where the status of the fit is not recorded: models built by hand and older files."""
 OBSERVED, NAMED = 0.95, 0.995
 """A measure is observed where data supports at least the first share of it; above the second there is no remark."""
+ROUNDING = 1e-9
+"""A standard deviation that is a smaller fraction of its value is not printed."""
 SHA256 = re.compile(r"([0-9a-f]{64})?")
 """A hash of a file, or nothing."""
 NOT_RECORDED = "the status of its fit is not recorded (made by hand, or by an older version)"
@@ -42,6 +45,19 @@ class InputFile:
             object.__setattr__(self, key, plain(getattr(self, key)))
 
 
+def with_deviation(value: float, sd: float | None) -> str:
+    """A value with its standard deviation, as in "132 ± 2": this to two digits, the value to the same decimal.
+
+    Without a standard deviation, or with one that is zero or rounding, the value has four digits.
+    """
+    if sd is None or not sd > ROUNDING * abs(value):
+        return f"{value:.4g}"
+    # of the second digit of the standard deviation: 2 for hundredths, negative before the point
+    decimal = 1 - math.floor(math.log10(sd))
+    digits = max(decimal, 0)
+    return f"{round(value, decimal):.{digits}f} ± {round(sd, decimal):.{digits}f}"
+
+
 def extrapolated(supported: float | None) -> str:
     """A phrase with the share of a measure that is extrapolated; empty where it is unknown or rounds to 0 %."""
     if supported is None or supported >= NAMED:
@@ -57,7 +73,7 @@ class Estimate:
         value: in `unit`.
         unit: "mm^3", "ml", "1" and so on.
         supported: share [0, 1] of the measure that data supports, where it is known.
-        sd: one standard deviation, where it is known.
+        sd: one standard deviation, where it is known: by the posterior of all parameters of the fit.
     """
 
     value: float
@@ -66,13 +82,31 @@ class Estimate:
     sd: float | None = None
 
     def __str__(self) -> str:
-        number = f"{self.value:.4g} {self.unit}".rstrip()
+        number = f"{with_deviation(self.value, self.sd)} {self.unit}".rstrip()
         return ", ".join(filter(None, [number, extrapolated(self.supported)]))
 
     @property
     def observed(self) -> bool:
         """Whether data supports at least 95 % of the measure, or its support is not known."""
         return self.supported is None or self.supported >= OBSERVED
+
+    def interval(self, level: float = 0.95) -> tuple[float, float] | None:
+        """The two ends of the interval that contains the true value with a probability, by a normal distribution.
+
+        None where the standard deviation is not known.
+
+        Args:
+            level: the probability, above 0 and below 1.
+
+        Raises:
+            OptionError: another probability.
+        """
+        if not 0 < level < 1:
+            raise OptionError(f"level={level!r}: expected a probability above 0 and below 1, such as 0.95")
+        if self.sd is None:
+            return None
+        half = NormalDist().inv_cdf((1 + level) / 2) * self.sd
+        return self.value - half, self.value + half
 
 
 @dataclass(frozen=True, repr=False)

@@ -1,0 +1,77 @@
+"""Standard deviations of measures, from samples of the posterior of the models.
+
+Each sample is a set of models, one a frame, and is measured as the estimate is. The posterior is that of a linear
+problem, in which the data restricts displacements along the normals of the estimate alone: along the tangents a sample
+is moved by millimetres, and by the curvature of the surface it then leaves the data, always to the same side. This is
+of second order in the deviations, so that samples at a fraction of their deviations are measured, and their standard
+deviation about their mean is divided by that fraction: a derivative of each measure along each sample.
+
+Frames of end diastole and end systole, the base where it is a given plane, and the RV insertions are those of the
+estimate; their own errors are not known here. A base that is a fraction of the long axis moves with the sample.
+"""
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from quadriform.errors import QuadriformError
+from quadriform.heart.measures_table import Row
+from quadriform.shapes.model import DeformableModel
+
+STEP = 0.25
+"""Fraction of the deviations at which samples are measured. Terms of second order, which are as large as those of first
+order in whole deviations, are then a quarter of these, and mostly a part of the mean; steps much smaller would magnify
+jumps, such as that of the apex from one vertex of a mesh to the next."""
+MOST_FAILED = 0.25
+"""Where more than this share of the samples cannot be measured, the standard deviation is not known."""
+Models = Sequence[DeformableModel]
+RowsOf = Callable[[Models], Sequence[Row]]
+
+
+def aligned_samples(models: Sequence[DeformableModel]) -> list[Models]:
+    """For each sample of the posteriors the models of all frames, at `STEP`; none where a model has no posterior.
+
+    Models of one source, such as the frames of a moving model, have their samples in common. The samples of different
+    sources come from the same random numbers: each source after the first is shifted by one more, so that the samples
+    that are put together are independent.
+    """
+    known = [model.posterior for model in models if model.posterior is not None]
+    if len(known) < len(models):
+        return []
+    sources = list(dict.fromkeys(each.source for each in known))
+    every = [deque(model.samples(STEP)) for model in models]
+    for samples, each in zip(every, known):
+        samples.rotate(sources.index(each.source))
+    return list(zip(*every))
+
+
+def with_deviations(rows: Sequence[Row], models: Models, rows_of: RowsOf) -> list[Row]:
+    """The rows with standard deviations, where the models have posteriors.
+
+    Args:
+        rows: of the estimate.
+        models: the frames that the rows are about.
+        rows_of: measures a sample of them.
+    """
+    samples = aligned_samples(models)
+    if not samples:
+        return list(rows)
+    sampled: dict[str, list[float]] = {row.quantity: [] for row in rows}
+    for sample in samples:
+        try:
+            measured = rows_of(sample)
+        except QuadriformError:  # a sample that a base misses, for instance
+            continue
+        for row in measured:
+            sampled.setdefault(row.quantity, []).append(row.value)
+    return [replace(row, sd=_deviation(sampled.get(row.quantity, []), len(samples))) for row in rows]
+
+
+def _deviation(sampled: Sequence[float], count: int) -> float | None:
+    """Standard deviation by values of samples; None where too many of all have no value, or it is not finite."""
+    if len(sampled) < max(2, (1 - MOST_FAILED) * count):
+        return None
+    found = float(np.std(sampled, ddof=1)) / STEP
+    return found if np.isfinite(found) else None

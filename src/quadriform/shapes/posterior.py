@@ -1,0 +1,71 @@
+"""The posterior distribution of the control points of a model, as samples.
+
+A measure of a model, such as a volume or a strain, is a function of its control points. Samples, which are models
+themselves, give its standard deviation (`heart/deviations.py`) without the covariance of thousands of control points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from quadriform.errors import OptionError
+from quadriform.points import Array
+from quadriform.shapes.control_box import ControlBox
+from quadriform.words import short_repr
+
+SAMPLES = 32
+"""Number of samples: the standard deviation of a measure is known to 1 / sqrt(2 x 32), an eighth of itself. The samples
+of a moving model with twelve knots then take half a megabyte in single precision."""
+SEED = 0
+"""Of the random numbers behind the samples: the same data has the same samples."""
+
+
+@dataclass(frozen=True, repr=False)
+class Posterior:
+    """Samples of the control points of a model, given its data.
+
+    Attributes:
+        deviations: (n, ..., l+1, m+1, n+1, 3), of the control points from their estimate; of a moving model with an
+            axis for its knots, of a still one without. A box with more control points than that of the model stands
+            for the same deformation with more degrees of freedom.
+        source: hash of the data. The samples of models of one source belong together by their number; those of
+            different sources are independent of each other (`aligned`).
+    """
+
+    __repr__ = short_repr
+
+    deviations: Array
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        values = np.asarray(self.deviations, dtype=np.float64)
+        if values.ndim < 5 or values.shape[-1] != 3 or not len(values) or not np.isfinite(values).all():
+            raise OptionError(
+                f"deviations: expected finite numbers of shape (samples, l+1, m+1, n+1, 3), with an axis for the knots "
+                f"of a moving model, found {values.shape}"
+            )
+        object.__setattr__(self, "deviations", values)
+
+    def __len__(self) -> int:
+        """The number of samples."""
+        return len(self.deviations)
+
+    def at(self, weights: Array) -> Posterior:
+        """The posterior at a time, of a moving model whose splines (K,) have these values then."""
+        return Posterior(np.tensordot(weights, self.deviations, (0, 1)), self.source)
+
+    def scaled(self, scale: float) -> Posterior:
+        """The posterior in another unit of length."""
+        return Posterior(scale * self.deviations, self.source)
+
+    def rotated(self, rotation: Array) -> Posterior:
+        """The posterior after a rotation (3, 3) of the world."""
+        return Posterior(self.deviations @ rotation.T, self.source)
+
+    def boxes(self, box: ControlBox, step: float = 1.0) -> list[ControlBox]:
+        """The control boxes of all samples, given that of the estimate, at a fraction `step` of their deviations."""
+        along_s, along_t, along_u = self.deviations.shape[-4:-1]
+        whole = box.elevate((along_s - 1, along_t - 1, along_u - 1))
+        return [whole.with_control_points(whole.control_points + step * each) for each in self.deviations]
