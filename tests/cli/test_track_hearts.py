@@ -96,7 +96,7 @@ def test_a_heart_has_one_ejection_fraction(terminal, exact, tmp_path, space):
         number, planes = shown_on(page)
         assert number == f"{truth:.4g}" and len(planes) == 2
     table = terminal(*words, "-o", "again").out
-    assert f"{truth:.3g} %" in table and "closed surface" in table
+    assert f"{truth:.4g} %" in table and "closed surface" in table
     cavity = [frame["cavity_ml"] for frame in record["frames"]]
     assert 100 * (1 - cavity[1] / cavity[0]) == pytest.approx(truth, abs=1e-6)
 

@@ -17,6 +17,7 @@ from quadriform.cohort.subject import Task, work
 from quadriform.cohort.subject_files import inspect_files
 from quadriform.files import write_mesh
 from quadriform.heart.synthetic import SyntheticVentricle
+from quadriform.shapes.record import with_deviation
 
 pytestmark = pytest.mark.usefixtures("blank_figures", "remembered_fits")
 HEART = SyntheticVentricle()
@@ -123,7 +124,8 @@ def test_volumes_and_ejection_fraction_count_below_the_base(tmp_path, monkeypatc
     assert values["end-systolic volume"] == pytest.approx(empty, rel=0.03)
     assert values["ejection fraction"] == pytest.approx(100 * (1 - empty / full), abs=1.5)
     page = (tmp_path / "out" / "cohort.html").read_text(encoding="utf-8")
-    assert all(f"{values[name]:.4g}</td>" in page for name in ("end-diastolic volume", "ejection fraction"))
+    for name in ("end-diastolic volume", "ejection fraction"):
+        assert f"{with_deviation(values[name], values[f'{name} sd'])}</td>" in page
     capsys.readouterr()
     for heart, counted in ((both, "kept"), (("--heart", "endo=label:7"), "failed")):
         assert main([*words, *heart, "--resume", "--json"]) == (7 if counted == "failed" else 0)

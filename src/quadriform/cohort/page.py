@@ -10,12 +10,14 @@ from markupsafe import Markup
 
 from quadriform.cohort import failures
 from quadriform.cohort.layout import Layout
+from quadriform.cohort.measures import SD
 from quadriform.cohort.modes import Modes
 from quadriform.cohort.overview import SHOWN, Overview, SubjectSummary, overview
 from quadriform.files.atomic import write_bytes
 from quadriform.report.page import Section, page, rendered, report_text, source
 from quadriform.report.parts import table
 from quadriform.report.viewer import Scene, packed, viewer
+from quadriform.shapes.record import with_deviation
 
 NAME = "cohort.html"
 MOST_SUBJECTS = 2000
@@ -108,12 +110,12 @@ def _of(found: Overview, quantity: str) -> str:
 def _cells(subject: SubjectSummary, shown: Sequence[str], surfaces: Sequence[str]) -> list[tuple[str, Any]]:
     """The numbers of a subject, as text and as what the table sorts by."""
     cells: list[tuple[str, Any]] = [(str(subject.frames), subject.frames)]
-    cells += [_number(subject.values.get(name)) for name in shown]
+    cells += [_number(subject.values.get(name), subject.values.get(f"{name}{SD}")) for name in shown]
     return cells + [_number(end) for name in surfaces for end in subject.volumes.get(name, (None, None))]
 
 
-def _number(value: float | None) -> tuple[str, Any]:
-    return ("", "") if value is None else (f"{value:.4g}", repr(value))
+def _number(value: float | None, sd: float | None = None) -> tuple[str, Any]:
+    return ("", "") if value is None else (with_deviation(value, sd), repr(value))
 
 
 def _failed(results: Path) -> Section:

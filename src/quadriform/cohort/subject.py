@@ -41,9 +41,9 @@ from quadriform.shapes.record import ModelRecord
 
 MODEL, RECORD = "model.json", "record.json"
 FORMAT = "quadriform-cohort-record"
-VERSION = 3
+VERSION = 4
 """Of a record; subjects with older ones are processed again. Since 2 with the sentences of warnings, and with notes;
-since 3 a single frame is fitted with all that its files state about the points."""
+since 3 a single frame is fitted with all that its files state about the points; since 4 with standard deviations."""
 ONE_FRAME = ("method", "iterations")
 SEVERAL_FRAMES = ("strategy", "period", "shift_slices")
 """Options that apply only to subjects of one frame, or of several."""

@@ -18,6 +18,7 @@ from quadriform.files.atomic import write_bytes
 from quadriform.files.landmark_fields import landmarks_document, read_landmarks
 from quadriform.files.metadata import SPACES, UNITS, check_space_and_unit
 from quadriform.files.packed import TEXT, VALUES, Unpacking, packed
+from quadriform.files.posterior_fields import posterior_document, read_posterior
 from quadriform.files.reading import PathLike, quoted, read_bytes, signature, suffix_of, suffix_to_read
 from quadriform.files.records import FIELDS, read_record, record_document
 from quadriform.files.strict import Field
@@ -35,10 +36,10 @@ FORMAT, MOVING = "quadriform-model", "quadriform-moving-model"
 VERSION = 3
 """Since 2 the file holds the record of the fit; models of version 1 have the status "unknown". Since 3 it may have
 landmarks."""
-MOVING_VERSION = 4
+MOVING_VERSION = 5
 """Since 2 the file has the times of its frames; before, they are those of the knots. Since 3 it has the record, since 4
-it may have landmarks."""
-LANDMARKS = "landmarks"
+it may have landmarks, since 5 a posterior."""
+LANDMARKS, POSTERIOR = "landmarks", "posterior"
 BODY = ("format", "version", "space", "unit", "input_sha256", "surfaces", "box")
 BOX = {"origin": (3,), "edges": (3, 3)}
 
@@ -62,7 +63,7 @@ def write_model(model: DeformableModel, path: PathLike, force: bool = False) -> 
 
 
 def write_moving_model(model: MovingModel, path: PathLike, force: bool = False) -> None:
-    """Write a moving model as .json, all or nothing.
+    """Write a moving model as .json, all or nothing; with a posterior half a megabyte to one.
 
     Raises:
         FileFormatError: another suffix.
@@ -73,7 +74,8 @@ def write_moving_model(model: MovingModel, path: PathLike, force: bool = False) 
     knots, frames = model.basis.knots.tolist(), model.frame_times.tolist()
     time = {"time": {"knots": knots, "period": model.basis.period, "frames": frames}}
     landmarks = {LANDMARKS: [landmarks_document(each) for each in model.landmarks] or None}
-    document = _document(MOVING, MOVING_VERSION, model) | landmarks | time | box_document(model)
+    posterior = {POSTERIOR: posterior_document(model.posterior)}
+    document = _document(MOVING, MOVING_VERSION, model) | landmarks | time | box_document(model) | posterior
     write_bytes(path, encode_json(document), force)
 
 
@@ -110,12 +112,15 @@ def read_moving_model(path: PathLike) -> MovingModel:
     suffix_to_read(path, (".json",), "a moving model")
     where = quoted(path)
     root = Field(parse_json(read_bytes(path), where), "", where)
-    fields = _fields(root, MOVING, (*BODY, "time"), MOVING_VERSION, record_since=3, landmarks_since=4)
-    times = _times(root.member("time"), root.member("version").whole())
+    version = read_version(root, MOVING, MOVING_VERSION)
+    body = (*BODY, "time", *([POSTERIOR] if version >= 5 else ()))
+    fields = _fields(root, MOVING, body, MOVING_VERSION, record_since=3, landmarks_since=4)
+    times = _times(root.member("time"), version)
     every = root.optional(LANDMARKS)
     landmarks = () if every.value is None else tuple(map(read_landmarks, every.items()))
     box = box_fields(root.member("box"), axes=4)
-    model = root.build(MovingModel, **fields, **times, **box, landmarks=landmarks)
+    posterior = read_posterior(root.optional(POSTERIOR), box["control_points"].shape)
+    model = root.build(MovingModel, **fields, **times, **box, landmarks=landmarks, posterior=posterior)
     # Between knots the splines stay near these states.
     for knot in model.basis.knots:
         check_extent(root.build(model.at, float(knot)), where)

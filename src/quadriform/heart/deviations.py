@@ -18,6 +18,7 @@ import numpy as np
 
 from quadriform.errors import QuadriformError
 from quadriform.heart.measures_table import Row
+from quadriform.points import Array
 from quadriform.shapes.model import DeformableModel
 
 STEP = 0.25
@@ -69,9 +70,34 @@ def with_deviations(rows: Sequence[Row], models: Models, rows_of: RowsOf) -> lis
     return [replace(row, sd=_deviation(sampled.get(row.quantity, []), len(samples))) for row in rows]
 
 
+def curve_deviations(models: Models, curves_of: Callable[[Models], dict[str, Array]]) -> dict[str, Array]:
+    """Quantity -> standard deviations (F,) of its curve over the cycle; none where the models have no posteriors.
+
+    Args:
+        models: of all frames.
+        curves_of: measures a sample of them.
+    """
+    found: dict[str, list[Array]] = {}
+    samples = aligned_samples(models)
+    for sample in samples:
+        try:
+            curves = curves_of(sample)
+        except QuadriformError:
+            continue
+        for quantity, values in curves.items():
+            found.setdefault(quantity, []).append(values)
+    enough = [quantity for quantity, each in found.items() if len(each) >= _fewest(len(samples))]
+    return {quantity: np.std(found[quantity], axis=0, ddof=1) / STEP for quantity in enough}
+
+
+def _fewest(count: int) -> float:
+    """How many of the samples must have been measured."""
+    return max(2, (1 - MOST_FAILED) * count)
+
+
 def _deviation(sampled: Sequence[float], count: int) -> float | None:
     """Standard deviation by values of samples; None where too many of all have no value, or it is not finite."""
-    if len(sampled) < max(2, (1 - MOST_FAILED) * count):
+    if len(sampled) < _fewest(count):
         return None
     found = float(np.std(sampled, ddof=1)) / STEP
     return found if np.isfinite(found) else None

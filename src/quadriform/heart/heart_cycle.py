@@ -19,6 +19,8 @@ RESOLUTION = 24
 """Of the meshes and lines that estimates are measured on. Volumes and contours take finer ones: see `HeartCycle`."""
 OF_SAMPLES = 12
 """The same for samples of the posterior, of which there are many: deviations need fewer digits than values."""
+OF_CURVES = 6
+"""The same for samples of all frames, of which there are more."""
 SAME = 1e-9
 """Superquadrics and boxes that differ by less than this fraction of their size are the same."""
 

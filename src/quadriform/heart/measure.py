@@ -12,8 +12,8 @@ from quadriform.errors import OptionError, PointsError, Warnings
 from quadriform.heart.aha_segments import AhaSegmentation
 from quadriform.heart.axis import LongAxis, Planes, base_planes, long_axis
 from quadriform.heart.base import Base, BaseRule, base_rule
-from quadriform.heart.deviations import Models, RowsOf, with_deviations
-from quadriform.heart.heart_cycle import OF_SAMPLES, HeartCycle, check_cycle
+from quadriform.heart.deviations import Models, RowsOf, curve_deviations, with_deviations
+from quadriform.heart.heart_cycle import OF_CURVES, OF_SAMPLES, HeartCycle, check_cycle
 from quadriform.heart.measures_table import Measures, Row
 from quadriform.heart.volumes import DENSITY, section
 from quadriform.heart.wall import Wall
@@ -72,7 +72,8 @@ def measure(
     rows = with_deviations(rows, *_phases(cycle, inserts, observed))
     curves = _curves(cycle, _wall(cycle, {}), warnings)
     fit = together({f"frame {number}": model.record for number, model in enumerate(frames.models)})
-    return Measures(tuple(rows), warnings, frames.times, curves, cycle.ed, cycle.es, fit, planes)
+    sd = {} if cycle.es is None else curve_deviations(frames.models, cycle.coarse_volumes)
+    return Measures(tuple(rows), warnings, frames.times, curves, cycle.ed, cycle.es, fit, planes, sd)
 
 
 @dataclass(frozen=True)
@@ -109,6 +110,11 @@ class _Cycle:
         frames = replace(self.frames, models=tuple(models))
         planes = base_planes(frames, self.rule, {})
         return replace(self, frames=frames, planes=planes, volumes=_volumes(frames, planes))
+
+    def coarse_volumes(self, models: Models) -> dict[str, Array]:
+        """The curve of the volume by samples of all models, on coarse meshes."""
+        frames = replace(self.frames, resolution=OF_CURVES)
+        return {"cavity volume": replace(self, frames=frames).with_models(models).volumes}
 
     def reference(self, wall: Wall, warnings: Warnings) -> ReferenceWall:
         """The wall at end diastole."""

@@ -66,6 +66,7 @@ class Measures:
         es: frame of end systole, None when there is one frame.
         fit: the record of the models' fits, those of all frames together.
         planes: the base of each frame, below which volumes count; None for a closed surface.
+        curves_sd: quantity -> (F,) standard deviations of its curve, of the volume alone, where they are known.
     """
 
     rows: tuple[Row, ...]
@@ -76,6 +77,7 @@ class Measures:
     es: int | None
     fit: ModelRecord = field(default_factory=ModelRecord)
     planes: tuple[BasePlane | None, ...] = ()
+    curves_sd: dict[str, Array] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         frames = f"{len(self.times)} frames, end diastole {self.ed}, end systole {self.es}"
@@ -129,6 +131,7 @@ class Measures:
             "es_frame": self.es,
             "times": self.times.tolist(),
             "curves": {name: values.tolist() for name, values in self.curves.items()},
+            "curves_sd": {name: values.tolist() for name, values in self.curves_sd.items()},
             "status": self.status,
             "warnings": {str(kind): text for kind, text in self.warnings.items()},
             "notes": [remark.text for remark in self.remarks if not remark.kind],

@@ -56,17 +56,22 @@ def convergence(history: Sequence[Iteration], unit: str) -> Markup:
     return svg(axes.figure, "Error, surface motion and box displacement over the iterations") + key
 
 
-def curve(times: Array, values: Array, quantity: str, unit: str, labels: Mapping[str, int]) -> Markup:
-    """A quantity over the cycle, with frames labelled by name."""
+def curve(
+    times: Array, values: Array, quantity: str, unit: str, labels: Mapping[str, int], sd: Array | None = None
+) -> Markup:
+    """A quantity over the cycle, with frames labelled by name, and with error bars of two standard deviations."""
     axes = _axes(xlabel="time", ylabel=unit)
     axes.set_title(quantity, fontsize=10)
     axes.plot(times, values, color="#0550ae", marker=".")
+    if sd is not None:
+        axes.errorbar(times, values, 2 * sd, fmt="none", ecolor="#0550ae", elinewidth=1, capsize=2)
     for name, frame in labels.items():
         position = (float(times[frame]), float(values[frame]))
         axes.annotate(name, position, xytext=(0, 6), textcoords="offset points", ha="center")
     # room for the names of the frames above the curve
     axes.margins(y=0.2)
-    return svg(axes.figure, f"{quantity} over the cycle, from {values.min():.4g} to {values.max():.4g} {unit}")
+    bars = "" if sd is None else f", with error bars of two standard deviations, up to {2 * sd.max():.2g} {unit}"
+    return svg(axes.figure, f"{quantity} over the cycle, from {values.min():.4g} to {values.max():.4g} {unit}{bars}")
 
 
 def bullseye(values: Mapping[int, float], quantity: str, unit: str) -> Markup:

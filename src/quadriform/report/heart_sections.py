@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 from markupsafe import Markup
 
-from quadriform.heart.measures_table import Measures
+from quadriform.heart.measures_table import Measures, Row
 from quadriform.report import charts
 from quadriform.report.page import Section, report_text, texts
 from quadriform.report.parts import figure, table
@@ -24,9 +24,7 @@ def heart_sections(measures: Measures | None) -> list[Section]:
     if len(measures.times) > 1:
         sections.append(Section("Curves over the cycle", _curves(measures)))
     rows = [
-        [row.quantity, f"{row.value:.4g}", row.unit, row.how]
-        for row in measures.rows
-        if not SEGMENT.fullmatch(row.quantity)
+        [row.quantity, row.number, row.unit, row.how] for row in measures.rows if not SEGMENT.fullmatch(row.quantity)
     ]
     sections.append(Section("All measures of the whole ventricle", table(("quantity", "value", "unit", "how"), rows)))
     return sections
@@ -35,14 +33,20 @@ def heart_sections(measures: Measures | None) -> list[Section]:
 def _function(measures: Measures) -> Markup:
     readers = texts("reports.toml")["readers"]
     rows = [
-        [row.quantity, f"{row.value:.4g} {row.unit}", readers.get(row.quantity, ""), row.how]
+        [row.quantity, f"{row.number} {row.unit}", _interval(row), readers.get(row.quantity, ""), row.how]
         for row in measures.rows
         if row.quantity in (*readers, "stroke volume")
     ]
     items = [Markup("<li><strong>{}</strong>: {}</li>").format(*each) for each in measures.own_warnings.items()]
     warnings = Markup("<ul>{}</ul>").format(Markup("").join(items)) if items else Markup("")
     note = Markup('<p class="note">{}</p>').format(report_text("captions", "readers"))
-    return warnings + table(("quantity", "value", "readers", "how"), rows) + note
+    return warnings + table(("quantity", "value", "95 % interval", "readers", "how"), rows) + note
+
+
+def _interval(row: Row) -> str:
+    """The interval by the standard deviation; empty where this is not known."""
+    ends = row.estimate.interval()
+    return "" if ends is None else f"{ends[0]:.4g} to {ends[1]:.4g} {row.unit}"
 
 
 def _bullseyes(measures: Measures) -> Markup:
@@ -67,7 +71,9 @@ def _bullseyes(measures: Measures) -> Markup:
 def _curves(measures: Measures) -> Markup:
     labels = {"ED": measures.ed} | ({} if measures.es is None else {"ES": measures.es})
     drawn = [
-        charts.curve(measures.times, values, _title(measures, name), UNITS.get(name, "%"), labels)
+        charts.curve(
+            measures.times, values, _title(measures, name), UNITS.get(name, "%"), labels, measures.curves_sd.get(name)
+        )
         for name, values in measures.curves.items()
     ]
     return Markup('<div class="beside">{}</div>').format(Markup("").join(drawn))

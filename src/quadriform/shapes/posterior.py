@@ -7,8 +7,10 @@ themselves, give its standard deviation (`heart/deviations.py`) without the cova
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from quadriform.errors import OptionError
 from quadriform.points import Array
@@ -27,20 +29,21 @@ class Posterior:
     """Samples of the control points of a model, given its data.
 
     Attributes:
-        deviations: (n, ..., l+1, m+1, n+1, 3), of the control points from their estimate; of a moving model with an
-            axis for its knots, of a still one without. A box with more control points than that of the model stands
-            for the same deformation with more degrees of freedom.
+        deviations: (n, ..., l+1, m+1, n+1, 3), of the control points from their estimate, in single precision; of a
+            moving model with an axis for its knots, of a still one without. A box with more control points than that
+            of the model stands for the same deformation with more degrees of freedom.
         source: hash of the data. The samples of models of one source belong together by their number; those of
-            different sources are independent of each other (`aligned`).
+            different sources are independent of each other
+            (`heart/deviations.py:aligned_samples`).
     """
 
     __repr__ = short_repr
 
-    deviations: Array
+    deviations: NDArray[Any]
     source: str = ""
 
     def __post_init__(self) -> None:
-        values = np.asarray(self.deviations, dtype=np.float64)
+        values = np.asarray(self.deviations, dtype=np.float32)  # as in files, so that these change no digit
         if values.ndim < 5 or values.shape[-1] != 3 or not len(values) or not np.isfinite(values).all():
             raise OptionError(
                 f"deviations: expected finite numbers of shape (samples, l+1, m+1, n+1, 3), with an axis for the knots "

@@ -13,8 +13,8 @@ STATUSES = ("ok", "warned", "unreliable", "unknown")
 """From good to bad; "unknown" where the status of the fit is not recorded: models built by hand and older files."""
 OBSERVED, NAMED = 0.95, 0.995
 """A measure is observed where data supports at least the first share of it; above the second there is no remark."""
-ROUNDING = 1e-9
-"""A standard deviation that is a smaller fraction of its value is not printed."""
+MOST_DIGITS = 5
+"""Of a value that is printed with its standard deviation."""
 SHA256 = re.compile(r"([0-9a-f]{64})?")
 """A hash of a file, or nothing."""
 NOT_RECORDED = "the status of its fit is not recorded (made by hand, or by an older version)"
@@ -48,14 +48,16 @@ class InputFile:
 def with_deviation(value: float, sd: float | None) -> str:
     """A value with its standard deviation, as in "132 ± 2": this to two digits, the value to the same decimal.
 
-    Without a standard deviation, or with one that is zero or rounding, the value has four digits.
+    The value has five digits at most; without a standard deviation, or with one that rounds to zero then, it has four.
     """
-    if sd is None or not sd > ROUNDING * abs(value):
+    if sd is None or not sd > 0:
         return f"{value:.4g}"
     # of the second digit of the standard deviation: 2 for hundredths, negative before the point
     decimal = 1 - math.floor(math.log10(sd))
-    digits = max(decimal, 0)
-    return f"{round(value, decimal):.{digits}f} ± {round(sd, decimal):.{digits}f}"
+    if value:
+        decimal = min(decimal, MOST_DIGITS - 1 - math.floor(math.log10(abs(value))))
+    digits, rounded = max(decimal, 0), round(sd, decimal)
+    return f"{round(value, decimal):.{digits}f} ± {rounded:.{digits}f}" if rounded else f"{value:.4g}"
 
 
 def extrapolated(supported: float | None) -> str:
