@@ -11,6 +11,7 @@ import pytest
 import quadriform as qf
 from quadriform.fitting.support import Reach, Support
 from quadriform.imaging.image_points import CAP
+from quadriform.motion.slice_move import SliceMove
 from quadriform.shapes.splines import TimeBasis
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
@@ -107,9 +108,10 @@ def known(monkeypatch):
         moving = qf.MovingModel(dict.fromkeys(clouds[0], surface), box.origin, box.edges, basis, boxes)
         models = tuple(moving.at(time) for time in times)
         residuals = tuple({name: np.ones(len(cloud)) for name, cloud in frame.items()} for frame in clouds)
-        shifts = {2: np.array([1.0, 2, 3])} if options.get("slices") else {}
+        moved = SliceMove(np.array([0.1, 0.2, 0.3]), np.zeros(3), np.array([1.0, 2, 3]), np.eye(3), np.ones(6))
+        moves = {2: moved} if options.get("slices") else {}
         support = tuple(dict.fromkeys(frame, SUPPORT) for frame in clouds)
-        return qf.Track("cycle", times, models, moving, residuals, 1.0, (1e-5, 1e-5), shifts, support=support)
+        return qf.Track("cycle", times, models, moving, residuals, 1.0, (1e-5, 1e-5), moves, support=support)
 
     monkeypatch.setattr("quadriform.motion.tracking.track", track)
     return asked
@@ -120,7 +122,10 @@ def test_in_ras_models_and_shifts_have_x_and_y_negated(terminal, contours, known
         done = terminal("track", *contours, "-o", out, "--shift-slices", "--json", *words)
         record, model = json.loads(done.out), qf.load(tmp_path / out / "model.json")
         assert record["space"] == model.space == out.upper()
-        assert record["shifts"]["2"] == [signs[0] * 1.0, signs[1] * 2.0, 3.0]
+        assert record["shifts"]["2"] == record["moves"]["2"]["shift"] == [signs[0] * 1.0, signs[1] * 2.0, 3.0]
+        found = np.radians(record["moves"]["2"]["rotation_degrees"])
+        np.testing.assert_allclose(found, np.multiply([0.1, 0.2, 0.3], signs), rtol=1e-12)
+        np.testing.assert_allclose(record["moves"]["2"]["axes"], np.diag(signs))
         assert np.array_equal(model.surfaces["endo"].translation, np.multiply([10, 40, -20], signs))
         np.testing.assert_allclose(model.control_points[0, 1, 1, 1], np.multiply([10, 40, -20], signs), atol=1e-12)
         assert np.array_equal(known["clouds"][1]["epi"], ellipsoid)  # the fit is in LPS, whatever is written

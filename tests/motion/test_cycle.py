@@ -20,7 +20,7 @@ from quadriform.fitting.superquadric import fit as superquadrics
 from quadriform.motion.cycle import Cycle
 from quadriform.motion.cycle_equations import LinearCycleProblem
 from quadriform.motion.cycle_rounds import ROUNDS, fit_cycle
-from quadriform.motion.slice_shifts import SHIFTING
+from quadriform.motion.slice_motions import FEWEST_POINTS
 from quadriform.points import Frame
 from quadriform.shapes.control_box import common_box
 from quadriform.shapes.splines import TimeBasis
@@ -141,7 +141,7 @@ def test_a_motion_that_does_not_repeat_has_a_knot_at_either_end():
 
 def test_points_of_no_slice_and_slices_of_few_points_are_not_moved(plain):
     few = np.full(100, -1)
-    few[: SHIFTING.fewest_points - 1] = 7
+    few[: FEWEST_POINTS - 1] = 7
     for numbers in (np.full(100, -1), few):
         found = tracked(slices=[numbers, *[np.full(100, -1)] * 2])
         assert found.shifts == {}

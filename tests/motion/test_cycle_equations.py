@@ -68,7 +68,7 @@ def test_the_solution_is_that_of_the_dense_problem(pair):
     null = 3 * 4 * 3  # affine maps of each coordinate, at the mean and the first harmonic in time
     least = constant - right @ expected
     assert found.sigma == pytest.approx(np.sqrt(least / (360 - null)), rel=1e-9)
-    assert found.shifts.shape == (0,)
+    assert found.motions.shape == (0,)
 
 
 def plain_criterion(alpha, gamma, fraction=1.0):
@@ -121,12 +121,12 @@ def test_penalties_move_the_solution_and_are_no_part_of_the_noise():
     found = of.solve(*PAIR)
     matrix, right, _ = dense(*PAIR, both)
     np.testing.assert_allclose(found.displacement.ravel(), np.linalg.solve(matrix, right), rtol=1e-7, atol=1e-10)
-    cost = problem().cost(found.displacement, found.shifts, *PAIR)
+    cost = problem().cost(found.displacement, found.motions, *PAIR)
     assert found.sigma == pytest.approx(np.sqrt(cost / (360 - 36)))
     again = of.with_extra_terms(extra).solve(*PAIR)
-    cost = problem().cost(again.displacement, again.shifts, *PAIR)
+    cost = problem().cost(again.displacement, again.motions, *PAIR)
     assert again.sigma == pytest.approx(np.sqrt(cost / (360 - 36)))
-    assert problem().cost(found.displacement, found.shifts, *PAIR) < of.cost(found.displacement, found.shifts, *PAIR)
+    assert problem().cost(found.displacement, found.motions, *PAIR) < of.cost(found.displacement, found.motions, *PAIR)
 
 
 def test_further_unknowns_border_the_problem(rng):
@@ -137,12 +137,14 @@ def test_further_unknowns_border_the_problem(rng):
     whole = np.block([[matrix, across], [across.T, own]])
     expected = np.linalg.solve(whole, np.concatenate([right, right_of]))
     np.testing.assert_allclose(found.displacement.ravel(), expected[:-2], rtol=1e-7, atol=1e-10)
-    np.testing.assert_allclose(found.shifts, expected[-2:], rtol=1e-7)
+    np.testing.assert_allclose(found.motions, expected[-2:], rtol=1e-7)
+    complement = own - across.T @ np.linalg.solve(matrix, across)
+    np.testing.assert_allclose(found.motion_matrix, complement, rtol=1e-7, atol=1e-9)
     of = problem(bordered_block=(coupling, own, right_of))
-    zero = of.cost(found.displacement, 0 * found.shifts, *PAIR)
-    step = found.shifts @ own @ found.shifts - 2 * right_of @ found.shifts
-    step += 2 * found.shifts @ (across.T @ found.displacement.ravel())
-    assert of.cost(found.displacement, found.shifts, *PAIR) - zero == pytest.approx(step, rel=1e-7)
+    zero = of.cost(found.displacement, 0 * found.motions, *PAIR)
+    step = found.motions @ own @ found.motions - 2 * right_of @ found.motions
+    step += 2 * found.motions @ (across.T @ found.displacement.ravel())
+    assert of.cost(found.displacement, found.motions, *PAIR) - zero == pytest.approx(step, rel=1e-7)
 
 
 def test_the_strength_in_time_is_the_best_within_a_factor_of_a_thousand():

@@ -14,7 +14,7 @@ from quadriform.fitting.refinement.stage import independent_fraction
 from quadriform.fitting.refinement.starts import nested_ellipsoids
 from quadriform.motion import cycle as cycles
 from quadriform.motion.cycle import Cycle, named
-from quadriform.motion.slice_shifts import SlicePlanes
+from quadriform.motion.slice_motions import SlicePlanes
 from quadriform.points import Frame
 from quadriform.shapes.control_box import common_box
 from quadriform.shapes.splines import TimeBasis
@@ -52,10 +52,11 @@ def test_a_cycle_begins_with_the_undeformed_box_and_the_median_distance():
     state = of.init()
     distances = np.concatenate([d.standardised_distances(BOX) for each in state.datasets for d in each])
     assert state.sigma == pytest.approx(1.4826 * np.median(distances))
-    assert state.displacement.shape == (3, 27, 3) and not state.displacement.any() and state.shifts.shape == (0, 2)
+    assert state.displacement.shape == (3, 27, 3) and not state.displacement.any()
+    assert state.slices.motions.shape == (0, 6)
     assert state.fold_penalties[0].weight == pytest.approx(1e-3 * 60 * (state.sigma / 0.1) ** 2)
     with_planes = cycle(sliced()).init()
-    assert with_planes.shifts.shape == (3, 2)
+    assert with_planes.slices.motions.shape == (3, 6)
     noise = np.tile(np.eye(3), (60, 1, 1))
     known = cycle(noise={named(1, "surface"): noise}, bases=(None, None, PLANE)).init()
     assert [each[0].covariances is not None for each in known.datasets] == [False, True, False]
@@ -113,23 +114,25 @@ def test_independent_points_are_a_mean_over_frames():
 def test_the_linear_problem_is_the_sum_over_the_points_of_all_frames(planes, rng):
     of = cycle(sliced() if planes else None)
     state = moved(of)
+    if planes:  # linearised at other motions than zero
+        state = replace(state, slices=replace(state.slices, motions=0.1 * rng.normal(size=(3, 6))))
     linear = of.linear_problem(state)
     assert linear.total_weight == pytest.approx(sum(d.total_weight for each in state.datasets for d in each))
     displacement = 0.05 * rng.normal(size=(3, 27, 3))
-    shifts = 0.01 * rng.normal(size=(3, 2)) if planes else np.zeros((0, 2))
+    motions = 0.01 * rng.normal(size=(3, 6)) if planes else np.zeros((0, 6))
     expected = 0.0
     for frame, (values, box, each) in enumerate(zip(VALUES, state.boxes, state.datasets)):
         of_frame = np.einsum("a,aki->ki", values, displacement)
         for data, points in zip(each, LOCAL[frame].values()):
             rows = data_rows(data, box)
             if planes:
-                points = points + of.planes[0].offsets(shifts, of.planes[1][frame]["surface"])
+                points = linearised(of.planes[0], state.slices.motions, motions, of.planes[1][frame]["surface"], points)
             left = points - rows.origins - BOX.matrix(rows.origins) @ of_frame
             expected += np.einsum("ni,nij,nj->", left, rows.metric, left)
     if planes:
-        prior = of.planes[0].bordered_block([[] for _ in LOCAL], state.boxes, state.sigma / np.sqrt(state.fraction))[1]
-        expected += shifts.ravel() @ prior @ shifts.ravel()
-    assert linear.cost(displacement, shifts.ravel(), 0.0, 0.0) == pytest.approx(expected, rel=1e-6)
+        precision = state.sigma**2 / state.fraction * state.slices.prior.precision()
+        expected += motions.ravel() @ precision @ motions.ravel()
+    assert linear.cost(displacement, motions.ravel(), 0.0, 0.0) == pytest.approx(expected, rel=1e-6)
 
 
 def test_the_sum_that_a_round_lowers_has_the_penalties_of_every_frame(rng):
@@ -144,16 +147,22 @@ def test_the_sum_that_a_round_lowers_has_the_penalties_of_every_frame(rng):
     assert of.total(state, linear, penalties, displacement, np.zeros(0), (1e-3, 1e-4)) == pytest.approx(expected)
 
 
-def test_points_move_by_the_shifts_of_their_slices(rng):
+def linearised(planes, at, motions, numbers, points):
+    """Points under motions, by the derivatives of the moved points at others."""
+    step = 1e-5 * (motions - at)
+    change = planes.moved(at + step, numbers, points) - planes.moved(at - step, numbers, points)
+    return planes.moved(at, numbers, points) + change / 2e-5
+
+
+def test_points_move_with_their_slices(rng):
     of = cycle(sliced())
-    state, shifts = of.init(), rng.normal(size=(3, 2))
+    state, motions = of.init(), rng.normal(size=(3, 6))
     planes, slices = of.planes
-    for frame, each in enumerate(of._shifted(state.datasets, shifts)):
-        numbers = slices[frame]["surface"]
-        expected = LOCAL[frame]["surface"] + np.array([shifts[n] @ planes.axes[n] for n in numbers])
-        np.testing.assert_allclose(each[0].points, expected)
+    for frame, each in enumerate(of._moved(state.datasets, motions)):
+        expected = planes.moved(motions, slices[frame]["surface"], LOCAL[frame]["surface"])
+        np.testing.assert_array_equal(each[0].points, expected)
     plain = cycle()
-    assert plain._shifted(state.datasets, shifts[:0]) is state.datasets
+    assert plain._moved(state.datasets, motions[:0]) is state.datasets
 
 
 def test_where_most_points_are_far_the_noise_is_their_own():

@@ -20,7 +20,6 @@ class State:
     steps: int = 0
     boxes: tuple = (0, 0)
     datasets: tuple = ()
-    shifts: tuple = ()
     start: str = "smooth"
 
     def nearest(self):

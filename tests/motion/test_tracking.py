@@ -6,7 +6,6 @@ from shapes_made import even_directions, made
 
 import quadriform as qf
 from quadriform.errors import OptionError, PointsError
-from quadriform.motion.slice_shifts import SHIFTING, SlicePlanes
 from quadriform.motion.tracking import STACK
 from quadriform.point_sets import PointSet
 from quadriform.shapes.solid import Solid
@@ -153,42 +152,6 @@ def test_shifts_that_the_slices_do_not_determine_are_noted():
     assert STACK not in qf.track(across, box=BOX).notes
 
 
-def test_the_axes_of_a_slice_lie_in_its_plane():
-    frames, numbers = sliced()
-    planes = SlicePlanes.of(frames, numbers)
-    assert np.abs(planes.axes[2] @ OUTER.rotation[:, 2]).max() < 0.05
-    moved = planes.offsets(np.eye(7)[:, :2] * 3.0, np.array([1, 5, 99]))
-    np.testing.assert_allclose(np.linalg.norm(moved, axis=1), [3.0, 0, 0])
-
-
-def test_without_data_a_shift_has_the_spread_that_is_assumed():
-    """Its weight is that of one measurement of zero with this spread, in units of the noise; all together far more."""
-    frames, numbers = sliced()
-    planes = SlicePlanes.of(frames, numbers)
-    box = qf.ControlBox.around(OUTER, (2, 2, 2))
-    coupling, own, right = planes.bordered_block([[]], [box], sigma=0.2)
-    assert not coupling.any() and not right.any() and coupling.shape == (len(own), 1, box.control_points.size)
-    weights = np.linalg.eigvalsh(own)
-    held = planes.unobservable().shape[1]
-    np.testing.assert_allclose(weights[: len(own) - held], (0.2 / SHIFTING.spread) ** 2, rtol=1e-6)
-    assert (weights[len(own) - held :] > 1e4 * weights[0]).all()
-
-
-@pytest.mark.parametrize("count, followed", [(1, 1), (3, 3), (6, 4)])
-def test_polynomials_along_a_stack_are_no_shifts(count, followed):
-    """Constant, shear, bend and S, as far as there are slices to tell them apart: a single slice cannot move at all."""
-    t = np.linspace(0, 2 * np.pi, 24, endpoint=False)
-    ring = np.column_stack([np.cos(t), np.sin(t), 0 * t])
-    stack = np.concatenate([ring + np.array([0, 0, h]) for h in range(count)])
-    planes = SlicePlanes.of([{"wall": stack}], [{"wall": np.repeat(np.arange(count), len(t))}])
-    heights, unobservable = np.arange(count), planes.unobservable()
-    assert np.linalg.matrix_rank(unobservable) == 2 * followed
-    for degree in range(followed):
-        vectors = (heights**degree)[:, None] * [1.0, 2.0, 0.0]
-        shifts = np.einsum("ska,sa->sk", planes.axes, vectors).ravel()
-        np.testing.assert_allclose(unobservable @ np.linalg.lstsq(unobservable, shifts)[0], shifts, atol=1e-9)
-
-
 @pytest.mark.parametrize(
     "options, message",
     [
@@ -198,7 +161,7 @@ def test_polynomials_along_a_stack_are_no_shifts(count, followed):
         ({"strategy": "best"}, "strategy"),
         ({"strategy": "alone", "slices": [{}] * 6}, "use strategy='cycle'"),
         ({"slices": [{}] * 5}, "each of 6 frames"),
-        ({"slices": [{"epi": [1], "endo": [1]}] * 6}, "frame 0, epi: expected 100 numbers"),
+        ({"slices": [{"epi": [1], "endo": [1]}] * 6}, "frame 0, epi: expected 100 whole numbers"),
     ],
 )
 def test_wrong_options_are_named(options, message):

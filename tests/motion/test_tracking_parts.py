@@ -89,8 +89,8 @@ def test_options_of_a_frame_have_its_base():
     assert of.options_of(0) == {"box": 3, "base": None} and of.options_of(1) == {"box": 3, "base": (1, 2)}
 
 
-def track(residuals, shifts=None):
-    return Track("cycle", np.arange(len(residuals)), (), None, tuple(residuals), 0.1, (1.0,), shifts or {})
+def track(residuals):
+    return Track("cycle", np.arange(len(residuals)), (), None, tuple(residuals), 0.1, (1.0,))
 
 
 def test_distances_of_frames_are_root_mean_squares_over_their_points():
@@ -188,10 +188,20 @@ def test_slices_are_numbered_point_by_point():
     found = frames.checked_slices([numbers, {"surface": numbers}], clouds, "cycle")
     assert [each["surface"].tolist() for each in found] == [numbers.tolist()] * 2
     assert frames.checked_slices(None, clouds, "alone") is None
+    of_table = frames.checked_slices([numbers * 1.0, numbers.astype(np.uint8)], clouds, "cycle")
+    assert [each["surface"].tolist() for each in of_table] == [numbers.tolist()] * 2
     for given, strategy, text in (
         ([numbers] * 2, "alone", "strategy='cycle'"),
         ([numbers], "cycle", "2 frames, found 1"),
-        ([numbers, numbers[:5]], "cycle", r"frame 1, surface: expected 60 numbers, found \(5,\)"),
+        ([numbers, numbers[:5]], "cycle", r"frame 1, surface: expected 60 whole numbers, one a point, found \(5,\)"),
+        ([numbers, {}], "cycle", "frame 1: expected a slice number of each point of surface, found none"),
+        ([numbers, {"other": numbers}], "cycle", "frame 1 has no surface 'other'"),
+        ([numbers, numbers + 0.5], "cycle", "whole numbers below 2.53, found .*0.5.* for point 0"),
+        ([numbers, np.where(numbers == 2, np.nan, numbers)], "cycle", "found .*nan.* for point 2"),
+        ([numbers, numbers > 1], "cycle", "whole numbers below 2.53, found .*False.* for point 0"),
+        ([numbers, ["a"] * 60], "cycle", "surface: expected 60 whole numbers, found .'a'"),
+        ([numbers, [[1, 2], [3]]], "cycle", "surface: expected 60 whole numbers"),
+        ([numbers, 1e300 * numbers], "cycle", "for point 1"),
     ):
         with pytest.raises(OptionError, match=text):
             frames.checked_slices(given, clouds, strategy)

@@ -69,7 +69,7 @@ def page_of_fit(
 
 
 def page_of_track(found: Track, frames: FrameSeries, title: str, record: Record, measures: Measures | None) -> bytes:
-    """The page of a moving model; points are shown where the shifts of their slices move them.
+    """The page of a moving model; points are shown where their slices move them.
 
     Args:
         found: in the frame that was asked for.
@@ -79,13 +79,12 @@ def page_of_track(found: Track, frames: FrameSeries, title: str, record: Record,
         measures: of a ventricle.
     """
     rotation = rotation_between(frames.space_and_unit[0], found.models[0].space)
-    no_shift = np.zeros(3)
     shown = []
     for number, frame in enumerate(frames.clouds):
         rotated = {name: cloud @ rotation.T for name, cloud in frame.items()}
-        for name, which in (frames.slice_of_point[number] if found.shifts else {}).items():
-            # a slice that was not shifted has no entry
-            rotated[name] = rotated[name] + np.array([found.shifts.get(int(n), no_shift) for n in which]).reshape(-1, 3)
+        for name, which in (frames.slice_of_point[number] if found.moves else {}).items():
+            for slice_number, move in found.moves.items():  # a slice that was not moved has no entry
+                rotated[name][which == slice_number] = move.apply(rotated[name][which == slice_number])
         shown.append(rotated)
     return track_report(found, shown, title=title, record=record, measures=measures)
 

@@ -53,8 +53,8 @@ class Motion:
         strategy: cycle (all times at once), previous (from frame to frame), or alone.
         times: Times of the frames between commas. [default: 0, 1, 2 ...]
         period: After which the motion repeats: a time, auto (the frames are one cycle), or none.
-        shift_slices: Estimate a shift of each slice of contours or of an image stack in its plane, the same in all
-            frames. Of images the points between two slices are left out.
+        shift_slices: Estimate a rigid motion of each slice of contours, or a shift of each slice of an image stack in
+            its plane, the same in all frames. Of images the points between two slices are left out.
         box: Control points along each axis, as 5,5,5.
         strength: Regularisation weight in space per data point. [default: auto]
         noise: Standard deviation of the points, in their unit, in place of that of images.

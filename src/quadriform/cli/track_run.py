@@ -30,6 +30,7 @@ from quadriform.words import after_number, csv_bytes
 
 if TYPE_CHECKING:
     from quadriform.heart.measures_table import Measures
+    from quadriform.motion.slice_move import SliceMove
     from quadriform.motion.tracking import Track
 
 Record = dict[str, Any]
@@ -145,6 +146,7 @@ def _record(
         "noise": found.noise,
         "strengths": list(found.strengths),
         "shifts": {str(number): shift.tolist() for number, shift in found.shifts.items()},
+        "moves": {str(number): _move_record(move) for number, move in found.moves.items()},
         "min_jacobian": min(model.min_jacobian() for model in found.models),
         "space": model.space,
         "unit": model.unit,
@@ -152,6 +154,33 @@ def _record(
         "warnings": texts(found.warnings),
         "notes": list(found.notes),
     }
+
+
+def _move_record(move: "SliceMove") -> dict[str, Any]:
+    """The motion of a slice: rotation in degrees; standard deviations along the axes of the slice, its normal last."""
+    return {
+        "rotation_degrees": np.degrees(move.rotation).tolist(),
+        "centre": move.centre.tolist(),
+        "shift": move.shift.tolist(),
+        "axes": move.axes.tolist(),
+        "rotation_sd_degrees": np.degrees(move.sd[:3]).tolist(),
+        "shift_sd": move.sd[3:].tolist(),
+    }
+
+
+def _move_rows(moves: Mapping[str, Mapping[str, Any]], unit: str) -> list[tuple[str, str]]:
+    """The largest shift and rotation of a slice, with the largest standard deviation of their components."""
+    rows = []
+    for words, key, sd, of in (
+        ("shift", "shift", "shift_sd", unit),
+        ("rotation", "rotation_degrees", "rotation_sd_degrees", " degrees"),
+    ):
+        sizes = {number: float(np.linalg.norm(move[key])) for number, move in moves.items()}
+        if sizes:
+            slice_number = max(sizes, key=lambda number: sizes[number])
+            found = f"{sizes[slice_number]:.3g}{of} of slice {slice_number}, sd {max(moves[slice_number][sd]):.2g}{of}"
+            rows.append((f"largest {words} of a slice", found))
+    return rows
 
 
 def _csv(frames: Sequence[Mapping[str, Any]], found: "Track") -> bytes:
@@ -164,7 +193,6 @@ def _rows(record: Record) -> list[tuple[str, str]]:
     unit = after_number(record["unit"])
     frames = record["frames"]
     worst, least = max(frames, key=lambda frame: frame["rms"]), min(frames, key=lambda frame: frame["supported"])
-    shifts = [float(np.linalg.norm(shift)) for shift in record["shifts"].values()]
     cubed = f"{unit}^3" if unit else ""
     ranges = []
     for name in (name for name in frames[0] if name.startswith("volume_")):
@@ -181,7 +209,7 @@ def _rows(record: Record) -> list[tuple[str, str]]:
         ("supported by data", f"{100 * least['supported']:.0f} % of the area or more, least in frame {least['frame']}"),
         ("noise", f"{record['noise']:.4g}{unit}"),
         ("known noise", record["known_noise"]),
-        *([("largest shift of a slice", f"{max(shifts):.3g}{unit}")] if shifts else []),
+        *_move_rows(record["moves"], unit),
         *cycle_rows(record),
         *ranges,
         ("min det J", f"{record['min_jacobian']:.3g}"),

@@ -285,7 +285,7 @@ def drop_points_between_slices(frames: FrameSeries) -> None:
     """Remove from `frames` the points of images that lie between two slices, with a note of their number.
 
     Contours have none. Points of caps, beyond the first or the last outline, stay: they determine the surface, and no
-    shift of a slice.
+    motion of a slice.
 
     Raises:
         OptionError: frames without slice numbers, or whose numbers do not mean the same slices.
@@ -306,7 +306,7 @@ def drop_points_between_slices(frames: FrameSeries) -> None:
             kept = numbers != BETWEEN
             removed, total = removed + int((~kept).sum()), total + len(kept)
             frame[name], every[name] = frame[name].take(kept), numbers[kept]
-    # the points between slices have no slice that could shift
+    # the points between slices have no slice that could move
     axis = slice_axis(first)
     frames.notes.append(
         f"slices are taken along {'ijk'[axis]}, {np.linalg.norm(first[:3, axis]):.3g} apart; {removed} of {total} "

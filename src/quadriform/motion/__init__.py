@@ -21,6 +21,7 @@ Image Analysis 1996; 1: 129-149. The whole cycle as one problem is ours.
 2. `tracking._start` fits this frame alone, with a smooth surface.
 3. `affine_start.fitted_motion`, in rounds, maps this box to each frame by affine maps (`cycle_rounds._affine_images`).
 4. `cycle.Cycle.step` makes rounds of the whole problem, the linear one of `cycle_equations.py`, at strengths that fall
-   to those estimated, and until sigma converges (`cycle_rounds._fitted`). `slice_shifts.py` adds shifts of slices.
+   to those estimated, and until sigma converges (`cycle_rounds._fitted`). `slice_motions.py` adds rigid motions of
+   slices, `slice_prior.py` their prior.
 5. `cycle_rounds._unfolded_fit` removes folds; `quality.py` states what the data supports, and warns.
 """

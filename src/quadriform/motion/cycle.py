@@ -1,7 +1,7 @@
 """One moving box fitted to the points of all frames of a periodic motion, such as a heartbeat.
 
 A round (`Cycle.step`) updates the foot points of every frame, the nearest points on its current surface, and solves one
-linear problem for the control points at all knots of the splines in time and, on request, the in-plane shifts of
+linear problem for the control points at all knots of the splines in time and, on request, the rigid motions of
 slices. `cycle_rounds.fit_cycle` makes the rounds. Below are F frames, K knots, k control points and S slices.
 Coordinates are relative to the centroid of the points and divided by their RMS radius; noise and shifts have that unit.
 """
@@ -11,17 +11,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadriform.fitting.least_squares.normal_equations import NormalEquations, normal_equations
+from quadriform.fitting.least_squares.normal_equations import NormalEquations
 from quadriform.fitting.least_squares.regularisers import Regulariser, regulariser_matrix
 from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.refinement.base_prior import base_priors
-from quadriform.fitting.refinement.point_to_plane import data_rows, linear_problem_of, step_length
+from quadriform.fitting.refinement.point_to_plane import Rows, data_rows, linear_problem_of, step_length
 from quadriform.fitting.refinement.stage import MAD_TO_SIGMA, Penalty, independent_fraction
 from quadriform.fitting.refinement.surface_data import SurfaceData, with_excess
 from quadriform.fitting.refinement.unfolding import JacobianPenalty
 from quadriform.fitting.result import HalfSpace
 from quadriform.motion.cycle_equations import CyclePosterior, LinearCycleProblem
-from quadriform.motion.slice_shifts import SliceNumbers, SlicePlanes
+from quadriform.motion.slice_motions import SliceNumbers, SlicePlanes
+from quadriform.motion.slice_prior import SliceState
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.posterior import SAMPLES, SEED
@@ -46,15 +47,15 @@ class CycleFit:
 
     Attributes:
         control_points: (K, l, m, n, 3), at the knots, of boxes with l x m x n control points.
-        datasets: for each frame the surfaces with their points, moved by the shifts, and inlier probabilities.
+        datasets: for each frame the surfaces with their points, moved with their slices, and inlier probabilities.
         sigma: standard deviation of the inliers' point-to-plane residuals.
         least_sigma: what is known of it, or zero.
         strengths: alpha in space, gamma in time, both per data point.
-        shifts: (S, 2), of the slices in their planes; none without slice numbers.
+        slices: the motions of the slices; of none without slice numbers.
         verified: whether each frame is verified to be free of folds.
         sigma_before: sigma of the fit with folds, where these could not be removed at its strengths and within the
             accepted noise; else None, also where folds were removed in that way.
-        posterior: of the displacements at the knots and of the shifts.
+        posterior: of the displacements at the knots and of the motions of slices.
     """
 
     control_points: Array
@@ -62,10 +63,17 @@ class CycleFit:
     sigma: float
     least_sigma: float
     strengths: tuple[float, float]
-    shifts: Array
+    slices: SliceState
     verified: tuple[bool, ...]
     sigma_before: float | None = None
     posterior: CyclePosterior | None = None
+
+    @property
+    def motion_covariance(self) -> Array:
+        """The posterior covariance (6 S, 6 S) of the motions of slices; infinite variances without a posterior."""
+        if self.posterior is None:
+            return np.diag(np.full(self.slices.motions.size, np.inf))
+        return self.posterior.covariance
 
 
 @dataclass(frozen=True)
@@ -74,7 +82,7 @@ class CycleState:
 
     Attributes:
         displacement: (K, k, 3), of the control points from the undeformed box, at the knots in time.
-        shifts: (S, 2), of the slices in their planes.
+        slices: their motions.
         boxes: the deformed box of each frame, by the splines.
         datasets: for each frame one for each surface.
         sigma: standard deviation of the inliers' point-to-plane residuals.
@@ -83,7 +91,7 @@ class CycleState:
     """
 
     displacement: Array
-    shifts: Array
+    slices: SliceState
     boxes: list[ControlBox]
     datasets: list[list[SurfaceData]]
     sigma: float
@@ -110,7 +118,7 @@ class Cycle:
         basis: the splines.
         regularity: in space.
         robust: whether outliers are down-weighted.
-        planes: of the slices whose shifts are sought, with the slice number of each point; or None.
+        planes: of the slices whose motions are sought, with the slice number of each point; or None.
         known_noise: of the points of each frame and surface, under the name that `named` gives.
         bases: where the data of each frame ends on purpose, or None.
     """
@@ -144,8 +152,8 @@ class Cycle:
         count, frames = sum(len(cloud) for cloud in self.frames[0].values()), len(self.frames)
         penalty = JacobianPenalty.of(self.box, self.surfaces, count, sigma)
         displacement = np.zeros((self.splines_at_frames.shape[1], self.box.rest.size // 3, 3))
-        shifts = np.zeros((0 if self.planes is None else len(self.planes[0].axes), 2))
-        return CycleState(displacement, shifts, [self.box] * frames, datasets, sigma, [penalty] * frames)
+        slices = SliceState.first(None if self.planes is None else self.planes[0])
+        return CycleState(displacement, slices, [self.box] * frames, datasets, sigma, [penalty] * frames)
 
     def _data(self, frame: int, name: str, points: Array) -> SurfaceData:
         covariances, least = self.known_noise.relative.get(named(frame, name)), self.known_noise.least_sigma
@@ -210,12 +218,12 @@ class Cycle:
         """The fit with the results of a state."""
         control = state.displacement.reshape(-1, *self.shape, 3) + self.box.rest
         datasets = tuple(dict(zip(frame, each)) for frame, each in zip(self.frames, state.datasets))
-        least, shifts = self.known_noise.least_sigma, state.shifts
+        least, slices = self.known_noise.least_sigma, state.slices
         posterior = self.posterior(state, strengths)
-        return CycleFit(control, datasets, state.sigma, least, strengths, shifts, verified, sigma_before, posterior)
+        return CycleFit(control, datasets, state.sigma, least, strengths, slices, verified, sigma_before, posterior)
 
     def posterior(self, state: CycleState, strengths: tuple[float, float]) -> CyclePosterior | None:
-        """The posterior of displacements and shifts, at the foot points and inlier probabilities of a state."""
+        """The posterior of displacements and motions, at the foot points and inlier probabilities of a state."""
         equations = [_sum(each, box) for each, box in zip(_penalties(state), state.boxes)]
         linear = self.linear_problem(state).with_extra_terms(equations)
         normal = np.random.default_rng(SEED).normal(size=(SAMPLES, len(linear.right)))
@@ -238,24 +246,26 @@ class Cycle:
         if solution is None:
             return None
         displacement_step = solution.displacement - state.displacement
-        shift_step = solution.shifts - state.shifts.ravel()
+        motions = state.slices.motions.ravel()
+        motion_step = solution.motions - motions
 
         def at(length: float) -> tuple[Array, Array]:
-            """Displacements and shifts at a fraction of the step."""
-            return state.displacement + length * displacement_step, state.shifts.ravel() + length * shift_step
+            """Displacements and motions of slices at a fraction of the step."""
+            return state.displacement + length * displacement_step, motions + length * motion_step
 
         def total_at(length: float) -> float:
             """The whole cost at a fraction of the step."""
             return self.total(state, linear, penalties, *at(length), strengths)
 
-        displacement, shifts = at(step_length(total_at))
-        boxes, shifts = self._boxes(displacement), shifts.reshape(-1, 2)
+        displacement, found = at(step_length(total_at))
+        noises = state.sigma / np.sqrt(state.fraction), solution.sigma / np.sqrt(state.fraction)
+        slices = state.slices.after(found, solution, noises)
         return replace(
             state,
             displacement=displacement,
-            shifts=shifts,
-            boxes=boxes,
-            datasets=self._shifted(state.datasets, shifts),
+            slices=slices,
+            boxes=self._boxes(displacement),
+            datasets=self._moved(state.datasets, slices.motions),
             sigma=solution.sigma,
         )
 
@@ -265,12 +275,12 @@ class Cycle:
         linear: LinearCycleProblem,
         penalties: Sequence[Sequence[Penalty]],
         displacement: Array,
-        shifts: Array,
+        motions: Array,
         strengths: tuple[float, float],
     ) -> float:
         """The sum that a round lowers: squared distances, regularisation, and the penalties of each frame."""
         costs = [each.cost(box) for of, box in zip(penalties, self._boxes(displacement)) for each in of]
-        return linear.cost(displacement, shifts, *strengths) + sum(costs)
+        return linear.cost(displacement, motions, *strengths) + sum(costs)
 
     def _boxes(self, displacement: Array) -> list[ControlBox]:
         rest = self.box.rest
@@ -289,14 +299,14 @@ class Cycle:
         of_frames = iter(updated)
         return [[next(of_frames) for _ in datasets] for datasets in state.datasets]
 
-    def _shifted(self, datasets: list[list[SurfaceData]], shifts: Array) -> list[list[SurfaceData]]:
-        """Data whose points are moved by the shifts of their slices."""
+    def _moved(self, datasets: list[list[SurfaceData]], motions: Array) -> list[list[SurfaceData]]:
+        """Data whose points move with their slices."""
         if self.planes is None:
             return datasets
         planes, slices = self.planes
         result = []
         for frame, each, numbers in zip(self.frames, datasets, slices):
-            clouds = [points + planes.offsets(shifts, numbers[name]) for name, points in frame.items()]
+            clouds = [planes.moved(motions, numbers[name], points) for name, points in frame.items()]
             result.append([replace(data, points=points) for data, points in zip(each, clouds)])
         return result
 
@@ -304,21 +314,16 @@ class Cycle:
         """The linear problem of a round as a function of the strengths."""
         equations, rows, count = [], [], 0.0
         for frame, (box, datasets) in enumerate(zip(state.boxes, state.datasets)):
-            found = [data_rows(data, box) for data in datasets]
-            # shifts are unknowns too, so the targets are the points before any shift
-            targets = list(self.frames[frame].values()) if self.planes else [row.targets for row in found]
-            offsets = [target - row.origins for row, target in zip(found, targets)]
-            parts = [
-                normal_equations(box.local(row.origins), row.metric, offset, box.degrees)
-                for row, offset in zip(found, offsets)
-            ]
+            found = self._rows(state, frame)
+            parts = [row.equations(box) for row in found]
             equations.append(sum(parts[1:], parts[0]))
             count += sum(float((data.weights * data.inliers).sum()) for data in datasets)
             if self.planes:
-                rows.append(list(zip(found, self.planes[1][frame].values(), offsets)))
-        bordered = None  # the rows and columns of the shifts beside the matrix of the control points
+                rows.append(list(zip(found, self.planes[1][frame].values(), self.frames[frame].values())))
+        bordered = None  # the rows and columns of the motions beside the matrix of the control points
         if self.planes:
-            bordered = self.planes[0].bordered_block(rows, state.boxes, state.sigma / np.sqrt(state.fraction))
+            coupling, own, right = self.planes[0].bordered_block(rows, state.boxes, state.slices.motions)
+            bordered = coupling, own + state.sigma**2 / state.fraction * state.slices.prior.precision(), right
         return LinearCycleProblem(
             equations,
             self.splines_at_frames,
@@ -330,6 +335,15 @@ class Cycle:
             state.fraction,
             self.known_noise.least_sigma,
         )
+
+    def _rows(self, state: CycleState, frame: int) -> list[Rows]:
+        """The terms of each surface in a frame; with slices their targets are those where all motions are zero."""
+        found = [data_rows(data, state.boxes[frame]) for data in state.datasets[frame]]
+        if self.planes is None:
+            return found
+        (planes, slices), motions = self.planes, state.slices.motions
+        parts = zip(found, slices[frame].values(), self.frames[frame].values())
+        return [replace(rows, targets=planes.targets(motions, numbers, points)) for rows, numbers, points in parts]
 
     def with_checked_folds(self, state: CycleState) -> tuple[tuple[bool, ...], CycleState]:
         """Which frames are verified to be free of folds, and the state with stronger penalties on the others."""

@@ -1,4 +1,4 @@
-"""The whole cycle as one linear problem: control points that are splines over time, and shifts of slices.
+"""The whole cycle as one linear problem: control points that are splines over time, and motions of slices.
 
 The displacement of each control point is a sum of K cardinal splines in time; the unknowns are their coefficients, the
 displacements at the K knots. With d(x, t) the displacement field from the undeformed box, u time in units of the
@@ -14,7 +14,7 @@ All is solved in the eigenbases of both regularisers, in space and in time, so t
 is not lost in rounding. With S the matrix of E and M the mass matrix of the Bernstein polynomials of the box, the block
 of one eigenvector in time, of eigenvalue tau, has the regulariser N (alpha S + gamma tau M).
 
-Numbers are F of frames, K of knots, k of control points and m of further unknowns (the shifts). Indices of arrays are
+Numbers are F of frames, K of knots, k of control points and m of further unknowns (the motions). Indices of arrays are
 f of frames, a and b of knots or eigenvectors in time, j of control points, h of eigenvectors in space, i of coordinates
 and s of further unknowns. With P_bhi the coefficients in both eigenbases, V those of time and Q those of space, the
 displacements at the knots are D_aji = sum_bh V_ab Q_jh P_bhi. With v_fa the splines at the frames, those in the
@@ -52,13 +52,16 @@ class CycleSolution:
 
     Attributes:
         displacement: (K, k, 3), from the undeformed box, at the knots: the coefficients of the K splines.
-        shifts: (m,), the further unknowns.
+        motions: (m,), the further unknowns.
+        motion_matrix: (m, m), their matrix after elimination of the control points (the Schur complement): the
+            precision of the motions times the square of the noise.
         sigma: standard deviation of the data along the normal.
         criterion: minus twice the log marginal likelihood, up to a constant.
     """
 
     displacement: Array
-    shifts: Array
+    motions: Array
+    motion_matrix: Array
     sigma: float
     criterion: float
 
@@ -154,17 +157,17 @@ class LinearCycleProblem:
         other.constant = self.constant + constant
         return other
 
-    def cost(self, displacement: Array, shifts: Array, alpha: float, gamma: float) -> float:
-        """The regularised sum of squares, with extra terms, at displacements (K, k, 3) and shifts (m,)."""
+    def cost(self, displacement: Array, motions: Array, alpha: float, gamma: float) -> float:
+        """The regularised sum of squares, with extra terms, at displacements (K, k, 3) and motions (m,)."""
         rotated = np.einsum("hj,aji->ahi", self._space_vectors.T, displacement.reshape(self.n_splines, -1, 3))
         # coefficients in both eigenbases; V' T is the inverse of V
         p = self._time_vectors.T @ self._time_mass @ rotated.reshape(self.n_splines, -1)
         energy = alpha * np.sum(p**2 @ self._energies) + gamma * self._tau @ np.sum((p @ self._space_mass) * p, axis=1)
-        q = np.concatenate([p.ravel(), shifts])
+        q = np.concatenate([p.ravel(), motions])
         return float(q @ (self.matrix @ q) - 2 * self.right @ q + self.constant + self.total_weight * energy)
 
     def solve(self, alpha: float, gamma: float) -> CycleSolution | None:
-        """The displacements and shifts at one pair of strengths; None where they leave control points undetermined."""
+        """The displacements and motions at one pair of strengths; None where they leave control points undetermined."""
         factor = cholesky_factor(self._regularised(alpha, gamma))
         if factor is None:
             return None
@@ -188,7 +191,8 @@ class LinearCycleProblem:
             + 2 * np.log(np.diag(factor)).sum()
             - 3 * np.log(eigenvalues[eigenvalues > 0]).sum()
         )
-        return CycleSolution(displacement, found[size:], float(np.sqrt(variance)), float(criterion))
+        last = factor[size:, size:]  # the last block of a Cholesky factor is that of the Schur complement
+        return CycleSolution(displacement, found[size:], last @ last.T, float(np.sqrt(variance)), float(criterion))
 
     def posterior(self, alpha: float, gamma: float, sigma: float, normal: Array) -> CyclePosterior | None:
         """The posterior of all unknowns at one pair of strengths; None where they leave control points undetermined.

@@ -17,6 +17,9 @@ from quadriform.shapes.splines import TimeBasis
 MOST_KNOTS = 12
 """Most knots in time, enough for the cycle of a heart. Of fewer frames there are as many knots, evenly spaced."""
 
+MOST_SLICES = 2.0**53
+"""Slice numbers are below this one: floats beyond it are not exact."""
+
 SliceNumbers = Sequence[Mapping[str, ArrayLike] | ArrayLike]
 Noises = float | Mapping[str, ArrayLike] | Sequence[Mapping[str, ArrayLike] | ArrayLike]
 Frames = list[dict[str, Array]]
@@ -122,7 +125,7 @@ def checked_slices(
     """The slice number of each point by frame and surface, or None.
 
     Raises:
-        OptionError: not one for each point, or another strategy than "cycle".
+        OptionError: not one whole number for each point, or another strategy than "cycle".
     """
     if slices is None:
         return None
@@ -130,14 +133,32 @@ def checked_slices(
         raise OptionError(f"option slices is not one of strategy={strategy!r}; use strategy='cycle'")
     if len(slices) != len(clouds):
         raise OptionError(f"slices: expected one entry for each of {len(clouds)} frames, found {len(slices)}")
-    result = []
+    result: list[dict[str, NDArray[np.int64]]] = []
     for number, (given, frame) in enumerate(zip(slices, clouds)):
         numbers = by_name(given, "slices") if isinstance(given, Mapping) else {ALONE: given}
-        found = {name: np.asarray(numbers.get(name, ())).astype(np.int64) for name in frame}
+        if unknown := numbers.keys() - frame.keys():
+            raise OptionError(f"slices: frame {number} has no surface {min(unknown)!r}; expected {sorted(frame)}")
+        result.append({})
         for name, cloud in frame.items():
-            if found[name].shape != (len(cloud),):
+            if name not in numbers:
                 raise OptionError(
-                    f"slices: frame {number}, {name}: expected {len(cloud)} numbers, found {found[name].shape}"
+                    f"slices: frame {number}: expected a slice number of each point of {name}, found none"
                 )
-        result.append(found)
+            result[-1][name] = _whole_numbers(numbers[name], len(cloud), f"slices: frame {number}, {name}")
     return result
+
+
+def _whole_numbers(given: ArrayLike, count: int, what: str) -> NDArray[np.int64]:
+    """Whole numbers (count,) of any type of numbers, so that those of a table, which are floats, need no conversion."""
+    try:
+        found = np.asarray(given)
+        numbers = found.astype(np.float64)
+    except (TypeError, ValueError):
+        raise OptionError(f"{what}: expected {count} whole numbers, found {given!r:.60}") from None
+    if found.shape != (count,):
+        raise OptionError(f"{what}: expected {count} whole numbers, one a point, found {found.shape}")
+    wrong = found.dtype.kind not in "iuf" or ~(np.abs(numbers) < MOST_SLICES) | (numbers != np.round(numbers))
+    if np.any(wrong):
+        one = np.argmax(np.broadcast_to(wrong, found.shape))
+        raise OptionError(f"{what}: expected whole numbers below 2^53, found {found[one]!r} for point {one}")
+    return found.astype(np.int64)

@@ -39,7 +39,8 @@ from quadriform.motion.frames import (
     time_basis,
 )
 from quadriform.motion.quality import by_frame, cycle_warnings, support_of_frame, support_warnings
-from quadriform.motion.slice_shifts import SlicePlanes
+from quadriform.motion.slice_motions import SlicePlanes
+from quadriform.motion.slice_move import SliceMove, slice_moves, unmoved_slices
 from quadriform.point_sets import ALONE, Given, PointSet, common_unit, points_sha256
 from quadriform.points import Array, Frame
 from quadriform.shapes.control_box import ControlBox, common_box
@@ -54,7 +55,7 @@ from quadriform.words import summary
 
 STACK = (
     "slices are parallel: shifts that are smooth along the stack cannot be distinguished from the form of the heart, "
-    "and were not sought"
+    "and were not sought; neither were shifts out of their planes and rotations"
 )
 AnyModel = TypeVar("AnyModel", DeformableModel, MovingModel)
 
@@ -68,11 +69,11 @@ class Track(Warned):
         times: (F,) of the frames.
         models: one a frame.
         moving: the same as one moving model; None for "alone", whose superquadrics differ.
-        residuals: for each frame the signed distance of each point (moved by the shift of its slice) to its surface.
+        residuals: for each frame the signed distance of each point (moved with its slice) to its surface.
         noise: standard deviation of the points along the normal, in their unit; of "alone" and "previous" the root mean
             square of those of the frames.
         strengths: in space and in time; of "alone" and "previous" the median of those of the frames, in space.
-        shifts: slice number -> shift (3,) in its plane, in the unit of the points; empty where none was sought.
+        moves: slice number -> the rigid motion of its points; empty where none was sought.
         warnings: kind -> sentence; every model carries those of all frames, whose texts name the frames.
         notes: remarks that leave the status "ok", one sentence each.
         support: for each frame how far its data supports each surface.
@@ -85,7 +86,7 @@ class Track(Warned):
     residuals: tuple[dict[str, Array], ...]
     noise: float
     strengths: tuple[float, ...]
-    shifts: dict[int, Array] = field(default_factory=dict)
+    moves: dict[int, SliceMove] = field(default_factory=dict)
     warnings: Warnings = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     support: tuple[Mapping[str, Support], ...] = ()
@@ -121,8 +122,13 @@ class Track(Warned):
         """Share [0, 1] of the area that data supports in each frame, (F,), of the surface that has the least."""
         return np.array([min(each.area for each in frame.values()) for frame in self.support])
 
+    @property
+    def shifts(self) -> dict[int, Array]:
+        """Slice number -> shift (3,) of its centre, that of `moves`, in the unit of the points."""
+        return {number: move.shift for number, move in self.moves.items()}
+
     def in_space(self, space: str) -> Track:
-        """The track with models and shifts in other world coordinates, "LPS" or "RAS".
+        """The track with models and motions of slices in other world coordinates, "LPS" or "RAS".
 
         Raises:
             OptionError: other coordinates.
@@ -133,7 +139,7 @@ class Track(Warned):
             self,
             models=tuple(model.in_space(space) for model in self.models),
             moving=None if self.moving is None else self.moving.in_space(space),
-            shifts={number: rotation @ shift for number, shift in self.shifts.items()},
+            moves={number: move.rotated(rotation) for number, move in self.moves.items()},
         )
 
 
@@ -163,9 +169,10 @@ def track(
             sampled; None: it does not repeat.
         strategy: "cycle", "previous" or "alone".
         slices: for each frame the slice number of each point, in the form of `frames`, below 0 for points of none;
-            slices are then shifted in their planes, each by the same amount in all frames. Of parallel slices alone,
-            shifts that are smooth along the stack are not sought: they cannot be distinguished from the form of the
-            heart. Only for "cycle".
+            slices are then moved, each by one rigid motion in all frames where its number occurs (`Track.moves`): one
+            number for each breath-hold. Of parallel slices alone only shifts in their planes are sought, and of these
+            none that are smooth along the stack: they cannot be distinguished from the form of the heart. Only for
+            "cycle".
         box: control points along each axis.
         regularity: "bending", "springs" or a regulariser of one's own.
         strength: of the regularisation in space, alpha per data point. "auto": each frame's own, as in `fit`; for
@@ -338,8 +345,9 @@ def _cycle(task: _Task) -> Track:
     result = _cycle_in_world(task, normalisation, normalisation.shape_to_world(moving), found)
     if planes is None:
         return result
-    notes = (STACK,) if planes[0].are_parallel else ()
-    return replace(result, shifts=planes[0].named(normalisation.scale * found.shifts), notes=(*result.notes, *notes))
+    notes = ((STACK,) if planes[0].are_parallel else ()) + unmoved_slices(planes[0], task.slices or [])
+    moves = slice_moves(planes[0], found.slices, found.motion_covariance, normalisation)
+    return replace(result, moves=moves, notes=(*result.notes, *notes))
 
 
 def _start(
@@ -367,7 +375,7 @@ def _cycle_in_world(task: _Task, normalisation: Frame, moving: MovingModel, foun
     """The track in the unit and coordinates of the points, with distances and warnings."""
     models = tuple(moving.at(time) for time in task.times)
     feet = tuple(
-        # of the points after the shifts of their slices
+        # of the points after the motions of their slices
         {name: model.foot_points(normalisation.to_world(data.points), name) for name, data in datasets.items()}
         for model, datasets in zip(models, found.datasets)
     )

@@ -111,6 +111,7 @@ def track_report(
         _shown(model, models, scene, measures),
         *heart_sections(measures),
         sections.errors(together, None, unit, None),
+        *sections.slice_motions(found.moves, unit),
         sections.parameters(model, sum(map(len, together.values()))),
         sections.description(_track_words(found)),
         sections.configuration(record),
@@ -164,9 +165,9 @@ def _unit(model: AnyModel) -> str:
 
 
 def _track_words(found: Track) -> str:
-    shifts = report_text("track", "shifts", count=len(found.shifts)) if found.shifts else ""
+    moves = report_text("track", "moves", count=len(found.moves)) if found.moves else ""
     words = {"frames": len(found.models), "strengths": ", ".join(f"{strength:.3g}" for strength in found.strengths)}
-    return report_text("track", "methods", track=found, shifts=shifts, **words, **_model_words(found.models[0]))
+    return report_text("track", "methods", track=found, moves=moves, **words, **_model_words(found.models[0]))
 
 
 def _model_words(model: DeformableModel) -> dict[str, str]:

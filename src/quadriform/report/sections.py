@@ -9,6 +9,7 @@ import numpy as np
 from markupsafe import Markup
 
 from quadriform.fitting.result import Iteration
+from quadriform.motion.slice_move import SliceMove
 from quadriform.points import Array
 from quadriform.report import charts
 from quadriform.report.page import Section, rendered, report_text
@@ -92,6 +93,18 @@ def parameters(model: DeformableModel | MovingModel, n_points: int | None) -> Se
     ]
     header = ["superquadric", "kind", f"semi-axes {unit}", "exponents", f"centre {unit}"]
     return Section("Parameters", table((), rows) + table(header, surfaces))
+
+
+def slice_motions(moves: Mapping[int, SliceMove], unit: str) -> list[Section]:
+    """The motion of each slice with its standard deviations along the axes of the slice; nothing without motions."""
+    rows = []
+    for number, move in moves.items():
+        sizes = f"{np.linalg.norm(move.shift):.3g}", f"{np.degrees(np.linalg.norm(move.rotation)):.3g}"
+        deviations = (" ".join(f"{each:.2g}" for each in part) for part in (move.sd[3:], np.degrees(move.sd[:3])))
+        rows.append([str(number), *sizes, *deviations])
+    axes = "along the axes of the slice, its normal last"
+    header = ["slice", f"shift {unit}", "rotation degrees", f"sd of the shift {axes}", "sd of the rotation"]
+    return [Section("Motions of slices", table(header, rows))] if rows else []
 
 
 def description(text: str) -> Section:

@@ -81,7 +81,7 @@ def normal_equations(local: Array, metric: Array, target: Array, degrees: tuple[
     # multiples of few moments
     doubled = (2 * degrees[0], 2 * degrees[1], 2 * degrees[2])
     moments = _sums(local, weights, doubled)
-    right = right_side(local, weighted, degrees)
+    right = right_sides(local, weighted[:, None], degrees)[0]
     index, factor = _doubling(degrees)
     k = len(index)
     matrix = np.empty((k, 3, k, 3))
@@ -91,9 +91,10 @@ def normal_equations(local: Array, metric: Array, target: Array, degrees: tuple[
     return NormalEquations(matrix.reshape(3 * k, 3 * k), right, float(np.einsum("ni,ni->", target, weighted)))
 
 
-def right_side(local: Array, weighted: Array, degrees: tuple[int, int, int]) -> Array:
-    """The right side (3 k,) alone, from the targets times their weights, M_i r_i (n, 3)."""
-    return _sums(local, weighted, degrees).reshape(-1)
+def right_sides(local: Array, weighted: Array, degrees: tuple[int, int, int]) -> Array:
+    """Several right sides (m, 3 k) of the same points, from targets times weights (n, m, 3)."""
+    n, m, _ = weighted.shape
+    return _sums(local, weighted.reshape(n, -1), degrees).reshape(-1, m, 3).transpose(1, 0, 2).reshape(m, -1)
 
 
 def _sums(local: Array, values: Array, degrees: tuple[int, int, int]) -> Array:
