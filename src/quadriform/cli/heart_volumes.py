@@ -1,12 +1,14 @@
 """Volumes of a fitted ventricle below its base: fields of the record, and rows of the table."""
 
 from collections.abc import Iterable, Mapping
+from functools import partial
 from typing import Any
 
 from quadriform.columns import MILLIMETRES
 from quadriform.fitting.support import Support
+from quadriform.heart.heart_cycle import OF_SAMPLES
 from quadriform.heart.measures_table import Measures
-from quadriform.heart.volumes import volume
+from quadriform.heart.volumes import RESOLUTION, volume
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.record import Estimate, with_deviation
 
@@ -22,15 +24,31 @@ SAME = 1e-3
 
 
 def volumes_below(model: DeformableModel) -> dict[str, Any]:
-    """Fields of `--json`: volumes in ml of the cavity, and of the wall where there is one, below the base; the base."""
+    """Fields of `--json`: volumes in ml of the cavity, and of the wall where there is one, below the base; the base.
+
+    Each with its standard deviation, null where the model has no posterior.
+    """
     plane = model.landmarks.base
     ml = MILLIMETRES.get(model.unit, 1.0) ** 3 / 1000
-    cavity = ml * volume(model, "endo", plane)
-    wall = {"wall_volume_ml": ml * volume(model, "epi", plane) - cavity} if "epi" in model.surfaces else {}
+
+    def cavity(each: DeformableModel, resolution: int = RESOLUTION) -> float:
+        """Volume of the cavity."""
+        return ml * volume(each, "endo", plane, resolution)
+
+    def wall(each: DeformableModel, resolution: int = RESOLUTION) -> float:
+        """Volume between both surfaces."""
+        return ml * volume(each, "epi", plane, resolution) - cavity(each, resolution)
+
+    def closed(each: DeformableModel, resolution: int = RESOLUTION) -> float:
+        """Volume of the whole closed surface of the cavity."""
+        return ml * volume(each, "endo", None, resolution)
+
+    fields = {"volume_ml": cavity} | ({"wall_volume_ml": wall} if "epi" in model.surfaces else {})
+    found: dict[str, Any] = {}
+    for name, measure in (fields | {"closed_volume_ml": closed}).items():
+        found |= {name: measure(model), f"{name}_sd": model.deviation_of(partial(measure, resolution=OF_SAMPLES))}
     base = None if plane is None else {"point": plane.point.tolist(), "direction": plane.direction.tolist()}
-    closed = ml * volume(model, "endo", None)
-    known = {"closed_volume_ml": closed, "base": base, "base_from": model.landmarks.base_from}
-    return {"volume_ml": cavity, **wall, **known}
+    return found | {"base": base, "base_from": model.landmarks.base_from}
 
 
 def supported_volumes(support: Mapping[str, Support]) -> dict[str, Any]:
@@ -45,11 +63,14 @@ def volume_rows(record: Mapping[str, Any]) -> list[tuple[str, str]]:
     base, closed = record["base"], record["closed_volume_ml"]
     where = "" if base is None else " below the base"
     below, whole = (record.get(f"{name}_supported") for name in ("volume", "closed_volume"))
-    rows = [(f"cavity volume{where}", str(Estimate(record["volume_ml"], "ml", below)))]
+    rows = [(f"cavity volume{where}", str(Estimate(record["volume_ml"], "ml", below, record["volume_ml_sd"])))]
     if abs(closed - record["volume_ml"]) > SAME * closed:
-        rows.append(("cavity volume, closed surface", str(Estimate(closed, "ml", whole))))
+        rows.append(
+            ("cavity volume, closed surface", str(Estimate(closed, "ml", whole, record["closed_volume_ml_sd"])))
+        )
     if "wall_volume_ml" in record:
-        rows.append((f"wall volume{where}", f"{record['wall_volume_ml']:.4g} ml"))
+        wall = Estimate(record["wall_volume_ml"], "ml", sd=record["wall_volume_ml_sd"])
+        rows.append((f"wall volume{where}", str(wall)))
     if base is None:
         return rows
     return [*rows, ("base", f"{record['base_from']}: {_text(base['point'], base['direction'])}")]

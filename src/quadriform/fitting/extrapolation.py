@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from quadriform.fitting.diagnostics import MOSTLY_SUPPORTED
 from quadriform.fitting.elements import Elements
 from quadriform.fitting.result import Result, SuperquadricFit
-from quadriform.fitting.superquadric.identifiability import surface_at
+from quadriform.fitting.superquadric.identifiability import surface_at, surface_rows
 from quadriform.fitting.support import Support
 from quadriform.points import Array, Frame
 
@@ -49,6 +49,24 @@ class OpenSurface:
             local = self.frame.to_local(points[is_open])
             distances, variances = surface_at(self.start.superquadric, self.start.covariance, local)
             found[is_open] = self.frame.scale**2 * (variances + distances**2)
+        return found
+
+    def deviations(self, points: Array, normal: Array, signs: Array) -> Array:
+        """Samples (n, m) of the error of the surface along its normal at points (m, 3), with the same variances.
+
+        Each sample is one other superquadric, so that its errors are correlated over the whole part without data.
+
+        Args:
+            points: of the surface.
+            normal: (n, p), independent standard normal numbers for the parameters of the superquadric.
+            signs: (n,), +1 and -1: to which side the superquadric is the better extrapolation.
+        """
+        found, is_open = np.zeros((len(signs), len(points))), self.is_open(points)
+        if is_open.any():
+            signed, rows = surface_rows(self.start.superquadric, self.frame.to_local(points[is_open]))
+            values, vectors = np.linalg.eigh(self.start.covariance)
+            parameters = (normal * np.sqrt(np.maximum(values, 0))) @ vectors.T
+            found[:, is_open] = self.frame.scale * (parameters @ rows + signs[:, None] * signed)
         return found
 
 

@@ -4,23 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Protocol, TypeVar
+from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quadriform.errors import UNRELIABLE, FitError, OptionError, Warnings, status_of, without_notes
 from quadriform.fitting.least_squares.uncertainty import EnrichedBox
+from quadriform.fitting.posterior import Extrapolation, posterior_of
 from quadriform.fitting.support import Support
 from quadriform.fitting.threads import one_blas_thread
 from quadriform.point_sets import ALONE
 from quadriform.points import Array
 from quadriform.shapes.model import DeformableModel
+from quadriform.shapes.posterior import Posterior
 from quadriform.shapes.record import Estimate
 from quadriform.shapes.superquadric import Superquadric
 from quadriform.words import listed, summary
 
 Value = TypeVar("Value")
+COARSE = 16
+"""Resolution of the meshes on which samples of a posterior are measured: deviations need few digits."""
 HalfSpace = tuple[Array, Array]
 """A point of a plane and the unit direction to the side that is meant, (3,) each."""
 Progress = Callable[[int, int], None]
@@ -108,13 +113,6 @@ class SuperquadricFit(Warned):
         return summary(f"SuperquadricFit: {self.status}", fitted, points, *self._texts, *self.notes)
 
 
-class Extrapolation(Protocol):
-    """What is known of a surface without data."""
-
-    def variances(self, points: Array) -> Array:
-        """Variances (n,) at points (n, 3) of the surface, zero where there is data nearby."""
-
-
 @dataclass(frozen=True, repr=False)
 class Fit(Warned):
     """A fitted deformable model.
@@ -184,9 +182,21 @@ class Fit(Warned):
         foot = self.model.foot_points(points, surface)
         deviation = self.enriched.deviation(self.model.box, foot.origins, foot.normals)
         extrapolation = self.extrapolations.get(self._named(surface))
-        return (
-            deviation if extrapolation is None else np.hypot(deviation, np.sqrt(extrapolation.variances(foot.points)))
-        )
+        if extrapolation is None:
+            return deviation
+        in_data = foot.points @ self.enriched.rotation_to(self.model.box)  # in the coordinates of the data
+        return np.hypot(deviation, np.sqrt(extrapolation.variances(in_data)))
+
+    @cached_property
+    def posterior(self) -> Posterior | None:
+        """Samples of the control points with the variances of `uncertainty`; None for the paper's method."""
+        if self.enriched is None:
+            return None
+        return one_blas_thread(posterior_of)(self.model, self.enriched, self.extrapolations)
+
+    def _sd(self, measure: Callable[[DeformableModel], float]) -> float | None:
+        """The standard deviation of a measure of the model."""
+        return replace(self.model, posterior=self.posterior).deviation_of(measure)
 
     @property
     def supported(self) -> float | dict[str, float]:
@@ -207,17 +217,20 @@ class Fit(Warned):
     def volume(self, surface: str | None = None) -> Estimate:
         """The enclosed volume of a surface in cubed units, with the share of it that lies below supported area.
 
+        Its standard deviation is by `posterior`, that of the closed surface with its part without data.
+
         Args:
             surface: name; None for the first.
 
         Raises:
             OptionError: unknown name.
         """
-        supported = self._support_of(surface)
-        return Estimate(self.model.volume(surface), self._power(3), None if supported is None else supported.volume)
+        found = self._support_of(surface)
+        supported, sd = None if found is None else found.volume, self._sd(lambda m: m.mesh(surface, COARSE).volume())
+        return Estimate(self.model.volume(surface), self._power(3), supported, sd)
 
     def area(self, surface: str | None = None) -> Estimate:
-        """The area of a surface in squared units, with the share of it that data supports.
+        """The area of a surface in squared units, with the share of it that data supports; deviation as in `volume`.
 
         Args:
             surface: name; None for the first.
@@ -225,8 +238,9 @@ class Fit(Warned):
         Raises:
             OptionError: unknown name.
         """
-        supported = self._support_of(surface)
-        return Estimate(self.model.area(surface), self._power(2), None if supported is None else supported.area)
+        found = self._support_of(surface)
+        supported, sd = None if found is None else found.area, self._sd(lambda m: m.mesh(surface, COARSE).area())
+        return Estimate(self.model.area(surface), self._power(2), supported, sd)
 
     def _support_of(self, surface: str | None) -> Support | None:
         return self.support.get(self._named(surface))
@@ -239,12 +253,12 @@ class Fit(Warned):
         return "" if self.model.unit == "unknown" else f"{self.model.unit}^{exponent}"
 
     def with_estimates(self) -> Fit:
-        """The fit whose model also has the volume and the area of each surface, and the shares that data supports."""
+        """The fit whose model also has volume and area of each surface, with the shares of data, and the posterior."""
         named = {name: "" if name == ALONE else f" {name}" for name in self.model.surfaces}
         estimates = {f"volume{text}": self.volume(name) for name, text in named.items()}
         estimates |= {f"area{text}": self.area(name) for name, text in named.items()}
         record = replace(self.model.record, estimates=estimates)
-        return replace(self, model=replace(self.model, record=record))
+        return replace(self, model=replace(self.model, record=record, posterior=self.posterior))
 
     @property
     def iterations(self) -> int:

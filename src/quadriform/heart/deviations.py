@@ -1,10 +1,7 @@
 """Standard deviations of measures, from samples of the posterior of the models.
 
-Each sample is a set of models, one a frame, and is measured as the estimate is. The posterior is that of a linear
-problem, in which the data restricts displacements along the normals of the estimate alone: along the tangents a sample
-is moved by millimetres, and by the curvature of the surface it then leaves the data, always to the same side. This is
-of second order in the deviations, so that samples at a fraction of their deviations are measured, and their standard
-deviation about their mean is divided by that fraction: a derivative of each measure along each sample.
+Each sample is a set of models, one a frame, and is measured as the estimate is, at a fraction of its deviations
+(`shapes/posterior.py`).
 
 Frames of end diastole and end systole, the base where it is a given plane, and the RV insertions are those of the
 estimate; their own errors are not known here. A base that is a fraction of the long axis moves with the sample.
@@ -20,11 +17,8 @@ from quadriform.errors import QuadriformError
 from quadriform.heart.measures_table import Row
 from quadriform.points import Array
 from quadriform.shapes.model import DeformableModel
+from quadriform.shapes.posterior import STEP
 
-STEP = 0.25
-"""Fraction of the deviations at which samples are measured. Terms of second order, which are as large as those of first
-order in whole deviations, are then a quarter of these, and mostly a part of the mean; steps much smaller would magnify
-jumps, such as that of the apex from one vertex of a mesh to the next."""
 MOST_FAILED = 0.25
 """Where more than this share of the samples cannot be measured, the standard deviation is not known."""
 Models = Sequence[DeformableModel]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 
@@ -17,7 +17,7 @@ from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.crossings import crossings
 from quadriform.shapes.landmarks import NONE_KNOWN, Landmarks
 from quadriform.shapes.mesh import Mesh, richardson, split_quads
-from quadriform.shapes.posterior import Posterior
+from quadriform.shapes.posterior import STEP, Posterior
 from quadriform.shapes.record import ModelRecord, Recorded
 from quadriform.shapes.spaces import rotation_between
 from quadriform.shapes.superquadric import Superquadric
@@ -97,6 +97,11 @@ class DeformableModel(Recorded):
         """
         boxes = [] if self.posterior is None else self.posterior.boxes(self.box, step)
         return [replace(self, box=box, posterior=None) for box in boxes]
+
+    def deviation_of(self, measure: Callable[[DeformableModel], float]) -> float | None:
+        """The standard deviation of a measure of the model, by its posterior; None where that is not known."""
+        found = [measure(sample) for sample in self.samples(STEP)]
+        return float(np.std(found, ddof=1)) / STEP if len(found) > 1 else None
 
     def superquadric(self, surface: str | None = None) -> Superquadric:
         """The undeformed superquadric of a surface, given by name; without a name the first.

@@ -8,8 +8,10 @@ plus variance.
 
 from dataclasses import dataclass
 from functools import cached_property
+from hashlib import sha256
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from quadriform.fitting.least_squares.marginal_likelihood import LinearProblem, Solution
 from quadriform.fitting.threads import one_blas_thread
@@ -52,6 +54,37 @@ class EnrichedBox:
         """s / sqrt(f) of the enriched box, in the unit of the data; with correlated residuals it is above their s."""
         return self.scale * self._solution.independent_sigma
 
+    def rotation_to(self, box: ControlBox) -> Array:
+        """The rotation (3, 3) from the axes of this box to those of the same one in other coordinates of the world."""
+        own, other = (each.edges / np.linalg.norm(each.edges, axis=1, keepdims=True) for each in (self.box, box))
+        return other.T @ own
+
+    def samples(self, normal: Array, signs: Array) -> Array:
+        """Deviations (n, 3 k) of its control points from those of the fitted box, elevated, in the unit of the data.
+
+        By noise and missing data as its posterior, s / sqrt(f) T^-T z; and by the bias of the fitted box, once to each
+        side, so that the mean square of the deviation along the normal is the variance of `deviation`.
+
+        Args:
+            normal: (n, 3 k), rows z of independent standard normal numbers.
+            signs: (n,), +1 and -1, by which the bias is multiplied.
+        """
+        solution, sigma = self._solution, self.independent_sigma
+        halved = solve_triangular(solution.factor, sigma * normal.T, lower=True, trans=1)
+        halved = halved.reshape(len(solution.eigenvectors), 3, len(normal))
+        noise = np.einsum("kj,jin->nki", solution.eigenvectors, halved, optimize=True)
+        return noise.reshape(len(normal), -1) + signs[:, None] * self.shift
+
+    @property
+    def regulariser(self) -> Array:
+        """The matrix (k, k) of its regulariser."""
+        return self.linear.regulariser_matrix
+
+    @property
+    def source(self) -> str:
+        """A hash of the data, by its normal equations."""
+        return sha256(self.linear.data.right.tobytes()).hexdigest()
+
     def deviation(self, box: ControlBox, origins: Array, normals: Array) -> Array:
         """One standard deviation (n,) along the normals (n, 3) at (n, 3) points of the undeformed surface.
 
@@ -64,8 +97,9 @@ class EnrichedBox:
         Args:
             box: fitted, in the unit of the data; its elevated form has the same undeformed lattice as the enriched box.
             origins: (n, 3), in the unit of the data.
-            normals: (n, 3), unit.
+            normals: (n, 3), unit; box, points and normals may be in other coordinates of the world than the data.
         """
+        normals = normals @ self.rotation_to(box)
         # derivatives of the normal displacement by the control points of the enriched box
         rows = box.elevate(self.degrees).matrix(origins)[:, :, None] * normals[:, None, :]
         rows = rows.reshape(len(origins), -1)

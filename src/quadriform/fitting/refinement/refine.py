@@ -18,7 +18,7 @@ from quadriform.fitting.least_squares.uncertainty import EnrichedBox
 from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.options import TangentOptions, check_box, check_strength
 from quadriform.fitting.refinement.point_to_plane import linear_problem_of, probes
-from quadriform.fitting.refinement.stage import SCHEDULE, Problem, Refined, Report
+from quadriform.fitting.refinement.stage import SCHEDULE, Problem, Refined, Report, independent_fraction
 from quadriform.fitting.refinement.stages import (
     all_coarse_stages,
     control_point_counts,
@@ -315,7 +315,9 @@ def _enriched(problem: Problem, refined: Refined) -> EnrichedBox:
     l, m, n = refined.box.degrees
     # the same deformation, so foot points and inlier probabilities stay
     enriched = refined.box.elevate((l + MORE, m + MORE, n + MORE))
-    none, fraction = (None,) * len(refined.datasets), refined.solution.effective_fraction
+    # by the residuals of the result: rounds that converge at once have that with which their stage began
+    fraction = independent_fraction(refined.datasets, refined.box, problem.unknowns)
+    none = (None,) * len(refined.datasets)
     # of the data alone: the prior beyond a base is no measurement
     linear = linear_problem_of(refined.datasets, none, enriched, problem.regularity, fraction, problem.least_sigma)
     return EnrichedBox(enriched, linear, refined.solution.strength)

@@ -87,10 +87,16 @@ def surface_at(found: Superquadric, covariance: Array, points: Array) -> tuple[A
         covariance: (p, p) of its parameters, in the order of `Identifiability`.
         points: anywhere near it.
     """
+    signed, rows = surface_rows(found, points)
+    return signed, np.maximum(np.einsum("in,ij,jn->n", rows, covariance, rows, optimize=True), 0)
+
+
+@quiet
+def surface_rows(found: Superquadric, points: Array) -> tuple[Array, Array]:
+    """Signed distances (n,) of points (n, 3) to a superquadric, and their derivatives (p, n) by its parameters."""
     candidate = Candidates.of([found])
     signed, derivatives = distances(candidate, points)
-    rows = _by_parameters(candidate, derivatives[0])
-    return signed[0], np.maximum(np.einsum("in,ij,jn->n", rows, covariance, rows, optimize=True), 0)
+    return signed[0], _by_parameters(candidate, derivatives[0])
 
 
 def _by_parameters(candidate: Candidates, derivatives: Array) -> Array:
