@@ -40,7 +40,7 @@ def objects():
         *(volume, qf.segment(volume, select=qf.Labels((1,))), qf.points_from_image(volume, select=qf.Labels((1, 2)))),
         *(qf.ventricle_from_labels(volume, cavity=qf.Labels((1,)), wall=qf.Labels((2,))), qf.Labels((1,))),
         *(qf.measure([heart.model(t) for t in times], times=times), wall_mesh(heart.model(0.0))),
-        *(prior, prior.report),
+        *(prior, prior.report, qf.SliceMove(*np.zeros((3, 3)), np.eye(3), np.ones(6))),
         *(qf.Percentile(0.5, "all"), qf.surface_distances(fit.model.mesh("epi"), fit.model.mesh("endo"))[0]),
     ]
 

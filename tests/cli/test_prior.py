@@ -155,3 +155,18 @@ def test_a_cohort_gives_a_prior_of_its_reliable_models(terminal, tmp_path):
     found = json.loads(result.out)
     assert found["models"] == len(members) and found["left_out"] == len(bad) and len(members) + len(bad) == 5
     same(qf.load("lv.prior.npz"), qf.learn_prior(members, box=layout.box))
+
+
+def test_fit_takes_a_prior(terminal, folder):
+    terminal("prior", folder, "-o", "lv.prior.npz")
+    qf.save(models()[3].mesh(resolution=8), "member.ply")
+    result = terminal("fit", "member.ply", "--unit", "mm", "--prior", "lv.prior.npz", "-o", "out")
+    assert result.code == 0 and "distance to the prior" in result.out
+    found = qf.load("out/model.json")
+    assert np.abs(found.distance(models()[3].mesh(resolution=8).vertices)).max() < 0.5
+
+
+def test_a_file_that_is_no_prior_gives_one_line(terminal, folder):
+    qf.save(models()[3].mesh(resolution=8), "member.ply")
+    result = terminal("fit", "member.ply", "--prior", folder / "0.json")
+    assert result.code == 4 and "prior" in result.err and result.err.count("\n") == 1

@@ -11,7 +11,7 @@ from collections import defaultdict
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = ("shapes", "fitting", "imaging", "motion", "files")
+PACKAGES = ("shapes", "fitting", "imaging", "motion", "files", "priors")
 LEAST = 95.0
 LISTED = re.compile(r"^- `([\w/]+\.py)::([\w.]+)`", re.MULTILINE)
 

@@ -36,6 +36,8 @@ class MethodChoice:
         support: Plane that the body does not pass, such as the table below it, as x,y,z/nx,ny,nz.
         noise: Standard deviation of the points, in their unit, in place of that of images; the estimated noise is at
             least as large.
+        prior: Prior of shape, .npz, as written by quadriform prior: pose and shape are those of a member of its
+            population; in place of --kind, --box, --regularity and --strength.
 
     Method paper:
         matching: data-to-model or model-to-data.
@@ -54,6 +56,7 @@ class MethodChoice:
     viewpoint: str | None = None
     support: str | None = None
     noise: str | None = None
+    prior: str | None = None
     matching: str | None = None
     iterations: int | None = None
     tolerance: float | None = None
@@ -134,6 +137,12 @@ def _support(text: str) -> tuple[list[float], ...]:
     return _plane(rows, f"--support={text!r}: expected x,y,z/nx,ny,nz")
 
 
+def _prior(text: str) -> Any:
+    from quadriform.files.priors import read_prior
+
+    return read_prior(Path(text))
+
+
 def _plane(rows: tuple[list[float], ...], fault: str) -> tuple[list[float], ...]:
     if [len(row) for row in rows] != [3, 3]:
         raise OptionError(f"option {fault}")
@@ -142,6 +151,7 @@ def _plane(rows: tuple[list[float], ...], fault: str) -> tuple[list[float], ...]
 
 READERS: dict[str, Callable[[str], Any]] = {
     **{"box": _box, "strength": _strength, "base": _base, "support": _support, "noise": parse_noise},
+    "prior": _prior,
     "viewpoint": partial(decimals, option="--viewpoint", count=3),
 }
 """How the texts of options are read; the values of others are taken as they are."""

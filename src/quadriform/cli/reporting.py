@@ -31,6 +31,8 @@ def fit_options(given: Mapping[str, Any]) -> dict[str, Any]:
     others = {"method": "tangent", "kind": "ellipsoid"} | dict(given)
     first = {name: others.pop(name) for name in ("method", "kind")}
     of_points = {name: others.pop(name) for name in ("noise", "viewpoint", "support") if name in others}
+    if "prior" in others:
+        of_points["prior"] = f"of {others.pop('prior').n_models} shapes"
     return {"options": first | asdict(options_for(str(first["method"]), others)) | of_points}
 
 

@@ -90,6 +90,7 @@ def _document(prior: ShapePrior) -> dict[str, Any]:
         "unit": prior.unit,
         "n_models": prior.n_models,
         "freedom": prior.freedom,
+        "size": "any" if prior.any_size else "fixed",
         "report": asdict(prior.report),
         "surfaces": [surface_document(name, surface) for name, surface in prior.surfaces.items()],
         **box_document(prior.box),
@@ -99,7 +100,9 @@ def _document(prior: ShapePrior) -> dict[str, Any]:
 
 def _prior(root: Field) -> ShapePrior:
     read_version(root, FORMAT, VERSION)
-    root.only(("format", "version", "space", "unit", "n_models", "freedom", "report", "surfaces", "box", *ARRAYS))
+    root.only(
+        ("format", "version", "space", "unit", "n_models", "freedom", "size", "report", "surfaces", "box", *ARRAYS)
+    )
     box, report = root.member("box"), root.member("report")
     report.only(REPORT)
     shown = {name: _of_the_report(report.member(name), name) for name in REPORT}
@@ -108,6 +111,7 @@ def _prior(root: Field) -> ShapePrior:
         surfaces=read_surfaces(root.member("surfaces")),
         box=box.build(ControlBox, **box_fields(box, axes=3)),
         freedom=root.member("freedom").number(),
+        any_size=root.member("size").choice(("any", "fixed")) == "any",
         n_models=root.member("n_models").whole(),
         report=report.build(PriorReport, **shown),
         space=root.member("space").choice(SPACES),

@@ -114,7 +114,8 @@ def _of_surface(result: Result, name: str, found: SurfaceQuality, unit: float) -
         outliers(found.inliers, counted)
         | poor_fit(found.residuals[kept], known=found.known[kept], independent=found.independent)
         | not_one_surface(found.arrangement, KINDS[surface.kind].cut_axis is None)
-        | unsupported(found.support.scaled(unit), found.open_deviation)
+        # with a prior there is a population for parts without data: `population/diagnostics.py`
+        | (unsupported(found.support.scaled(unit), found.open_deviation) if result.prior_distance is None else {})
         | _outside_lattice(result.model, surface)
     )
 
@@ -214,7 +215,7 @@ def base_not_observed(result: Result, quality: Mapping[str, SurfaceQuality]) -> 
 
 def uncertain(result: Result, unit: float) -> Warnings:
     """UNCERTAIN where the surfaces are known less well than the noise of single points."""
-    if result.covariance is None or result.sigma is None:
+    if result.covariance is None or result.sigma is None or result.prior_distance is not None:
         return {}
     deviation = rms_deviation(result.model, result.covariance, result.half_space)
     text = (

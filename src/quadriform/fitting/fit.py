@@ -30,6 +30,9 @@ from quadriform.fitting.noise import KnownNoise, partial_notes
 from quadriform.fitting.options import METHODS, PaperOptions, TangentOptions, lengths_of, options_for
 from quadriform.fitting.other_bodies import Masks, extended_to_clouds, points_of_others
 from quadriform.fitting.paper.two_step import two_step
+from quadriform.fitting.population.checks import check_no_others, check_prior
+from quadriform.fitting.population.fit import refine_with_prior
+from quadriform.fitting.population.poses import on_superquadrics
 from quadriform.fitting.quality import Assessment
 from quadriform.fitting.refinement.large_clouds import on_all, sample_of_large
 from quadriform.fitting.refinement.refine import RefinementInput, refine_tangent
@@ -43,6 +46,7 @@ from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.kinds import KINDS
 from quadriform.shapes.landmarks import GIVEN_BASE, NONE_KNOWN, Landmarks
 from quadriform.shapes.model import DeformableModel
+from quadriform.shapes.prior import ShapePrior
 from quadriform.shapes.record import ModelRecord
 from quadriform.shapes.spaces import SPACES
 from quadriform.shapes.superquadric import Superquadric
@@ -72,6 +76,7 @@ def fit(
     tolerance: float | None = None,
     weights: Weights = None,
     noise: Noise = None,
+    prior: ShapePrior | None = None,
     progress: Progress | None = None,
     columns: Chosen = None,
     normals: ArrayLike | Mapping[str, ArrayLike] | None = None,
@@ -85,6 +90,7 @@ def fit(
 
     Raises:
         PointsError, DegenerateError, OptionError: the input cannot be fitted.
+        InputError: a prior of other surfaces, or in another unit or frame.
     """
     sets, unit = _in_metric_unit(point_sets(points, columns, normals, weights, noise), unit)
     choose(space, (*SPACES, "unknown"), "space")
@@ -92,6 +98,10 @@ def fit(
     options = dict(box=box, regularity=regularity, strength=strength, robust=robust) | lengths_of(sets, base, max_error)
     chosen = options_for(method, options | dict(matching=matching, iterations=iterations, tolerance=tolerance))
     clouds = _checked(sets, weights, noise, method)
+    if prior is not None:
+        check_no_others(kind=kind, viewpoint=viewpoint, support=support)
+        found = _refine_with_prior(clouds, *check_prior(prior, chosen, clouds.points, unit, space), progress)
+        return _with_notes_of_points(sets, replace(found, model=replace(found.model, unit=unit, space=space)))
     if viewpoint is not None or support is not None:
         known = surroundings_by_name(clouds.points, sets, viewpoint, support, method)
         clouds = replace(clouds, surroundings=known)
@@ -139,6 +149,7 @@ def refine(
     start: ControlBox | None = None,
     weights: Weights = None,
     noise: Noise = None,
+    prior: ShapePrior | None = None,
     progress: Progress | None = None,
 ) -> Fit:
     """The fit that refines given superquadric(s) by a free-form deformation.
@@ -149,6 +160,7 @@ def refine(
         method: "tangent" or "paper".
         start: a deformed box of the same superquadric(s) to go on from, such as that of the frame before; only for
             "tangent".
+        prior: as in `fit`; the pose begins where the first surface of the prior lies on the given one.
         box, regularity, strength, robust, base, max_error, matching, iterations, tolerance, weights, noise, progress:
             as in `fit`, which besides tries other superquadrics as starts and leaves out points of other bodies.
 
@@ -161,7 +173,11 @@ def refine(
     clouds = _checked(sets, weights, noise, method)
     options = dict(box=box, regularity=regularity, strength=strength, robust=robust) | lengths_of(sets, base, max_error)
     chosen = options_for(method, options | dict(matching=matching, iterations=iterations, tolerance=tolerance))
-    if isinstance(chosen, TangentOptions):
+    if prior is not None:
+        check_no_others(start=start)
+        checked = check_prior(prior, chosen, clouds.points, unit, "unknown")
+        found = _refine_with_prior(clouds, *checked, progress, superquadrics)
+    elif isinstance(chosen, TangentOptions):
         index = sample_of_large(clouds.points, clouds.weights)
         found = _refine_tangent(superquadrics, clouds, index, chosen, progress, start=start)
     elif start is None:
@@ -277,18 +293,9 @@ def _refine_tangent(
     sample = clouds.take(index)
     centred = Centred.of(sample.points, sample.weights_of_body)
     frame, distinct = centred.frame, centred.distinct
-    known, base = KnownNoise.of(sample.noise, centred), options.base_plane(sample.points)
-    given = RefinementInput(
-        centred.points,
-        centred.weights,
-        {name: distinct[name].of_distinct(each) for name, each in sample.normals.items()},
-        known,
-        options,
-        half_space=None if base is None else (frame.to_local(base.point[None])[0], base.direction),
-        max_error=None if options.max_error is None else options.max_error / frame.scale,
-        warm_start=None if start is None else frame.shape_to_local(start),
-        progress=progress,
-    )
+    given = _refinement_input(sample, centred, options, progress)
+    given = replace(given, warm_start=None if start is None else frame.shape_to_local(start))
+    known, base = given.noise, options.base_plane(sample.points)
     starts = {name: fit_to_local(each, frame) for name, each in (fitted or {}).items()}
     refined = refine_tangent(given, _in_frame(superquadrics, frame), kind_of_other_starts)
     result = replace(refined, starts=starts)
@@ -303,6 +310,43 @@ def _refine_tangent(
     counted = {name: each > 0 for name, each in clouds.weights.items()}
     weights = clouds.weights_of_body
     return on_all(found, found.enriched, clouds.points, weights, counted, clouds.noise, centred, known, options)
+
+
+def _refine_with_prior(
+    clouds: _Clouds,
+    prior: ShapePrior,
+    options: TangentOptions,
+    progress: Progress | None,
+    superquadrics: Mapping[str, Superquadric] | None = None,
+) -> Fit:
+    """The fit of a member of a population, from all poses or from where superquadrics lie."""
+    centred = Centred.of(clouds.points, clouds.weights_of_body)
+    given = _refinement_input(clouds, centred, options, progress)
+    local, base = centred.frame.shape_to_local(prior), options.base_plane(clouds.points)
+    poses = None if superquadrics is None else [on_superquadrics(local, _in_frame(superquadrics, centred.frame))]
+    result = _of_all_points(refine_with_prior(given, local, poses), centred.distinct, clouds)
+    found = _in_world(result, clouds.points, centred.frame, clouds.noise)
+    copies = named_texts({name: duplicates(each.copies, len(each.counted)) for name, each in centred.distinct.items()})
+    landmarks = NONE_KNOWN if base is None else Landmarks(base, GIVEN_BASE)
+    model = replace(found.model, landmarks=landmarks)
+    return replace(found, model=model, warnings=copies | found.warnings, notes=(*clouds.notes, *found.notes))
+
+
+def _refinement_input(
+    clouds: _Clouds, centred: Centred, options: TangentOptions, progress: Progress | None
+) -> RefinementInput:
+    """Points and options in the centred, scaled frame."""
+    frame, base = centred.frame, options.base_plane(clouds.points)
+    return RefinementInput(
+        centred.points,
+        centred.weights,
+        {name: centred.distinct[name].of_distinct(each) for name, each in clouds.normals.items()},
+        KnownNoise.of(clouds.noise, centred),
+        options,
+        half_space=None if base is None else (frame.to_local(base.point[None])[0], base.direction),
+        max_error=None if options.max_error is None else options.max_error / frame.scale,
+        progress=progress,
+    )
 
 
 def _of_all_points(result: Result, distinct: Mapping[str, Distinct], clouds: _Clouds) -> Result:
@@ -338,4 +382,5 @@ def _in_world(result: Result, clouds: Mapping[str, Array], frame: Frame, noise: 
         extrapolations=open_surfaces(result, found.support, found.feet_of_inliers, frame),
         covariance=None if result.covariance is None else frame.scale**2 * result.covariance,
         enriched=None if result.enriched is None else replace(result.enriched, scale=frame.scale),
+        prior_distance=result.prior_distance,
     )

@@ -17,6 +17,7 @@ from quadriform.fitting.cloud import effective_fraction_of_points
 from quadriform.fitting.diagnostics import INLIER, SurfaceQuality, model_warnings
 from quadriform.fitting.extrapolation import open_deviations
 from quadriform.fitting.noise import sampling_step, variances_along
+from quadriform.fitting.population.diagnostics import open_deviations_with_prior, population_warnings
 from quadriform.fitting.result import Result, rms
 from quadriform.fitting.support import Arrangement, Support, covered_fraction, support_of
 from quadriform.fitting.support_settings import LIMITS
@@ -63,7 +64,7 @@ class Assessment:
             if model.surfaces[name].is_radial
         }
         before_refinement = {name: each.signed for name, each in before.items()}
-        warnings = model_warnings(result, quality, unit)
+        warnings = model_warnings(result, quality, unit) | population_warnings(result, quality, unit)
         return cls(feet, before_refinement, inliers, sigma, support, coverage, warnings)
 
     @property
@@ -103,7 +104,8 @@ def qualities(
     noise: Mapping[str, Array],
 ) -> dict[str, SurfaceQuality]:
     """The quality of each surface, from which warnings about it are taken."""
-    deviations, found = open_deviations(result, support, _feet_of_inliers(feet, inliers)), dict[str, SurfaceQuality]()
+    near, found = _feet_of_inliers(feet, inliers), dict[str, SurfaceQuality]()
+    deviations = open_deviations(result, support, near) | open_deviations_with_prior(result, support, near)
     for name, each in feet.items():
         arrangement = _arrangement(result, name, clouds, each, support[name].limit)
         known = _known_variances(noise.get(name), each, inliers[name])

@@ -133,6 +133,8 @@ class Fit(Warned):
         notes: remarks that leave the status "ok", one sentence each.
         support: surface -> the shares of its area and volume that data supports, and its extent beyond the data.
         extrapolations: surface -> what is known of it without data, for `uncertainty`; none by `refine`.
+        prior_distance: Mahalanobis distance of the shape to the population of the prior, over the modes of this: its
+            square has as its mean over the population the number of modes. None without a prior.
     """
 
     model: DeformableModel
@@ -148,6 +150,7 @@ class Fit(Warned):
     notes: tuple[str, ...] = ()
     support: Mapping[str, Support] = field(default_factory=dict)
     extrapolations: Mapping[str, Extrapolation] = field(default_factory=dict)
+    prior_distance: float | None = None
 
     def __repr__(self) -> str:
         numbers = f"RMS distance {self.rms:.4g}, noise {self.noise:.4g}, strength {self.strength:.2g}"
@@ -320,6 +323,7 @@ class Result:
         half_space: where no data is expected.
         counted: name -> which points have a weight, or None for all.
         starts: name -> the superquadrics that were fitted, in this frame; none where they were given.
+        prior_distance: of a fit with a prior, as `Fit.prior_distance`; else None.
     """
 
     model: DeformableModel
@@ -333,6 +337,7 @@ class Result:
     half_space: HalfSpace | None = None
     counted: dict[str, NDArray[np.bool_]] | None = None
     starts: Mapping[str, SuperquadricFit] = field(default_factory=dict)
+    prior_distance: float | None = None
 
 
 def unnamed(values: dict[str, Value]) -> Value | dict[str, Value]:

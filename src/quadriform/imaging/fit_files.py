@@ -79,6 +79,9 @@ def fit(points: Input, **options: Any) -> Fit:
             for each point (n,), or covariances (n, 3, 3), or these by name. Distances are measured by it, and the
             estimated noise is at least as large. A covariance may be of rank one, for an error along a ray or along the
             edge of a voxel. Masks have theirs from the size of their voxels. Not for meshes and files.
+        prior: only for "tangent": a `ShapePrior`, as of `learn_prior` or `load`, of the same surfaces: pose and shape
+            are those of a member of its population, estimated together, with its own superquadrics, box and weights.
+            Where there is no data the surface is that of the population.
         progress: called with (steps done, about how many).
         columns: which columns are which, where the names do not say it, such as "x,y,z,nx,ny,nz" for (n, 6).
         normals: (n, 3), or by name, in place of those in columns; signs may be arbitrary, zero means none. Not for
@@ -89,7 +92,8 @@ def fit(points: Input, **options: Any) -> Fit:
 
     Raises:
         PointsError, DegenerateError, OptionError: the input cannot be fitted.
-        InputError, FileFormatError, FileLimitError: a file gives no points.
+        InputError, FileFormatError, FileLimitError: a file gives no points; a prior of other surfaces, or in another
+            unit or frame.
     """
     given = dict(options)
     paths = _path_by_name(points)

@@ -10,9 +10,10 @@ from scipy.spatial.transform import Rotation
 from quadriform.motion.slice_motions import FEWEST_POINTS, SliceNumbers, SlicePlanes
 from quadriform.motion.slice_prior import SliceState
 from quadriform.points import Array, Frame
+from quadriform.words import short_repr
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class SliceMove:
     """A rigid motion x -> R (x - centre) + centre + shift that corrects the points of a slice.
 
@@ -25,6 +26,8 @@ class SliceMove:
             of those of the shift. They are relative to all slices together, for a motion of all is not observable. What
             the data does not determine, as the rotation of a circle in its plane, has that of the prior.
     """
+
+    __repr__ = short_repr
 
     rotation: Array
     centre: Array

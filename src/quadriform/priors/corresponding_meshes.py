@@ -1,27 +1,24 @@
-"""Meshes of a population whose vertices correspond: checked, aligned, and superquadrics of their mean."""
+"""Meshes of a population whose vertices correspond: checked, aligned, and a model of their mean."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from quadriform.errors import InputError
-from quadriform.fitting.superquadric.fit import fit_superquadric
+from quadriform.fitting.fit import fit
 from quadriform.point_sets import ALONE
 from quadriform.points import Array, by_name, check_points
 from quadriform.priors.alignment import aligned_rigidly, centred
 from quadriform.priors.features import Features
 from quadriform.shapes.closest import closest_on
-from quadriform.shapes.control_box import common_box
 from quadriform.shapes.mesh import Mesh
-from quadriform.shapes.superquadric import Superquadric
+from quadriform.shapes.model import DeformableModel
 
 Meshes = dict[str, Mesh]
 """The surfaces of one member of a population by name."""
 CONVERGED = 1e-12
 """Change of the mean in a step, relative to its size, at which the alignment ends."""
 STEPS = 100
-FOOT_POINT_STEPS = 10
 
 
 def meshes_by_name(number: int, shape: Mesh | Mapping[str, Mesh]) -> Meshes:
@@ -88,11 +85,11 @@ def procrustes(vertices: Array) -> Array:
     return points
 
 
-def reference_of(mean: Array, first: Meshes, counts: tuple[int, int, int]) -> tuple[dict[str, Superquadric], Features]:
-    """Return superquadrics for the mean shape, by name, and the features over points of them, one for each vertex.
+def mean_model(mean: Array, first: Meshes, counts: tuple[int, int, int]) -> tuple[DeformableModel, Features]:
+    """Return the model fitted to the mean shape, and the features over points of it, one for each vertex.
 
-    These points begin on the rays from the centres to the vertices and become, in turn with the control points of the
-    mean, those whose deformed positions are nearest to the vertices.
+    It is fitted as other data is, so that it has no folds where a fit has none. The points are those before
+    deformation whose deformed positions are nearest to the vertices.
 
     Args:
         mean: (n, 3), vertices of the mean shape, one surface after the other.
@@ -104,25 +101,8 @@ def reference_of(mean: Array, first: Meshes, counts: tuple[int, int, int]) -> tu
     """
     ends = np.cumsum([len(mesh.vertices) for mesh in first.values()])[:-1]
     parts = dict(zip(first, np.split(mean, ends)))
-    surfaces = {name: _around(part) for name, part in parts.items()}
-    box = common_box(surfaces, counts)
-    origins = np.concatenate([surfaces[name].project(part) for name, part in parts.items()])
-    for _ in range(FOOT_POINT_STEPS):
-        features = Features(box, origins)
-        moved = features.displacements(features.row(mean)).reshape(box.control_points.shape)
-        deformed = box.with_control_points(box.control_points + moved)
-        origins = np.concatenate([closest_on(surfaces[name], deformed, part).origins for name, part in parts.items()])
-    return surfaces, Features(box, origins)
-
-
-def _around(points: Array) -> Superquadric:
-    """A superquadric with the axes and exponents of the one fitted to points, and the extent of the points.
-
-    A superquadric fitted to a wall that is open at its base closes far beyond it, where no vertex determines the
-    control points, and where the map folds.
-    """
-    fitted = fit_superquadric(points).superquadric
-    local = points @ fitted.rotation
-    low, high = local.min(axis=0), local.max(axis=0)
-    centre = fitted.rotation @ (low + high) / 2
-    return replace(fitted, semi_axes=(high - low) / 2, translation=centre)
+    # all vertices belong to the population, so none is an outlier
+    model = fit(parts, box=counts, robust=False).model
+    feet = [closest_on(model.surfaces[name], model.box, part).origins for name, part in parts.items()]
+    rest = model.box.with_control_points(model.box.rest)
+    return model, Features(rest, np.concatenate(feet))

@@ -1,7 +1,7 @@
 """A prior learned from the shapes of a population: models, or meshes whose vertices correspond."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,9 +14,9 @@ from quadriform.points import Array, rms_length
 from quadriform.priors.alignment import Correspondence
 from quadriform.priors.corresponding_meshes import (
     corresponding_vertices,
+    mean_model,
     meshes_by_name,
     procrustes,
-    reference_of,
 )
 from quadriform.priors.features import Features
 from quadriform.priors.principal import Components
@@ -62,7 +62,7 @@ def learn_prior(
             cohort; or meshes, or meshes by name, in which vertices of one number correspond.
         box: control points along each axis.
         scale: whether sizes are removed too: all shapes are scaled to the mean size (RMS distance of their points to
-            their centre).
+            their centre), and a fit with the prior estimates a size besides the pose.
         modes: their number; by default as many as explain 99.9 % of the variance.
         space: the frame of meshes, "LPS" or "RAS"; models have their own.
         unit: of meshes, "mm" or "m"; models have their own.
@@ -89,7 +89,7 @@ def learn_prior(
     else:
         stated = choose(space or "unknown", (*SPACES, "unknown"), "space"), choose(unit or "unknown", UNITS, "unit")
         population = _population_of_meshes(shapes, counts, scale, *stated)
-    return population.prior(modes)
+    return replace(population.prior(modes), any_size=scale)
 
 
 @dataclass(frozen=True)
@@ -100,6 +100,7 @@ class _Population:
         surfaces: name -> superquadric that all have in common.
         features: over points of these surfaces.
         points: (s, n, 3), of s shapes, centred, which correspond to these points.
+        mean: (k, 3), displacements of the control points of the mean shape.
         space: "LPS", "RAS" or "unknown".
         unit: "mm", "m" or "unknown".
     """
@@ -107,6 +108,7 @@ class _Population:
     surfaces: dict[str, Superquadric]
     features: Features
     points: Array
+    mean: Array
     space: str
     unit: str
 
@@ -123,7 +125,7 @@ class _Population:
         return ShapePrior(
             surfaces=self.surfaces,
             box=box,
-            mean=self.features.displacements(found.mean),
+            mean=self.mean,
             modes=np.array([self.features.displacements(each) for each in found.directions[:count]]),
             variances=found.variances[:count],
             metric=metric,
@@ -138,7 +140,7 @@ class _Population:
         modes_90, modes_95, modes_99 = (modes_for(found.variances, fraction) for fraction in (0.90, 0.95, 0.99))
         return PriorReport(
             leave_one_out=leave_one_out_error(rows, found, count),
-            residual=self._residual(rows),
+            residual=self._residual(rows - found.mean),
             modes_90=modes_90,
             modes_95=modes_95,
             modes_99=modes_99,
@@ -146,10 +148,11 @@ class _Population:
         )
 
     def _residual(self, rows: Array) -> float:
-        """RMS distance of the points to those that the control points give."""
+        """RMS distance of the points to those of the control points, from their features less those of the mean."""
         total = 0.0
         for row, points in zip(rows, self.points):
-            moved = self.features.origins + self.features.matrix @ self.features.displacements(row)
+            displacement = self.mean + self.features.displacements(row)
+            moved = self.features.origins + self.features.matrix @ displacement
             total += rms_length(points - moved) ** 2
         return float(np.sqrt(total / len(rows)))
 
@@ -162,7 +165,8 @@ def _population_of_models(models: Sequence[DeformableModel], counts: tuple[int, 
     shapes = Correspondence.of(models, counts)
     points = _scaled(shapes.points(models)) if scale else shapes.points(models)
     reference = shapes.reference
-    return _Population(reference.surfaces, reference.features, points, shapes.space, shapes.unit)
+    mean = reference.features.displacements(reference.row(points.mean(axis=0)))
+    return _Population(reference.surfaces, reference.features, points, mean, shapes.space, shapes.unit)
 
 
 def _population_of_meshes(
@@ -177,8 +181,9 @@ def _population_of_meshes(
     meshes = [meshes_by_name(number, shape) for number, shape in enumerate(shapes)]
     points = procrustes(corresponding_vertices(meshes))
     points = _scaled(points) if scale else points
-    surfaces, features = reference_of(points.mean(axis=0), meshes[0], counts)
-    return _Population(surfaces, features, points, space, unit)
+    model, features = mean_model(points.mean(axis=0), meshes[0], counts)
+    mean = (model.box.control_points - model.box.rest).reshape(-1, 3)
+    return _Population(model.surfaces, features, points, mean, space, unit)
 
 
 def _check_stated(stated: str | None, found: str, what: str) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -69,6 +69,7 @@ class ShapePrior:
         freedom: positive, in squared units.
         n_models: number of shapes that it was learned from.
         report: how well it represents them.
+        any_size: whether sizes were removed, so that a fit estimates one as it does the pose.
         space: the frame of the world coordinates of the models: "LPS", "RAS" or "unknown".
         unit: "mm", "m" or "unknown".
 
@@ -85,6 +86,7 @@ class ShapePrior:
     freedom: float
     n_models: int
     report: PriorReport
+    any_size: bool = False
     space: str = "unknown"
     unit: str = "unknown"
 
@@ -129,6 +131,25 @@ class ShapePrior:
     def deviations(self) -> Array:
         """One standard deviation (m,) of each mode: RMS distance over the surface, in the unit of the data."""
         return np.sqrt(self.variances)
+
+    def transformed(self, scale: float, offset: Array) -> ShapePrior:
+        """The same prior after `scale` x + `offset`, as of shapes in another frame or unit."""
+        lengths = {name: scale * getattr(self.report, name) for name in ("leave_one_out", "residual", "specificity")}
+        return replace(
+            self,
+            surfaces={name: each.transformed(scale, offset) for name, each in self.surfaces.items()},
+            box=self.box.transformed(scale, offset),
+            mean=scale * self.mean,
+            variances=scale**2 * self.variances,
+            freedom=scale**2 * self.freedom,
+            report=replace(self.report, **lengths),
+        )
+
+    def rotated(self, rotation: Array) -> ShapePrior:
+        """The same prior after a rotation (3, 3) about the origin."""
+        surfaces = {name: each.rotated(rotation) for name, each in self.surfaces.items()}
+        mean, modes = self.mean @ rotation.T, self.modes @ rotation.T
+        return replace(self, surfaces=surfaces, box=self.box.rotated(rotation), mean=mean, modes=modes)
 
     def mean_model(self) -> DeformableModel:
         """The mean shape."""

@@ -9,14 +9,35 @@ plus variance.
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
+from typing import Protocol
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from quadriform.fitting.least_squares.marginal_likelihood import LinearProblem, Solution
+from quadriform.fitting.least_squares.marginal_likelihood import Solution
+from quadriform.fitting.least_squares.normal_equations import NormalEquations
 from quadriform.fitting.threads import one_blas_thread
 from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
+
+
+class Linear(Protocol):
+    """A linear problem as a function of the strength."""
+
+    @property
+    def data(self) -> NormalEquations:
+        """The normal equations of the data."""
+
+    @property
+    def regulariser_matrix(self) -> Array:
+        """The matrix (k, k) of the regulariser."""
+
+    @property
+    def effective_fraction(self) -> float:
+        """The number of independent residuals over that of all."""
+
+    def best(self, start: float | None = None) -> Solution:
+        """The solution at the best strength, near a given one."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +52,7 @@ class EnrichedBox:
     """
 
     box: ControlBox
-    linear: LinearProblem
+    linear: Linear
     strength: float
     scale: float = 1.0
 

@@ -130,7 +130,7 @@ def fine_stage(problem: Problem, datasets: Sequence[SurfaceData], coarse: Refine
         state, rounds = _stage(problem, rounds).run(_on_points(state, some, coarse)), SCHEDULE.last_rounds
     found = _stage(problem, rounds).run(_on_points(state, datasets, coarse))
     if problem.strength is None:
-        return _with_details(problem, found)
+        return with_details(problem, found)
     # the solution has exactly the given strength, or, where that was singular, the best one (`solve_or_best`)
     if found.solution.strength != problem.strength:
         raise OptionError(
@@ -140,7 +140,7 @@ def fine_stage(problem: Problem, datasets: Sequence[SurfaceData], coarse: Refine
     return found
 
 
-def _with_details(problem: Problem, found: Refined) -> Refined:
+def with_details(problem: Problem, found: Refined) -> Refined:
     """The result or, where residuals are correlated, one at a smaller strength that predicts left-out patches better.
 
     Residuals are correlated where the errors of the data are, and also where the surface misses details of the body. A

@@ -1,0 +1,177 @@
+"""The fit of a member of a population: pose and shape, by rounds on the data and a prior."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import cast
+
+import numpy as np
+
+from quadriform.fitting.diagnostics import folding
+from quadriform.fitting.least_squares.uncertainty import EnrichedBox
+from quadriform.fitting.noise import KnownNoise
+from quadriform.fitting.options import TangentOptions
+from quadriform.fitting.population.coordinates import PriorCoordinates
+from quadriform.fitting.population.diagnostics import outside_population
+from quadriform.fitting.population.linear_problem import PriorProblem, PriorSolution
+from quadriform.fitting.population.poses import Similarity, best_pose, closest_poses, on_data
+from quadriform.fitting.refinement.point_to_plane import data_rows, probes
+from quadriform.fitting.refinement.refine import RefinementInput, refine_tangent
+from quadriform.fitting.refinement.stage import (
+    SCHEDULE,
+    Attractions,
+    Datasets,
+    InitialState,
+    Problem,
+    Refined,
+    Report,
+    Stage,
+    StoppingRule,
+    independent_fraction,
+    tangential_steps,
+)
+from quadriform.fitting.refinement.stages import with_details
+from quadriform.fitting.refinement.unfolding import certified
+from quadriform.fitting.result import Result
+from quadriform.points import Array
+from quadriform.shapes.closest import surface_normals
+from quadriform.shapes.control_box import ControlBox
+from quadriform.shapes.model import DeformableModel
+from quadriform.shapes.prior import ShapePrior
+
+
+@dataclass(frozen=True)
+class PriorRounds:
+    """The constants of the rounds with a prior."""
+
+    poses: int = 4
+    """How often the rigid part of the shape becomes part of the pose, with a few rounds in between."""
+    rounds: int = 4
+    """Most rounds between two of these."""
+    cells: int = 12
+    """Of the grids of the surfaces whose map is sought anew where it folds."""
+    least_deviation: float = 0.3
+    """Their standard deviation is taken as at least this fraction of that of the data: a map without folds need not
+    follow them more exactly."""
+
+
+ROUNDS = PriorRounds()
+
+
+@dataclass(frozen=True, kw_only=True)
+class PriorRefinement(Problem):
+    """What the rounds with a prior in one pose have in common.
+
+    Attributes:
+        prior: in this pose, in its coordinates.
+        ratio: of the prior, where it is not estimated.
+    """
+
+    prior: PriorCoordinates
+    ratio: float | None = None
+
+    def linear_problem(  # type: ignore[override]
+        self, datasets: Datasets, attractions: Attractions, box: ControlBox, effective_fraction: float
+    ) -> PriorProblem:
+        """The linear problem of a round as a function of the weights of the prior."""
+        parts = [data_rows(data, box).equations(box) for data in datasets]
+        total = sum(data.total_weight for data in datasets)
+        equations = sum(parts[1:], parts[0])
+        return PriorProblem(equations, self.prior, total, effective_fraction, self.least_sigma, self.ratio)
+
+
+def refine_with_prior(given: RefinementInput, prior: ShapePrior, poses: Sequence[ShapePrior] | None = None) -> Result:
+    """The refinement of all surfaces at once by the shapes of a population.
+
+    Args:
+        given: points and options.
+        prior: with the surfaces of the points, in the unit of the frame of the points.
+        poses: the prior where the search for its pose begins; None to search all rotations.
+    """
+    datasets = [given.datasets[list(given.clouds).index(name)] for name in prior.surfaces]
+    report = Report(given.progress, ROUNDS.poses * ROUNDS.rounds)
+    starts = closest_poses(prior, given.clouds) if poses is None else poses
+    prior, box = best_pose(starts, datasets, given.options.robust)
+    some = [data.subsample(SCHEDULE.fine_points, robust=False) for data in datasets]
+    state: InitialState | Refined = InitialState(box, on_data(some, prior, box))
+    for _ in range(ROUNDS.poses):
+        state = _stage(_problem(given, prior, report)).run(state)
+        motion = Similarity.between(prior, state.box)
+        prior = motion.moved(prior)
+        box = prior.box.with_control_points(state.box.control_points)
+        state = replace(state, box=box, datasets=motion.with_surfaces(state.datasets, prior))
+    problem = _problem(given, prior, report)
+    found = _stage(problem).run(replace(state, datasets=on_data(datasets, prior, state.box)))
+    problem = replace(problem, ratio=_ratio(found))
+    return _result(given, problem, prior, with_details(problem, found))
+
+
+def _ratio(found: Refined) -> float:
+    """The ratio of the prior that the rounds ended with."""
+    return cast(PriorSolution, found.solution).ratio
+
+
+def _problem(given: RefinementInput, prior: ShapePrior, report: Report) -> PriorRefinement:
+    return PriorRefinement(
+        box=prior.box,
+        probes=probes(prior.surfaces.values()),
+        regularity="bending",
+        strength=None,
+        robust=given.options.robust,
+        report=report,
+        least_sigma=given.noise.least_sigma,
+        prior=PriorCoordinates.of(prior),
+    )
+
+
+def _stage(problem: PriorRefinement) -> Stage:
+    stop = StoppingRule(ROUNDS.rounds, SCHEDULE.fine_motion)
+    return Stage(problem, tangential_steps, problem.weighting, stop, independent_fraction)
+
+
+def _result(given: RefinementInput, problem: PriorRefinement, prior: ShapePrior, found: Refined) -> Result:
+    none = (None,) * len(found.datasets)
+    linear = problem.linear_problem(found.datasets, none, found.box, found.solution.effective_fraction)
+    # the box has as many control points as the prior: its covariance has what they leave out
+    enriched = EnrichedBox(found.box, linear, found.solution.strength)
+    box = found.box if certified(found.box, prior.surfaces) else _without_folds(prior, found, enriched)
+    model = DeformableModel(prior.surfaces, box)
+    by_name = dict(zip(prior.surfaces, found.datasets))
+    distance = prior.distance(found.box.control_points - found.box.rest)
+    return Result(
+        model=model,
+        history=found.history,
+        strength=found.solution.strength,
+        sigma=found.sigma,
+        covariance=found.solution.covariance(),
+        enriched=enriched,
+        inliers={name: by_name[name].inliers for name in given.clouds},
+        warnings=outside_population(prior, distance) | ({} if certified(box, prior.surfaces) else folding(model)),
+        half_space=given.half_space,
+        prior_distance=distance,
+    )
+
+
+def _without_folds(prior: ShapePrior, found: Refined, enriched: EnrichedBox) -> ControlBox:
+    """A box with the same surfaces, and a map that bends as little as they allow and has no folds, if one is found.
+
+    The population is known by its surfaces, and the modes say nothing about the space inside. So points of the surfaces
+    found are fitted without the prior, as data whose noise is the standard deviation of these surfaces: where they are
+    known well they stay, and beyond the data, where two of them may even cross, they give way.
+    """
+    points, noise = dict[str, Array](), dict[str, Array]()
+    for name, surface in prior.surfaces.items():
+        origins = surface.grid(ROUNDS.cells)[0]
+        normals = surface_normals(surface, found.box, origins)
+        deviations = np.maximum(enriched.deviation(found.box, origins, normals), ROUNDS.least_deviation * found.sigma)
+        points[name], noise[name] = found.box.deform(origins), deviations[:, None, None] ** 2 * np.eye(3)
+    weights = {name: np.ones(len(each)) for name, each in points.items()}
+    options = TangentOptions(found.box.control_points.shape[:3], robust=False)
+    surfaces = RefinementInput(points, weights, {}, KnownNoise.of_local(noise, points), options)
+    # a folded box may be a bad start: the second begins with the undeformed one
+    for start in (found.box, None):
+        box = refine_tangent(replace(surfaces, warm_start=start), dict(prior.surfaces), None).model.box
+        if certified(box, prior.surfaces):
+            break
+    return box
