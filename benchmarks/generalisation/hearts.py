@@ -49,16 +49,22 @@ def _row(bench: ModuleType, error: str, case: Case, strength: Strength) -> Row:
     kind, subject = case
     cases = [bench.case(subject, phase, kind) for phase in PHASES]
     found = qf.track([each.points for each in cases], slices=[each.slices for each in cases], strength=strength)
-    numbers = {}
-    for phase, model in zip(PHASES, found.models):
-        walls = np.array(list(bench.errors(model, subject, phase).values()))  # mean, RMS, 95 % of endo and epi
-        numbers |= {f"{phase.upper()} mean mm": walls[:, 0].mean(), f"{phase.upper()} RMS mm": walls[:, 1].max()}
+    numbers = wall_errors(bench, found.models, subject)
     over = [bench.beyond(model, subject, phase) for phase, model in zip(PHASES, found.models)]
     fold = min(model.min_jacobian() for model in found.models)
     numbers["over the base mm"] = max(over)
     numbers["unsupported %"] = 100 * (1 - found.supported.min())
     correct = bool(numbers[error] <= ACCEPTED[kind] and numbers["unsupported %"] <= ACCEPTED_UNSUPPORTED)
     return Row(float(numbers[error]), status_text(found.status, found.warnings), fold, correct, numbers)
+
+
+def wall_errors(bench: ModuleType, models: Sequence[qf.DeformableModel], subject: int) -> dict[str, float]:
+    """Mean distance of the true walls, and RMS of the worse one, in mm, at end diastole and end systole."""
+    numbers = {}
+    for phase, model in zip(PHASES, models):
+        walls = np.array(list(bench.errors(model, subject, phase).values()))  # mean, RMS, 95 % of endo and epi
+        numbers |= {f"{phase.upper()} mean mm": walls[:, 0].mean(), f"{phase.upper()} RMS mm": walls[:, 1].max()}
+    return numbers
 
 
 def _figure(rows: Sequence[Row]) -> str:

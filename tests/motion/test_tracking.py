@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from shapes_made import even_directions, made
 
 import quadriform as qf
@@ -139,6 +140,37 @@ def test_a_slice_that_moved_is_put_back():
     assert shifted.rms < 0.6 * plain.rms
     mean, before = (np.mean([off(*pair) for pair in zip(found.models, times)]) for found in (shifted, plain))
     assert mean < before
+
+
+def test_a_slice_that_rotated_in_its_plane_is_put_back():
+    """Slice 5, along the axis, is an ellipse that rotated by 12 degrees: not to first order only."""
+    frames, numbers = (each[::3] for each in sliced())
+    known = np.radians(12) * OUTER.rotation[:, 1]
+    for clouds, of in zip(frames, numbers):
+        for name, cloud in clouds.items():
+            rotated = Rotation.from_rotvec(known).apply(cloud - OUTER.translation) + OUTER.translation
+            clouds[name] = np.where((of[name] == 5)[:, None], rotated, cloud)
+    found = qf.track(frames, slices=numbers, box=BOX)
+    others = np.mean([found.moves[n].rotation for n in (0, 1, 2, 3, 4, 6)], axis=0)
+
+    np.testing.assert_allclose(
+        (found.moves[5].rotation - others) @ OUTER.rotation[:, 1], -np.radians(12), atol=np.radians(1.5)
+    )
+    assert found.moves[5].sd[2] < 0.3 * found.moves[2].sd[2]  # a slice across is nearly a circle
+
+
+def test_a_slice_with_another_number_in_each_frame_moves_in_each():
+    """Frames of their own breath-holds: slice 3 lies 2 units aside in the second one alone."""
+    frames, numbers = (each[::3] for each in sliced())
+    aside = 2 * OUTER.rotation[:, 0]
+    for name in frames[1]:
+        frames[1][name] = frames[1][name] + (numbers[1][name] == 3)[:, None] * aside
+        numbers[1][name] = numbers[1][name] + 10
+    found = qf.track(frames, slices=numbers, box=BOX)
+    assert list(found.moves) == [*range(7), *range(10, 17)]
+    for first, expected in ((0, 0 * aside), (10, -aside)):
+        rest = np.mean([found.shifts[first + n] for n in (0, 1, 2, 4)], axis=0)
+        np.testing.assert_allclose(found.shifts[first + 3] - rest, expected, atol=0.4)
 
 
 def test_shifts_that_the_slices_do_not_determine_are_noted():
