@@ -130,7 +130,7 @@ def test_the_linear_problem_is_the_sum_over_the_points_of_all_frames(planes, rng
             left = points - rows.origins - BOX.matrix(rows.origins) @ of_frame
             expected += np.einsum("ni,nij,nj->", left, rows.metric, left)
     if planes:
-        precision = state.sigma**2 / state.fraction * state.slices.prior.precision()
+        precision = state.slices.noise**2 * state.slices.prior.precision()
         expected += motions.ravel() @ precision @ motions.ravel()
     assert linear.cost(displacement, motions.ravel(), 0.0, 0.0) == pytest.approx(expected, rel=1e-6)
 

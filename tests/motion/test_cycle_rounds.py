@@ -1,6 +1,6 @@
 """The rounds of a cycle on a stand-in whose states are numbers: how many, at which strengths, and when they end."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -21,9 +21,14 @@ class State:
     boxes: tuple = (0, 0)
     datasets: tuple = ()
     start: str = "smooth"
+    slices: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(with_prior_of=lambda other: other))
+    estimates: int = 0
 
     def nearest(self):
         return self
+
+    def with_estimated_prior(self):
+        return replace(self, estimates=self.estimates + 1)
 
 
 class Counted:
@@ -39,7 +44,7 @@ class Counted:
         if self.fails_at is not None and len(self.log) > self.fails_at:
             return None
         sigma = self.noises.pop(0) if self.noises else state.sigma
-        return State(sigma, state.fraction, state.steps + 1, start=state.start)
+        return replace(state, sigma=sigma, steps=state.steps + 1)
 
     def strength_in_space(self, state, frames, near, before_rounds=False):
         self.spaces.append((near, before_rounds))
@@ -87,6 +92,7 @@ def test_strengths_fall_to_their_own_and_are_then_estimated():
     assert cycle.fractions == [True, False, False] and state.fraction == 0.25
     np.testing.assert_allclose(strengths, (9, 100 * FIRST))
     assert len(cycle.log) == 10 and state.steps == 10
+    assert state.estimates == 11  # of the prior of slices, before the rounds and after each
 
 
 def test_a_given_strength_is_kept():
@@ -126,6 +132,7 @@ def test_folds_are_removed_in_fifteen_rounds_from_the_fit(at):
     state, strengths, verified = cycle_rounds._unfolded_fit(cycle, State(), State(), (2.0, 3.0))
     assert cycle.log == [(2, 3)] * at
     assert state.steps == at and strengths == (2, 3) and verified == (True, True) and cycle.before is None
+    assert state.estimates == 0
 
 
 def test_folds_that_stay_are_removed_from_the_first_state_at_decreasing_strengths():

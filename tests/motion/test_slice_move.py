@@ -18,6 +18,11 @@ def made_planes(rng):
     return points, numbers, SlicePlanes.of([{"a": points}], [{"a": numbers}])
 
 
+def state_of(planes, motions, is_planar):
+    prior = SlicePrior.first(planes.gauge_fields(), is_planar)
+    return SliceState(motions, prior, 0.1, prior)
+
+
 def test_points_rotate_about_the_centre_and_shift():
     rotation, centre, shift = np.array([[0, 0, np.pi / 2], [1, 0, 0], [0, 0, 5]])
     quarter = SliceMove(rotation, centre, shift, np.eye(3), np.ones(6))
@@ -36,7 +41,7 @@ def test_motions_have_the_unit_and_coordinates_of_the_points(rng):
     local, numbers, planes = made_planes(rng)
     normalisation = Frame.of(np.array([[10.0, 20, 30], [14, 26, 30], [11, 21, 39]]))
     motions, covariance = 0.2 * rng.normal(size=(2, 6)), np.diag(np.arange(1.0, 13))
-    state = SliceState(motions, SlicePrior.first(planes.gauge_fields(), False))
+    state = state_of(planes, motions, False)
     found = slice_moves(planes, state, covariance, normalisation)
     assert list(found) == [3, 8]
     moved = normalisation.to_world(planes.moved(motions, numbers, local))
@@ -50,7 +55,7 @@ def test_motions_have_the_unit_and_coordinates_of_the_points(rng):
 
 def test_what_is_not_sought_in_a_stack_has_the_spread_that_is_assumed(rng):
     _, _, planes = made_planes(rng)
-    state = SliceState(np.zeros((2, 6)), SlicePrior.first(planes.gauge_fields(), True))
+    state = state_of(planes, np.zeros((2, 6)), True)
     found = slice_moves(planes, state, 1e-6 * np.eye(12), Frame.of(rng.normal(size=(9, 3))))
     assert found[3].sd[:3] == pytest.approx(SPREAD.first) and (found[3].sd[3:5] < 0.1 * found[3].sd[5]).all()
 

@@ -98,6 +98,15 @@ class CycleState:
     fold_penalties: list[JacobianPenalty]
     fraction: float = 1.0
 
+    def with_estimated_prior(self) -> "CycleState":
+        """The state with the prior of the motions of slices that the last round estimated."""
+        return replace(self, slices=self.slices.with_estimate(self.independent_sigma))
+
+    @property
+    def independent_sigma(self) -> float:
+        """Sigma at which independent points would have the information of all."""
+        return float(self.sigma / np.sqrt(self.fraction))
+
     def nearest(self) -> "CycleState":
         """The state with the nearest foot points."""
         datasets = [
@@ -152,7 +161,7 @@ class Cycle:
         count, frames = sum(len(cloud) for cloud in self.frames[0].values()), len(self.frames)
         penalty = JacobianPenalty.of(self.box, self.surfaces, count, sigma)
         displacement = np.zeros((self.splines_at_frames.shape[1], self.box.rest.size // 3, 3))
-        slices = SliceState.first(None if self.planes is None else self.planes[0])
+        slices = SliceState.first(None if self.planes is None else self.planes[0], sigma)
         return CycleState(displacement, slices, [self.box] * frames, datasets, sigma, [penalty] * frames)
 
     def _data(self, frame: int, name: str, points: Array) -> SurfaceData:
@@ -258,8 +267,7 @@ class Cycle:
             return self.total(state, linear, penalties, *at(length), strengths)
 
         displacement, found = at(step_length(total_at))
-        noises = state.sigma / np.sqrt(state.fraction), solution.sigma / np.sqrt(state.fraction)
-        slices = state.slices.after(found, solution, noises)
+        slices = state.slices.after(found, solution, solution.sigma / float(np.sqrt(state.fraction)))
         return replace(
             state,
             displacement=displacement,
@@ -323,7 +331,7 @@ class Cycle:
         bordered = None  # the rows and columns of the motions beside the matrix of the control points
         if self.planes:
             coupling, own, right = self.planes[0].bordered_block(rows, state.boxes, state.slices.motions)
-            bordered = coupling, own + state.sigma**2 / state.fraction * state.slices.prior.precision(), right
+            bordered = coupling, own + state.slices.penalty, right
         return LinearCycleProblem(
             equations,
             self.splines_at_frames,

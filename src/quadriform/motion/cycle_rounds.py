@@ -137,9 +137,11 @@ def _fitted(
     alpha_at_first = alpha or cycle.strength_in_space(state, extreme_frames, None, before_rounds=True)
     strengths = alpha_at_first, _initial_strength_in_time(state)
     state = replace(state, fraction=cycle.effective_fraction(state, before_rounds=True))
+    state = state.with_estimated_prior()
     for factor in np.geomspace(ROUNDS.first_factor, 1, ROUNDS.falling_rounds):
         stronger = factor * strengths[0], factor * strengths[1]
         state = cycle.step(state, stronger, widening=float(np.sqrt(factor))) or state
+        state = state.with_estimated_prior()
         report.round()
     after: CycleState | None = state
     for done in range(ROUNDS.most_rounds):
@@ -152,7 +154,8 @@ def _fitted(
         report.round()
         if after is None:
             return None
-        state = after
+        # later the prior stays, as strengths do: penalties on folds increase the noise, and its weight would grow too
+        state = after.with_estimated_prior()
         if done + 1 >= ROUNDS.least_rounds and abs(state.sigma - before.sigma) < ROUNDS.tolerance * before.sigma:
             break
     return state, strengths
@@ -168,7 +171,7 @@ def _unfolded_fit(cycle: Cycle, affine: CycleState, state: CycleState, strengths
     found = _unfolded(cycle, state, strengths, most)
     if found is not None:
         return cycle.result(found, strengths, (True,) * len(found.boxes))
-    smooth = replace(affine, fraction=state.fraction)
+    smooth = replace(affine, fraction=state.fraction, slices=affine.slices.with_prior_of(state.slices))
     unfolded = _by_decreasing_strength(cycle, smooth, strengths, most)
     if unfolded is None:
         return cycle.result(state, strengths, cycle.with_checked_folds(state)[0], before)

@@ -19,7 +19,7 @@ likelihood estimator for variance parameters in multilevel models, Psychometrika
 to the sum of q^2.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -149,33 +149,49 @@ class SliceState:
 
     Attributes:
         motions: (S, 6), shift and rotation vector of each along its axes.
-        prior: that of the next round.
+        prior: of the linear problem.
+        noise: the standard deviation of independent residuals, by which the prior is weighed against the data.
+        estimate: the prior of the largest penalised marginal likelihood by the last round.
     """
 
     motions: Array
     prior: SlicePrior
+    noise: float
+    estimate: SlicePrior
+
+    @property
+    def penalty(self) -> Array:
+        """The part (6 S, 6 S) of the prior in the matrix of the linear problem."""
+        return self.noise**2 * self.prior.precision()
 
     @classmethod
-    def first(cls, planes: SlicePlanes | None) -> "SliceState":
+    def first(cls, planes: SlicePlanes | None, noise: float) -> "SliceState":
         """Before the first round; of no slices without planes."""
         gauge = np.empty((0, 0)) if planes is None else planes.gauge_fields()
         prior = SlicePrior.first(gauge, planes is not None and planes.are_parallel)
-        return cls(np.zeros((len(gauge) // UNKNOWNS, UNKNOWNS)), prior)
+        return cls(np.zeros((len(gauge) // UNKNOWNS, UNKNOWNS)), prior, noise, prior)
 
-    def after(self, motions: Array, solution: CycleSolution, noises: tuple[float, float]) -> "SliceState":
-        """The state after a round, with the prior of the largest penalised marginal likelihood.
+    def after(self, motions: Array, solution: CycleSolution, noise: float) -> "SliceState":
+        """The state after a round, with an estimate of the prior.
 
         Args:
             motions: (6 S,), at the end of the step.
-            solution: of the linear problem, whose matrix has the precision of the prior times a squared noise.
-            noises: that one, and the noise by the solution; of independent residuals.
+            solution: of the linear problem.
+            noise: by the solution, of independent residuals.
         """
         if not len(motions):
             return self
-        before, after = noises
-        data = (solution.motion_matrix - before**2 * self.prior.precision()) / after**2
-        prior = self.prior.of_data(data, solution.motion_matrix @ solution.motions / after**2)
-        return SliceState(motions.reshape(-1, UNKNOWNS), prior)
+        data = (solution.motion_matrix - self.penalty) / noise**2
+        estimate = self.prior.of_data(data, solution.motion_matrix @ solution.motions / noise**2)
+        return replace(self, motions=motions.reshape(-1, UNKNOWNS), estimate=estimate)
+
+    def with_estimate(self, noise: float) -> "SliceState":
+        """The state with its estimate as the prior of the next round, at a noise of independent residuals."""
+        return replace(self, prior=self.estimate, noise=noise)
+
+    def with_prior_of(self, other: "SliceState") -> "SliceState":
+        """The state with the prior of another one, and its noise."""
+        return replace(self, prior=other.prior, noise=other.noise)
 
     def deviations(self, covariance: Array) -> Array:
         """Standard deviations (S, 6) by a posterior covariance (6 S, 6 S).
