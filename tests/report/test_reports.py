@@ -4,6 +4,7 @@ import base64
 import io
 import json
 import re
+from dataclasses import replace
 from functools import partial
 from html import unescape
 
@@ -112,7 +113,7 @@ def test_the_same_fit_gives_the_same_page(egg):
 def test_a_page_without_points_and_with_many(browser, egg, tmp_path):
     fit, points = egg
     many = np.tile(points, (450, 1))
-    repeated = qf.Fit(**(vars(fit) | {"residuals": np.tile(fit.residuals, 450)}))
+    repeated = replace(fit, residuals=np.tile(fit.residuals, 450))
     page = fit_report(repeated, {"surface": many}, title="many", record={})
     assert len(page) < MOST_BYTES
     (tmp_path / "many.html").write_bytes(page)
