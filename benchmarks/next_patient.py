@@ -14,7 +14,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from common import SHARED
-from generalisation import dense, guidepoints, hearts, moved, organs, scans, silent, spect, sunnybrook, voxels
+from generalisation import dense, guidepoints, hearts, learned, moved, organs, scans, silent, spect, sunnybrook, voxels
 from generalisation.rows import Missing
 from generalisation.running import Measured, measured, print_table, regret_line, status_lines, summary
 
@@ -29,6 +29,7 @@ SOURCES = {
     "silent": silent,
     "dense": dense,
     "moved": moved,
+    "learned": learned,
 }
 
 
