@@ -96,6 +96,14 @@ def test_points_to_a_model_finds_the_noise_and_the_truth(run):
     assert 0.5 < names["miss"] / np.sqrt(np.mean(names["sigma"] ** 2)) < 2
 
 
+def test_a_prior_of_a_cohort_finds_a_heart_from_three_planes(run):
+    names = run("prior.md")
+    errors = [
+        np.abs(names["found"].model.distance(names["truth"].mesh(name).vertices, name)) for name in names["planes"]
+    ]
+    assert np.concatenate(errors).max() < 0.5 and names["found"].status != "unreliable"
+
+
 def test_image_to_a_ventricle_finds_its_volumes(run):
     names = run("image_to_ventricle.md")
     for name in ("endo", "epi"):
