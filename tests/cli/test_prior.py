@@ -4,6 +4,7 @@ import json
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
+from html import unescape
 
 import numpy as np
 import pytest
@@ -162,6 +163,8 @@ def test_fit_takes_a_prior(terminal, folder):
     qf.save(models()[3].mesh(resolution=8), "member.ply")
     result = terminal("fit", "member.ply", "--unit", "mm", "--prior", "lv.prior.npz", "-o", "out")
     assert result.code == 0 and "distance to the prior" in result.out
+    page = unescape((folder.parent / "out" / "report.html").read_text(encoding="utf-8"))
+    assert "with a prior of shape" in page and '"prior": "of 8 shapes"' in page and '"box": [' not in page
     found = qf.load("out/model.json")
     assert np.abs(found.distance(models()[3].mesh(resolution=8).vertices)).max() < 0.5
 

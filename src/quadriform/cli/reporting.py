@@ -10,6 +10,7 @@ import numpy as np
 from quadriform.cli.screen import note
 from quadriform.errors import QuadriformError
 from quadriform.fitting.options import options_for
+from quadriform.fitting.population.checks import OF_PRIOR
 from quadriform.fitting.result import Fit
 from quadriform.heart.measure import measure
 from quadriform.heart.measures_table import Measures
@@ -31,9 +32,12 @@ def fit_options(given: Mapping[str, Any]) -> dict[str, Any]:
     others = {"method": "tangent", "kind": "ellipsoid"} | dict(given)
     first = {name: others.pop(name) for name in ("method", "kind")}
     of_points = {name: others.pop(name) for name in ("noise", "viewpoint", "support") if name in others}
-    if "prior" in others:
-        of_points["prior"] = f"of {others.pop('prior').n_models} shapes"
-    return {"options": first | asdict(options_for(str(first["method"]), others)) | of_points}
+    if "prior" not in others:
+        return {"options": first | asdict(options_for(str(first["method"]), others)) | of_points}
+    prior = f"of {others.pop('prior').n_models} shapes"
+    chosen = asdict(options_for(str(first["method"]), others))
+    kept = {name: value for name, value in (first | chosen).items() if name not in ("kind", *OF_PRIOR)}
+    return {"options": kept | of_points | {"prior": prior}}
 
 
 def track_options(given: Mapping[str, Any]) -> dict[str, Any]:

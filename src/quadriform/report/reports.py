@@ -67,9 +67,15 @@ def fit_report(
         parts.append(planes_section(image, {name: model.mesh(name) for name in model.surfaces}, title))
     parts += heart_sections(measures)
     parts += [sections.convergence(fit.history, unit), sections.parameters(model, fit.n_points)]
-    method = report_text("fit", "paper" if fit.enriched is None else "tangent")
+    method = report_text("fit", _method(fit))
     words = report_text("fit", "methods", fit=fit, method=method, **_model_words(model))
     return _page(title, [*parts, sections.description(words), sections.configuration(record)])
+
+
+def _method(fit: Fit) -> str:
+    if fit.enriched is None:
+        return "paper"
+    return "tangent" if fit.prior_distance is None else "prior"
 
 
 def _support_text(fit: Fit) -> str:
