@@ -217,12 +217,12 @@ def test_details_are_sought_while_patches_left_out_are_predicted_better(monkeypa
     monkeypatch.setattr(stages, "better_strength", lambda problem, found: next(strengths))
     monkeypatch.setattr(stages, "_stage", lambda problem, rounds: Ran((problem, rounds)))
     monkeypatch.setattr(stages, "replace", lambda problem, strength: strength)
-    stages._with_details("problem", state(0.5))
+    stages.with_details("problem", state(0.5))
     assert runs == [(1e-3, 3), (1e-4, 3)]
     independent = state(1)
-    assert stages._with_details("problem", independent) is independent and len(runs) == 2
+    assert stages.with_details("problem", independent) is independent and len(runs) == 2
     strengths = iter([0.5, 0.4, 0.3, 0.2])
-    stages._with_details("problem", state(0.5))
+    stages.with_details("problem", state(0.5))
     assert len(runs) == 5  # three searches at most
 
 
