@@ -133,7 +133,7 @@ def _stage(problem: PriorRefinement) -> Stage:
 def _result(given: RefinementInput, problem: PriorRefinement, prior: ShapePrior, found: Refined) -> Result:
     none = (None,) * len(found.datasets)
     linear = problem.linear_problem(found.datasets, none, found.box, found.solution.effective_fraction)
-    # the box has as many control points as the prior: its covariance has what they leave out
+    # of as many control points, for the modes are those of the prior's box: no bias by too few of them is estimated
     enriched = EnrichedBox(found.box, linear, found.solution.strength)
     box = found.box if certified(found.box, prior.surfaces) else _without_folds(prior, found, enriched)
     model = DeformableModel(prior.surfaces, box)
