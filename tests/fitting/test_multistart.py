@@ -136,7 +136,7 @@ def test_the_best_candidate_has_the_highest_score_of_equal_ones_the_first():
     assert [each.tolist() for each in taken] == [[1]]
 
 
-def test_em_counts_free_parameters_and_keeps_the_known_noise(rng):
+def test_em_counts_free_parameters_and_keeps_sigma_within_its_bounds(rng):
     known = problem(least_sigma=0.3, fixed={"semi_axes": np.ones(3)})
     of = Descent(known, Candidates.of([made(exponents=(1, 1))]), Mixture(np.array([0.9]), np.array([1.0])))
     of.distances = 0.001 * rng.normal(size=(1, 300))
@@ -144,6 +144,8 @@ def test_em_counts_free_parameters_and_keeps_the_known_noise(rng):
     of.problem, of.inliers = replace(known, least_sigma=0.0), np.ones((1, 300))
     expected = np.sqrt((of.distances[0] ** 2).sum() / (300 - 8))
     np.testing.assert_allclose(multistart.em(of).sigma, [expected], rtol=1e-12)
+    of.problem = replace(of.problem, largest_sigma=1e-4)
+    assert multistart.em(of).sigma.tolist() == [1e-4]
 
 
 class Recorded:

@@ -4,12 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from clouds_made import seen
+from clouds_made import cup, seen
 from shapes_made import even_directions, made
 
 from quadriform import fit_superquadric
+from quadriform.fitting.mixture import Mixture
 from quadriform.fitting.superquadric import candidates
 from quadriform.fitting.superquadric.candidates import Candidates, Extent
+from quadriform.fitting.superquadric.levenberg_marquardt import Descent
+from quadriform.fitting.superquadric.multistart import restarted
+from quadriform.fitting.superquadric.problem import SearchProblem
 from quadriform.fitting.superquadric.restarts import RESTART, restarts
 from quadriform.shapes.superquadric import Superquadric
 
@@ -71,6 +75,20 @@ def test_restarts_are_boxes_around_most_inliers_in_every_order_of_the_axes(rng):
     assert len(np.unique(straight.argsort(axis=1), axis=0)) == 3
     np.testing.assert_allclose(found.translations, np.tile(truth.translation, (6, 1)), atol=0.1)
     assert (found.exponents == RESTART.exponent).all()
+
+
+@pytest.mark.parametrize(("noise", "wall"), [(1.0, 8.0), (1.5, 10.0)])
+def test_restarts_keep_to_the_outer_side_of_a_wall(noise, wall):
+    """Both sides together are likelier as one surface between them, with a noise of half the wall, which is wrong."""
+    points = cup(1000, wall)[0] + noise * np.random.default_rng(1).normal(size=(1000, 3))
+    outer = Candidates.of([Superquadric("ellipsoid", (30.0, 30.0, 60.0))])
+    ones = np.ones(1000)
+    problem = SearchProblem(points / 30, ones, "ellipsoid", {}, 0 * ones, ones, longest=10.0)
+    start = replace(outer, log_axes=outer.log_axes - np.log(30))
+    found = restarted(problem, Descent(problem, start, Mixture(np.array([0.6]), np.array([noise / 30]))))
+    best = found.scores().argmax()
+    assert 30 * found.mixture.sigma[best] < 1.2 * noise
+    np.testing.assert_allclose(np.sort(30 * found.candidates.superquadric(best).semi_axes)[:2], 30, rtol=0.05)
 
 
 def test_the_axes_of_scans_are_within_two_standard_deviations():

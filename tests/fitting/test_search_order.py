@@ -145,19 +145,21 @@ def test_restarts_go_on_while_one_of_them_is_better(monkeypatch):
     monkeypatch.setattr(multistart, "acceptable", lambda best: np.array([True, True]))
     monkeypatch.setattr(multistart, "distinct", lambda *of: np.array([0]))
     monkeypatch.setattr(
-        multistart, "_on_all", lambda cloud, c, m: log.append(len(c)) or On(next(firsts) if len(log) > 1 else 0)
+        multistart,
+        "_on_all",
+        lambda cloud, c, m: log.append((len(c), cloud.largest_sigma)) or On(next(firsts) if len(log) > 1 else 0),
     )
     monkeypatch.setattr(multistart, "_from_boxes", lambda cloud, inliers, c, m: (body, mixture))
     monkeypatch.setattr(multistart, "covered_fraction", lambda surface, points: covered)
     covered = 0.5
     multistart.restarted(problem(), On())
-    assert log == [1, 2, 2, 2]  # the third is no better
+    assert log == [(1, np.inf), *3 * [(2, 0.1)]]  # the third is no better; none may have more noise than the best
     log.clear()
     firsts = iter([1] * 9)
     multistart.restarted(problem(), On())
-    assert log == [1, 2, 2, 2, 2]
+    assert log == [(1, np.inf), *4 * [(2, 0.1)]]
     for value, kind in ((0.85, "ellipsoid"), (0.5, "toroid")):
         log.clear()
         covered = value
         multistart.restarted(problem(kind), On())
-        assert log == [1]
+        assert log == [(1, np.inf)]

@@ -63,9 +63,10 @@ class SearchResult:
 
 
 def em(descent: Descent) -> Mixture:
-    """The mixture re-estimated."""
-    found = estimated(descent.distances, descent.inliers, descent.weights, descent.problem.n_estimated)
-    return replace(found, sigma=np.maximum(found.sigma, descent.problem.least_sigma))
+    """The mixture re-estimated, with sigma within the bounds of the problem."""
+    problem = descent.problem
+    found = estimated(descent.distances, descent.inliers, descent.weights, problem.n_estimated)
+    return replace(found, sigma=np.clip(found.sigma, problem.least_sigma, problem.largest_sigma))
 
 
 def solve(problem: SearchProblem) -> SearchResult:
@@ -206,7 +207,11 @@ def through_all_points(sampled: SearchProblem) -> Estimated | None:
 
 
 def restarted(sampled: SearchProblem, found: Descent) -> Descent:
-    """The best candidates on the whole sample, with those that start from boxes around the inliers of the best."""
+    """The best candidates on the whole sample, with those that start from boxes around the inliers of the best.
+
+    They are compared with the best at a sigma of at most its own. Restarts are to find where a surface ends without
+    data; which of several surfaces the points belong to, such as two walls, the annealed search has decided.
+    """
     found = _on_all(sampled, *found.picked(distinct(found, _ranking(found, acceptable(found)), SEARCH.kept)))
     for _ in range(RESTART.rounds if KINDS[sampled.kind].is_radial else 0):
         best, mixture = _best_by_ranking(found)
@@ -214,7 +219,9 @@ def restarted(sampled: SearchProblem, found: Descent) -> Descent:
         if covered_fraction(best.superquadric(0), sampled.points[inliers >= INLIER]) >= COVERED:
             break  # points on all sides determine the size
         others, their_mixture = _from_boxes(sampled, inliers, best, mixture)
-        found = _on_all(sampled, best.joined(others), mixture.joined(their_mixture))
+        # the true extent explains the points with no more noise; a surface between two walls would, with all as inliers
+        at_most = replace(sampled, largest_sigma=float(mixture.sigma[0]))
+        found = _on_all(at_most, best.joined(others), mixture.joined(their_mixture))
         if best_first(_ranking(found, acceptable(found)))[0] == 0:
             break  # none of the restarts is better
     return found

@@ -34,6 +34,7 @@ class SearchProblem:
             variance (`KnownNoise`); ones where nothing is known. Distances are divided by them, so that all have the
             standard deviation sigma.
         least_sigma: lower bound of sigma: the root of that mean variance, 0 where nothing is known.
+        largest_sigma: upper bound of sigma, in a comparison with a surface whose sigma is known.
         size: weight of the penalty on the size of the body (`Extent`), which is weighed against the noise; 0 during
             annealing, where the noise is not known.
         surroundings: what is known beside the points, one viewpoint for each of them, or None.
@@ -48,6 +49,7 @@ class SearchProblem:
     log_odds: Array
     relative_noise: Array
     least_sigma: float = 0.0
+    largest_sigma: float = np.inf
     size: float = 1.0
     surroundings: Surroundings | None = None
     empty: EmptySpace | None = None

@@ -3,6 +3,9 @@
 The surface that fits points on one side of a body may be too long, or have its axes exchanged: its other end lies where
 there are no points, and the distances do not show the error. The starts here are smaller than the body instead. Points
 lie outside of each of their sides that was observed, and so determine the size.
+
+The body explains the points as well as that surface does, so a restart has no larger sigma in the comparison with it
+(`multistart.restarted`).
 """
 
 from dataclasses import dataclass
