@@ -24,6 +24,7 @@ from generalisation.rows import (
     present,
     status_text,
 )
+from quadriform.points import rigid_motion
 
 ACCEPTED = 0.9
 """Largest mean distance at end systole in mm that an "ok" may have."""
@@ -98,13 +99,6 @@ def remaining_motions(cases: Sequence, found: qf.Track) -> tuple[np.ndarray, np.
             turn = Rotation.from_matrix(rigid_motion(corrected[inside], cut[inside])[0]).as_rotvec()
             tilts.append(np.degrees(np.linalg.norm(across @ turn)))
     return rotation, offset, {"slice shift mm": float(np.mean(shifts)), "slice tilt degrees": float(np.mean(tilts))}
-
-
-def rigid_motion(points: np.ndarray, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The rotation (3, 3) and offset (3,) that bring points (n, 3) nearest to targets (n, 3)."""
-    middle, aim = points.mean(axis=0), targets.mean(axis=0)
-    rotation = Rotation.align_vectors(targets - aim, points - middle)[0].as_matrix()
-    return rotation, aim - rotation @ middle
 
 
 def _figure(rows: Sequence[Row]) -> str:

@@ -119,6 +119,26 @@ def rms_length(vectors: Array) -> float:
     return float(np.sqrt((vectors**2).sum(axis=-1).mean()))
 
 
+def rigid_motion(points: Array, targets: Array, weights: Array | None = None) -> tuple[Array, Array]:
+    """Rotations (..., 3, 3) and shifts (..., 3) that move points (..., n, 3) to targets (..., n, 3) by least squares.
+
+    By the singular value decomposition of their products (Kabsch, Acta Crystallographica A 32: 922-923, 1976).
+
+    Args:
+        points: one cloud, or several.
+        targets: corresponding points.
+        weights: (..., n), not all zero; None for equal ones.
+    """
+    counts = np.ones(points.shape[:-1]) if weights is None else weights
+    counts = (counts / counts.sum(axis=-1, keepdims=True))[..., None, :]
+    middle, centre = counts @ points, counts @ targets  # (..., 1, 3)
+    products = np.swapaxes(targets - centre, -1, -2) @ (np.swapaxes(counts, -1, -2) * (points - middle))
+    u, _, vt = np.linalg.svd(products)
+    u[..., -1] *= np.sign(np.linalg.det(u @ vt))[..., None]  # no reflection
+    rotation = u @ vt
+    return rotation, (centre - middle @ np.swapaxes(rotation, -1, -2))[..., 0, :]
+
+
 def fixed_array(values: ArrayLike, name: str, shape: tuple[int, ...] | None = None) -> Array:
     """A read-only float64 copy of finite numbers up to 1e30, of a shape where one is given.
 

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from quadriform.errors import InputError
-from quadriform.points import Array
+from quadriform.points import Array, rigid_motion
 from quadriform.priors.features import Features
 from quadriform.shapes.control_box import ControlBox, common_box
 from quadriform.shapes.model import DeformableModel
@@ -88,11 +88,9 @@ def corresponding(model: DeformableModel, reference: Reference, rotation: Array)
 
 
 def aligned_rigidly(points_world: Array, target: Array) -> Array:
-    """Return points (n, 3) after the rigid motion to centred targets (n, 3) of least squares (Kabsch)."""
-    source = centred(points_world)
-    u, _, vt = np.linalg.svd(target.T @ source)
-    u[:, -1] *= np.sign(np.linalg.det(u @ vt))  # no reflection
-    return source @ (u @ vt).T
+    """Return points (n, 3) after the rigid motion to centred targets (n, 3) of least squares."""
+    rotation, _ = rigid_motion(points_world, target)
+    return centred(points_world) @ rotation.T
 
 
 def aligned(model: DeformableModel, reference: Reference, target: Array, in_world: bool) -> tuple[Array, Array]:

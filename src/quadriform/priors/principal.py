@@ -7,6 +7,9 @@ from scipy.linalg import svd
 
 from quadriform.points import Array
 
+EQUAL = 1e-6
+"""Entries of a component whose sizes differ by a smaller fraction are the same."""
+
 
 @dataclass(frozen=True)
 class Components:
@@ -14,7 +17,8 @@ class Components:
 
     Attributes:
         mean: (p,), of all rows.
-        directions: (min(n, p), p), one component a row, of unit length; the largest entry of each is positive.
+        directions: (min(n, p), p), one component a row, of unit length; the largest entry of each is positive,
+            of equal ones the first.
         variances: (min(n, p),), in descending order.
     """
 
@@ -27,6 +31,8 @@ class Components:
         """All components of rows (n, p), by singular values as in scikit-learn's PCA, to all digits."""
         mean = rows.mean(axis=0)
         _, singular, directions = svd(rows - mean, full_matrices=False)
-        # a component has no sign of its own
-        largest = np.take_along_axis(directions, np.abs(directions).argmax(axis=1)[:, None], axis=1)
+        # a component has no sign of its own, and of equal entries, as symmetric shapes have, rounding chooses none
+        sizes = np.abs(directions)
+        first = (sizes >= (1 - EQUAL) * sizes.max(axis=1, keepdims=True)).argmax(axis=1)
+        largest = np.take_along_axis(directions, first[:, None], axis=1)
         return cls(mean, directions * np.sign(largest), singular**2 / (len(rows) - 1))

@@ -27,8 +27,8 @@ BATCH = 32
 """Leaves of the lowest bound that are split at once, or a quarter of all if that is more."""
 SLACK = 1e-9
 """Fraction of its size by which a surface is enlarged, so that rounding drops no leaf or point that touches it."""
-TIGHT, SIGN_ONLY = 0.02, 0.5
-"""Relative tolerances of a bound: where it is reported, and where only its sign is used."""
+TIGHT, SIGN_ONLY, POSITIVE = 0.02, 0.5, 0.99
+"""Relative tolerances of a bound: where it is reported, where its size hardly matters, and where it need not."""
 SAMPLES = 25
 """Points along each axis of the grid on which `possible_folds` evaluates the determinant."""
 
@@ -109,7 +109,11 @@ def _halves(degree: int) -> tuple[Array, Array]:
 
 
 def jacobian_bound(
-    box: ControlBox, surfaces: Iterable[Superquadric] = (), tolerance: float = TIGHT, budget: int = BUDGET
+    box: ControlBox,
+    surfaces: Iterable[Superquadric] = (),
+    tolerance: float = TIGHT,
+    budget: int = BUDGET,
+    low_enough: float = -np.inf,
 ) -> Bound:
     """A lower bound of det(d deformed / d point) over the inside of surfaces, or over the whole box.
 
@@ -119,6 +123,7 @@ def jacobian_bound(
             without any it is the box.
         tolerance: the search ends when `lower` is within this fraction of |`sampled`|, apart from rounding.
         budget: the search ends, with a looser bound, when it has made this many leaves.
+        low_enough: the search ends, with a looser bound, when it has found a determinant that is as low as this.
     """
     surfaces = tuple(surfaces)
     root, rounding = _root(box, surfaces)
@@ -133,7 +138,7 @@ def jacobian_bound(
         finished = lowest >= sampled - tolerance * abs(sampled)
         finished_bound = min(finished_bound, lowest[finished].min(initial=np.inf))
         leaves, lowest = leaves.at(~finished), lowest[~finished]
-        if not len(lowest) or made >= budget:
+        if not len(lowest) or made >= budget or sampled <= low_enough:
             break
         order = np.argsort(lowest, kind="stable")
         batch = min(max(BATCH, len(order) // 4), len(order))
@@ -146,17 +151,23 @@ def jacobian_bound(
 
 def never_folds(box: ControlBox, surfaces: Iterable[Superquadric]) -> bool:
     """Whether the determinant is provably positive all over the inside of surfaces."""
-    return jacobian_bound(box, surfaces, tolerance=SIGN_ONLY).lower > 0
+    return positive_bound(box, surfaces).lower > 0
+
+
+def positive_bound(box: ControlBox, surfaces: Iterable[Superquadric]) -> Bound:
+    """A bound by the search that ends as soon as the determinant is known to be positive, or not to be."""
+    return jacobian_bound(box, surfaces, tolerance=POSITIVE, low_enough=0.0)
 
 
 def determinant_lower_bound(box: ControlBox, surfaces: Iterable[Superquadric], budget: int = BUDGET) -> float:
     """The largest proven lower bound of the determinant over the inside of surfaces; positive where none folds.
 
-    The search of a tight bound spends its budget on more leaves and can end below a loose one, such as that of
-    `never_folds`.
+    The search of a tight bound spends its budget on more leaves and can end below a loose one. Where both are not
+    positive, that of `never_folds` may be.
     """
     surfaces = tuple(surfaces)
-    return max(jacobian_bound(box, surfaces, tolerance, budget).lower for tolerance in (SIGN_ONLY, TIGHT))
+    found = max(jacobian_bound(box, surfaces, tolerance, budget).lower for tolerance in (SIGN_ONLY, TIGHT))
+    return found if found > 0 else max(found, jacobian_bound(box, surfaces, POSITIVE, budget).lower)
 
 
 def possible_folds(box: ControlBox, surfaces: Iterable[Superquadric]) -> Array:
@@ -168,9 +179,9 @@ def possible_folds(box: ControlBox, surfaces: Iterable[Superquadric]) -> Array:
         was found, but the proof did not succeed either.
     """
     surfaces = tuple(surfaces)
-    bound = jacobian_bound(box, surfaces, tolerance=SIGN_ONLY)
-    if bound.lower > 0:
+    if never_folds(box, surfaces):
         return np.empty((0, 3))
+    bound = jacobian_bound(box, surfaces, tolerance=SIGN_ONLY)
     points = grid_inside(box, surfaces)
     folded = points[box.jacobian_determinant(points) <= 0] if len(points) else points
     return np.concatenate([bound.where[None], folded])

@@ -151,6 +151,10 @@ class ShapePrior:
         mean, modes = self.mean @ rotation.T, self.modes @ rotation.T
         return replace(self, surfaces=surfaces, box=self.box.rotated(rotation), mean=mean, modes=modes)
 
+    def moved(self, rotation: Array, shift: Array, size: float = 1.0) -> ShapePrior:
+        """The same prior after `size` rotation x + `shift`."""
+        return self.rotated(rotation).transformed(size, shift)
+
     def mean_model(self) -> DeformableModel:
         """The mean shape."""
         return self.model(np.zeros(0))

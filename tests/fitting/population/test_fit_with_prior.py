@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from priors_made import meshes, models, poses, wall
+from priors_made import AXES, SIGMAS, SPHERE, meshes, models, poses, wall
 
 from quadriform import fit, learn_prior, refine
 from quadriform.errors import InputError, OptionError
+from quadriform.fitting.population.poses import closest_poses
 from quadriform.shapes.superquadric import Superquadric
 
 NOISE = 0.3
@@ -81,7 +82,8 @@ def test_a_shape_outside_of_the_population_is_fitted_to_its_data(prior):
 
 def test_a_shape_unlike_all_members_is_named():
     prior = learn_prior([mesh for _ in range(8) for mesh in meshes()])  # of 64, so that its variances are well known
-    found = fit(noisy(surface(prior, (9.0, 0.0, 0.0))), prior=prior)
+    # nine standard deviations longer; the sign of a mode is a convention
+    found = fit(noisy(SPHERE.vertices * (AXES + 9 * SIGMAS * (0, 0, 1))), prior=prior)
     assert "OUTSIDE_POPULATION" in found.warnings and found.status == "warned"
 
 
@@ -156,3 +158,11 @@ def test_a_prior_in_another_frame_is_refused(prior):
 def test_refine_with_a_prior_has_no_start(prior):
     with pytest.raises(OptionError, match="start"):
         refine(Superquadric(), surface(prior), prior=prior, start=prior.box)
+
+
+def test_poses_upside_down_are_tried_too(prior):
+    """The nearest pose of the mean shape may be wrong; only with the modes one is clearly nearer."""
+    starts = closest_poses(prior, {"surface": surface(prior, (2.0, 0.0, 0.0))})
+    turns = [next(iter(each.surfaces.values())).rotation for each in starts]
+    along = [turn[:, 2] @ turns[0][:, 2] for turn in turns]
+    assert max(along) > 0.9 and min(along) < -0.9

@@ -8,5 +8,6 @@ has them besides the shape, and after a few rounds they become part of the pose 
 - `poses.py`: where the rounds begin: the mean shape placed by many rotations, then pose and modes alone
 - `coordinates.py`: the prior in coordinates in which what is outside of its modes is alike in all directions
 - `linear_problem.py`: the linear problem of a round, and the weights of the prior by the marginal likelihood
+- `given_surfaces.py`: a map without folds that has the surfaces found
 - `fit.py`: the rounds, and the result
 """

@@ -10,14 +10,13 @@ import numpy as np
 
 from quadriform.fitting.diagnostics import folding
 from quadriform.fitting.least_squares.uncertainty import EnrichedBox
-from quadriform.fitting.noise import KnownNoise
-from quadriform.fitting.options import TangentOptions
 from quadriform.fitting.population.coordinates import PriorCoordinates
 from quadriform.fitting.population.diagnostics import outside_population
+from quadriform.fitting.population.given_surfaces import GivenSurface, GivenSurfaces, State
 from quadriform.fitting.population.linear_problem import PriorProblem, PriorSolution
-from quadriform.fitting.population.poses import Similarity, best_pose, closest_poses, on_data
+from quadriform.fitting.population.poses import Similarity, best_pose, closest_poses, near_data, on_data
 from quadriform.fitting.refinement.point_to_plane import data_rows, probes
-from quadriform.fitting.refinement.refine import RefinementInput, refine_tangent
+from quadriform.fitting.refinement.refine import RefinementInput
 from quadriform.fitting.refinement.stage import (
     SCHEDULE,
     Attractions,
@@ -28,6 +27,7 @@ from quadriform.fitting.refinement.stage import (
     Report,
     Stage,
     StoppingRule,
+    all_independent,
     independent_fraction,
     tangential_steps,
 )
@@ -94,15 +94,15 @@ def refine_with_prior(given: RefinementInput, prior: ShapePrior, poses: Sequence
     starts = closest_poses(prior, given.clouds) if poses is None else poses
     prior, box = best_pose(starts, datasets, given.options.robust)
     some = [data.subsample(SCHEDULE.fine_points, robust=False) for data in datasets]
-    state: InitialState | Refined = InitialState(box, on_data(some, prior, box))
+    state: InitialState | Refined = InitialState(box, near_data(some, prior, box))
     for _ in range(ROUNDS.poses):
-        state = _stage(_problem(given, prior, report)).run(state)
+        state = _after_rounds(_problem(given, prior, report), state)
         motion = Similarity.between(prior, state.box)
         prior = motion.moved(prior)
         box = prior.box.with_control_points(state.box.control_points)
         state = replace(state, box=box, datasets=motion.with_surfaces(state.datasets, prior))
     problem = _problem(given, prior, report)
-    found = _stage(problem).run(replace(state, datasets=on_data(datasets, prior, state.box)))
+    found = _stage(problem, ROUNDS.rounds).run(replace(state, datasets=on_data(datasets, prior, state.box)))
     problem = replace(problem, ratio=_ratio(found))
     return _result(given, problem, prior, with_details(problem, found))
 
@@ -125,8 +125,16 @@ def _problem(given: RefinementInput, prior: ShapePrior, report: Report) -> Prior
     )
 
 
-def _stage(problem: PriorRefinement) -> Stage:
-    stop = StoppingRule(ROUNDS.rounds, SCHEDULE.fine_motion)
+def _after_rounds(problem: PriorRefinement, start: InitialState | Refined) -> Refined:
+    """The state after a round that estimates the weights of the prior, and a few rounds at these weights."""
+    state = _stage(problem, 1).run(start)
+    with_weights = replace(problem, strength=state.solution.strength, ratio=_ratio(state))
+    # how many points count as independent only matters for the weights
+    return replace(_stage(with_weights, ROUNDS.rounds - 1), independent=all_independent).run(state)
+
+
+def _stage(problem: PriorRefinement, rounds: int) -> Stage:
+    stop = StoppingRule(rounds, SCHEDULE.fine_motion)
     return Stage(problem, tangential_steps, problem.weighting, stop, independent_fraction)
 
 
@@ -135,8 +143,10 @@ def _result(given: RefinementInput, problem: PriorRefinement, prior: ShapePrior,
     linear = problem.linear_problem(found.datasets, none, found.box, found.solution.effective_fraction)
     # of as many control points, for the modes are those of the prior's box: no bias by too few of them is estimated
     enriched = EnrichedBox(found.box, linear, found.solution.strength)
-    box = found.box if certified(found.box, prior.surfaces) else _without_folds(prior, found, enriched)
-    model = DeformableModel(prior.surfaces, box)
+    box: ControlBox | None = found.box
+    if not certified(found.box, prior.surfaces):
+        box = _without_folds(prior, found, enriched)
+    model = DeformableModel(prior.surfaces, found.box if box is None else box)
     by_name = dict(zip(prior.surfaces, found.datasets))
     distance = prior.distance(found.box.control_points - found.box.rest)
     return Result(
@@ -147,31 +157,25 @@ def _result(given: RefinementInput, problem: PriorRefinement, prior: ShapePrior,
         covariance=found.solution.covariance(),
         enriched=enriched,
         inliers={name: by_name[name].inliers for name in given.clouds},
-        warnings=outside_population(prior, distance) | ({} if certified(box, prior.surfaces) else folding(model)),
+        warnings=outside_population(prior, distance) | (folding(model) if box is None else {}),
         half_space=given.half_space,
         prior_distance=distance,
     )
 
 
-def _without_folds(prior: ShapePrior, found: Refined, enriched: EnrichedBox) -> ControlBox:
-    """A box with the same surfaces, and a map that bends as little as they allow and has no folds, if one is found.
+def _without_folds(prior: ShapePrior, found: Refined, enriched: EnrichedBox) -> ControlBox | None:
+    """A box with the same surfaces, and a map without folds that bends as little as they allow; None if none is found.
 
     The population is known by its surfaces, and the modes say nothing about the space inside. So points of the surfaces
     found are fitted without the prior, as data whose noise is the standard deviation of these surfaces: where they are
     known well they stay, and beyond the data, where two of them may even cross, they give way.
     """
-    points, noise = dict[str, Array](), dict[str, Array]()
-    for name, surface in prior.surfaces.items():
-        origins = surface.grid(ROUNDS.cells)[0]
-        normals = surface_normals(surface, found.box, origins)
-        deviations = np.maximum(enriched.deviation(found.box, origins, normals), ROUNDS.least_deviation * found.sigma)
-        points[name], noise[name] = found.box.deform(origins), deviations[:, None, None] ** 2 * np.eye(3)
-    weights = {name: np.ones(len(each)) for name, each in points.items()}
-    options = TangentOptions(found.box.control_points.shape[:3], robust=False)
-    surfaces = RefinementInput(points, weights, {}, KnownNoise.of_local(noise, points), options)
-    # a folded box may be a bad start: the second begins with the undeformed one
-    for start in (found.box, None):
-        box = refine_tangent(replace(surfaces, warm_start=start), dict(prior.surfaces), None).model.box
-        if certified(box, prior.surfaces):
-            break
-    return box
+    given, origins = list[GivenSurface](), list[Array]()
+    for surface in prior.surfaces.values():
+        origins.append(surface.grid(ROUNDS.cells)[0])
+        normals = surface_normals(surface, found.box, origins[-1])
+        deviations = enriched.deviation(found.box, origins[-1], normals)
+        deviations = np.maximum(deviations, ROUNDS.least_deviation * found.sigma)
+        given.append(GivenSurface(surface, found.box.deform(origins[-1]), deviations))
+    l, m, n, _ = found.box.control_points.shape
+    return GivenSurfaces.of(given, (l, m, n)).without_folds(State(found.box, tuple(origins)))

@@ -145,10 +145,19 @@ class PriorProblem:
         least = least if self.with_extra is None else self.cost(displacement, strength)
         dof = max(self.total_weight - prior.n_rigid, 1.0)
         sigma = np.sqrt(max(least / dof, self.least_sigma**2, SELECTION.sigma_floor**2))
-        value = self.criterion(float(np.log(strength)), float(np.log(self._given_ratio)))
+        determinant = 2 * float(np.log(np.diag(factor)).sum())
+        value = self.criterion_of(equations.constant - float(equations.right @ y), determinant, lam, self._given_ratio)
         fraction = self.effective_fraction
         found = PriorSolution(displacement, strength, float(sigma), value, factor, prior.basis, fraction)
         return replace(found, ratio=self._given_ratio)
+
+    def criterion_of(self, least: float, log_determinant: float, lam: float, ratio: float) -> float:
+        """The criterion L from the minimum of R and the logarithm of the determinant of its matrix."""
+        nu = self.prior.n_rigid
+        dof, effective = (max(part * self.total_weight - nu, 1.0) for part in (1.0, self.effective_fraction))
+        variance = max(least / dof, self.least_sigma**2, SELECTION.sigma_floor**2)
+        of_prior = (self.prior.mean.size - nu) * np.log(lam) - np.log1p(ratio * self.prior.squares).sum()
+        return float(effective * (np.log(variance) + least / dof / variance) + log_determinant - of_prior)
 
     def best(self, start: float | None = None) -> PriorSolution:
         """The solution at the weights of the largest marginal likelihood; at a given ratio at the strength of it.
@@ -192,18 +201,14 @@ class Criterion:
         right: (3 k,), V' b.
         constant: c.
         along: (3 k, q), V' U.
-        prior: the prior in its coordinates.
-        total_weight, effective_fraction, least_sigma: N, f and the lower bound of s.
+        problem: of these equations.
     """
 
     values: Array
     right: Array
     constant: float
     along: Array
-    prior: PriorCoordinates
-    total_weight: float
-    effective_fraction: float
-    least_sigma: float
+    problem: PriorProblem
 
     @classmethod
     def of(cls, equations: NormalEquations, problem: PriorProblem) -> Criterion:
@@ -214,16 +219,13 @@ class Criterion:
             vectors.T @ equations.right,
             equations.constant,
             vectors.T @ problem.prior.directions,
-            problem.prior,
-            problem.total_weight,
-            problem.effective_fraction,
-            problem.least_sigma,
+            problem,
         )
 
     def __call__(self, log_strength: float, log_ratio: float) -> float:
         """The criterion; infinite where the control points are not determined."""
-        lam, ratio = float(np.exp(log_strength)) * self.total_weight, float(np.exp(log_ratio))
-        root, nu = np.sqrt(self.prior.weights(ratio)), self.prior.n_rigid
+        lam, ratio = float(np.exp(log_strength)) * self.problem.total_weight, float(np.exp(log_ratio))
+        root = np.sqrt(self.problem.prior.weights(ratio))
         inverse = 1 / (self.values + lam)
         scaled = self.along * root
         small = np.diag(1 - root**2) + scaled.T @ ((self.values * inverse)[:, None] * scaled)
@@ -232,20 +234,15 @@ class Criterion:
             return float(np.inf)
         t = scaled.T @ (inverse * self.right)
         explained = float(inverse @ self.right**2 + lam * t @ cho_solve((factor, True), t))
-        dof = max(self.total_weight - nu, 1.0)
-        effective = max(self.effective_fraction * self.total_weight - nu, 1.0)
-        least = self.constant - explained
-        variance = max(least / dof, self.least_sigma**2, SELECTION.sigma_floor**2)
         determinant = -np.log(inverse).sum() + 2 * np.log(np.diag(factor)).sum()
-        of_prior = (len(self.values) - nu) * np.log(lam) - np.log1p(ratio * self.prior.squares).sum()
-        return float(effective * (np.log(variance) + least / dof / variance) + determinant - of_prior)
+        return self.problem.criterion_of(self.constant - explained, float(determinant), lam, ratio)
 
     def minimum(self, ratio: float | None, near: float | None = None) -> tuple[float, float]:
         """The strength and the ratio of the least criterion; of a given ratio the strength."""
         decades = np.log(10) * PRIOR_SELECTION.step
         low, high = np.log(PRIOR_SELECTION.widest)
         strengths = np.arange(low, high + decades / 2, decades) if near is None else [np.log(near)]
-        least, most = (np.log(each / self.prior.squares[0]) for each in PRIOR_SELECTION.ratios)
+        least, most = (np.log(each / self.problem.prior.squares[0]) for each in PRIOR_SELECTION.ratios)
         ratios = np.arange(least, most + decades / 2, decades) if ratio is None else [np.log(ratio)]
         found = np.array([[self(a, r) for r in ratios] for a in strengths])
         first, second = np.unravel_index(int(found.argmin()), found.shape)
@@ -253,7 +250,10 @@ class Criterion:
 
     def refined(self, log_strength: float, log_ratio: float, fixed_ratio: bool = False) -> tuple[float, float]:
         """The strength and the ratio of the least criterion near given logarithms of both."""
-        bounds = np.log(PRIOR_SELECTION.widest), np.log(np.array(PRIOR_SELECTION.ratios) / self.prior.squares[0])
+        bounds = (
+            np.log(PRIOR_SELECTION.widest),
+            np.log(np.array(PRIOR_SELECTION.ratios) / self.problem.prior.squares[0]),
+        )
 
         def value(weights: Array) -> float:
             """The criterion within the bounds."""

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
@@ -18,7 +20,7 @@ from quadriform.fitting.population.coordinates import rigid_motions
 from quadriform.fitting.refinement.point_to_plane import data_rows
 from quadriform.fitting.refinement.stage import MixtureWeights
 from quadriform.fitting.refinement.surface_data import SurfaceData
-from quadriform.points import Array
+from quadriform.points import Array, rigid_motion
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.prior import ShapePrior
 from quadriform.shapes.superquadric import Superquadric
@@ -35,27 +37,34 @@ class PoseSearch:
     angles: int = 8
     """Rotations about each principal axis of the mean shape at which a search starts: a body of revolution such as a
     heart is distinguished from itself in another rotation by details alone."""
-    closest_rounds: int = 15
-    """Of closest points; most starts have converged by then."""
+    first_rounds: int = 5
+    """Of closest points from all rotations; then several have come to the same pose, and bad ones are known."""
+    most_promising: int = 20
+    """Poses that continue."""
+    last_rounds: int = 10
+    """Of these; most have converged by then."""
     trimmed: float = 0.8
     """Fraction of the nearest points by which poses are compared and improved, lest outliers decide."""
-    kept: int = 8
-    """Poses that are improved with the modes."""
+    rotations: int = 3
+    """About the long axis of the mean shape, at which poses are improved with the modes."""
+    directions: int = 4
+    """Of that axis. A body that is upside down may be nearer to the mean shape, and is not nearer with the modes."""
+    same_direction: float = np.radians(45.0)
+    """Directions that differ by less are the same."""
     same_angle: float = np.radians(10.0)
     """Poses that differ by less in their rotation have converged to the same one."""
     mode_points: int = 400
     """Of each surface in the rounds with modes."""
-    mode_rounds: int = 10
+    first_mode_rounds: int = 6
+    """Of all kept poses."""
+    best: int = 3
+    """Of these continue."""
+    last_mode_rounds: int = 4
     tangential_steps: int = 3
     """Of each foot point in a round with modes."""
 
 
 POSES = PoseSearch()
-
-
-def moved(prior: ShapePrior, rotation: Array, shift: Array, size: float = 1.0) -> ShapePrior:
-    """A prior after size * rotation x + shift."""
-    return prior.rotated(rotation).transformed(size, shift)
 
 
 def best_pose(
@@ -69,38 +78,121 @@ def best_pose(
         robust: whether outliers are down-weighted.
     """
     some = [data.subsample(POSES.mode_points, robust) for data in datasets]
-    found = [with_modes(pose, some, robust) for pose in poses]
-    return min(found, key=lambda each: each.criterion).result
+    first = [WithModes.at(pose, some).after_rounds(POSES.first_mode_rounds, robust) for pose in poses]
+    first.sort(key=lambda each: each.criterion)
+    last = [each.after_rounds(POSES.last_mode_rounds, robust) for each in first[: POSES.best]]
+    best = min(last, key=lambda each: each.criterion)
+    return best.prior, best.box
 
 
 def on_superquadrics(prior: ShapePrior, superquadrics: Mapping[str, Superquadric]) -> ShapePrior:
     """The prior moved so that the first of its superquadrics lies on a given one, centre on centre, axes on axes."""
     name, own = next(iter(prior.surfaces.items()))
     rotation = superquadrics[name].rotation @ own.rotation.T
-    return moved(prior, rotation, superquadrics[name].translation - rotation @ own.translation)
+    return prior.moved(rotation, superquadrics[name].translation - rotation @ own.translation)
 
 
 def closest_poses(prior: ShapePrior, clouds: Mapping[str, Array]) -> list[ShapePrior]:
     """The prior in the poses in which the mean shape is nearest to points (n, 3) by name; the best one first."""
     model = prior.mean_model()
     targets = {name: model.mesh(name, POSES.cells).vertices for name in clouds}
-    some = {name: _some(each) for name, each in clouds.items()}
-    found = [_closest(targets, some, rotation) for rotation in _rotations(targets, some)]
-    found.sort(key=lambda pose: pose.distance)
-    return [moved(prior, pose.rotation, pose.shift) for pose in _different(found)][: POSES.kept]
-
-
-@dataclass(frozen=True)
-class _Pose:
-    """A rotation (3, 3) and a shift (3,) of the mean shape, and the trimmed mean square distance of the points."""
-
-    rotation: Array
-    shift: Array
-    distance: float
+    search = _ClosestPoints(targets, {name: _some(each) for name, each in clouds.items()})
+    found = search.after_rounds(search.starts(), POSES.first_rounds).different()
+    found = found.at(list(range(min(len(found.distances), POSES.most_promising))))
+    found = search.after_rounds(found, POSES.last_rounds).different().in_all_directions(search.axis)
+    return [prior.moved(rotation, shift) for rotation, shift in zip(found.rotations, found.shifts)]
 
 
 def _some(points: Array) -> Array:
     return points[evenly_spread(canonical_order(points - points.mean(axis=0)), POSES.points)]
+
+
+@dataclass(frozen=True)
+class _Poses:
+    """Rotations (p, 3, 3) and shifts (p, 3) of the mean shape, and trimmed mean squares (p,) of distances to points."""
+
+    rotations: Array
+    shifts: Array
+    distances: Array
+
+    def at(self, index: list[int]) -> _Poses:
+        """Some of the poses."""
+        return _Poses(self.rotations[index], self.shifts[index], self.distances[index])
+
+    def different(self) -> _Poses:
+        """The poses, the nearest one first, without those that have the rotation of a nearer one."""
+        # the trace of a rotation is 1 + 2 cos of its angle
+        traces = np.tensordot(self.rotations, self.rotations, ((1, 2), (1, 2)))
+        same, kept = traces > 1 + 2 * np.cos(POSES.same_angle), list[int]()
+        for index in np.argsort(self.distances, kind="stable"):
+            if not same[index, kept].any():
+                kept.append(int(index))
+        return self.at(kept)
+
+    def in_all_directions(self, axis: Array) -> _Poses:
+        """The first few poses for each of a few directions of an axis (3,) of the mean shape."""
+        directions, members = list[Array](), list[list[int]]()
+        for index, direction in enumerate(self.rotations @ axis):
+            near = [number for number, each in enumerate(directions) if each @ direction > np.cos(POSES.same_direction)]
+            if near:
+                members[near[0]].append(index)
+            else:
+                directions.append(direction)
+                members.append([index])
+        return self.at([index for each in members[: POSES.directions] for index in each[: POSES.rotations]])
+
+
+@dataclass(frozen=True)
+class _ClosestPoints:
+    """Iterated closest points (ICP) of the mean shape to the data, from many poses at once.
+
+    Attributes:
+        targets: name -> points (m, 3) of the mean shape.
+        clouds: name -> points (n, 3) of the data.
+    """
+
+    targets: Mapping[str, Array]
+    clouds: Mapping[str, Array]
+
+    @cached_property
+    def _trees(self) -> dict[str, cKDTree]:
+        return {name: cKDTree(each) for name, each in self.targets.items()}
+
+    @cached_property
+    def _points(self) -> Array:
+        """The points (n, 3) of all clouds."""
+        return np.concatenate(list(self.clouds.values()))
+
+    @cached_property
+    def axis(self) -> Array:
+        """The axis (3,) of the mean shape whose extent differs most from the others'."""
+        return _axes(np.concatenate([self.targets[name] for name in self.clouds]))[0]
+
+    def starts(self) -> _Poses:
+        """Poses with the centres of both on each other: unrotated, and with principal axes on each other."""
+        rotations = np.array(list(_rotations(self.targets, self.clouds)))
+        middle = np.concatenate([self.targets[name] for name in self.clouds]).mean(axis=0)
+        shifts = self._points.mean(axis=0) - rotations @ middle
+        return _Poses(rotations, shifts, np.full(len(rotations), np.inf))
+
+    def after_rounds(self, poses: _Poses, rounds: int) -> _Poses:
+        """The poses after rounds in which each moves the mean shape's nearest points to the data."""
+        rotations, shifts = poses.rotations, poses.shifts
+        for _ in range(rounds):
+            near, squares, kept = self._nearest(rotations, shifts)
+            rotations, shifts = rigid_motion(near, self._points, kept.astype(np.float64))
+        _, squares, kept = self._nearest(rotations, shifts)
+        return _Poses(rotations, shifts, np.asarray((squares * kept).sum(axis=1) / kept.sum(axis=1)))
+
+    def _nearest(self, rotations: Array, shifts: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """Nearest points (p, n, 3) of the unmoved mean shape, squares (p, n) of distances, and which of them count."""
+        near, squares = [], []
+        for name, points in self.clouds.items():
+            distances, index = self._trees[name].query((points - shifts[:, None]) @ rotations)
+            near.append(self.targets[name][index])
+            squares.append(distances**2)
+        every = np.concatenate(squares, axis=1)
+        return np.concatenate(near, axis=1), every, every <= np.quantile(every, POSES.trimmed, axis=1)[:, None]
 
 
 def _rotations(targets: Mapping[str, Array], clouds: Mapping[str, Array]) -> Iterator[Array]:
@@ -128,55 +220,6 @@ def _between(one: Array, other: Array) -> Array:
     return np.asarray(Rotation.align_vectors(other[None], one[None])[0].as_matrix(), dtype=np.float64)
 
 
-def _closest(targets: Mapping[str, Array], clouds: Mapping[str, Array], rotation: Array) -> _Pose:
-    """The pose after rounds of closest points from a rotation, with the centres of both on each other."""
-    trees = {name: cKDTree(each) for name, each in targets.items()}
-    points, model = (np.concatenate(list(each.values())) for each in (clouds, targets))
-    shift = points.mean(axis=0) - rotation @ model.mean(axis=0)
-    for _ in range(POSES.closest_rounds):
-        near, squares = _nearest(trees, targets, clouds, rotation, shift)
-        kept = squares <= np.quantile(squares, POSES.trimmed)
-        rotation, shift = rigid(near[kept], points[kept])
-    _, squares = _nearest(trees, targets, clouds, rotation, shift)
-    kept = squares <= np.quantile(squares, POSES.trimmed)
-    return _Pose(rotation, shift, float(squares[kept].mean()))
-
-
-def _nearest(
-    trees: Mapping[str, cKDTree],
-    targets: Mapping[str, Array],
-    clouds: Mapping[str, Array],
-    rotation: Array,
-    shift: Array,
-) -> tuple[Array, Array]:
-    """The nearest points (n, 3) of the unmoved mean shape to all points, and the squares (n,) of the distances."""
-    near, squares = [], []
-    for name, points in clouds.items():
-        distances, index = trees[name].query((points - shift) @ rotation)
-        near.append(targets[name][index])
-        squares.append(distances**2)
-    return np.concatenate(near), np.concatenate(squares)
-
-
-def rigid(source: Array, target: Array) -> tuple[Array, Array]:
-    """The rotation (3, 3) and the shift (3,) that move points (n, 3) to others by least squares (Kabsch)."""
-    middle, centre = source.mean(axis=0), target.mean(axis=0)
-    u, _, vt = np.linalg.svd((target - centre).T @ (source - middle))
-    u[:, -1] *= np.sign(np.linalg.det(u @ vt))  # no reflection
-    rotation = u @ vt
-    return rotation, centre - rotation @ middle
-
-
-def _different(poses: Sequence[_Pose]) -> list[_Pose]:
-    """The poses without those that have the rotation of one before them."""
-    kept = list[_Pose]()
-    for pose in poses:
-        angles = [Rotation.from_matrix(pose.rotation @ each.rotation.T).magnitude() for each in kept]
-        if all(angle > POSES.same_angle for angle in angles):
-            kept.append(pose)
-    return kept
-
-
 @dataclass(frozen=True)
 class Similarity:
     """The motion x -> size rotation x + shift from the mean shape of a prior to a deformed box, by least squares.
@@ -196,7 +239,7 @@ class Similarity:
         """From the mean shape to the shape of a box with the rest position of that of the prior."""
         origins = np.concatenate([surface.grid(POSES.cells)[0] for surface in prior.surfaces.values()])
         mean, now = prior.mean_model().box.deform(origins), box.deform(origins)
-        rotation, _ = rigid(mean, now)
+        rotation, _ = rigid_motion(mean, now)
         middle, centre = mean.mean(axis=0), now.mean(axis=0)
         rotated, size = (mean - middle) @ rotation.T, 1.0
         if prior.any_size:
@@ -205,7 +248,7 @@ class Similarity:
 
     def moved(self, prior: ShapePrior) -> ShapePrior:
         """The prior after the motion."""
-        return moved(prior, self.rotation, self.shift, self.size)
+        return prior.moved(self.rotation, self.shift, self.size)
 
     def with_surfaces(self, datasets: Sequence[SurfaceData], prior: ShapePrior) -> tuple[SurfaceData, ...]:
         """The data with the surfaces of the prior after the motion, and foot points that moved with them."""
@@ -213,6 +256,16 @@ class Similarity:
             replace(data, superquadric=each, origins=self.size * data.origins @ self.rotation.T + self.shift)
             for data, each in zip(datasets, prior.surfaces.values())
         )
+
+
+def near_data(datasets: Sequence[SurfaceData], prior: ShapePrior, box: ControlBox) -> tuple[SurfaceData, ...]:
+    """Data with the surfaces of a prior and foot points near them, the nearest ones of a grid on a deformed box."""
+    found = list[SurfaceData]()
+    for data, surface in zip(datasets, prior.surfaces.values()):
+        origins = surface.grid(POSES.cells)[0]
+        _, index = cKDTree(box.deform(origins)).query(data.points)
+        found.append(replace(data, superquadric=surface, origins=origins[index]))
+    return tuple(found)
 
 
 def on_data(datasets: Sequence[SurfaceData], prior: ShapePrior, box: ControlBox) -> tuple[SurfaceData, ...]:
@@ -223,33 +276,39 @@ def on_data(datasets: Sequence[SurfaceData], prior: ShapePrior, box: ControlBox)
 
 @dataclass(frozen=True)
 class WithModes:
-    """A pose with modes.
+    """A pose with modes, whose scores have the distribution of the population; no freedom outside of the modes.
 
     Attributes:
-        result: the prior in this pose, and the deformed box.
-        criterion: minus twice the log of the likelihood of the data times the prior of the scores, up to a constant.
+        prior: in this pose.
+        box: deformed.
+        datasets: of each surface.
+        criterion: minus twice the log of the likelihood of the data times the prior of the scores, up to a constant;
+            before the last round.
     """
 
-    result: tuple[ShapePrior, ControlBox]
-    criterion: float
+    prior: ShapePrior
+    box: ControlBox
+    datasets: tuple[SurfaceData, ...]
+    criterion: float = np.inf
 
+    @classmethod
+    def at(cls, prior: ShapePrior, datasets: Sequence[SurfaceData]) -> WithModes:
+        """The mean shape in the pose of a prior."""
+        box = prior.mean_model().box
+        return cls(prior, box, near_data(datasets, prior, box))
 
-def with_modes(prior: ShapePrior, datasets: Sequence[SurfaceData], robust: bool) -> WithModes:
-    """Pose and scores of the modes by Gauss-Newton steps from the mean shape in the pose of a prior.
-
-    The scores have the prior of the population; there is no freedom outside of the modes.
-    """
-    box, criterion = prior.mean_model().box, np.inf
-    state = on_data(datasets, prior, box)
-    for _ in range(POSES.mode_rounds):
-        state = tuple(data.with_tangential_steps(box, POSES.tangential_steps) for data in state)
-        if robust:
-            state = MixtureWeights().weighted(box, state, None)
-        box, criterion = _step(prior, box, state)
-        motion = Similarity.between(prior, box)
-        prior = motion.moved(prior)
-        box, state = prior.box.with_control_points(box.control_points), motion.with_surfaces(state, prior)
-    return WithModes((prior, box), criterion)
+    def after_rounds(self, rounds: int, robust: bool) -> WithModes:
+        """The state after Gauss-Newton steps of pose and scores."""
+        prior, box, state, criterion = self.prior, self.box, self.datasets, self.criterion
+        for _ in range(rounds):
+            state = tuple(data.with_tangential_steps(box, POSES.tangential_steps) for data in state)
+            if robust:
+                state = MixtureWeights().weighted(box, state, None)
+            box, criterion = _step(prior, box, state)
+            motion = Similarity.between(prior, box)
+            prior = motion.moved(prior)
+            box, state = prior.box.with_control_points(box.control_points), motion.with_surfaces(state, prior)
+        return WithModes(prior, box, state, criterion)
 
 
 def _step(prior: ShapePrior, box: ControlBox, datasets: Sequence[SurfaceData]) -> tuple[ControlBox, float]:

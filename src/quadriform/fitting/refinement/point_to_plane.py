@@ -88,17 +88,17 @@ def data_rows(data: SurfaceData, box: ControlBox) -> Rows:
     """The terms of the data in the sum."""
     normals = surface_normals(data.superquadric, box, data.origins)
     weights = (data.effective_weights / data.variances(normals))[:, None, None]
-    return Rows(data.origins, data.points, weights * _tangential(outer_squares(normals)))
+    return Rows(data.origins, data.points, weights * plane_metrics(outer_squares(normals)))
 
 
 def attraction_rows(superquadric: Superquadric, box: ControlBox, attraction: Attraction) -> Rows:
     """The terms of model points that are attracted to the data."""
     normals = surface_normals(superquadric, box, attraction.origins)
-    return Rows(attraction.origins, attraction.targets, attraction.weight * _tangential(outer_squares(normals)))
+    return Rows(attraction.origins, attraction.targets, attraction.weight * plane_metrics(outer_squares(normals)))
 
 
-def _tangential(squares: Array) -> Array:
-    """Metrics (n, 3, 3) with little weight along the surface, from the squares (n, 3, 3) of its normals."""
+def plane_metrics(squares: Array) -> Array:
+    """Metrics (n, 3, 3) with little weight along planes, from the squares (n, 3, 3) of their unit normals."""
     return TANGENTIAL_WEIGHT * np.eye(3) + (1 - TANGENTIAL_WEIGHT) * squares
 
 

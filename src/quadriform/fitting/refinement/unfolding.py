@@ -84,18 +84,18 @@ S = TypeVar("S", bound=State)
 class JacobianPenalty:
     """Penalty on small Jacobian determinants: weight (least - det / usual)^2 over the points below least.
 
-    The least fraction of the usual determinant is `FOLDS.min_determinant`.
-
     Attributes:
         points: (n, 3), before deformation, where the determinant is computed.
         weight: of a point.
         usual: determinant without local deformation: 1, or the change of volume by a large motion. The cavity of a
             heart is emptied to a fifth, and a fifth of the volume everywhere is no fold.
+        least: fraction of the usual determinant.
     """
 
     points: Array
     weight: float
     usual: float = 1.0
+    least: float = FOLDS.min_determinant
 
     @classmethod
     def of(cls, box: ControlBox, surfaces: Mapping[str, Superquadric], count: float, sigma: float) -> "JacobianPenalty":
@@ -119,17 +119,17 @@ class JacobianPenalty:
     def equations(self, box: ControlBox) -> NormalEquations:
         """The penalty, linear about a box, in the displacement of the control points from the undeformed box."""
         determinants = self._determinants(box)
-        low = determinants < FOLDS.min_determinant
+        low = determinants < self.least
         rows = np.empty((0, box.control_points.size))
         if low.any():
             rows = determinant_rows(box, self.points[low]) / self.usual
         # first-order in the control points about this box, then moved to displacements from the undeformed one
-        target = FOLDS.min_determinant - determinants[low] + rows @ (box.control_points - box.rest).ravel()
+        target = self.least - determinants[low] + rows @ (box.control_points - box.rest).ravel()
         return NormalEquations.of_rows(rows, target, self.weight)
 
     def cost(self, box: ControlBox) -> float:
         """The value of the penalty at a box."""
-        return self.weight * float((np.maximum(FOLDS.min_determinant - self._determinants(box), 0) ** 2).sum())
+        return self.weight * float((np.maximum(self.least - self._determinants(box), 0) ** 2).sum())
 
     def stronger(self) -> "JacobianPenalty":
         """The penalty with more weight."""
@@ -317,7 +317,11 @@ def _low_points(box: ControlBox, surfaces: Mapping[str, Superquadric], usual: fl
     inside = [grid_inside(box, list(surfaces.values()), FOLDS.fine_lattice)]
     fine = np.concatenate([*inside, *(surface.grid(FOLDS.fine_grid)[0] for surface in surfaces.values())])
     low = fine[box.jacobian_determinant(fine) < FOLDS.verifiable * usual]
-    steps = np.linspace(-1, 1, FOLDS.cluster) / FOLDS.fine_lattice
     # the proof subdivides cells, so its lowest bound lies between lattice points
-    cluster = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3) @ box.edges
-    return np.concatenate([jacobian_bound(box, surfaces.values()).where + cluster, low])
+    return np.concatenate([jacobian_bound(box, surfaces.values()).where + cluster(box), low])
+
+
+def cluster(box: ControlBox) -> Array:
+    """Points (n, 3) around the origin, two cells of the fine lattice wide."""
+    steps = np.linspace(-1, 1, FOLDS.cluster) / FOLDS.fine_lattice
+    return np.asarray(np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3) @ box.edges, dtype=np.float64)
