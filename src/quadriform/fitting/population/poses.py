@@ -45,21 +45,22 @@ class PoseSearch:
     """Of these; most have converged by then."""
     trimmed: float = 0.8
     """Fraction of the nearest points by which poses are compared and improved, lest outliers decide."""
-    rotations: int = 3
-    """About the long axis of the mean shape, at which poses are improved with the modes."""
     directions: int = 4
-    """Of that axis. A body that is upside down may be nearer to the mean shape, and is not nearer with the modes."""
+    """Of the axis of the mean shape that differs most from the others, in which a pose is improved with the modes. A
+    body that is upside down may be nearer to the mean shape, and is not nearer with the modes."""
+    best_directions: int = 2
+    """Of these continue, each with all rotations about that axis."""
     same_direction: float = np.radians(45.0)
     """Directions that differ by less are the same."""
     same_angle: float = np.radians(10.0)
     """Poses that differ by less in their rotation have converged to the same one."""
     mode_points: int = 400
     """Of each surface in the rounds with modes."""
-    first_mode_rounds: int = 6
-    """Of all kept poses."""
+    first_mode_rounds: int = 5
+    """Of all these poses; with fewer, good ones are not yet known."""
     best: int = 3
-    """Of these continue."""
-    last_mode_rounds: int = 4
+    """Of the poses continue."""
+    last_mode_rounds: int = 5
     tangential_steps: int = 3
     """Of each foot point in a round with modes."""
 
@@ -78,11 +79,32 @@ def best_pose(
         robust: whether outliers are down-weighted.
     """
     some = [data.subsample(POSES.mode_points, robust) for data in datasets]
-    first = [WithModes.at(pose, some).after_rounds(POSES.first_mode_rounds, robust) for pose in poses]
-    first.sort(key=lambda each: each.criterion)
-    last = [each.after_rounds(POSES.last_mode_rounds, robust) for each in first[: POSES.best]]
-    best = min(last, key=lambda each: each.criterion)
+    first = _improved([WithModes.at(pose, some) for pose in poses], POSES.first_mode_rounds, robust)
+    if len(poses) > 1:  # from a given pose nothing else is searched
+        first = first[: POSES.best_directions]
+        others = [WithModes.at(pose, some) for each in first for pose in _rotated_about_axis(each.prior)]
+        first = sorted([*first, *_improved(others, POSES.first_mode_rounds, robust)], key=_criterion)
+    best = _improved(first[: POSES.best], POSES.last_mode_rounds, robust)[0]
     return best.prior, best.box
+
+
+def _improved(states: Sequence[WithModes], rounds: int, robust: bool) -> list[WithModes]:
+    """The states after rounds, the best one first."""
+    return sorted((each.after_rounds(rounds, robust) for each in states), key=_criterion)
+
+
+def _criterion(state: WithModes) -> float:
+    return state.criterion
+
+
+def _rotated_about_axis(prior: ShapePrior) -> list[ShapePrior]:
+    """The prior after rotations of its mean shape about the axis that differs most from the others."""
+    model = prior.mean_model()
+    points = np.concatenate([model.mesh(name, POSES.cells).vertices for name in model.surfaces])
+    centre, axis = points.mean(axis=0), _axes(points)[0]
+    angles = 2 * np.pi * np.arange(1, POSES.angles) / POSES.angles
+    rotations = [Rotation.from_rotvec(angle * axis).as_matrix() for angle in angles]
+    return [prior.moved(each, centre - each @ centre) for each in rotations]
 
 
 def on_superquadrics(prior: ShapePrior, superquadrics: Mapping[str, Superquadric]) -> ShapePrior:
@@ -130,16 +152,12 @@ class _Poses:
         return self.at(kept)
 
     def in_all_directions(self, axis: Array) -> _Poses:
-        """The first few poses for each of a few directions of an axis (3,) of the mean shape."""
-        directions, members = list[Array](), list[list[int]]()
-        for index, direction in enumerate(self.rotations @ axis):
-            near = [number for number, each in enumerate(directions) if each @ direction > np.cos(POSES.same_direction)]
-            if near:
-                members[near[0]].append(index)
-            else:
-                directions.append(direction)
-                members.append([index])
-        return self.at([index for each in members[: POSES.directions] for index in each[: POSES.rotations]])
+        """The first pose for each of a few directions of an axis (3,) of the mean shape."""
+        directions, kept = self.rotations @ axis, list[int]()
+        for index, direction in enumerate(directions):
+            if all(directions[each] @ direction < np.cos(POSES.same_direction) for each in kept):
+                kept.append(index)
+        return self.at(kept[: POSES.directions])
 
 
 @dataclass(frozen=True)
@@ -313,16 +331,21 @@ class WithModes:
 
 def _step(prior: ShapePrior, box: ControlBox, datasets: Sequence[SurfaceData]) -> tuple[ControlBox, float]:
     """The box after a Gauss-Newton step of rigid motion and scores, and the criterion before it."""
-    equations = [data_rows(data, box).equations(box) for data in datasets]
-    whole = sum(equations[1:], equations[0])
     rigid_columns = rigid_motions(prior)
     columns = np.concatenate([rigid_columns, prior.deviations[:, None, None] * prior.modes])
     columns = columns.reshape(len(columns), -1).T
     mean = prior.mean.ravel()
+    matrix, right = np.zeros((columns.shape[1],) * 2), np.zeros(columns.shape[1])
+    for rows in (data_rows(data, box) for data in datasets):
+        # few columns: their products at the points take less time than the normal equations of all control points
+        basis = box.matrix(rows.origins)
+        moved = (basis @ columns.reshape(basis.shape[1], -1)).reshape(len(basis), 3, -1)
+        weighted = rows.metric @ moved
+        matrix += np.tensordot(moved, weighted, ((0, 1), (0, 1)))
+        right += np.tensordot(weighted, rows.targets - rows.origins - basis @ prior.mean, ((0, 1), (0, 1)))
     distances = np.concatenate([data.along_normals(box).residuals for data in datasets])
     weights = np.concatenate([data.effective_weights for data in datasets])
     variance = max(float(weights @ distances**2 / weights.sum()), prior.report.residual**2, np.finfo(float).tiny)
-    matrix, right = columns.T @ whole.matrix @ columns, columns.T @ (whole.right - whole.matrix @ mean)
     penalty = np.zeros(len(right))
     penalty[len(rigid_columns) :] = variance
     matrix[np.diag_indices(len(matrix))] += penalty + 1e-9 * np.abs(matrix.diagonal()).max() * (penalty == 0)
