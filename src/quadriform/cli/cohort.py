@@ -21,6 +21,7 @@ def cohort(
     set_: list[str] | None = None,
     heart: list[str] | None = None,
     space: str | None = None,
+    prior: Path | None = None,
     common: Common,
     show_ids: bool = False,
     engine: EngineChoice,
@@ -37,6 +38,8 @@ def cohort(
         resume: Continue: results that exist and whose input has not changed are kept.
         heart: The left ventricle in label images: endo=label:1 for the cavity, for the wall epi=label:1+2, of all
             subjects whose row has none. Volumes and ejection fraction are those below the base of the labels.
+        prior: Prior of shape, .npz, as written by quadriform prior: all subjects are members of its population, each
+            with one frame; the table has the distance of each from the mean.
         set_: NAME=VALUE, an option of all subjects whose row has none, such as box=5,5,5.
         show_ids: Name subjects on the screen; else only their rows are shown.
     """
@@ -44,7 +47,7 @@ def cohort(
     from quadriform.cohort.run import Choices
 
     given = [*(set_ or []), *([f"heart={';'.join(heart)}"] if heart else [])]
-    choices = Choices(_options(given), _shard(shard), resume, common.force, common.strict, check_space(space))
+    choices = Choices(_options(given), _shard(shard), resume, common.force, common.strict, check_space(space), prior)
     if run_and_show(manifest, output, choices, engine, show_ids, common.as_json):
         raise typer.Exit(SOME_FAILED)
 

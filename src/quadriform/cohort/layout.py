@@ -6,11 +6,12 @@ into one store without a lock.
 
 import json
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from quadriform.cohort.manifest import Manifest
+from quadriform.cohort.prior_file import PriorFile
 from quadriform.cohort.subject_files import FileSummary, inspect_files
 from quadriform.errors import InputError, OptionError, QuadriformError
 from quadriform.files.atomic import create_bytes
@@ -20,7 +21,8 @@ from quadriform.files.strict import Field
 
 NAME = "cohort.json"
 FORMAT = "quadriform-cohort"
-VERSION = 1
+VERSION = 2
+"""Since 2 with the prior."""
 LARGEST_BLOCK = 100
 CHUNK = 10
 """Largest number of subjects that a reader of the store expands at once."""
@@ -40,6 +42,7 @@ class Layout:
         unit: of lengths.
         block: subjects in a block.
         chunk: subjects in a chunk of a block.
+        prior: SHA-256 of the file of the prior of shape; empty without one.
     """
 
     subjects: int
@@ -51,6 +54,7 @@ class Layout:
     unit: str
     block: int
     chunk: int
+    prior: str = ""
 
     @property
     def blocks(self) -> int:
@@ -66,7 +70,9 @@ class Layout:
         return range((part - 1) * self.blocks // parts, part * self.blocks // parts)
 
 
-def ensure_layout(folder: Path, manifest: Manifest, space: str | None, parts: int) -> Layout:
+def ensure_layout(
+    folder: Path, manifest: Manifest, space: str | None, parts: int, prior: PriorFile | None = None
+) -> Layout:
     """Return the layout in the folder of the results, which is written where there is none; all processes get the same.
 
     Args:
@@ -74,17 +80,27 @@ def ensure_layout(folder: Path, manifest: Manifest, space: str | None, parts: in
         manifest: the subjects.
         space: to write in, or None for that of the first subject.
         parts: the number of processes, so that there is a block for each.
+        prior: of all subjects, or None.
 
     Raises:
-        InputError: no subject can be read, or the folder has the results of other subjects or of another box.
+        InputError: no subject can be read, they are none of the population of the prior, or the folder has the results
+            of other subjects, of another box or of another prior.
     """
-    path = folder / NAME
+    path, sha256 = folder / NAME, "" if prior is None else prior.sha256
     if not path.exists():
-        create_bytes(path, _encoded(_planned(manifest, space, parts)))
+        planned = replace(_planned(manifest, space, parts), prior=sha256)
+        if prior is not None:
+            prior.check_layout(planned, space)
+        create_bytes(path, _encoded(planned))
     found = read_layout(folder)
     if (found.subjects, found.sha256, found.box) != (manifest.subjects, manifest.sha256, manifest.box):
         raise InputError(
             f"{quoted(folder)}: contains the results of other subjects, or of another box; choose another folder"
+        )
+    if found.prior != sha256:
+        raise InputError(
+            f"{quoted(folder)}: contains the results {'of another prior' if found.prior else 'without a prior'}; "
+            "choose another folder"
         )
     if space is not None and space != found.space:
         raise OptionError(f"option --space={space!r}: {quoted(folder)} contains results in {found.space}")
@@ -135,12 +151,13 @@ def read_layout(folder: Path) -> Layout:
     path = folder / NAME
     root = Field(parse_json(read_bytes(path), quoted(path)), "", quoted(path))
     root.member("format").choice((FORMAT,))
-    if root.member("version").whole() != VERSION:
-        root.member("version").refuse(f"version {VERSION}")
-    names = tuple(Layout.__dataclass_fields__)
+    version = root.member("version").whole()
+    if not 1 <= version <= VERSION:
+        root.member("version").refuse(f"version 1 to {VERSION}")
+    names = tuple(name for name in Layout.__dataclass_fields__ if version > 1 or name != "prior")
     root.only(("format", "version", *names))
     values: dict[str, Any] = {name: root.member(name).whole() for name in ("subjects", "frames", "block", "chunk")}
-    values |= {name: root.member(name).text() for name in ("sha256", "space", "unit")}
+    values |= {name: root.member(name).text() for name in ("sha256", "space", "unit", "prior") if name in names}
     box = tuple(item.whole() for item in root.member("box").items())
     surfaces = tuple(item.text() for item in root.member("surfaces").items())
     if len(box) != 3 or not surfaces or min(values["subjects"], values["frames"], values["block"], values["chunk"]) < 1:

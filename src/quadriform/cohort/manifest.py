@@ -154,12 +154,19 @@ def option(name: str, text: str) -> Any:
 # --- rows --------------------------------------------------------------------------------------------------------
 
 
-def read_manifest(path: Path, defaults: Mapping[str, Any]) -> Manifest:
+def read_manifest(
+    path: Path,
+    defaults: Mapping[str, Any],
+    box: tuple[int, int, int] = (5, 5, 5),
+    check: Callable[[Mapping[str, Any]], None] = lambda _options: None,
+) -> Manifest:
     """Return the list of subjects after a check of all rows.
 
     Args:
         path: a CSV in UTF-8, with a header row: id, input and, where needed, surface and options by name.
         defaults: options for rows without their own.
+        box: control points along each axis where no option names them.
+        check: raises an OptionError for options of a row that cannot be.
 
     Raises:
         InputError: faulty rows, each with its line number.
@@ -168,20 +175,21 @@ def read_manifest(path: Path, defaults: Mapping[str, Any]) -> Manifest:
     faults: list[str] = []
     seen: dict[str, int] = {}
     digest = hashlib.sha256()
-    box = None
+    common = None
     for number, (line, cells) in enumerate(_lines(path)):
         try:
             row = _row(number, cells, defaults)
             _check_id(row.id, line, seen)
-            box = _common(dict(row.options).get("box", (5, 5, 5)), box)
+            check(dict(row.options))
+            common = _common(dict(row.options).get("box", box), common)
             digest.update(f"{row.id}\n".encode())
         except (OptionError, InputError) as error:
             faults.append(f"line {line}: {error}")
     if faults:
         raise InputError(f"{quoted(path)}: {len(faults)} faulty rows, nothing was fitted: {'; '.join(faults)}")
-    if box is None:
+    if common is None:
         raise FileFormatError(f"{quoted(path)}: expected a row for each subject under the header, found none")
-    return Manifest(path, len(seen), digest.hexdigest(), box, dict(defaults))
+    return Manifest(path, len(seen), digest.hexdigest(), common, dict(defaults))
 
 
 def _lines(path: Path) -> Iterator[tuple[int, dict[str, str]]]:

@@ -17,6 +17,8 @@ SD = " sd"
 """Suffix of a quantity for its standard deviation, which is a row of its own."""
 NOTE = "note"
 """The quantity of a note, with the value 1."""
+PRIOR_DISTANCE = "prior distance"
+"""The Mahalanobis distance of a subject to the mean of the prior."""
 LENGTHS = ("rms", "noise")
 OF_SUBJECTS = (WarningKind.BASE_MISSES, WarningKind.APEX_AMBIGUOUS)
 """Warnings of measuring that depend on the subject; the others are the same for the whole cohort."""
@@ -54,7 +56,7 @@ def measures_of(
         models: one a frame.
         times: (F,) of the frames.
         frame_rms: (F,) RMS distance of the points of each frame.
-        about: of the whole subject: points, rms, noise.
+        about: of the whole subject: points, rms, noise, with a prior its distance.
         record: of the fit. A ventricle that cannot be measured is no warning: its measures are left out.
     """
     unit = models[0].unit

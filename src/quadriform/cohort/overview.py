@@ -9,11 +9,19 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from quadriform.cohort.measures import NOTE, WARNING
+from quadriform.cohort.measures import NOTE, PRIOR_DISTANCE, WARNING
 from quadriform.cohort.stores import parts, read_measures
 from quadriform.errors import WarningKind, status_of
 
-SHOWN = ("rms", "min det J", "end-diastolic volume", "end-systolic volume", "ejection fraction", "myocardial mass")
+SHOWN = (
+    "rms",
+    "min det J",
+    PRIOR_DISTANCE,
+    "end-diastolic volume",
+    "end-systolic volume",
+    "ejection fraction",
+    "myocardial mass",
+)
 """Quantities of a whole subject that the page shows, where they were measured."""
 VOLUME = "volume "
 

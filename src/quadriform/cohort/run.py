@@ -15,6 +15,7 @@ from quadriform.cohort.manifest import Manifest, read_manifest
 from quadriform.cohort.measures import kinds_of
 from quadriform.cohort.modes import write_modes
 from quadriform.cohort.page import write_page
+from quadriform.cohort.prior_file import PriorFile
 from quadriform.cohort.scheduling import WorkerPool, completed
 from quadriform.cohort.subject import FAILED, MODEL, Failure, Outcome, Task, subject_folder, work
 from quadriform.errors import OptionError, OutputError
@@ -36,6 +37,7 @@ class Choices:
         force: process all subjects again.
         strict: the mildest status that is refused, or None.
         space: to write in; None for that of the first subject.
+        prior: file of a prior of shape, of whose population all subjects are, each with one frame.
     """
 
     options: Mapping[str, Any] = field(default_factory=dict)
@@ -44,6 +46,7 @@ class Choices:
     force: bool = False
     strict: str | None = None
     space: str | None = None
+    prior: Path | None = None
 
     def __post_init__(self) -> None:
         part, parts = self.shard
@@ -98,8 +101,9 @@ def run(
         QuadriformError: the list is faulty or the results cannot be written; subjects that fail raise nothing.
     """
     begin = time.perf_counter()
-    listed, layout, blocks = _prepared(manifest, results, choices)
-    tasks = _tasks(listed, results, layout, blocks, choices)
+    prior = None if choices.prior is None else PriorFile.of(choices.prior)
+    listed, layout, blocks = _prepared(manifest, results, choices, prior)
+    tasks = _tasks(listed, results, layout, blocks, choices, prior)
     total = sum(len(layout.members(block)) for block in blocks)
     counts: Counter[str] = Counter()
     kinds: Counter[str] = Counter()
@@ -121,14 +125,17 @@ def run(
     return Summary(total, counts, complete, failed, warned, kinds, time.perf_counter() - begin, layout)
 
 
-def _prepared(manifest: Path, results: Path, choices: Choices) -> tuple[Manifest, Layout, range]:
+def _prepared(
+    manifest: Path, results: Path, choices: Choices, prior: PriorFile | None
+) -> tuple[Manifest, Layout, range]:
     """The checked list, the layout of the results, and the blocks of this run; the store exists afterwards."""
     for library in ("zarr", "pyarrow"):
         stores.require_library(library)
-    listed = read_manifest(manifest, choices.options)
+    of_prior = () if prior is None else (prior.box, prior.check_options)
+    listed = read_manifest(manifest, choices.options, *of_prior)
     check_folder(results)
     make_folder(results)
-    layout = ensure_layout(results, listed, choices.space, choices.shard[1])
+    layout = ensure_layout(results, listed, choices.space, choices.shard[1], prior)
     blocks = layout.blocks_of(*choices.shard)
     if not (choices.resume or choices.force):
         _refuse_done(results, listed, layout, blocks)
@@ -136,10 +143,12 @@ def _prepared(manifest: Path, results: Path, choices: Choices) -> tuple[Manifest
     return listed, layout, blocks
 
 
-def _tasks(listed: Manifest, results: Path, layout: Layout, blocks: range, choices: Choices) -> Iterator[Task]:
+def _tasks(
+    listed: Manifest, results: Path, layout: Layout, blocks: range, choices: Choices, prior: PriorFile | None
+) -> Iterator[Task]:
     for row in listed.rows():
         if row.number // layout.block in blocks:
-            yield Task(row, listed.folder, results.absolute(), layout, choices.resume, choices.strict)
+            yield Task(row, listed.folder, results.absolute(), layout, choices.resume, choices.strict, prior)
 
 
 def _outcomes(tasks: Iterator[Task], engine: WorkerPool) -> Iterator[Outcome]:

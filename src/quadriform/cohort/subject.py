@@ -18,7 +18,8 @@ from threadpoolctl import threadpool_limits
 from quadriform import __version__
 from quadriform.cohort.layout import Layout
 from quadriform.cohort.manifest import READING, Row
-from quadriform.cohort.measures import Measure, measures_of
+from quadriform.cohort.measures import PRIOR_DISTANCE, Measure, measures_of
+from quadriform.cohort.prior_file import PriorFile
 from quadriform.cohort.subject_files import files_by_surface, read_subject
 from quadriform.errors import InputError, OutputError, QuadriformError, check_strict, join_warnings
 from quadriform.files import save, sha256_of
@@ -63,6 +64,7 @@ class Task:
         layout: of the cohort.
         resume: keep the result of an earlier run when nothing has changed since.
         strict: the mildest status that is refused, or None.
+        prior: of shape, of all subjects; or None.
     """
 
     row: Row
@@ -71,6 +73,7 @@ class Task:
     layout: Layout = field(repr=False)
     resume: bool = False
     strict: str | None = None
+    prior: PriorFile | None = None
 
     @property
     def target(self) -> Path:
@@ -174,7 +177,7 @@ def _work(task: Task) -> Outcome:
     model = replace(model, input_sha256=sha256_of(read[0], *read[1:]), record=record)
     parameters = parameters_of(model, task.layout)
     make_folder(task.target)
-    write_bytes(task.target / RECORD, _record(key, measures, model.record), force=True)
+    write_bytes(task.target / RECORD, _record(key, measures, model.record, task.prior), force=True)
     save(model, task.target / MODEL, force=True)  # the last file marks the subject as done
     return Outcome(task.row.number, task.row.id, FITTED, parameters, measures)
 
@@ -192,10 +195,14 @@ def _fitted_or_tracked(frames: FrameSeries, task: Task) -> tuple[AnyModel, tuple
 
 def _fitted(frames: FrameSeries, task: Task, options: dict[str, Any]) -> tuple[AnyModel, tuple[Measure, ...]]:
     landmarks = frames.landmarks[0] if frames.landmarks else NONE_KNOWN
+    if task.prior is not None:
+        options |= {"prior": task.prior.read(), "space": frames.space_and_unit[0]}
     found = _with_reading(fit(frames.sets[0], **with_base(options, landmarks.base)), frames)
     model = _with_metadata(replace(found.model, landmarks=landmarks), frames, task.layout)
     model = replace(found, model=model).with_estimates().model
     about = {"points": found.n_points, "rms": found.rms, "noise": found.noise}
+    if found.prior_distance is not None:
+        about[PRIOR_DISTANCE] = found.prior_distance
     return model, measures_of([model], np.zeros(1), [found.rms], about, model.record)
 
 
@@ -265,6 +272,8 @@ def _input_hash(task: Task, files: list[Path]) -> str:
     """A hash of everything that determines the result: options, version, and name, size and time of each file."""
     row, layout = task.row, task.layout
     about = [repr(part) for part in (__version__, row.options, row.surfaces, layout.space, layout.unit, task.strict)]
+    if task.prior is not None:
+        about.append(task.prior.sha256)
     for file in files:
         try:
             status = file.stat()
@@ -274,7 +283,8 @@ def _input_hash(task: Task, files: list[Path]) -> str:
     return hashlib.sha256("\n".join(about).encode()).hexdigest()
 
 
-def _record(key: str, measures: tuple[Measure, ...], fit: ModelRecord) -> bytes:
+def _record(key: str, measures: tuple[Measure, ...], fit: ModelRecord, prior: PriorFile | None) -> bytes:
+    of_prior = {} if prior is None else {"prior": {"name": prior.path.name, "sha256": prior.sha256}}
     document = {
         "format": FORMAT,
         "version": VERSION,
@@ -282,6 +292,7 @@ def _record(key: str, measures: tuple[Measure, ...], fit: ModelRecord) -> bytes:
         "status": fit.status,
         "warnings": {str(kind): text for kind, text in fit.warnings.items()},
         "notes": list(fit.notes),
+        **of_prior,
         "measures": [[m.quantity, m.frame, m.value, m.unit, m.text] for m in measures],
     }
     return (json.dumps(document, allow_nan=False, separators=(",", ":")) + "\n").encode()

@@ -63,6 +63,8 @@ class PoseSearch:
     last_mode_rounds: int = 5
     tangential_steps: int = 3
     """Of each foot point in a round with modes."""
+    least_deviation: float = 1e-3
+    """Of the distances, in RMS radii: of poses of exact data that are nearer than this, the scores decide."""
 
 
 POSES = PoseSearch()
@@ -345,7 +347,8 @@ def _step(prior: ShapePrior, box: ControlBox, datasets: Sequence[SurfaceData]) -
         right += np.tensordot(weighted, rows.targets - rows.origins - basis @ prior.mean, ((0, 1), (0, 1)))
     distances = np.concatenate([data.along_normals(box).residuals for data in datasets])
     weights = np.concatenate([data.effective_weights for data in datasets])
-    variance = max(float(weights @ distances**2 / weights.sum()), prior.report.residual**2, np.finfo(float).tiny)
+    least = max(prior.report.residual, POSES.least_deviation) ** 2
+    variance = max(float(weights @ distances**2 / weights.sum()), least)
     penalty = np.zeros(len(right))
     penalty[len(rigid_columns) :] = variance
     matrix[np.diag_indices(len(matrix))] += penalty + 1e-9 * np.abs(matrix.diagonal()).max() * (penalty == 0)
