@@ -1,7 +1,7 @@
-"""`quadriform prior`: a prior of shape learned from the models of a cohort or of a folder."""
+"""`quadriform prior`: a prior of shape learned from the models of a cohort or of a folder, or from meshes."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,17 +12,18 @@ from quadriform.shapes.record import worst
 from quadriform.words import after_number, first_of, numbers
 
 if TYPE_CHECKING:
+    from quadriform.shapes.mesh import Mesh
     from quadriform.shapes.model import DeformableModel
     from quadriform.shapes.prior import ShapePrior
 
 
 @dataclass(frozen=True)
 class Member:
-    """A model of the population, with the status and the warnings of its fit."""
+    """A model of the population with the status and the warnings of its fit, or its meshes by name, which have none."""
 
-    model: "DeformableModel"
-    status: str
-    warnings: Warnings
+    model: "DeformableModel | dict[str, Mesh]"
+    status: str = "unknown"
+    warnings: Warnings = field(default_factory=dict)
 
 
 @subcommand
@@ -41,9 +42,10 @@ def prior(
     Models that are unreliable are left out.
 
     Args:
-        results: Folder of the results of a cohort, or of model files, .json or .npz.
+        results: Folder of the results of a cohort, of model files, .json or .npz, or of meshes whose vertices
+            correspond: one file for each member, or a folder for each with a file for each surface, such as endo.ply.
         output: The prior, .npz.
-        box: Control points along each axis. [default: those of the first model]
+        box: Control points along each axis. [default: those of the first model, of meshes 5,5,5]
         modes: Number of modes. [default: those of 99.9 % of the variance]
         scale: Remove the sizes of the models too.
         frame: Which frame of moving models, from 0.
@@ -57,22 +59,22 @@ def prior(
 
     suffix_of(output, PRIOR_SUFFIXES, "a prior")
     check_writable(output, common.force)
-    members = _members(results, frame)
+    members, stated = _members(results, frame)
     for member in members:
         check_strict(common.strict, member.status, member.warnings, results)
     used = [member.model for member in members if member.status != UNRELIABLE]
     if left_out := len(members) - len(used):
         note(f"{left_out} of {len(members)} models are unreliable and were left out")
     with named_in_errors(results):
-        learned = learn_prior(used, box=_box(box, used), modes=modes, scale=scale)
+        learned = learn_prior(used, box=_box(box, used), modes=modes, scale=scale, **stated)
     save(learned, output, common.force)
     record = {"output": str(output), "left_out": left_out} | {"status": worst(*(each.status for each in members))}
     record |= _record(learned)
     show(record, common.as_json, _rows(learned, record), str(results))
 
 
-def _box(text: str | None, models: Sequence["DeformableModel"]) -> tuple[int, int, int]:
-    if text is None and models:
+def _box(text: str | None, models: Sequence["DeformableModel | dict[str, Mesh]"]) -> tuple[int, int, int]:
+    if text is None and models and not isinstance(models[0], dict):
         along_s, along_t, along_u = models[0].box.control_points.shape[:3]
         return along_s, along_t, along_u
     along_s, along_t, along_u = numbers(text or "5,5,5", 3, "--box")
@@ -82,12 +84,23 @@ def _box(text: str | None, models: Sequence["DeformableModel"]) -> tuple[int, in
 # --- the population ----------------------------------------------------------------------------------------------
 
 
-def _members(results: Path, frame: int) -> list[Member]:
+def _members(results: Path, frame: int) -> tuple[list[Member], dict[str, str]]:
+    """The members, and the frame and unit that meshes state; models have their own."""
+    from quadriform.cli.prior_meshes import mesh_files, read_members, space_and_unit
     from quadriform.cohort.layout import NAME
 
     if not results.is_dir():
-        raise InputError(f"{str(results)!r}: expected a folder of the results of a cohort, or of model files")
-    return _of_a_cohort(results, frame) if (results / NAME).exists() else _of_files(results, frame)
+        raise InputError(f"{str(results)!r}: expected a folder of the results of a cohort, of model files or of meshes")
+    if (results / NAME).exists():
+        return _of_a_cohort(results, frame), {}
+    if models := _of_files(results, frame):  # meshes beside models are their surfaces
+        return models, {}
+    files = mesh_files(results)
+    if not files:
+        raise InputError(
+            f"{str(results)!r}: expected the results of a cohort, model files, .json or .npz, or meshes; found none"
+        )
+    return [Member(meshes) for meshes in read_members(files)], space_and_unit(files)
 
 
 def _of_a_cohort(results: Path, frame: int) -> list[Member]:
@@ -121,10 +134,6 @@ def _of_files(folder: Path, frame: int) -> list[Member]:
     # a .npz may contain points too
     models = [file for file in files if file not in priors and is_model_file(file)]
     every = [_state(read_any_model(file), frame, file) for file in models]
-    if not every:
-        raise InputError(
-            f"{str(folder)!r}: expected the results of a cohort, or model files, .json or .npz; found none"
-        )
     return [Member(model, model.record.status, model.record.warnings) for model in every]
 
 
