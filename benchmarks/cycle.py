@@ -14,7 +14,8 @@ from common import SHARED, rms, table
 
 from quadriform.files.guide_points import read_guide_point_frames
 from quadriform.heart.measure import measure
-from quadriform.motion.tracking import Track, track
+from quadriform.motion.track import Track
+from quadriform.motion.tracking import track
 
 FOLDER = SHARED / "data" / "human_lv_guidepoints"
 SAX = range(2, 7)

@@ -13,7 +13,7 @@ __version__ = "0.1.0"
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
-_DISPLAYED = "shapes.model.DeformableModel fitting.result.Fit shapes.moving_model.MovingModel motion.tracking.Track"
+_DISPLAYED = "shapes.model.DeformableModel fitting.result.Fit shapes.moving_model.MovingModel motion.track.Track"
 
 
 def _show_in_notebooks() -> None:

@@ -24,7 +24,7 @@ from .imaging.ventricle import ventricle_from_labels as ventricle_from_labels
 from .imaging.ventricle import ventricle_from_perfusion as ventricle_from_perfusion
 from .imaging.volume import Volume as Volume
 from .motion.slice_move import SliceMove as SliceMove
-from .motion.tracking import Track as Track
+from .motion.track import Track as Track
 from .motion.tracking import track as track
 from .priors.learning import learn_prior as learn_prior
 from .report.exchange import to_pyvista as to_pyvista

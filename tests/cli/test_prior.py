@@ -169,6 +169,21 @@ def test_fit_takes_a_prior(terminal, folder):
     assert np.abs(found.distance(models()[3].mesh(resolution=8).vertices)).max() < 0.5
 
 
+def test_track_takes_a_prior(terminal, folder):
+    terminal("prior", folder, "-o", "lv.prior.npz")
+    files = [f"frame{number}.ply" for number in range(2)]
+    for number, file in enumerate(files):
+        qf.save(models()[number].mesh(resolution=6), file)
+    result = terminal("track", *files, "--prior", "lv.prior.npz", "-o", "out")
+    assert result.code == 0 and "distance to the prior" in result.out
+    page = unescape((folder.parent / "out" / "report.html").read_text(encoding="utf-8"))
+    assert '"prior": "of 8 shapes"' in page and '"box": [' not in page
+    table = (folder.parent / "out" / "frames.csv").read_text(encoding="utf-8").splitlines()
+    assert "prior_distance" in table[0].split(",")
+    refused = terminal("track", *files, "--prior", "lv.prior.npz", "--box", "3,3,3", "-o", "other")
+    assert refused.code == 2 and "option box" in refused.err and not (folder.parent / "other").exists()
+
+
 def test_a_file_that_is_no_prior_gives_one_line(terminal, folder):
     qf.save(models()[3].mesh(resolution=8), "member.ply")
     result = terminal("fit", "member.ply", "--prior", folder / "0.json")

@@ -9,7 +9,8 @@ from quadriform.fitting.refinement.point_to_plane import Rows
 from quadriform.fitting.refinement.unfolding import JacobianPenalty
 from quadriform.motion.affine_start import AffineMotion, fitted_motion
 from quadriform.motion.cycle import Cycle
-from quadriform.motion.cycle_rounds import _affine_images, _Report
+from quadriform.motion.cycle_rounds import Report, _affine_images
+from quadriform.motion.energies import Smoothness
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.splines import TimeBasis
 
@@ -142,8 +143,10 @@ def test_frames_that_are_affine_images_begin_on_their_points():
     frames = [{"a": points @ np.diag(each)} for each in ((1.0, 1, 1), (0.45, 0.5, 0.8), (0.7, 0.8, 0.9))]
     basis = TimeBasis(np.arange(3.0), 3.0)
     values, known = basis.values(np.arange(3.0)), KnownNoise.of_local({}, {})
-    cycle = Cycle(surfaces, box, frames, values, basis, "bending", False, None, known, [None] * 3)
-    state = _affine_images(cycle, cycle.init(), start, _Report(None))
+    cycle = Cycle(
+        surfaces, box, frames, values, basis, Smoothness("bending", (4, 4, 4)), False, None, known, [None] * 3
+    )
+    state = _affine_images(cycle, cycle.init(), start, Report(None))
     for moved, each in zip(state.boxes, state.datasets):
         assert each[0].distances(moved).max() < 0.02
         assert moved.jacobian_determinant(points * 0.3).min() > 0

@@ -19,7 +19,8 @@ from quadriform.fitting.refinement.unfolding import FOLDS
 from quadriform.fitting.superquadric import fit as superquadrics
 from quadriform.motion.cycle import Cycle
 from quadriform.motion.cycle_equations import LinearCycleProblem
-from quadriform.motion.cycle_rounds import ROUNDS, fit_cycle
+from quadriform.motion.cycle_rounds import ROUNDS, FromOneFrame, fit_cycle
+from quadriform.motion.energies import Smoothness
 from quadriform.motion.slice_motions import FEWEST_POINTS
 from quadriform.points import Frame
 from quadriform.shapes.control_box import common_box
@@ -53,7 +54,7 @@ def cycle():
     surfaces, basis = nested_ellipsoids(LOCAL[0]), TimeBasis(np.arange(3.0), 3.0)
     box = common_box(surfaces, (3, 3, 3))
     values, unknown = basis.values(np.arange(3.0)), KnownNoise({}, 0.0)
-    return Cycle(surfaces, box, LOCAL, values, basis, "bending", True, None, unknown, [None] * 3)
+    return Cycle(surfaces, box, LOCAL, values, basis, Smoothness("bending", (3, 3, 3)), True, None, unknown, [None] * 3)
 
 
 def with_one_far(frame):
@@ -159,14 +160,14 @@ def test_a_slice_may_be_missing_in_a_frame():
 def test_strengths_of_nothing_leave_control_points_undetermined(cycle):
     assert cycle.linear_problem(cycle.init()).solve(0.0, 0.0) is None
     with pytest.raises(OptionError, match=r"option strength=1e-300 leaves control points undetermined"):
-        fit_cycle(cycle, cycle.box, 1e-300)
+        fit_cycle(cycle, FromOneFrame(cycle.box), 1e-300)
 
 
 def test_rounds_without_a_solution_change_nothing(monkeypatch, cycle):
     monkeypatch.setattr(LinearCycleProblem, "solve", lambda *words: None)
     assert cycle.step(cycle.init(), (1e-4, 1e-4)) is None
     with pytest.raises(DegenerateError, match="frames leave control points undetermined"):
-        fit_cycle(cycle, cycle.box, None)
+        fit_cycle(cycle, FromOneFrame(cycle.box), None)
 
 
 @pytest.mark.parametrize("strength", [1e3, 1e9, 1e15])

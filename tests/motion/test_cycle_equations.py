@@ -7,6 +7,7 @@ from quadriform.fitting.least_squares.normal_equations import NormalEquations
 from quadriform.fitting.least_squares.regularisers import Bending
 from quadriform.fitting.least_squares.selection import SELECTION
 from quadriform.motion.cycle_equations import LinearCycleProblem
+from quadriform.motion.energies import SmoothEnergy
 from quadriform.shapes.bernstein import gram
 from quadriform.shapes.splines import TimeBasis
 
@@ -30,7 +31,7 @@ EACH = [equations(seed) for seed in range(FRAMES)]
 
 def problem(**more):
     count = more.pop("count", 360.0)
-    return LinearCycleProblem(more.pop("each", EACH), VALUES, BASIS, PENALTY, SHAPE, count, **more)
+    return LinearCycleProblem(more.pop("each", EACH), VALUES, BASIS, SmoothEnergy.of(PENALTY, SHAPE), count, **more)
 
 
 def dense(alpha, gamma, each=EACH, count=360.0):
@@ -161,7 +162,9 @@ def test_the_strength_in_time_is_the_best_within_a_factor_of_a_thousand():
 def test_without_motion_that_is_penalised_the_strength_stays():
     """Of three splines of a period none is beyond the mean and the first harmonic. Old bug: rounding was penalised."""
     basis = TimeBasis(np.arange(3.0), 3.0)
-    of = LinearCycleProblem(EACH, basis.values(np.linspace(0, 2.9, FRAMES)), basis, PENALTY, SHAPE, 360.0)
+    of = LinearCycleProblem(
+        EACH, basis.values(np.linspace(0, 2.9, FRAMES)), basis, SmoothEnergy.of(PENALTY, SHAPE), 360.0
+    )
     assert of.best_in_time(1e-3, 0.123) == 0.123
 
 

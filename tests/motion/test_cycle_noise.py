@@ -11,6 +11,7 @@ from quadriform.fitting.least_squares.normal_equations import normal_equations
 from quadriform.fitting.least_squares.regularisers import regulariser_matrix
 from quadriform.fitting.superquadric import fit as superquadrics
 from quadriform.motion.cycle_equations import LinearCycleProblem
+from quadriform.motion.energies import SmoothEnergy
 from quadriform.point_sets import PointSet
 from quadriform.shapes import comparison
 from quadriform.shapes.bernstein import basis, gram, kronecker
@@ -160,7 +161,9 @@ def observed(count):
     local, targets = random.uniform(0, 1, (5, count, 3)), random.normal(size=(5, count, 3))
     metric = np.broadcast_to(np.eye(3), (count, 3, 3))
     equations = [normal_equations(x, metric, y, DEGREES) for x, y in zip(local, targets)]
-    problem = LinearCycleProblem(equations, BASIS.values(TIMES), BASIS, PENALTY, (3, 3, 3), total_weight=15.0 * count)
+    problem = LinearCycleProblem(
+        equations, BASIS.values(TIMES), BASIS, SmoothEnergy.of(PENALTY, (3, 3, 3)), total_weight=15.0 * count
+    )
     return local, targets, problem
 
 

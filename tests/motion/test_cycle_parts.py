@@ -14,6 +14,7 @@ from quadriform.fitting.refinement.stage import independent_fraction
 from quadriform.fitting.refinement.starts import nested_ellipsoids
 from quadriform.motion import cycle as cycles
 from quadriform.motion.cycle import Cycle, named
+from quadriform.motion.energies import Smoothness
 from quadriform.motion.slice_motions import SlicePlanes
 from quadriform.points import Frame
 from quadriform.shapes.control_box import common_box
@@ -29,7 +30,9 @@ PLANE = (np.array([0.0, 0, 0.6]), np.array([0, 0, 1.0]))
 
 def cycle(planes=None, noise=None, bases=(None, None, None), robust=True):
     known = KnownNoise(noise or {}, 0.0)
-    return Cycle(SURFACES, BOX, LOCAL, VALUES, BASIS, "bending", robust, planes, known, list(bases))
+    return Cycle(
+        SURFACES, BOX, LOCAL, VALUES, BASIS, Smoothness("bending", (3, 3, 3)), robust, planes, known, list(bases)
+    )
 
 
 def sliced():

@@ -34,6 +34,8 @@ class State:
 class Counted:
     """A cycle whose rounds are recorded; the noise of each is given."""
 
+    in_space = SimpleNamespace(first_factor=100.0)
+
     def __init__(self, noises=(), fails_at=None, verified_at=None):
         self.noises, self.fails_at, self.verified_at = list(noises), fails_at, verified_at
         self.log, self.searches, self.fractions, self.spaces, self.widenings = [], [], [], [], []
@@ -71,7 +73,7 @@ class Counted:
 
 
 def report():
-    return cycle_rounds._Report(None)
+    return cycle_rounds.Report(None)
 
 
 FIRST = 1 / (2 * np.pi) ** 4
@@ -117,7 +119,7 @@ def test_a_round_that_leaves_control_points_undetermined_is_an_error(alpha, monk
     cycle = Counted(fails_at=6)
     cycle.init, cycle.extremes = State, lambda state: (0, 1)
     with pytest.raises(DegenerateError if alpha is None else OptionError, match="undetermined"):
-        cycle_rounds.fit_cycle(cycle, "box", alpha)
+        cycle_rounds.fit_cycle(cycle, cycle_rounds.FromOneFrame("box"), alpha)
     early = Counted(fails_at=2)  # the last state goes on
     state, _ = cycle_rounds._fitted(Counted(), State(), (0, 1), 1.0, report())
     assert cycle_rounds._fitted(early, State(), (0, 1), 1.0, report()) is None and state.steps == 10
@@ -182,7 +184,7 @@ def test_where_nothing_folds_at_larger_strengths_only_the_last_of_them_is_kept()
 
 def test_progress_counts_to_the_rounds_that_are_always_made():
     seen = []
-    of = cycle_rounds._Report(lambda done, total: seen.append((done, total)))
+    of = cycle_rounds.Report(lambda done, total: seen.append((done, total)))
     for _ in range(18):
         of.round()
     total = ROUNDS.affine_rounds + ROUNDS.falling_rounds + ROUNDS.least_rounds

@@ -9,7 +9,7 @@ import quadriform as qf
 from quadriform.errors import OptionError
 from quadriform.fitting.options import TangentOptions
 from quadriform.fitting.refinement import refine
-from quadriform.motion import tracking
+from quadriform.motion import whole_cycle
 from quadriform.points import Frame
 
 
@@ -63,6 +63,5 @@ def test_the_start_of_open_contours_does_not_amplify_rounding(shared):
         moved = {name: points + 1e-10 * rng.normal(size=points.shape) for name, points in clouds.items()}
         local = Frame.of(np.concatenate(list(moved.values())))
         points = {name: local.to_local(each) for name, each in moved.items()}
-        surfaces = tracking.nested_ellipsoids(points)
-        found.append(tracking._start(surfaces, points, None, options).control_points)
+        found.append(whole_cycle.smooth_start(points, None, options).approach.box.control_points)
     np.testing.assert_allclose(found[0], found[1], rtol=0, atol=1e-6)

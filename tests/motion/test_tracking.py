@@ -7,7 +7,7 @@ from shapes_made import even_directions, made
 
 import quadriform as qf
 from quadriform.errors import OptionError, PointsError
-from quadriform.motion.tracking import STACK
+from quadriform.motion.whole_cycle import STACK
 from quadriform.point_sets import PointSet
 from quadriform.shapes.solid import Solid
 

@@ -8,17 +8,20 @@ import pytest
 from shapes_made import even_directions
 
 from quadriform.errors import OptionError, PointsError
-from quadriform.motion import frames, quality, tracking
-from quadriform.motion.tracking import Track, _Task
+from quadriform.motion import frames, quality, tracking, whole_cycle
+from quadriform.motion.task import Task
+from quadriform.motion.track import Track
 from quadriform.point_sets import PointSet
 from quadriform.shapes.splines import TimeBasis
+from quadriform.shapes.superquadric import Superquadric
 
 SPHERE = even_directions(60)
+SPHERES = {"a": Superquadric(), "b": Superquadric()}
 
 
 def task(clouds, noise=None):
     noise = [{} for _ in clouds] if noise is None else noise
-    return _Task(clouds, noise, [None] * len(clouds), np.arange(len(clouds)), None, None, {"box": 3}, None)
+    return Task(clouds, noise, [None] * len(clouds), np.arange(len(clouds)), None, None, {"box": 3}, None)
 
 
 def test_the_first_frame_has_many_points_and_a_large_extent():
@@ -46,7 +49,7 @@ def test_each_frame_starts_from_its_neighbour_on_the_side_of_the_first_one(monke
         return SimpleNamespace(model=SimpleNamespace(box=box, surfaces="all"))
 
     def refine(surfaces, points, *, start, **options):
-        assert (surfaces, options) == ("all", {"box": 3, "base": None})
+        assert (surfaces, options) == ("all", {"box": 3, "base": None, "prior": None})
         return found(np.ptp(points["a"].points), int(start.control_points[0]))
 
     made, reported = [], []
@@ -65,11 +68,12 @@ def test_each_frame_starts_from_its_neighbour_on_the_side_of_the_first_one(monke
 
 
 def test_all_frames_begin_as_a_smooth_box_of_one_alone_of_whose_noise_nothing_is_known(monkeypatch):
-    monkeypatch.setattr(tracking, "smooth_box", lambda *given: given)
+    monkeypatch.setattr(whole_cycle, "smooth_box", lambda *given: given)
+    monkeypatch.setattr(whole_cycle, "nested_ellipsoids", lambda points: SPHERES)
     options = {"box": (3, 4, 5), "regularity": "springs", "robust": False, "strength": 2.0}
     points, base = {"a": SPHERE, "b": SPHERE[:9]}, (np.zeros(3), np.eye(3)[2])
-    given, surfaces = tracking._start({"a": "surface"}, points, base, options)
-    assert surfaces == {"a": "surface"} and given.clouds is points and given.half_space is base
+    given, surfaces = whole_cycle.smooth_start(points, base, options).approach.box
+    assert surfaces == SPHERES and given.clouds is points and given.half_space is base
     assert {name: each.tolist() for name, each in given.weights.items()} == {"a": [1.0] * 60, "b": [1.0] * 9}
     assert (given.normals, given.noise.relative, given.noise.least_sigma) == ({}, {}, 0.0)
     chosen = given.options
@@ -86,7 +90,12 @@ def test_options_of_a_frame_have_its_base():
     of = task([{"a": SPHERE}] * 2)
     plane = SimpleNamespace(point=1, direction=2)
     of.bases[1] = plane
-    assert of.options_of(0) == {"box": 3, "base": None} and of.options_of(1) == {"box": 3, "base": (1, 2)}
+    assert of.options_of(0) == {"box": 3, "base": None, "prior": None}
+    assert of.options_of(1) == {
+        "box": 3,
+        "base": (1, 2),
+        "prior": None,
+    }
 
 
 def track(residuals):
@@ -102,7 +111,7 @@ def test_distances_of_frames_are_root_mean_squares_over_their_points():
 def test_noise_of_all_frames_is_relative_in_their_frame():
     noise = [{"a": np.tile(4 * np.eye(3), (60, 1, 1))}, {"a": np.tile(16 * np.eye(3), (60, 1, 1))}]
     local = [{"a": SPHERE}, {"a": SPHERE}]
-    found = tracking._local_noise(noise, local, 2.0)
+    found = whole_cycle._local_noise(noise, local, 2.0)
     # along a normal and a hundredth of all three
     np.testing.assert_allclose(found.least_sigma**2, 1.03 * (1 + 4) / 2)
     assert set(found.relative) == {"frame 0: a", "frame 1: a"}

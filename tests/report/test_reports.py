@@ -19,7 +19,7 @@ from quadriform.cli.main import main
 from quadriform.errors import OptionError
 from quadriform.fitting.fit import fit
 from quadriform.heart.synthetic import SyntheticVentricle
-from quadriform.motion.tracking import Track
+from quadriform.motion.track import Track
 from quadriform.report import notebook
 from quadriform.report.fields import uncertainty_field
 from quadriform.report.reports import fit_report, model_report, track_report

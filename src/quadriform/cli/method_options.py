@@ -137,7 +137,12 @@ def _support(text: str) -> tuple[list[float], ...]:
     return _plane(rows, f"--support={text!r}: expected x,y,z/nx,ny,nz")
 
 
-def _prior(text: str) -> Any:
+def parse_prior(text: str) -> Any:
+    """The prior of a file.
+
+    Raises:
+        FileFormatError: no prior, or a damaged one.
+    """
     from quadriform.files.priors import read_prior
 
     return read_prior(Path(text))
@@ -151,7 +156,7 @@ def _plane(rows: tuple[list[float], ...], fault: str) -> tuple[list[float], ...]
 
 READERS: dict[str, Callable[[str], Any]] = {
     **{"box": _box, "strength": _strength, "base": _base, "support": _support, "noise": parse_noise},
-    "prior": _prior,
+    "prior": parse_prior,
     "viewpoint": partial(decimals, option="--viewpoint", count=3),
 }
 """How the texts of options are read; the values of others are taken as they are."""

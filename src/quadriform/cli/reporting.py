@@ -16,10 +16,12 @@ from quadriform.heart.measure import measure
 from quadriform.heart.measures_table import Measures
 from quadriform.imaging.frame_series import FrameSeries
 from quadriform.imaging.volume import Volume
-from quadriform.motion.tracking import Track, track
+from quadriform.motion.track import Track
+from quadriform.motion.tracking import track
 from quadriform.points import Array
 from quadriform.report.reports import fit_report, track_report
 from quadriform.shapes.model import DeformableModel
+from quadriform.shapes.prior import ShapePrior
 from quadriform.shapes.spaces import rotation_between
 
 Record = Mapping[str, Any]
@@ -34,7 +36,7 @@ def fit_options(given: Mapping[str, Any]) -> dict[str, Any]:
     of_points = {name: others.pop(name) for name in ("noise", "viewpoint", "support") if name in others}
     if "prior" not in others:
         return {"options": first | asdict(options_for(str(first["method"]), others)) | of_points}
-    prior = f"of {others.pop('prior').n_models} shapes"
+    prior = _words_of(others.pop("prior"))
     chosen = asdict(options_for(str(first["method"]), others))
     kept = {name: value for name, value in (first | chosen).items() if name not in ("kind", *OF_PRIOR)}
     return {"options": kept | of_points | {"prior": prior}}
@@ -43,7 +45,16 @@ def fit_options(given: Mapping[str, Any]) -> dict[str, Any]:
 def track_options(given: Mapping[str, Any]) -> dict[str, Any]:
     """All options of a cycle: those given, and the defaults of the others."""
     defaults = {name: p.default for name, p in signature(track).parameters.items() if p.default is not p.empty}
-    return {"options": {name: given.get(name, value) for name, value in defaults.items() if name not in NOT_SHOWN}}
+    chosen = {name: given.get(name, value) for name, value in defaults.items() if name not in NOT_SHOWN}
+    prior = chosen.pop("prior")
+    if prior is None:
+        return {"options": chosen}
+    kept = {name: value for name, value in chosen.items() if name not in OF_PRIOR}
+    return {"options": kept | {"prior": _words_of(prior)}}
+
+
+def _words_of(prior: ShapePrior) -> str:
+    return f"of {prior.n_models} shapes"
 
 
 def page_of_fit(

@@ -4,7 +4,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from quadriform.cli.method_options import parse_noise
+from quadriform.cli.method_options import parse_noise, parse_prior
 from quadriform.cli.options import decimals
 from quadriform.errors import OptionError
 from quadriform.words import numbers
@@ -58,6 +58,8 @@ class Motion:
         box: Control points along each axis, as 5,5,5.
         strength: Regularisation weight in space per data point. [default: auto]
         noise: Standard deviation of the points, in their unit, in place of that of images.
+        prior: Prior of shape, .npz, as written by quadriform prior, of the shapes of all phases: those of the frames
+            are members of its population; in place of --box and --strength.
     """
 
     strategy: str = "cycle"
@@ -67,6 +69,7 @@ class Motion:
     box: str | None = None
     strength: float | None = None
     noise: str | None = None
+    prior: str | None = None
 
     def options(self) -> dict[str, Any]:
         """The arguments for `quadriform.track`, but for the slices.
@@ -79,6 +82,7 @@ class Motion:
             "box": None if self.box is None else numbers(self.box, 3, "--box"),
             "strength": self.strength,
             "noise": None if self.noise is None else parse_noise(self.noise),
+            "prior": None if self.prior is None else parse_prior(self.prior),
         }
         given = {name: value for name, value in given.items() if value is not None}
         return {"strategy": self.strategy, "period": _period(self.period), **given}

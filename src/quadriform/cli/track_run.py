@@ -21,6 +21,7 @@ from quadriform.files import save, sha256_of
 from quadriform.files.atomic import write_bytes
 from quadriform.files.reading import named_in_errors
 from quadriform.files.result_folder import check_results, replaced_together
+from quadriform.fitting.population.checks import check_world
 from quadriform.heart.base_reach import reach_notes, reach_over_base
 from quadriform.imaging.file_points import files_of, input_files, space_to_write, title_of, without_folders
 from quadriform.imaging.frame_series import FrameSeries, drop_points_between_slices, frame_files, read_frames
@@ -31,7 +32,7 @@ from quadriform.words import after_number, csv_bytes
 if TYPE_CHECKING:
     from quadriform.heart.measures_table import Measures
     from quadriform.motion.slice_move import SliceMove
-    from quadriform.motion.tracking import Track
+    from quadriform.motion.track import Track
 
 Record = dict[str, Any]
 
@@ -105,6 +106,8 @@ def _track(
     with progress_bar("cycle") as progress:
         slices = frames.slice_of_point if shift_slices else None
         options = frames.with_times(options)
+        if "prior" in options:
+            check_world(options["prior"], unit, space)
         found = track(frames.sets, slices=slices, base=frames.bases, progress=progress, **options)
     # an image of several files counts as all of them, each once
     sha256 = sha256_of(*dict.fromkeys(file for path in files for file in files_of(path)))
@@ -129,8 +132,9 @@ def _record(
     for number, (at, model, rms, supported) in enumerate(each):
         volumes = {f"volume_{name}": model.volume(name) for name in model.surfaces}
         cavity = {} if measures is None else {"cavity_ml": float(measures.curves["cavity volume"][number])}
+        to_prior = {"prior_distance": found.prior_distances[number]} if found.prior_distances else {}
         measured = {"time": float(at), "rms": float(rms), "supported": float(supported)}
-        frames.append({"frame": number, **measured, **volumes, **cavity})
+        frames.append({"frame": number, **measured, **volumes, **cavity, **to_prior})
     model = found.models[0]
     return {
         "input": ", ".join(map(str, inputs)),
@@ -166,6 +170,14 @@ def _move_record(move: "SliceMove") -> dict[str, Any]:
         "rotation_sd_degrees": np.degrees(move.sd[:3]).tolist(),
         "shift_sd": move.sd[3:].tolist(),
     }
+
+
+def _distance_rows(frames: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
+    """The largest distance of a frame to the population of a prior."""
+    if "prior_distance" not in frames[0]:
+        return []
+    farthest = max(frames, key=lambda frame: frame["prior_distance"])
+    return [("distance to the prior", f"{farthest['prior_distance']:.3g} in frame {farthest['frame']}, the largest")]
 
 
 def _move_rows(moves: Mapping[str, Mapping[str, Any]], unit: str) -> list[tuple[str, str]]:
@@ -209,6 +221,7 @@ def _rows(record: Record) -> list[tuple[str, str]]:
         ("supported by data", f"{100 * least['supported']:.0f} % of the area or more, least in frame {least['frame']}"),
         ("noise", f"{record['noise']:.4g}{unit}"),
         ("known noise", record["known_noise"]),
+        *_distance_rows(frames),
         *_move_rows(record["moves"], unit),
         *cycle_rows(record),
         *ranges,

@@ -33,7 +33,8 @@ from quadriform.heart.base_reach import reach_notes
 from quadriform.imaging.file_points import files_of, input_files, without_folders
 from quadriform.imaging.fit_files import with_base
 from quadriform.imaging.frame_series import FrameSeries, drop_points_between_slices
-from quadriform.motion.tracking import Track, track
+from quadriform.motion.track import Track
+from quadriform.motion.tracking import track
 from quadriform.points import Array
 from quadriform.shapes.landmarks import NONE_KNOWN
 from quadriform.shapes.model import DeformableModel

@@ -17,11 +17,15 @@ Image Analysis 1996; 1: 129-149. The whole cycle as one problem is ours.
 
 `tracking.track` with the strategy "cycle":
 
-1. `frames.py` checks the input; `tracking._cycle` takes the superquadrics of one frame, `_Task.reference`.
-2. `tracking._start` fits this frame alone, with a smooth surface.
+1. `frames.py` checks the input; `whole_cycle.smooth_start` takes the superquadrics of one frame, `Task.reference`.
+2. It fits this frame alone, with a smooth surface.
 3. `affine_start.fitted_motion`, in rounds, maps this box to each frame by affine maps (`cycle_rounds._affine_images`).
 4. `cycle.Cycle.step` makes rounds of the whole problem, the linear one of `cycle_equations.py`, at strengths that fall
    to those estimated, and until sigma converges (`cycle_rounds._fitted`). `slice_motions.py` adds rigid motions of
    slices, `slice_prior.py` their prior.
 5. `cycle_rounds._unfolded_fit` removes folds; `quality.py` states what the data supports, and warns.
+
+With a prior the steps 2, 3 and 5 are those of `members.py`: the pose of the population in one frame, the members nearest
+to the points of each frame, and folds that are removed with the surfaces held. `energies.py` has what the rounds need of
+the regularisation in space, of either kind.
 """

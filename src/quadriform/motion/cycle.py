@@ -12,15 +12,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from quadriform.fitting.least_squares.normal_equations import NormalEquations
-from quadriform.fitting.least_squares.regularisers import Regulariser, regulariser_matrix
 from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.refinement.base_prior import base_priors
-from quadriform.fitting.refinement.point_to_plane import Rows, data_rows, linear_problem_of, step_length
+from quadriform.fitting.refinement.point_to_plane import Rows, data_rows, step_length
 from quadriform.fitting.refinement.stage import MAD_TO_SIGMA, Penalty, independent_fraction
 from quadriform.fitting.refinement.surface_data import SurfaceData, with_excess
 from quadriform.fitting.refinement.unfolding import JacobianPenalty
 from quadriform.fitting.result import HalfSpace
 from quadriform.motion.cycle_equations import CyclePosterior, LinearCycleProblem
+from quadriform.motion.energies import InSpace
 from quadriform.motion.slice_motions import SliceNumbers, SlicePlanes
 from quadriform.motion.slice_prior import SliceState
 from quadriform.points import Array
@@ -56,6 +56,7 @@ class CycleFit:
         sigma_before: sigma of the fit with folds, where these could not be removed at its strengths and within the
             accepted noise; else None, also where folds were removed in that way.
         posterior: of the displacements at the knots and of the motions of slices.
+        prior_distances: of the frames to the population of a prior; empty without one.
     """
 
     control_points: Array
@@ -67,6 +68,7 @@ class CycleFit:
     verified: tuple[bool, ...]
     sigma_before: float | None = None
     posterior: CyclePosterior | None = None
+    prior_distances: tuple[float, ...] = ()
 
     @property
     def motion_covariance(self) -> Array:
@@ -125,7 +127,7 @@ class Cycle:
         frames: name -> points, for each frame.
         splines_at_frames: (F, K), values of the splines.
         basis: the splines.
-        regularity: in space.
+        in_space: what is known of the shape at any one time.
         robust: whether outliers are down-weighted.
         planes: of the slices whose motions are sought, with the slice number of each point; or None.
         known_noise: of the points of each frame and surface, under the name that `named` gives.
@@ -137,7 +139,7 @@ class Cycle:
     frames: Sequence[Mapping[str, Array]]
     splines_at_frames: Array
     basis: TimeBasis
-    regularity: str | Regulariser
+    in_space: InSpace
     robust: bool
     planes: tuple[SlicePlanes, SliceNumbers] | None
     known_noise: KnownNoise
@@ -196,13 +198,11 @@ class Cycle:
             before_rounds: whether there was no round yet; then only as many points count as there are unknowns (see
                 `independent_fraction`).
         """
-        none, unknowns = [None] * len(self.surfaces), float(self.box.rest.size)
-        found = []
+        unknowns, least_sigma, found = float(self.box.rest.size), self.known_noise.least_sigma, []
         for frame in frames:
             box, datasets = state.boxes[frame], state.datasets[frame]
             fraction = independent_fraction(tuple(datasets), None if before_rounds else box, unknowns)
-            linear = linear_problem_of(datasets, none, box, self.regularity, fraction, self.known_noise.least_sigma)
-            found.append(linear.best(near).strength)
+            found.append(self.in_space.best_strength(datasets, box, fraction, least_sigma, near))
         return min(found)
 
     def effective_fraction(self, state: CycleState, before_rounds: bool = False) -> float:
@@ -336,8 +336,7 @@ class Cycle:
             equations,
             self.splines_at_frames,
             self.basis,
-            regulariser_matrix(self.regularity, self.shape),
-            self.shape,
+            self.in_space.energy(state.boxes),
             count,
             bordered,
             state.fraction,

@@ -5,7 +5,9 @@ residuals look independent, and the estimated strength stays too small (`indepen
 `fitting/refinement/stage.py`).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -16,6 +18,7 @@ from quadriform.fitting.refinement.unfolding import FOLDS, accepted_sigma
 from quadriform.fitting.result import Progress
 from quadriform.motion.affine_start import AffineMotion, fitted_motion
 from quadriform.motion.cycle import Cycle, CycleFit, CycleState
+from quadriform.points import Array
 from quadriform.shapes.control_box import ControlBox
 
 
@@ -49,13 +52,12 @@ ROUNDS = CycleRounds()
 Strengths = tuple[float, float]
 
 
-class _Report:
+class Report:
     """Counts rounds for the caller's progress, up to a fixed number."""
 
-    def __init__(self, progress: Progress | None) -> None:
+    def __init__(self, progress: Progress | None, at_first: int = ROUNDS.affine_rounds) -> None:
         self.progress, self.done = progress, 0
-
-    total = ROUNDS.affine_rounds + ROUNDS.falling_rounds + ROUNDS.least_rounds
+        self.total = at_first + ROUNDS.falling_rounds + ROUNDS.least_rounds
 
     def round(self) -> None:
         """One more round is done; those beyond the number that was announced are not counted."""
@@ -64,12 +66,32 @@ class _Report:
             self.progress(self.done, self.total)
 
 
-def fit_cycle(cycle: Cycle, start: ControlBox, alpha: float | None, progress: Progress | None = None) -> CycleFit:
-    """The fit from a box that fits one of the frames; with folds where they could not be removed.
+class Approach(Protocol):
+    """How the rounds of a cycle begin, and how folds are removed after them."""
+
+    def rounds(self, cycle: Cycle) -> int:
+        """The number of rounds that `first` reports."""
+
+    def first(self, cycle: Cycle, undeformed: CycleState, report: Report) -> CycleState:
+        """The state in which the rounds begin."""
+
+    def unfolded(self, cycle: Cycle, first: CycleState, state: CycleState, strengths: Strengths) -> CycleFit:
+        """The fit without folds, or where that is not reached one with folds.
+
+        Args:
+            cycle: what is fitted.
+            first: the state in which the rounds began.
+            state: in which they ended.
+            strengths: at the end.
+        """
+
+
+def fit_cycle(cycle: Cycle, approach: Approach, alpha: float | None, progress: Progress | None = None) -> CycleFit:
+    """The fit; with folds where they could not be removed.
 
     Args:
         cycle: what is fitted.
-        start: the box.
+        approach: how it begins and ends.
         alpha: the strength in space; None for the smaller one of the best strengths of two frames
             (`Cycle.strength_in_space`), those of `Cycle.extremes`.
         progress: called after each round.
@@ -78,18 +100,41 @@ def fit_cycle(cycle: Cycle, start: ControlBox, alpha: float | None, progress: Pr
         OptionError: the strength that the user gave leaves control points undetermined.
         DegenerateError: the estimated strengths leave control points undetermined, or in one of the two frames all do.
     """
-    report = _Report(progress)
+    report = Report(progress, approach.rounds(cycle))
     undeformed = cycle.init()
-    extreme_frames, affine = cycle.extremes(undeformed), _affine_images(cycle, undeformed, start, report)
-    found = _fitted(cycle, affine, extreme_frames, alpha, report)
+    extreme_frames, first = cycle.extremes(undeformed), approach.first(cycle, undeformed, report)
+    found = _fitted(cycle, first, extreme_frames, alpha, report)
     if found is None and alpha is not None:
         raise OptionError(f"option strength={alpha:g} leaves control points undetermined; expected a larger one")
     if found is None:
         raise DegenerateError("frames leave control points undetermined; expected points all around the body")
-    return _unfolded_fit(cycle, affine, *found)
+    return approach.unfolded(cycle, first, *found)
 
 
-def _affine_images(cycle: Cycle, undeformed: CycleState, start: ControlBox, report: _Report) -> CycleState:
+@dataclass(frozen=True)
+class FromOneFrame:
+    """All frames begin as affine images of a smooth box of one of them; folds are removed by penalties.
+
+    Attributes:
+        box: of the one frame.
+    """
+
+    box: ControlBox
+
+    def rounds(self, cycle: Cycle) -> int:
+        """The number of rounds of affine maps."""
+        return ROUNDS.affine_rounds
+
+    def first(self, cycle: Cycle, undeformed: CycleState, report: Report) -> CycleState:
+        """The affine images."""
+        return _affine_images(cycle, undeformed, self.box, report)
+
+    def unfolded(self, cycle: Cycle, first: CycleState, state: CycleState, strengths: Strengths) -> CycleFit:
+        """The fit without folds, or where that is not reached the one with folds."""
+        return _unfolded_fit(cycle, first, state, strengths)
+
+
+def _affine_images(cycle: Cycle, undeformed: CycleState, start: ControlBox, report: Report) -> CycleState:
     """The state in which all frames are affine images of a box, with the nearest foot points of all points.
 
     The affine maps are fitted to a subsample, all of whose points are inliers. What is a fold is relative to the change
@@ -108,11 +153,15 @@ def _affine_images(cycle: Cycle, undeformed: CycleState, start: ControlBox, repo
         if found is None:
             break
         motion = found
-    boxes = motion.boxes(start)
+    return first_state(cycle, undeformed, motion.at_knots(start.control_points.reshape(-1, 3)), motion.boxes(start))
+
+
+def first_state(cycle: Cycle, undeformed: CycleState, control_points: Array, boxes: Sequence[ControlBox]) -> CycleState:
+    """The state of control points (K, k, 3) at the knots and boxes at the frames, with the nearest foot points."""
     return replace(
         undeformed,
-        displacement=motion.at_knots(start.control_points.reshape(-1, 3)) - cycle.box.rest.reshape(-1, 3),
-        boxes=boxes,
+        displacement=control_points - cycle.box.rest.reshape(-1, 3),
+        boxes=list(boxes),
         fold_penalties=[penalty.relative_to(box) for penalty, box in zip(undeformed.fold_penalties, boxes)],
     ).nearest()
 
@@ -128,7 +177,7 @@ def _initial_strength_in_time(state: CycleState) -> float:
 
 
 def _fitted(
-    cycle: Cycle, state: CycleState, extreme_frames: tuple[int, int], alpha: float | None, report: _Report
+    cycle: Cycle, state: CycleState, extreme_frames: tuple[int, int], alpha: float | None, report: Report
 ) -> tuple[CycleState, Strengths] | None:
     """The state when sigma has converged, or after `most_rounds`, and the strengths.
 
@@ -138,7 +187,7 @@ def _fitted(
     strengths = alpha_at_first, _initial_strength_in_time(state)
     state = replace(state, fraction=cycle.effective_fraction(state, before_rounds=True))
     state = state.with_estimated_prior()
-    for factor in np.geomspace(ROUNDS.first_factor, 1, ROUNDS.falling_rounds):
+    for factor in np.geomspace(cycle.in_space.first_factor, 1, ROUNDS.falling_rounds):
         stronger = factor * strengths[0], factor * strengths[1]
         state = cycle.step(state, stronger, widening=float(np.sqrt(factor))) or state
         state = state.with_estimated_prior()
@@ -161,17 +210,17 @@ def _fitted(
     return state, strengths
 
 
-def _unfolded_fit(cycle: Cycle, affine: CycleState, state: CycleState, strengths: Strengths) -> CycleFit:
+def _unfolded_fit(cycle: Cycle, first: CycleState, state: CycleState, strengths: Strengths) -> CycleFit:
     """The fit without folds, or where that is not reached the one with folds.
 
     Fold removal starts from the state of the fit, at its strengths and within the accepted noise. Where that fails it
-    starts from the affine images, whose surfaces are smooth, at larger strengths.
+    starts from the first state, whose surfaces are smooth, at larger strengths.
     """
     most, before = accepted_sigma(state.sigma), state.sigma
     found = _unfolded(cycle, state, strengths, most)
     if found is not None:
         return cycle.result(found, strengths, (True,) * len(found.boxes))
-    smooth = replace(affine, fraction=state.fraction, slices=affine.slices.with_prior_of(state.slices))
+    smooth = replace(first, fraction=state.fraction, slices=first.slices.with_prior_of(state.slices))
     unfolded = _by_decreasing_strength(cycle, smooth, strengths, most)
     if unfolded is None:
         return cycle.result(state, strengths, cycle.with_checked_folds(state)[0], before)

@@ -2,6 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+from scipy.spatial import cKDTree
+
 from quadriform.errors import WarningKind, Warnings
 from quadriform.fitting.diagnostics import (
     INLIER,
@@ -12,7 +15,9 @@ from quadriform.fitting.diagnostics import (
     smoother_than_data,
     unsupported,
 )
+from quadriform.fitting.elements import Elements
 from quadriform.fitting.noise import sampling_step
+from quadriform.fitting.population.diagnostics import from_population
 from quadriform.fitting.refinement.surface_data import SurfaceData
 from quadriform.fitting.refinement.unfolding import accepted_sigma
 from quadriform.fitting.support import Support, support_of
@@ -81,16 +86,64 @@ def _poor_fit(data: SurfaceData, nearest: FootPoints, found: CycleFit, scale: fl
 
 def support_warnings(frames: Sequence[Mapping[str, Support]]) -> Warnings:
     """PARTIAL_COVERAGE, UNSUPPORTED and RUNAWAY of the frames, by the one that is supported least."""
-    return named_texts({name: _least_supported([each[name] for each in frames]) for name in frames[0]})
+    return _least_supported(frames, [{name: unsupported(each) for name, each in frame.items()} for frame in frames])
 
 
-def _least_supported(frames: Sequence[Support]) -> Warnings:
-    """The same warnings about one surface."""
-    found: Warnings = {}
-    # the least supported frame first: its texts are kept
-    for frame in sorted(range(len(frames)), key=lambda number: frames[number].within):
-        found = {kind: f"frame {frame}: {text}" for kind, text in unsupported(frames[frame]).items()} | found
-    return found
+def support_warnings_of_members(
+    models: Sequence[DeformableModel],
+    frames: Sequence[Mapping[str, Support]],
+    feet: Sequence[Mapping[str, FootPoints]],
+    found: CycleFit,
+    scale: float,
+) -> Warnings:
+    """PARTIAL_COVERAGE and UNSUPPORTED of the frames of a member of a population, by the one that is supported least.
+
+    Args:
+        models: of the frames, with their posteriors.
+        frames: the support of their surfaces.
+        feet: the points of the surfaces nearest to the data.
+        found: the cycle.
+        scale: the RMS radius of the points.
+    """
+    result = []
+    for model, frame, nearest, datasets in zip(models, frames, feet, found.datasets):
+        result.append(dict[str, Warnings]())
+        for name, support in frame.items():
+            kept = nearest[name].points[datasets[name].inliers >= INLIER]
+            result[-1][name] = from_population(support, _open_deviation(model, name, kept, support.limit) / scale)
+    return _least_supported(frames, result)
+
+
+def _open_deviation(model: DeformableModel, name: str, data: Array, limit: float) -> float:
+    """The standard deviation of the part of a surface without data by its posterior, as RMS over its area.
+
+    Args:
+        model: of one frame.
+        name: of the surface.
+        data: (n, 3), its points nearest to the inliers.
+        limit: distance from these beyond which there is no data.
+    """
+    elements, samples = Elements.of(model, name, None), model.posterior
+    is_open = np.ones(len(elements.points), dtype=np.bool_)
+    if len(data):
+        is_open = cKDTree(data).query(elements.points)[0] > limit
+    areas = elements.areas * is_open
+    if samples is None or not areas.any():
+        return 0.0
+    deviations = samples.deviations.reshape(len(samples), -1, 3)
+    moved = np.einsum("nk,ski,ni->sn", model.box.matrix(elements.origins), deviations, elements.normals, optimize=True)
+    return float(np.sqrt(areas @ (moved**2).mean(axis=0) / areas.sum()))
+
+
+def _least_supported(frames: Sequence[Mapping[str, Support]], found: Sequence[Mapping[str, Warnings]]) -> Warnings:
+    """The warnings of all frames as one mapping; of each kind the text of the frame that is supported least."""
+    result = dict[str, Warnings]()
+    for name in frames[0]:
+        result[name] = {}
+        # the least supported frame first: its texts are kept
+        for frame in sorted(range(len(frames)), key=lambda number: frames[number][name].within):
+            result[name] = {kind: f"frame {frame}: {text}" for kind, text in found[frame][name].items()} | result[name]
+    return named_texts(result)
 
 
 def by_frame(found: Sequence[Warnings]) -> Warnings:

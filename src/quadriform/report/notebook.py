@@ -10,7 +10,7 @@ from markupsafe import Markup, escape
 
 from quadriform.errors import OptionError
 from quadriform.fitting.result import Fit
-from quadriform.motion.tracking import Track
+from quadriform.motion.track import Track
 from quadriform.report.fields import uncertainty_field
 from quadriform.report.page import Section, page, source
 from quadriform.report.parts import table

@@ -9,7 +9,7 @@ import numpy as np
 from quadriform.fitting.result import Fit
 from quadriform.heart.measures_table import Measures
 from quadriform.imaging.volume import Volume
-from quadriform.motion.tracking import Track
+from quadriform.motion.track import Track
 from quadriform.points import Array
 from quadriform.report import sections
 from quadriform.report.fields import residual_field, thickness_field, uncertainty_field

@@ -55,8 +55,12 @@ class NormalEquations:
         p = displacement.ravel()
         return float(p @ (self.matrix @ p) - 2 * self.right @ p + self.constant)
 
+    def about(self, displacement: Array) -> "NormalEquations":
+        """The equations in the deviations from displacements (k, 3)."""
+        return NormalEquations(self.matrix, self.right - self.matrix @ displacement.ravel(), self.squares(displacement))
+
     def in_basis(self, vectors: Array) -> "NormalEquations":
-        """The equations in the coefficients of an orthonormal basis, the columns of `vectors` (k, k)."""
+        """The equations in the coefficients of a basis, the columns of `vectors` (k, k)."""
         size = len(vectors)
         # one side at a time: the basis acts on control points and leaves coordinates alone
         half = (vectors.T @ self.matrix.reshape(size, -1)).reshape(3 * size, size, 3)

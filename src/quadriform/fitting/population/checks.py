@@ -52,11 +52,20 @@ def check_prior(
     if prior.surfaces.keys() != clouds.keys():
         expected, found = ", ".join(prior.surfaces), ", ".join(clouds)
         raise InputError(f"points: the prior is of the surfaces {expected}, the points are of {found}; name them alike")
+    check_world(prior, unit, space)
+    _check_size(prior, clouds)
+    return prior, options
+
+
+def check_world(prior: ShapePrior, unit: str, space: str) -> None:
+    """Refuse a prior in another unit or frame than points, where both are known.
+
+    Raises:
+        InputError: naming both.
+    """
     for what, own, other in (("unit", prior.unit, unit), ("space", prior.space, space)):
         if "unknown" not in (own, other) and own != other:
             raise InputError(f"points: in the {what} {other}, the prior is in {own}; convert the points")
-    _check_size(prior, clouds)
-    return prior, options
 
 
 def _check_size(prior: ShapePrior, clouds: Mapping[str, Array]) -> None:

@@ -29,11 +29,17 @@ def population_warnings(result: Result, quality: Mapping[str, SurfaceQuality], u
     """
     if result.prior_distance is None:
         return {}
-    found = {name: _from_population(each.support.scaled(unit), each.open_deviation) for name, each in quality.items()}
+    found = {name: from_population(each.support.scaled(unit), each.open_deviation) for name, each in quality.items()}
     return named_texts(found)
 
 
-def _from_population(support: Support, deviation: float) -> Warnings:
+def from_population(support: Support, deviation: float) -> Warnings:
+    """The same warnings about one surface.
+
+    Args:
+        support: in the unit of the points.
+        deviation: standard deviation of the part without data, over the RMS radius of the cloud.
+    """
     if support.within >= OBSERVED:
         return {}
     known = f"known to {100 * deviation:.2g} % of the cloud's RMS radius (one standard deviation)"

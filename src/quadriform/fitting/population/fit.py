@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import cast
 
 import numpy as np
@@ -39,6 +40,7 @@ from quadriform.shapes.closest import surface_normals
 from quadriform.shapes.control_box import ControlBox
 from quadriform.shapes.model import DeformableModel
 from quadriform.shapes.prior import ShapePrior
+from quadriform.shapes.superquadric import Superquadric
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,8 @@ class PriorRounds:
 
 
 ROUNDS = PriorRounds()
+Deviation = Callable[[Array, Array], Array]
+"""From points (n, 3) before deformation and normals (n, 3) to standard deviations (n,) of a surface along these."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,8 +85,28 @@ class PriorRefinement(Problem):
         return PriorProblem(equations, self.prior, total, effective_fraction, self.least_sigma, self.ratio)
 
 
-def refine_with_prior(given: RefinementInput, prior: ShapePrior, poses: Sequence[ShapePrior] | None = None) -> Result:
-    """The refinement of all surfaces at once by the shapes of a population.
+@dataclass(frozen=True)
+class Posed:
+    """The fit of a member of a population before its folds are removed.
+
+    Attributes:
+        prior: in the pose of the fit.
+        problem: of the rounds in this pose.
+        refined: the result of the rounds.
+    """
+
+    prior: ShapePrior
+    problem: PriorRefinement
+    refined: Refined
+
+    @property
+    def ratio(self) -> float:
+        """The ratio of the prior."""
+        return _ratio(self.refined)
+
+
+def posed(given: RefinementInput, prior: ShapePrior, poses: Sequence[ShapePrior] | None = None) -> Posed:
+    """The fit of pose and shape to all surfaces at once.
 
     Args:
         given: points and options.
@@ -103,8 +127,14 @@ def refine_with_prior(given: RefinementInput, prior: ShapePrior, poses: Sequence
         state = replace(state, box=box, datasets=motion.with_surfaces(state.datasets, prior))
     problem = _problem(given, prior, report)
     found = _stage(problem, ROUNDS.rounds).run(replace(state, datasets=on_data(datasets, prior, state.box)))
-    problem = replace(problem, ratio=_ratio(found))
-    return _result(given, problem, prior, with_details(problem, found))
+    return Posed(prior, problem, found)
+
+
+def refine_with_prior(given: RefinementInput, prior: ShapePrior, poses: Sequence[ShapePrior] | None = None) -> Result:
+    """The refinement of all surfaces at once by the shapes of a population; the arguments are those of `posed`."""
+    found = posed(given, prior, poses)
+    problem = replace(found.problem, ratio=found.ratio)
+    return _result(given, problem, found.prior, with_details(problem, found.refined))
 
 
 def _ratio(found: Refined) -> float:
@@ -145,7 +175,7 @@ def _result(given: RefinementInput, problem: PriorRefinement, prior: ShapePrior,
     enriched = EnrichedBox(found.box, linear, found.solution.strength)
     box: ControlBox | None = found.box
     if not certified(found.box, prior.surfaces):
-        box = _without_folds(prior, found, enriched)
+        box = without_folds(prior.surfaces, found.box, partial(enriched.deviation, found.box), found.sigma)
     model = DeformableModel(prior.surfaces, found.box if box is None else box)
     by_name = dict(zip(prior.surfaces, found.datasets))
     distance = prior.distance(found.box.control_points - found.box.rest)
@@ -163,19 +193,26 @@ def _result(given: RefinementInput, problem: PriorRefinement, prior: ShapePrior,
     )
 
 
-def _without_folds(prior: ShapePrior, found: Refined, enriched: EnrichedBox) -> ControlBox | None:
+def without_folds(
+    surfaces: Mapping[str, Superquadric], box: ControlBox, deviation: Deviation, sigma: float
+) -> ControlBox | None:
     """A box with the same surfaces, and a map without folds that bends as little as they allow; None if none is found.
 
     The population is known by its surfaces, and the modes say nothing about the space inside. So points of the surfaces
     found are fitted without the prior, as data whose noise is the standard deviation of these surfaces: where they are
     known well they stay, and beyond the data, where two of them may even cross, they give way.
+
+    Args:
+        surfaces: name -> superquadric.
+        box: that may fold.
+        deviation: of the surfaces, at points before deformation along normals.
+        sigma: standard deviation of the data.
     """
     given, origins = list[GivenSurface](), list[Array]()
-    for surface in prior.surfaces.values():
+    for surface in surfaces.values():
         origins.append(surface.grid(ROUNDS.cells)[0])
-        normals = surface_normals(surface, found.box, origins[-1])
-        deviations = enriched.deviation(found.box, origins[-1], normals)
-        deviations = np.maximum(deviations, ROUNDS.least_deviation * found.sigma)
-        given.append(GivenSurface(surface, found.box.deform(origins[-1]), deviations))
-    l, m, n, _ = found.box.control_points.shape
-    return GivenSurfaces.of(given, (l, m, n)).without_folds(State(found.box, tuple(origins)))
+        deviations = deviation(origins[-1], surface_normals(surface, box, origins[-1]))
+        deviations = np.maximum(deviations, ROUNDS.least_deviation * sigma)
+        given.append(GivenSurface(surface, box.deform(origins[-1]), deviations))
+    l, m, n, _ = box.control_points.shape
+    return GivenSurfaces.of(given, (l, m, n)).without_folds(State(box, tuple(origins)))

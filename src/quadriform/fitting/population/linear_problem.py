@@ -104,10 +104,7 @@ class PriorProblem:
     def _in_coordinates(self) -> NormalEquations:
         """The equations of data and extra terms in the coordinates y."""
         of = self.data if self.with_extra is None else self.with_extra
-        mean = self.prior.mean.ravel()
-        # about the mean: displacements are p + m
-        centred = NormalEquations(of.matrix, of.right - of.matrix @ mean, of.squares(mean))
-        return centred.in_basis(self.prior.basis)
+        return of.about(self.prior.mean).in_basis(self.prior.basis)
 
     @property
     def regulariser_matrix(self) -> Array:
