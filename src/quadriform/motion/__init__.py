@@ -25,7 +25,7 @@ Image Analysis 1996; 1: 129-149. The whole cycle as one problem is ours.
    slices, `slice_prior.py` their prior.
 5. `cycle_rounds._unfolded_fit` removes folds; `quality.py` states what the data supports, and warns.
 
-With a prior the steps 2, 3 and 5 are those of `members.py`: the pose of the population in one frame, the members nearest
-to the points of each frame, and folds that are removed with the surfaces held. `energies.py` has what the rounds need of
-the regularisation in space, of either kind.
+With a prior the steps 2, 3 and 5 are those of `members.py`: the pose of the population in one frame, the members
+nearest to the points of each frame, and folds that are removed with the surfaces held. `energies.py` has what the
+rounds need of the regularisation in space, of either kind.
 """
