@@ -201,7 +201,7 @@ class AsMembers:
 
     def unfolded(self, cycle: Cycle, first: CycleState, state: CycleState, strengths: Strengths) -> CycleFit:
         """The fit whose frames that fold have nearly the same surfaces without folds."""
-        # of the members themselves: points of a surface that is held may slide along it when folds are removed
+        # of the members themselves: when folds are removed, points of a surface may move along it
         distances = tuple(_distance(self.prior, box) for box in state.boxes)
         found = replace(cycle.result(state, strengths, (True,) * len(state.boxes)), prior_distances=distances)
         if all(certified(box, cycle.surfaces) for box in state.boxes):
