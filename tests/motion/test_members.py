@@ -5,7 +5,7 @@ import pytest
 from priors_made import meshes
 from scipy.spatial.transform import Rotation
 
-from quadriform import fit, learn_prior, track
+from quadriform import Mesh, fit, learn_prior, track
 from quadriform.errors import InputError, OptionError
 from quadriform.fitting.least_squares.normal_equations import NormalEquations
 from quadriform.fitting.population.coordinates import PriorCoordinates
@@ -19,9 +19,15 @@ RATIO, COUNT = 1e3, 200.0
 BASIS = TimeBasis(np.arange(4.0), 4.0)
 
 
+def bent(mesh):
+    """A body that is no superquadric: bent by a third of its half length."""
+    across = 0.008 * mesh.vertices[:, 2] ** 2
+    return Mesh(mesh.vertices + np.outer(across, [1.0, 0.0, 0.0]), mesh.faces)
+
+
 @pytest.fixture(scope="module")
 def prior():
-    return learn_prior(meshes())
+    return learn_prior([bent(mesh) for mesh in meshes()])
 
 
 @pytest.fixture(scope="module")
@@ -109,9 +115,9 @@ def frames_of(prior, noise=NOISE):
     result, truths = [], []
     for number, scores in enumerate(SCORES):
         rotation = Rotation.from_rotvec([0.03 * number, 0.02 * number, 0.0]).as_matrix()
-        points = prior.model(scores).mesh(resolution=12).vertices
+        points = prior.model(scores).mesh(resolution=24).vertices
         angles = np.arctan2(points[:, 1], points[:, 0])
-        near = (np.abs(np.sin(2 * angles + 0.5)) < 0.15) & (points[:, 2] < 10)
+        near = (np.abs(np.sin(2 * angles + 0.5)) < 0.1) & (points[:, 2] < 10)
         truths.append(points @ rotation.T + number)
         result.append(truths[-1][near] + np.random.default_rng(number).normal(0, noise, (near.sum(), 3)))
     return result, truths
@@ -130,7 +136,7 @@ def found(prior):
 def test_a_motion_of_members_is_known_from_a_few_points(found, prior):
     moving, frames, truths = found
     with_prior, without = errors(moving.models, truths), errors(track(frames).models, truths)
-    assert max(with_prior) < 3 * NOISE and np.mean(with_prior) < 0.35 * np.mean(without)
+    assert max(with_prior) < NOISE and np.mean(with_prior) < 0.35 * np.mean(without)
     scores = [np.linalg.norm(each) for each in SCORES]
     np.testing.assert_allclose(moving.prior_distances, scores, atol=0.5)
     assert all(model.min_jacobian() > 0 for model in moving.models)

@@ -127,21 +127,13 @@ def _track(
 def _record(
     inputs: Sequence[Path], targets: Sequence[Path], found: "Track", measures: "Measures | None", seconds: float
 ) -> Record:
-    frames = []
-    each = zip(found.times, found.models, found.frame_rms, found.supported)
-    for number, (at, model, rms, supported) in enumerate(each):
-        volumes = {f"volume_{name}": model.volume(name) for name in model.surfaces}
-        cavity = {} if measures is None else {"cavity_ml": float(measures.curves["cavity volume"][number])}
-        to_prior = {"prior_distance": found.prior_distances[number]} if found.prior_distances else {}
-        measured = {"time": float(at), "rms": float(rms), "supported": float(supported)}
-        frames.append({"frame": number, **measured, **volumes, **cavity, **to_prior})
     model = found.models[0]
     return {
         "input": ", ".join(map(str, inputs)),
         "status": found.status,
         "outputs": [str(path) for path in targets],
         "strategy": found.strategy,
-        "frames": frames,
+        "frames": _frame_records(found, measures),
         "points": int(sum(len(values) for frame in found.residuals for values in frame.values())),
         "parameters": found.moving.n_parameters if found.moving else sum(m.n_parameters for m in found.models),
         "rms": found.rms,
@@ -158,6 +150,18 @@ def _record(
         "warnings": texts(found.warnings),
         "notes": list(found.notes),
     }
+
+
+def _frame_records(found: "Track", measures: "Measures | None") -> list[Record]:
+    frames = []
+    each = zip(found.times, found.models, found.frame_rms, found.supported)
+    for number, (at, model, rms, supported) in enumerate(each):
+        volumes = {f"volume_{name}": model.volume(name) for name in model.surfaces}
+        cavity = {} if measures is None else {"cavity_ml": float(measures.curves["cavity volume"][number])}
+        to_prior = {"prior_distance": found.prior_distances[number]} if found.prior_distances else {}
+        measured = {"time": float(at), "rms": float(rms), "supported": float(supported)}
+        frames.append({"frame": number, **measured, **volumes, **cavity, **to_prior})
+    return frames
 
 
 def _move_record(move: "SliceMove") -> dict[str, Any]:
