@@ -15,7 +15,7 @@ import numpy as np
 from quadriform.fitting.population.coordinates import PriorCoordinates
 from quadriform.fitting.population.fit import without_folds
 from quadriform.fitting.population.linear_problem import PriorProblem
-from quadriform.fitting.population.poses import POSES, Similarity, with_modes
+from quadriform.fitting.population.poses import Similarity, best_pose
 from quadriform.fitting.refinement.point_to_plane import data_rows
 from quadriform.fitting.refinement.surface_data import SurfaceData
 from quadriform.fitting.refinement.unfolding import certified
@@ -193,8 +193,7 @@ class AsMembers:
         """The state of the members that are nearest."""
         boxes = []
         for datasets in undeformed.datasets:
-            some = [data.subsample(POSES.mode_points, cycle.robust) for data in datasets]
-            boxes.append(with_modes(self.prior, some, cycle.robust).result[1])
+            boxes.append(best_pose([self.prior], datasets, cycle.robust)[1])
             report.round()
         first = _with_boxes(cycle, undeformed, boxes)
         return replace(first, fold_penalties=[replace(each, weight=0.0) for each in first.fold_penalties])
