@@ -57,9 +57,13 @@ def test_starts_are_ordered_by_evidence_and_a_much_nearer_one_comes_first(monkey
     assert [last.index(each) for each in refine._crossing_last(last)] == [1, 3, 0, 2]
 
 
-def certified(monkeypatch, trials, noises, unfolded, largest=None):
-    """Trials whose refinements have these noises, and those without folds; and the limits that were asked for."""
+def certified(monkeypatch, trials, noises, unfolded, largest=None, far=None):
+    """Trials whose refinements have these noises, and those without folds; and the limits that were asked for.
+
+    `far` has the RMS distance from data of the parts without data by the noise of the refinement; else it is zero.
+    """
     limits = []
+    monkeypatch.setattr(refine, "rms_far_from_data", lambda refined: (far or {}).get(refined.sigma, 0.0))
     monkeypatch.setattr(refine, "_ordered", lambda *of: trials)
     refined = iter([SimpleNamespace(sigma=sigma) for sigma in noises])
     monkeypatch.setattr(refine, "fine_stage", lambda *of: next(refined))
@@ -70,7 +74,7 @@ def certified(monkeypatch, trials, noises, unfolded, largest=None):
         return [SimpleNamespace(sigma=sigma) for sigma in next(each)]
 
     monkeypatch.setattr(refine, "without_folds", without_folds)
-    (first, found), best = refine._first_and_best(None, trials, None, largest)
+    (first, found, _), best = refine._first_and_best(None, trials, None, largest)
     assert first is trials[0] and found.sigma == noises[0]
     return None if best is None else (trials.index(best.trial), best.refined.sigma), limits
 
@@ -82,6 +86,39 @@ def test_the_first_start_without_folds_at_an_accepted_noise_is_taken(monkeypatch
     assert found == (1, 0.14) and limits == pytest.approx([0.15, 0.15])  # one and a half times that of the first
     assert certified(monkeypatch, two, [0.1, 0.2], [[], []])[0] is None
     assert certified(monkeypatch, two, [0.1, 0.2], [[], [0.5]], 0.6) == ((1, 0.5), [0.6, 0.6])
+
+
+def test_a_refinement_with_a_part_far_from_data_gives_way_to_one_without(monkeypatch):
+    """Old bug: the tip of a start beyond the end of a scanned body stayed, though the next start fits on all sides."""
+    two, noises = [trial(), trial()], [0.1, 0.1]
+    unfolded = [[0.12, 0.11], [0.13, 0.05]]
+    assert certified(monkeypatch, two, noises, unfolded, far={0.12: 0.3, 0.11: 0.2})[0] == (1, 0.13)
+    # less than the noise: no other is tried
+    assert certified(monkeypatch, two, noises, unfolded, far={0.12: 0.1})[0] == (0, 0.12)
+    # where all have such parts, the points to the surfaces and the surfaces to the points count alike
+    all_far = {0.12: 0.3, 0.11: 0.2, 0.13: 0.4, 0.05: 0.5}
+    assert certified(monkeypatch, two, noises, unfolded, far=all_far)[0] == (0, 0.11)
+    # one of more noise is no better for having no such part
+    assert certified(monkeypatch, two, [0.05, 0.05], [[0.01], [0.07]], far={0.01: 0.02})[0] == (0, 0.01)
+
+
+def far_from_data(body, semi_axes=(1, 1, 1), half_space=None):
+    """Of an ellipsoid with these semi-axes, undeformed, as the surface of a body."""
+    surface = replace(SURFACE, semi_axes=np.array(semi_axes, dtype=float))
+    data = SurfaceData.of(surface, body, np.ones(len(body)), half_space)
+    refined = SimpleNamespace(box=ControlBox.around(surface, (3, 3, 3)), datasets=(data,), sigma=0.001)
+    return refine.rms_far_from_data(refined)
+
+
+def test_a_tip_beyond_a_body_with_data_on_all_sides_is_far_from_data():
+    """Points say nothing of it, for none belongs to it."""
+    ball = even_directions(1500)
+    assert far_from_data(ball) == 0
+    assert far_from_data(ball, (1, 1, 2)) > 0.2
+    assert far_from_data(ball[ball[:, 2] < 0.3], (1, 1, 2)) == 0  # a surface that goes on beyond its data
+    above, below = (np.array([0, 0, 0.0]), np.array([0, 0, 1.0])), (np.array([0, 0, 0.0]), np.array([0, 0, -1.0]))
+    cut = (far_from_data(ball, (1, 1, 2), end) for end in (above, below))
+    assert sum(each**2 for each in cut) == pytest.approx(far_from_data(ball, (1, 1, 2)) ** 2, rel=0.05)
 
 
 def test_between_several_surfaces_a_fold_is_worse_than_noise(monkeypatch):

@@ -8,10 +8,11 @@ from shapes_made import even_directions, made, turned
 
 from quadriform.fitting import interpolation
 from quadriform.fitting import support as supports
-from quadriform.fitting.support import Arrangement, Reach, Support, spread_by_distance
+from quadriform.fitting.support import Arrangement, Reach, Support, rms_without_data, spread_by_distance
 from quadriform.fitting.support_settings import LIMITS, ONE
 from quadriform.shapes.directions import sphere_grid
 from quadriform.shapes.landmarks import BasePlane
+from quadriform.shapes.mesh import Mesh
 from quadriform.shapes.superquadric import Superquadric
 
 MESH = made(exponents=(1, 1)).mesh(8)
@@ -257,3 +258,19 @@ def test_whether_points_are_of_one_surface_by_all_three_tests():
     assert Arrangement.of(ball, points, points, thick, 0.3).layered > 0.9
     assert Arrangement.of(ball, 2 * points, points, thick, 0.3).layered == 0
     assert ONE.most == 0.1
+
+
+@pytest.mark.parametrize("radius", [0.02, 0.05])
+def test_the_distance_of_a_part_without_data_counts_by_its_area(radius):
+    """A ball of radius r at a distance of two has r^2 / (1 + r^2) of the area, at a distance of one from the data."""
+    data, ball = even_directions(3000), Superquadric().mesh(24)
+    mesh = Mesh(
+        np.concatenate([ball.vertices, radius * ball.vertices + [2, 0, 0]]),
+        np.concatenate([ball.faces, ball.faces + len(ball.vertices)]),
+    )
+    nowhere, there = np.zeros(len(mesh.faces), dtype=bool), np.repeat([False, True], len(ball.faces))
+    expected = radius / np.sqrt(1 + radius**2)
+    assert rms_without_data(mesh, data, data, 0.0, nowhere) == pytest.approx(expected, rel=0.01)
+    assert rms_without_data(mesh, data, data, 0.0, there) == 0  # where no data is expected
+    assert rms_without_data(ball, data, data, 0.0, nowhere[: len(ball.faces)]) == 0
+    assert rms_without_data(ball, data[:0], data[:0], 0.0, nowhere[: len(ball.faces)]) == 0

@@ -118,6 +118,22 @@ def support_of(
     return Support(area, volume, volume_below, within, limit, reach.distance, reach_below, slices, by_volume)
 
 
+def rms_without_data(mesh: Mesh, points: Array, feet: Array, noise: float, excluded: NDArray[np.bool_]) -> float:
+    """The distance from data of the parts of a surface that have no support, as RMS over all of its area.
+
+    Args:
+        mesh: of the surface, fine.
+        points, feet, noise: as in `support_of`.
+        excluded: (m,), which triangles lie where no data is expected; they count as supported.
+    """
+    areas, middles = np.linalg.norm(mesh.area_vectors(), axis=1), mesh.vertices[mesh.faces].mean(axis=1)
+    _, distances, limit = _distances_from_data(points, feet, middles, areas, LIMITS.noise * noise)
+    if not limit > 0:
+        return 0.0  # no points of which the distance means anything
+    without = (distances > limit) & ~excluded
+    return float(np.sqrt((areas[without] @ distances[without] ** 2) / areas.sum()))
+
+
 def _volumes_below(
     corners: Array, upward: Array, heights: Array, base: BasePlane, supported: NDArray[np.bool_]
 ) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 
 from quadriform.errors import OptionError, Warnings
 from quadriform.fitting.cloud import best_first
-from quadriform.fitting.diagnostics import POOR, folding, ill_conditioned, max_error_missed, smoother_than_data
+from quadriform.fitting.diagnostics import INLIER, POOR, folding, ill_conditioned, max_error_missed, smoother_than_data
 from quadriform.fitting.least_squares.uncertainty import EnrichedBox
 from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.options import TangentOptions, check_box, check_strength
@@ -30,7 +30,11 @@ from quadriform.fitting.refinement.starts import candidates
 from quadriform.fitting.refinement.surface_data import Subsample, SurfaceData
 from quadriform.fitting.refinement.unfolding import accepted_sigma, least_regularised, without_folds
 from quadriform.fitting.result import HalfSpace, Progress, Result
+from quadriform.fitting.support import rms_without_data
+from quadriform.fitting.support_settings import LIMITS
+from quadriform.point_sets import ALONE
 from quadriform.points import Array
+from quadriform.shapes.closest import closest_on
 from quadriform.shapes.control_box import ControlBox, common_box
 from quadriform.shapes.fold_bound import never_folds
 from quadriform.shapes.model import DeformableModel
@@ -158,7 +162,8 @@ def _best_start(
     The first start is the first one that is tried, and the accepted noise is relative to that of its refinement.
 
     1. Where a start has a certified refinement within the accepted noise, it is that one; with several surfaces, if
-       none has, the certified one of least noise.
+       none has, the certified one of least noise. Where parts of its surface are far from data although data covers
+       the body, that of least misfit both ways, of the refinements up to the first without such parts.
     2. Where there is none, and the first start is a poor fit: the certified refinement of it with the least noise at
        larger strengths (`least_regularised`). Where it is no poor fit, and `robust`: a certified refinement without
        robust weights. With these, whole faces of a body with sharp edges can be taken for outliers, and then no data
@@ -168,7 +173,7 @@ def _best_start(
     `POOR_FIT` is reported where the removal of folds made the distances from the points much larger.
     """
     first, best = _first_and_best(given, starts, shape)
-    trial, refined = first
+    trial, refined, _ = first
     if best is None and refined.sigma > POOR:
         regularised = least_regularised(trial.problem, refined, trial.surfaces)
         best = None if regularised is None else Attempt(trial, regularised)
@@ -187,9 +192,11 @@ def _first_and_best(
     shape: tuple[int, int, int],
     largest_sigma: float | None = None,
 ) -> tuple["Attempt", "Attempt | None"]:
-    """The refinement of the first start, and the first certified one of accepted noise, else that of least noise.
+    """The refinement of the first start, and a certified one of accepted noise, else that of least noise.
 
     Starts are tried in the order of the marginal likelihood after their first stage, those whose surfaces cross last.
+    The first certified one is taken, unless its surfaces are farther from data, where they have none, than the noise.
+    Then others follow, up to the first that is nearer than that, and of all these the one of least misfit is taken.
     With several surfaces in one box the space between them must not fold: there any noise is accepted where none is
     better. None in place of the second where no refinement is certified within the accepted noise.
 
@@ -199,7 +206,7 @@ def _first_and_best(
         shape: control points along each axis.
         largest_sigma: the accepted noise; None for one relative to that of the first start.
     """
-    attempts, noisy = list["Attempt"](), list["Attempt"]()
+    attempts, noisy, found = list["Attempt"](), list["Attempt"](), list["Attempt"]()
     for trial in _crossing_last(_ordered(given, starts, shape)):
         refined = fine_stage(trial.problem, trial.datasets, trial.coarse)
         attempts.append(Attempt(trial, refined))
@@ -207,10 +214,13 @@ def _first_and_best(
         # between several surfaces a fold is worse than noise
         limit = np.inf if len(trial.surfaces) > 1 else accepted
         for certified in without_folds(trial.problem, refined, trial.surfaces, limit):
-            if certified.sigma <= accepted:
-                return attempts[0], Attempt(trial, certified)
-            noisy.append(Attempt(trial, certified))
-    return attempts[0], min(noisy, key=lambda attempt: attempt.refined.sigma, default=None)
+            if certified.sigma > accepted:
+                noisy.append(Attempt(trial, certified))
+                continue
+            found.append(Attempt(trial, certified, rms_far_from_data(certified)))
+            if found[-1].far_from_data <= found[0].refined.sigma:
+                return attempts[0], min(found, key=Attempt.misfit)
+    return attempts[0], min(found or noisy, key=Attempt.misfit, default=None)
 
 
 def _ordered(
@@ -277,10 +287,33 @@ class _Trial:
 
 
 class Attempt(NamedTuple):
-    """A start and a refinement of it."""
+    """A start, a refinement of it, and how far its surfaces are from data where they have none: `rms_far_from_data`."""
 
     trial: _Trial
     refined: Refined
+    far_from_data: float = 0.0
+
+    def misfit(self) -> float:
+        """The RMS distance between points and surfaces, both ways."""
+        return float(np.hypot(self.refined.sigma, self.far_from_data))
+
+
+def rms_far_from_data(refined: Refined) -> float:
+    """The distance from data of the parts of surfaces without support, as RMS over all area; 0 of partial data.
+
+    A closed surface that data covers has data everywhere, so such a part is wrong, however near the points are: the
+    tip of a superquadric beyond the end of a body, to which no point belongs, stays where it is.
+    """
+    if not all(data.is_covered() for data in refined.datasets):
+        return 0.0
+    squares = list[float]()
+    for data in refined.datasets:
+        model, kept = DeformableModel({ALONE: data.superquadric}, refined.box), data.inliers >= INLIER
+        mesh = model.mesh(resolution=LIMITS.resolution)
+        feet = closest_on(data.superquadric, refined.box, data.points[kept]).points
+        excluded = data.in_half_space(mesh.vertices[mesh.faces].mean(axis=1))
+        squares.append(rms_without_data(mesh, data.points[kept], feet, refined.sigma, excluded) ** 2)
+    return float(np.sqrt(np.mean(squares)))
 
 
 def _crossing_last(trials: Sequence[_Trial]) -> Iterator[_Trial]:
@@ -295,7 +328,7 @@ def _crossing_last(trials: Sequence[_Trial]) -> Iterator[_Trial]:
 
 
 def _result(attempt: Attempt, warnings: Warnings) -> Result:
-    trial, refined = attempt
+    trial, refined, _ = attempt
     model, given = DeformableModel(trial.surfaces, refined.box), trial.given
     return Result(
         model=model,
