@@ -2,8 +2,9 @@
 
 python benchmarks/intervals.py [kinds...] [--hearts N] [--cases]
 
-Contours of both phases of hearts that no prior is learnt from (bench/hearts), by `track` with slices; the kind `three`,
-long axes alone, by `fit` of each phase. Volumes and mass are compared below planes that all of the true walls reach,
+Contours of both phases of hearts that no prior is learned from (bench/hearts), by `track` with slices; the kind `three`,
+long axes alone, by `fit` of each phase. Kinds that end in `-prior` are fitted by `track` with a prior of other hearts.
+Volumes and mass are compared below planes that all of the true walls reach,
 with those of the true walls; the thickness of the wall with that by `measure` of a model of many points of the true
 walls without noise. It depends on the lines that it is measured along, which no surface shows, so that this model's own
 standard deviation counts too.
@@ -20,6 +21,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 from common import SHARED, table
+from generalisation.learned import learned_prior
 from generalisation.rows import Missing, bench_module, present
 
 import quadriform as qf
@@ -29,7 +31,8 @@ from quadriform.shapes.landmarks import BasePlane
 from quadriform.shapes.record import Estimate
 
 PHASES, WALLS = ("ed", "es"), ("endo", "epi")
-KINDS = ("aligned", "moved", "three")
+PRIOR = "-prior"
+KINDS = ("aligned", "moved", "three", "moved-prior", "three-prior", "two-prior")
 SUBJECTS = range(500, 1000)
 HEARTS = 20
 LEVEL = 0.95
@@ -120,11 +123,13 @@ def true_measures(bench: ModuleType, subject: int, planes: Sequence[BasePlane]) 
     }
 
 
-def fitted(kind: str, cases: Sequence[Any]) -> Sequence[qf.DeformableModel]:
+def fitted(bench: ModuleType, kind: str, cases: Sequence[Any]) -> Sequence[qf.DeformableModel]:
     """The models of both phases."""
+    points = [each.points for each in cases]
     if kind == "three":
-        return [qf.fit(each.points).with_estimates().model for each in cases]
-    return qf.track([each.points for each in cases], slices=[each.slices for each in cases]).models
+        return [qf.fit(each).with_estimates().model for each in points]
+    slices = None if kind.startswith(("two", "three")) else [each.slices for each in cases]
+    return qf.track(points, slices=slices, prior=learned_prior(bench) if kind.endswith(PRIOR) else None).models
 
 
 def measured(models: Sequence[qf.DeformableModel], planes: Sequence[BasePlane]) -> qf.Measures:
@@ -141,9 +146,9 @@ def on_plane(plane: BasePlane) -> np.ndarray:
 
 def errors(bench: ModuleType, kind: str, subject: int) -> list[Error]:
     """The errors of one heart."""
-    cases = [bench.case(subject, phase, kind) for phase in PHASES]
+    cases = [bench.case(subject, phase, kind.removesuffix(PRIOR)) for phase in PHASES]
     planes = [base_plane(bench, subject, phase) for phase in PHASES]
-    found, truth = measured(fitted(kind, cases), planes), true_measures(bench, subject, planes)
+    found, truth = measured(fitted(bench, kind, cases), planes), true_measures(bench, subject, planes)
     result = []
     for quantity in QUANTITIES:
         each, true = found.estimate(quantity), truth[quantity]

@@ -1,6 +1,9 @@
-"""Contours of hearts whose slices moved between breath-holds (bench/hearts, kind "moved"): the walls and the slices."""
+"""Contours of hearts whose slices moved between breath-holds (bench/hearts, kind "moved"): the walls and the slices.
 
-from collections.abc import Sequence
+With a prior of shape it is learned from other hearts, of both phases.
+"""
+
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from types import ModuleType
@@ -10,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import quadriform as qf
 from generalisation.hearts import PHASES, SUBJECTS, wall_errors
+from generalisation.learned import learned_prior
 from generalisation.rows import (
     Benchmark,
     Case,
@@ -35,24 +39,35 @@ FEWEST_POINTS = 6
 
 
 def benchmarks(shared: Path, limit: int | None) -> list[Benchmark]:
-    """Hearts with slices across and along the axis, and with those across alone."""
+    """Hearts with slices across and along the axis, also with a prior, and with those across alone."""
     bench = bench_module(shared, "hearts", "make_cases")
     present(bench.ATLAS)
-    error, row = "ES mean mm", partial(_row, bench)
+    error, row = "ES mean mm", partial(_row, bench, lambda: None)
+    with_prior = partial(_row, bench, partial(learned_prior, bench))
     cases = {along: [(subject, along) for subject in SUBJECTS[:limit]] for along in (True, False)}
     required = "ED / ES .7 / .9 mm, slices .5 mm, no fold"
     return [
         Benchmark("hearts moved", error, cases[True], row, _figure, required),
+        Benchmark(
+            "hearts moved, prior",
+            error,
+            cases[True],
+            with_prior,
+            _figure,
+            "ED / ES .5 / .6 mm, slices .5 mm, no fold",
+            has_ladder=False,
+        ),
         Benchmark("hearts moved, no long axis", error, cases[False], row, _figure, "no fold"),
     ]
 
 
-def _row(bench: ModuleType, case: Case, strength: Strength) -> Row:
+def _row(bench: ModuleType, prior: Callable[[], qf.ShapePrior | None], case: Case, strength: Strength) -> Row:
     subject, along = case
     cases = [bench.case(subject, phase, "moved") for phase in PHASES]
     if not along:
         cases = [_across(bench, each) for each in cases]
-    found = qf.track([each.points for each in cases], slices=[each.slices for each in cases], strength=strength)
+    slices = [each.slices for each in cases]
+    found = qf.track([each.points for each in cases], slices=slices, strength=strength, prior=prior())
     numbers = wall_errors(bench, found.models, subject)
     rotation, offset, remaining = remaining_motions(cases, found)
     for phase, model in zip(PHASES, found.models):
