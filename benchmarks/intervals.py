@@ -2,12 +2,11 @@
 
 python benchmarks/intervals.py [kinds...] [--hearts N] [--cases]
 
-Contours of both phases of hearts that no prior is learned from (bench/hearts), by `track` with slices; the kind `three`,
-long axes alone, by `fit` of each phase. Kinds that end in `-prior` are fitted by `track` with a prior of other hearts.
-Volumes and mass are compared below planes that all of the true walls reach,
-with those of the true walls; the thickness of the wall with that by `measure` of a model of many points of the true
-walls without noise. It depends on the lines that it is measured along, which no surface shows, so that this model's own
-standard deviation counts too.
+Contours of both phases of hearts that no prior is learned from (bench/hearts), by `track` with slices; the kind
+`three`, long axes alone, by `fit` of each phase. Kinds that end in `-prior` are fitted by `track` with a prior of other
+hearts. Volumes and mass are compared below planes that all of the true walls reach, with those of the true walls; the
+thickness of the wall with that by `measure` of a model of many points of the true walls without noise. It depends on
+the lines that it is measured along, which no surface shows, so that this model's own standard deviation counts too.
 """
 
 import argparse
