@@ -36,6 +36,7 @@ def folder(tmp_path_factory):
     (folder / "list.csv").write_text("id,input\nmean,mean.ply\nfar,far.ply\n", encoding="utf-8")
     (folder / "boxes.csv").write_text('id,input,box\na,far.ply,"3,3,3"\n', encoding="utf-8")
     (folder / "moving.csv").write_text("id,input\na,far.ply;mean.ply\n", encoding="utf-8")
+    (folder / "previous.csv").write_text("id,input,strategy\na,far.ply;mean.ply,previous\n", encoding="utf-8")
     return folder
 
 
@@ -77,11 +78,19 @@ def test_results_with_one_prior_are_kept_and_not_continued_with_another(folder, 
                 fitted(folder, results, prior, **choices)
 
 
+def test_a_subject_of_several_frames_is_a_member_in_each(folder, tmp_path):
+    fitted(folder, tmp_path, subjects="moving.csv")
+    record = json.loads((tmp_path / "subjects" / "a" / "record.json").read_text(encoding="utf-8"))
+    found = next(value for quantity, _, value, *_ in record["measures"] if quantity == "prior distance")
+    assert found == pytest.approx(2.0, abs=0.2)  # that of the frame farthest from the mean
+    assert isinstance(qf.load(tmp_path / "subjects" / "a" / "model.json"), qf.MovingModel)
+
+
 @pytest.mark.parametrize(
     ("prior", "subjects", "named"),
     (
         ("endo.prior.npz", "list.csv", "surfaces endo"),
-        ("one.prior.npz", "moving.csv", "several frames"),
+        ("one.prior.npz", "previous.csv", "line 2: strategy"),
         ("one.prior.npz", "boxes.csv", "line 2: box"),
         ("far.ply", "list.csv", "npz"),
         ("none.npz", "list.csv", "none.npz"),

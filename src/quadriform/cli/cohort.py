@@ -38,8 +38,8 @@ def cohort(
         resume: Continue: results that exist and whose input has not changed are kept.
         heart: The left ventricle in label images: endo=label:1 for the cavity, for the wall epi=label:1+2, of all
             subjects whose row has none. Volumes and ejection fraction are those below the base of the labels.
-        prior: Prior of shape, .npz, as written by quadriform prior: all subjects are members of its population, each
-            with one frame; the table has the distance of each from the mean.
+        prior: Prior of shape, .npz, as written by quadriform prior: all subjects are members of its population
+            in all frames; the table has the distance of each from the mean.
         set_: NAME=VALUE, an option of all subjects whose row has none, such as box=5,5,5.
         show_ids: Name subjects on the screen; else only their rows are shown.
     """

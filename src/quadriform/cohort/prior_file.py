@@ -64,6 +64,8 @@ class PriorFile:
                 raise OptionError(f"{name}: not with a prior, which has its own box and weights")
         if options.get("method") == "paper":
             raise OptionError("method: a prior is not an option of the method 'paper'; use 'tangent'")
+        if options.get("strategy") == "previous":
+            raise OptionError("strategy: a prior is not an option of the strategy 'previous'; use 'cycle'")
 
     def check_layout(self, layout: Layout, space: str | None) -> None:
         """Refuse subjects whose shapes are none of the population.
@@ -73,7 +75,7 @@ class PriorFile:
             space: that the results are transformed to; None for that of the subjects.
 
         Raises:
-            InputError: of other surfaces, in another unit or frame, or with several frames.
+            InputError: of other surfaces, or in another unit or frame.
         """
         prior, where = self.read(), quoted(self.path)
         if set(prior.surfaces) != set(layout.surfaces):
@@ -83,11 +85,6 @@ class PriorFile:
         for what, own, other in pairs:
             if "unknown" not in (own, other) and own != other:
                 raise InputError(f"{where}: a prior in the {what} {own}; the subjects are in {other}")
-        if layout.frames > 1:
-            raise InputError(
-                f"{where}: subjects with several frames are tracked without a prior; expected one frame for each "
-                f"subject, found {layout.frames}"
-            )
 
 
 @lru_cache(maxsize=1)  # of a worker, which gets one subject after the other

@@ -37,7 +37,7 @@ class Choices:
         force: process all subjects again.
         strict: the mildest status that is refused, or None.
         space: to write in; None for that of the first subject.
-        prior: file of a prior of shape, of whose population all subjects are, each with one frame.
+        prior: file of a prior of shape, of whose population all subjects are, in all frames.
     """
 
     options: Mapping[str, Any] = field(default_factory=dict)

@@ -211,12 +211,16 @@ def _tracked(frames: FrameSeries, task: Task, options: dict[str, Any]) -> tuple[
     if options.pop("shift_slices", False):
         drop_points_between_slices(frames)
         options["slices"] = frames.slice_of_point
+    if task.prior is not None:
+        options["prior"] = task.prior.read()
     found = _with_reading(track(frames.sets, base=frames.bases, **frames.with_times(options)), frames)
     if found.moving is None:
         raise InputError("expected a strategy that gives one moving model")
     model = _with_metadata(replace(found.moving, landmarks=frames.landmarks), frames, task.layout)
     count = sum(len(values) for frame in found.residuals for values in frame.values())
     about = {"points": count, "rms": found.rms, "noise": found.noise}
+    if found.prior_distances:
+        about[PRIOR_DISTANCE] = max(found.prior_distances)
     models = [model.at(time) for time in found.times]  # each with the landmarks of its frame
     record = replace(model.record, notes=(*model.record.notes, *reach_notes(models)))
     return replace(model, record=record), measures_of(models, found.times, found.frame_rms, about, record)
