@@ -299,12 +299,12 @@ class Attempt(NamedTuple):
 
 
 def rms_far_from_data(refined: Refined) -> float:
-    """The distance from data of the parts of surfaces without support, as RMS over all area; 0 of partial data.
+    """The distance from data of the parts of surfaces without support, as RMS over all area; 0 of partial or no data.
 
     A closed surface that data covers has data everywhere, so such a part is wrong, however near the points are: the
     tip of a superquadric beyond the end of a body, to which no point belongs, stays where it is.
     """
-    if not all(data.is_covered() for data in refined.datasets):
+    if not all(data.is_covered() and (data.inliers >= INLIER).any() for data in refined.datasets):
         return 0.0
     squares = list[float]()
     for data in refined.datasets:
