@@ -21,5 +21,5 @@ clouds = {
 fits = {name: qf.fit(cloud, box=(3, 3, 3)) for name, cloud in clouds.items()}
 for name, fit in fits.items():
     print(f"{name}: {fit.status}, data supports {fit.supported:.0%} of the area")
-    for kind, text in list(fit.warnings.items())[:1]:  # the first is enough here
+    for kind, text in fit.warnings.items():
         print(f"    {kind}: {text}")
