@@ -31,6 +31,7 @@ from quadriform.fitting.options import METHODS, PaperOptions, TangentOptions, le
 from quadriform.fitting.other_bodies import Masks, extended_to_clouds, points_of_others
 from quadriform.fitting.paper.two_step import two_step
 from quadriform.fitting.population.checks import check_no_others, check_prior
+from quadriform.fitting.population.diagnostics import notes_on_walls
 from quadriform.fitting.population.fit import refine_with_prior
 from quadriform.fitting.population.poses import on_superquadrics
 from quadriform.fitting.quality import Assessment
@@ -329,7 +330,8 @@ def _refine_with_prior(
     copies = named_texts({name: duplicates(each.copies, len(each.counted)) for name, each in centred.distinct.items()})
     landmarks = NONE_KNOWN if base is None else Landmarks(base, GIVEN_BASE)
     model = replace(found.model, landmarks=landmarks)
-    return replace(found, model=model, warnings=copies | found.warnings, notes=(*clouds.notes, *found.notes))
+    notes = (*clouds.notes, *found.notes, *notes_on_walls(prior.surfaces))
+    return replace(found, model=model, warnings=copies | found.warnings, notes=notes)
 
 
 def _refinement_input(

@@ -10,7 +10,7 @@ import numpy as np
 
 from quadriform.fitting.noise import KnownNoise
 from quadriform.fitting.options import TangentOptions, check_box, check_strength
-from quadriform.fitting.population.diagnostics import outside_population
+from quadriform.fitting.population.diagnostics import notes_on_walls, outside_population
 from quadriform.fitting.population.fit import posed
 from quadriform.fitting.refinement.refine import RefinementInput, smooth_box
 from quadriform.fitting.refinement.starts import nested_ellipsoids
@@ -87,13 +87,19 @@ def whole_cycle(task: Task) -> Track:
     found = fit_cycle(cycle, start.approach, check_strength(task.options["strength"]), task.progress)
     result = _cycle_in_world(task, normalisation, _moving(task, start, normalisation, found), found)
     if start.prior is not None:
-        warnings = by_frame([outside_population(start.prior, each) for each in found.prior_distances])
-        result = replace(result, prior_distances=found.prior_distances, warnings=result.warnings | warnings)
+        result = _of_population(result, start.prior, found.prior_distances)
     if planes is None:
         return result
     notes = ((STACK,) if planes[0].are_parallel else ()) + unmoved_slices(planes[0], task.slices or [])
     moves = slice_moves(planes[0], found.slices, found.motion_covariance, normalisation)
     return replace(result, moves=moves, notes=(*result.notes, *notes))
+
+
+def _of_population(track: Track, prior: ShapePrior, distances: tuple[float, ...]) -> Track:
+    """A track with the distances of its frames to a population, and what follows from the use of a prior."""
+    warnings = track.warnings | by_frame([outside_population(prior, each) for each in distances])
+    notes = (*track.notes, *notes_on_walls(prior.surfaces))
+    return replace(track, prior_distances=distances, warnings=warnings, notes=notes)
 
 
 def _start(task: Task, local: Frames, bases: Sequence[HalfSpace | None], normalisation: Frame) -> Start:

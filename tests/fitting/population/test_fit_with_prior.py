@@ -101,6 +101,7 @@ def test_two_walls_are_fitted_together():
     points = {name: noisy(member.mesh(name, 8).vertices) for name in ("epi", "endo")}
     found = fit(points, prior=prior)
     assert found.status == "ok" and list(found.residuals) == ["epi", "endo"]
+    assert any("wall thickness" in note for note in found.notes)
     for name in points:
         assert np.sqrt((found.model.distance(member.mesh(name, 8).vertices, name) ** 2).mean()) < 0.5 * NOISE
 

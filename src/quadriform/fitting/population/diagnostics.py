@@ -1,6 +1,6 @@
 """Warnings about a fit with a prior: what is known from the population alone, and whether the shape is one of it."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -17,6 +17,17 @@ from quadriform.shapes.record import OBSERVED
 
 RARE = 1e-3
 """A shape is outside of the population where fewer of its members than this fraction are as far from the mean."""
+
+
+THICKNESS = (
+    "the space between the surfaces is not that of the data: with a prior, wall thickness is measured along oblique "
+    "lines and can be millimetres too large; volumes are not concerned"
+)
+
+
+def notes_on_walls(surfaces: Collection[str]) -> tuple[str, ...]:
+    """What the lines between several surfaces of a fit with a prior do not measure."""
+    return (THICKNESS,) if len(surfaces) > 1 else ()
 
 
 def population_warnings(result: Result, quality: Mapping[str, SurfaceQuality], unit: float) -> Warnings:
